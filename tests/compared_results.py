@@ -11,7 +11,7 @@ import numpy as np
 
 import made_results
 from made_results import MadeResults
-from stiff_bench.analysis.collected import Case, collect
+from stiff_bench.analysis.collected import Case, StoredResults
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray
@@ -59,7 +59,7 @@ def store_results(
 
 def case_in(folder: Path) -> tuple[Case, StoredData]:
     """The only case of a folder, and its data."""
-    (case,) = collect(folder)
+    (case,) = StoredResults.read(folder).cases
     return case, read_data(folder, case.name.data_sha256)
 
 

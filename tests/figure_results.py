@@ -48,4 +48,4 @@ def with_fields(made: MadeResults, model: str, *, split: int | None = None, **ch
     store = ResultStore(made.folder)
     for result in list(read_results(made.folder)):
         if result.shown.model == model and split in (None, result.cell.split_index):
-            store.write_cell(replace(result, **changes))
+            store.write_cells([replace(result, **changes)])

@@ -46,7 +46,7 @@ class MadeResults:
 
     def add(
         self,
-        model: str,
+        model: str | Variant,
         errors_mm: Sequence[ArrayLike] = (),
         dataset: str = "twin",
         protocol: str = "holdout",
@@ -67,21 +67,22 @@ class MadeResults:
         seed: int = 0,
         **shown,
     ) -> list[str]:
-        """Write a cell a split and return the cells' keys.
+        """Write a cell a split and return the cells' keys; a variant's options keep their types.
 
         Errors are along z where they are not (n, 3). With a coverage there are intervals, as wide
         as the errors and 2 mm more. `rows` are tested in every split, those of `tests` in each.
         """
         data = data or made_data(sum(dataset.encode()) + version)
         self._store.write_data(data)
-        of_model, of_data = Variant.of_word(model), Variant.of_word(dataset)
+        of_model = model if isinstance(model, Variant) else Variant.of_word(model)
+        of_data = Variant.of_word(dataset)
         about = {"kind": "simulated", "task": "stiffness"} | shown
-        presentation = Presentation(model, dataset, protocol, **about)
+        presentation = Presentation(of_model.name, dataset, protocol, **about)
         keys = []
         for index in range(max(len(errors_mm), *(split + 1 for split in failed), 0)):
             cell = Cell(
                 model=of_model.key,
-                model_params={"name": model} | of_model.options | (options or {}),
+                model_params={"name": of_model.name} | of_model.options | (options or {}),
                 dataset=of_data.key,
                 dataset_params={"specimen": "0"} | of_data.options,
                 data_sha256=data.sha256,
@@ -100,7 +101,7 @@ class MadeResults:
                 tested = np.asarray(tested if tests is None else tests[index])
                 done = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
                 result = replace(done, n_train=n_train or len(data.samples) - len(tested))
-            self._store.write_cell(replace(result, n_splits=n_splits))
+            self._store.write_cells([replace(result, n_splits=n_splits)])
             keys.append(cell.key)
         return keys
 

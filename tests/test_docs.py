@@ -39,7 +39,8 @@ LOADED = re.compile(r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=\"?((?:ht
 def test_a_model_of_the_page_keeps_the_contract_and_can_be_run(key, fanuc, tmp_path):
     path = tmp_path / "my_model.py"
     path.write_text(MODELS[key], encoding="utf-8")
-    registry = build_registry([path])
+    registry = build_registry()
+    registry.add_file(path)
     info = registry.models[key]
     cls = info.load()
     checks = check_model(lambda: cls(**info.quick), fanuc, uses_validation=info.uses_validation)

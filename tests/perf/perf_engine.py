@@ -28,6 +28,7 @@ from stiff_bench.cli.run import execute
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.plan.words import RobotWords
+from stiff_bench.run.execution import Execution
 from stiff_bench.store.database import FILE, ResultStore, stored_results, stored_statuses
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.simulate import simulate
@@ -122,7 +123,7 @@ def test_storing(benchmark, board, tmp_path, who):
     ours_or_peer(benchmark, who, work=len(some), unit="result")
     if who.startswith(OURS):
         store = ResultStore(tmp_path)
-        benchmark.pedantic(lambda: [store.write_cell(result) for result in some], rounds=3)
+        benchmark.pedantic(lambda: [store.write_cells([result]) for result in some], rounds=3)
         size = (tmp_path / FILE).stat().st_size / len(some)
         figure(benchmark, "a stored result", size, "bytes")
         return
@@ -161,7 +162,7 @@ def cpu_seconds(plan: RunPlan, folder: Path) -> float:
     nowhere = io.StringIO()
     with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
         start = time.process_time()
-        assert execute(Run([replace(plan, output=folder)]), "github") == 0
+        assert execute(Run([replace(plan, output=folder)], Execution()), "github") == 0
         return time.process_time() - start
 
 

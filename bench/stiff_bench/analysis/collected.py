@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import gc
+import operator
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -196,11 +197,6 @@ def no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def collect(folder: Path) -> list[Case]:
-    """Return the cases of a folder: see `StoredResults.read`."""
-    return list(StoredResults.read(folder).cases)
-
-
 def case_name_of(result: CellResult) -> CaseName:
     """Return the name of the case that a result belongs to."""
     cell = result.cell
@@ -278,7 +274,11 @@ def chosen_cases(
     """
     chosen = list(cases)
     for kind, words in (("dataset", datasets), ("protocol", protocols)):
-        found = {word: [case for case in cases if _is_of(case, kind, word)] for word in words}
+        asked = {word: Variant.of_word(word) for word in words}
+        found = {
+            word: [case for case in cases if _is_of(case, kind, word, variant)]
+            for word, variant in asked.items()
+        }
         for word, of_word in found.items():
             if not of_word:
                 names = {getattr(case.name, kind) for case in cases}
@@ -288,10 +288,10 @@ def chosen_cases(
     return chosen
 
 
-def _is_of(case: Case, kind: str, word: str) -> bool:
-    """Say whether a word stands for a case's data set or protocol."""
+def _is_of(case: Case, kind: str, word: str, asked: Variant) -> bool:
+    """Say whether a word, which asks for a variant, stands for a case's data set or protocol."""
     key, options = getattr(case.cell, kind), getattr(case.cell, f"{kind}_params")
-    return stands_for(word, getattr(case.name, kind)) or _spells_out(word, key, options)
+    return stands_for(word, getattr(case.name, kind)) or _spells_out(asked, key, options, _is)
 
 
 def stands_for(word: str, name: str) -> bool:
@@ -352,22 +352,45 @@ def competitor_meant(word: str, cases: Sequence[Case]) -> str:
     Raises:
         ConfigError: there are no results of it.
     """
-    cells = {name: one.cell for case in cases for name, one in case.competitors.items()}
-    if word in cells:
-        return word
-    spelled = Variant.of_word(word).options.keys()
+    cells = _cells_of(cases)
+    name = word if word in cells else _first_meant(Variant.of_word(word), cells, _is)
+    if name is None:
+        raise unknown_name("model with results", word, cells)
+    return name
+
+
+def meant(variant: Variant, cases: Sequence[Case]) -> str | None:
+    """Return the name of the model with results that has these options; None: there is none.
+
+    They may be defaults, as in `competitor_meant`.
+    """
+    return _first_meant(variant, _cells_of(cases), operator.eq)
+
+
+def _cells_of(cases: Sequence[Case]) -> dict[str, Cell]:
+    """Return a cell of each model that has results or failures, by the model's name."""
+    return {name: one.cell for case in cases for name, one in case.competitors.items()}
+
+
+Same = Callable[[Any, Any], bool]
+"""Says whether a stored value is what was asked for."""
+
+
+def _first_meant(asked: Variant, cells: Mapping[str, Cell], same: Same) -> str | None:
     for name, cell in sorted(cells.items()):
         shown = Variant.shown("", name, cell.model_params).options.keys()
-        if shown <= spelled and _spells_out(word, cell.model, cell.model_params):
+        if shown <= asked.options.keys() and _spells_out(
+            asked, cell.model, cell.model_params, same
+        ):
             return name
-    raise unknown_name("model with results", word, cells)
+    return None
 
 
-def _spells_out(word: str, key: str, options: Mapping[str, Any]) -> bool:
-    """Say whether a word is a key with some of these options, which may be defaults."""
-    asked = Variant.of_word(word)
+def _spells_out(asked: Variant, key: str, options: Mapping[str, Any], same: Same) -> bool:
+    """Say whether a key and some of these options, which may be defaults, were asked for."""
     return asked.key == key and all(
-        option in options and _is(options[option], text) for option, text in asked.options.items()
+        option in options and same(options[option], value)
+        for option, value in asked.options.items()
     )
 
 

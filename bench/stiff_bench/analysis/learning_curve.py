@@ -19,7 +19,7 @@ EXPONENT_BOUNDS = (0.05, 3.0)
 TOLD = 0.15
 """Standard deviation of c over resampled poses up to which the errors tell it."""
 RESAMPLES = 200
-LEVEL = 0.9
+CONFIDENCE = 0.9
 
 
 @dataclass(frozen=True)
@@ -95,12 +95,12 @@ class LearningCurve:
     others: tuple[PowerLaw, ...]
 
     def interval(self, n: float, now: float) -> tuple[float, float]:
-        """Return where the error [m] with n poses lies in `LEVEL` of the resampled laws.
+        """Return where the error [m] with n poses lies in `CONFIDENCE` of the resampled laws.
 
         The error with `now` poses counts as known.
         """
         shares = [law(n) / law(now) if law(now) > 0.0 else 1.0 for law in self.others]
-        tail = 0.5 * (1.0 - LEVEL)
+        tail = 0.5 * (1.0 - CONFIDENCE)
         low, high = self.law(now) * np.quantile(shares, [tail, 1.0 - tail])
         return float(low), float(high)
 

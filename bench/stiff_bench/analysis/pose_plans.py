@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from stiff_bench.analysis.learning_curve import LEVEL, CurveErrors, learning_curve
+from stiff_bench.analysis.learning_curve import CONFIDENCE, CurveErrors, learning_curve
 from stiff_bench.plan.options import Choice
 from stiff_bench.run.whole_fit import whole_fit
 from stiff_bench.tables.published import published_stiffness
@@ -307,12 +307,12 @@ def next_plan(
     plan, chosen = chosen_plan(pool, n_new, design, measured=samples)
     gain = variance_gain(design, chosen, len(pool.q), seed=how.seed)
     variances = np.array(gain)
-    half = ndtri(0.5 + LEVEL / 2.0) * np.sqrt(variances + design.noise)
+    half = ndtri(0.5 + CONFIDENCE / 2.0) * np.sqrt(variances + design.noise)
     rows: list[list[Entry]] = [
         [name, *(float(one) if np.isfinite(one) else None for one in values * MM)]
         for name, values in (
             ("standard error of a prediction [mm]", np.sqrt(variances)),
-            (f"half width of its {percent(LEVEL)} interval [mm]", half),
+            (f"half width of its {percent(CONFIDENCE)} interval [mm]", half),
         )
     ]
     names = (
@@ -421,6 +421,6 @@ def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
         plain_text(Table("", columns, [row])),
         "",
         f"The mean error is {law(now) * MM:.3f} mm now, {steps}: an extrapolation by a + b n^-c "
-        f"with {percent(LEVEL)} intervals, c = {law.c:.2f}{told}, for poses like the measured "
+        f"with {percent(CONFIDENCE)} intervals, c = {law.c:.2f}{told}, for poses like the measured "
         "ones.",
     ]

@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from stiff_bench.analysis.collected import (
     Case,
+    Competitor,
     StoredResults,
     chosen_cases,
     competitor_meant,
@@ -22,15 +24,15 @@ from stiff_bench.analysis.comparison_text import VERDICTS
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import Question, Verdict
 from stiff_bench.plan.cells import CellTask, cell_tasks
-from stiff_bench.plan.options import Chosen
-from stiff_bench.plan.registry import Kind, Registry
+from stiff_bench.plan.options import Choice, Chosen
+from stiff_bench.plan.registry import Registry
 from stiff_bench.plan.request import RunPlan, plan_run, robot_of_results
-from stiff_bench.plan.words import chosen, held_data
+from stiff_bench.plan.words import held_data
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import Display, display
 from stiff_bench.run.runner import chosen_execution
 from stiff_bench.store.database import mean_seconds, read_data
-from stiff_bench.store.names import grouped
+from stiff_bench.store.names import Variant, grouped
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import (
     TRAINING_MARK,
@@ -44,6 +46,7 @@ from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import MM, PRINTED, counted, marked
 from stiff_datasets.measured.perturbations import Draw, Perturbations
 from stiff_protocols.contract.errors import ConfigError, DataError, ModelError
+from stiff_protocols.contract.plugin import ModelInfo, ProtocolInfo
 from stiff_protocols.contract.record import Cell, CellResult
 from stiff_protocols.contract.types import BenchmarkData, BoolArray, FloatArray
 from stiff_protocols.scoring.paired import ranked
@@ -238,13 +241,14 @@ def _fits_of(folder: Path, case: Case, models: Sequence[str], registry: Registry
             "stiffbench, and not known here; the same `bench run` once more stores it"
         )
     try:
-        words: dict[Kind, Sequence[str]] = {"model": models, "protocol": [case.name.protocol]}
-        choices = chosen(words, (), registry)
+        chosen = [_choice_of(case.competitors[model], registry) for model in models]
+        info = registry.find(case.cell.protocol, "protocol")
+        protocol = Choice.of_stored(cast(ProtocolInfo, info), case.cell.protocol_params)
     except ConfigError as error:
         raise ConfigError(
             f"{case.name.text} cannot be computed anew: {error}; what is a plugin's needs --plugin"
         ) from error
-    asked = Chosen(choices["model"], [held_data(data, case.name.dataset)], choices["protocol"])
+    asked = Chosen(chosen, [held_data(data, case.name.dataset)], [protocol])
     plan = plan_run(asked, registry, output=folder, seed=case.name.seed)
     names = {choice.name: name for choice, name in zip(asked.models, models, strict=True)}
     slots = case.shared_slots(models)
@@ -285,6 +289,13 @@ def _fits_of(folder: Path, case: Case, models: Sequence[str], registry: Registry
     if lacking:
         notes.append(f"no result of {', '.join(lacking)}.")
     return _Fits(case, stored, data, plan, tasks, [*dict.fromkeys(notes)])
+
+
+def _choice_of(competitor: Competitor, registry: Registry) -> Choice[ModelInfo]:
+    """Return the model with the options that its name shows: `nested` chooses the others."""
+    cell = competitor.cell
+    shown = Variant.shown(cell.model, competitor.name, cell.model_params)
+    return Choice.of_stored(registry.model(cell.model), shown.options)
 
 
 def _version(cell: Cell) -> tuple[object, ...]:

@@ -26,7 +26,7 @@ from stiff_bench.store.samples import StoredData
 from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, pose_differences, pose_errors
 
-Kind = Literal["pose region", "load", "joint torque"]
+FactorKind = Literal["pose region", "load", "joint torque"]
 LEAST_SPREAD = 0.02
 """What varies by a smaller part of its largest value is not divided."""
 PARTS = 3
@@ -46,7 +46,7 @@ class Factor:
         values: (n,) in that unit, or names.
     """
 
-    kind: Kind
+    kind: FactorKind
     name: str
     unit: str
     values: FloatArray | TextArray

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.tables import Text
-from stiff_bench.plan.options import Choice, parse_option
+from stiff_bench.plan.options import Choice, check_option
 from stiff_bench.plan.registry import Kind
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import (
@@ -38,7 +38,7 @@ def choice_of(kind: Kind, word: str, options: Mapping[str, Any]) -> Choice[Any]:
     """
     choice = chosen({kind: (word,)}, (), registry())[kind][0]
     parsed = {
-        name: parse_option(f"{name}={value!r}", choice.info.key, choice.cls, name, str(value))
+        name: check_option(f"{name}={value!r}", choice.info.key, choice.cls, name, value)
         for name, value in options.items()
     }
     return replace(choice, params={**choice.params, **parsed})

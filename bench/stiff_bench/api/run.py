@@ -18,7 +18,7 @@ from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.request import RunPlan, plan_run
 from stiff_bench.plan.words import RobotWords, choices
-from stiff_bench.run.execution import IN_THIS_PROCESS, Execution
+from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore
@@ -37,7 +37,7 @@ class Run:
     """
 
     plans: Sequence[RunPlan]
-    execution: Execution = IN_THIS_PROCESS
+    execution: Execution
 
     @cached_property
     def tasks(self) -> list[CellTask]:

@@ -61,12 +61,12 @@ def _counts(data: BenchmarkData) -> Table:
     names, first, counts = np.unique(samples.group, return_index=True, return_counts=True)
     groups = [f"{names[i]} ({counts[i]})" for i in np.argsort(first)]
     more = f" and {len(groups) - MOST_GROUPS} more" if len(groups) > MOST_GROUPS else ""
-    span = f"{loads.min()}" if loads.min() == loads.max() else f"{loads.min()} to {loads.max()}"
+    least, most = int(loads.min()), int(loads.max())
     rows: list[list[Entry]] = [
         ["robot", f"{data.robot.name}, {data.robot.n_joints} joints"],
-        ["samples", str(len(samples))],
-        ["poses", str(len(loads))],
-        ["loads per pose", span],
+        ["samples", len(samples)],
+        ["poses", len(loads)],
+        ["loads per pose", least if least == most else Quantity(low=least, high=most)],
         ["groups", ", ".join(groups[:MOST_GROUPS]) + more],
         ["sha256", data.sha256],
     ]
@@ -94,15 +94,16 @@ def _sizes(data: BenchmarkData) -> Table:
 def _lie(data: BenchmarkData) -> Table:
     force, torque = data.samples.wrench[:, :3], data.samples.wrench[:, 3:]
     rows: list[list[Entry]] = []
-    for name, vectors in (
-        ("force directions", directions(force)),
-        ("forces about their mean", about_mean(force)),
-        ("torque directions", directions(torque)),
+    for name, vectors, are_directions in (
+        ("force directions", directions(force), True),
+        ("forces about their mean", about_mean(force), False),
+        ("torque directions", directions(torque), True),
     ):
         shares = principal_shares(vectors)
         n_axes = sum(share >= COUNTING_SHARE for share in shares)
         lie = _LIE[n_axes] if len(vectors) else "none"
-        mean = float(np.linalg.norm(vectors.mean(axis=0))) if "dir" in name and n_axes else None
+        has_mean = are_directions and n_axes > 0
+        mean = float(np.linalg.norm(vectors.mean(axis=0))) if has_mean else None
         rows.append([name, lie, " / ".join(f"{share:.2f}" for share in shares), mean])
     texts = [Column(name, "text") for name in ("loads", "spread", "shares of principal axes")]
     note = (

@@ -25,7 +25,7 @@ from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.splits.sample_efficiency import condition_of
 
-LEVEL = 0.95
+CONFIDENCE = 0.95
 FEWEST_FOR_INTERVAL = 3
 LEAST = 1e-12  # m: an error of nothing has no place on a logarithmic axis
 MOST_MODELS = 5
@@ -70,15 +70,16 @@ def _interval(values: pd.Series) -> tuple[float, float]:
     """Return Student's interval of the mean; NaN of few values."""
     if len(values) < FEWEST_FOR_INTERVAL:
         return np.nan, np.nan
-    low, high = stats.t.interval(LEVEL, len(values) - 1, np.mean(values), stats.sem(values))
+    low, high = stats.t.interval(CONFIDENCE, len(values) - 1, np.mean(values), stats.sem(values))
     return float(low), float(high)
 
 
 def size_of(case: Case) -> int:
     """Return how many training poses a case's condition gives; 0: it varies another thing."""
     results = [one for name in case.competitors for one in case.results(name)]
-    n_most = max((one.n_train for one in results), default=0)
-    sizes = range(1, n_most + 1)  # no pose has less than one row
+    sizes: Iterable[int] = {one.n_poses for one in results} - {0}
+    if not sizes:  # older results do not say it; no pose has less than one row
+        sizes = range(1, max((one.n_train for one in results), default=0) + 1)
     return next((size for size in sizes if condition_of(size) == case.name.condition), 0)
 
 
@@ -158,6 +159,6 @@ def _caption(
     return (
         f"{cases[0].name.protocol}: mean 3-D error on the same test poses, "
         f"{n_draws} per size and data set, seed {seeds}. Lines: geometric mean over data sets "
-        f"({n_sets}); bands: its {LEVEL:.0%} interval, from {FEWEST_FOR_INTERVAL} data sets on."
-        f"{marks_in(cases, models)}"
+        f"({n_sets}); bands: its {CONFIDENCE:.0%} interval, from {FEWEST_FOR_INTERVAL} data sets "
+        f"on.{marks_in(cases, models)}"
     )

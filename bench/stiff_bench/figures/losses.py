@@ -25,12 +25,14 @@ DASHED = (0, (3, 1.2))
 class LossCurve(NamedTuple):
     """One training of a model: its phase, such as "fine-tuning", and losses.
 
-    `points` are (n, 3): step, training loss, validation loss (NaN: none).
+    `points` are (n, 3): step, training loss, validation loss (NaN: none); `number` says which of
+    the model's trainings it is, from 0.
     """
 
     name: str
     phase: str
     points: FloatArray
+    number: int
 
     @property
     def is_judged(self) -> bool:
@@ -40,7 +42,8 @@ class LossCurve(NamedTuple):
 
 def losses_figure(curves: Sequence[LossCurve]) -> Figure:
     """Draw a panel for each phase; models are colours, training solid, validation dashed."""
-    phases = grouped(sorted(curves, key=_order), lambda curve: curve.phase)
+    in_order = sorted(curves, key=lambda curve: (curve.number, curve.phase))
+    phases = grouped(in_order, lambda curve: curve.phase)
     names = list(dict.fromkeys(curve.name for curve in curves))
     look = dict(zip(names, style.looks(len(names)), strict=True))
     legend = LEGEND_LINE_INCH * (len(names) + 3)
@@ -54,11 +57,6 @@ def losses_figure(curves: Sequence[LossCurve]) -> Figure:
     style.name_panels(panels)
     style.share_legend(figure, panels, below=True, ncols=4 if len(panels) > 1 else 2)
     return figure
-
-
-def _order(curve: LossCurve) -> tuple[int, str]:
-    """Return a sort key: pre-trainings first, fine-tunings last."""
-    return (curve.phase.startswith("fine") - curve.phase.startswith("pre"), curve.phase)
 
 
 def draw_losses(axes: Axes, curves: Sequence[LossCurve], look: Mapping[str, style.Look]) -> None:
@@ -89,8 +87,8 @@ def least_at(losses: FloatArray) -> int:
 def curves_of(result: CellResult, name: str) -> list[LossCurve]:
     """Return the curves of a result that can be drawn."""
     return [
-        LossCurve(name, phase, points)
-        for phase, points in result.curves.items()
+        LossCurve(name, phase, points, number)
+        for number, (phase, points) in enumerate(result.curves.items())
         if has_place(points[:, 1]).any()
     ]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,8 +31,18 @@ MARGIN = 0.05  # of the span, at each end
 _MANY = 400  # points beyond which they are drawn smaller, and as pixels
 TOP_SHARE = 0.95
 """Of all errors lie below the end of the colours: one outlier would leave the others one colour."""
-Places = tuple[FloatArray, FloatArray]
-"""(n, 3) where the unloaded TCP is, m, base frame, and the (n,) length of the error there, m."""
+
+
+class WorkspaceErrors(NamedTuple):
+    """Errors over the workspace.
+
+    Attributes:
+        tcp: (n, 3) where the unloaded TCP is, m, base frame.
+        error: (n,) length of the error there, m.
+    """
+
+    tcp: FloatArray
+    error: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,9 +149,9 @@ def sample_errors(source: FigureSource) -> Prepared:
     return Prepared("Error of every test sample", caption, partial(errors_figure, models))
 
 
-def workspace_figure(models: Mapping[str, Places]) -> Figure:
+def workspace_figure(models: Mapping[str, WorkspaceErrors]) -> Figure:
     """Draw each model's poses from the side and from above, colours being errors."""
-    everything = np.concatenate([error for _, error in models.values()]) * MM
+    everything = np.concatenate([one.error for one in models.values()]) * MM
     scale = Normalize(0.0, float(np.quantile(everything, TOP_SHARE)) or 1e-6)
     width = style.COLUMN_INCH if len(models) == 1 else style.PAGE_INCH
     figure = style.new_figure(width, VIEWS_INCH)
@@ -179,16 +189,16 @@ def workspace(source: FigureSource) -> Prepared:
     _, pose = np.unique(stored.samples.pose_id, return_inverse=True)
     if compared.case.has_paths:
         pose = np.arange(len(pose))  # a path is many places
-    models: dict[str, Places] = {}
+    models: dict[str, WorkspaceErrors] = {}
     for name, tested in compared.tested.items():
         by_row = pd.Series(norm_errors(tested)).groupby(tested.rows).mean()
         rows = by_row.index.to_numpy()
         by_pose = by_row.groupby(pose[rows]).mean()
         _, first = np.unique(pose[rows], return_index=True)
-        models[name] = stored.tcp[rows[first]], by_pose.to_numpy()
+        models[name] = WorkspaceErrors(stored.tcp[rows[first]], by_pose.to_numpy())
     caption = (
         "3-D error, mean over loads and splits, at the TCP positions of the "
-        f"{len(models[compared.models[0]][1])} tested poses, base frame; the colour scale ends at "
-        f"the {percent(TOP_SHARE)} quantile. {compared.setting}"
+        f"{len(models[compared.models[0]].error)} tested poses, base frame; the colour scale ends "
+        f"at the {percent(TOP_SHARE)} quantile. {compared.setting}"
     )
     return Prepared("Error over the workspace", caption, partial(workspace_figure, models))

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from stiff_bench.analysis.collected import (
     Case,
+    StoredResults,
     chosen_cases,
-    collect,
     competitor_meant,
     competitor_names,
     stands_for,
@@ -18,11 +18,11 @@ from stiff_bench.analysis.collected import (
 from stiff_bench.analysis.leaderboard import of_newest_data
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import Slot
+from stiff_bench.tables import metric_table
 from stiff_bench.tables.metric_table import mark_of, pooled_prediction
 from stiff_bench.tables.units import counted
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import Prediction
 from stiff_protocols.scoring.metrics import norm_errors
@@ -61,14 +61,10 @@ def marks_in(cases: Iterable[Case], models: Collection[str]) -> str:
 
 def setting(case: Case, models: Collection[str], n_splits: Collection[int]) -> str:
     """Return data, protocol, splits and seed of some models, and what must be read with them."""
-    name, shown = case.name, case.shown
-    protocol = " | ".join(filter(None, (name.protocol, name.condition)))
+    name, splits = case.name, between(n_splits, "split")
+    of_case = metric_table.setting(case.shown, name.condition, splits, name.seed, after_data=", ")
     paths = " Of tool paths: error without correction as deflection, removed error as prediction."
-    return (
-        f"{name.dataset} ({kind_label(shown.kind, shown.task)}), {protocol}, "
-        f"{between(n_splits, 'split')}, seed {name.seed}.{marks_in([case], models)}"
-        f"{paths * case.has_paths}"
-    )
+    return f"{of_case}.{marks_in([case], models)}{paths * case.has_paths}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +95,8 @@ class FigureSource:
             StoreError: it holds no results, or a file of it is damaged.
             ConfigError: a name has no results.
         """
-        chosen = chosen_cases(collect(folder), datasets=datasets, protocols=protocols)
+        every = StoredResults.read(folder).cases
+        chosen = chosen_cases(every, datasets=datasets, protocols=protocols)
         return cls(folder, tuple(chosen), tuple(models))
 
     @cached_property

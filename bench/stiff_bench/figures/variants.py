@@ -20,6 +20,7 @@ from stiff_bench.store.newest import slot_of
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.units import MM
 from stiff_models.catalog import REFERENCE_MODEL
+from stiff_models.transfer.freeze import named_layers
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.scoring.metrics import absolute_errors
@@ -46,8 +47,7 @@ def variants_of(results: Sequence[CellResult], *options: str) -> tuple[str, list
 
 
 FEWEST_STRATEGIES = 2
-LAYERS = "layers:"
-KINDS = ("one layer", "two layers", "others")
+KINDS = SINGLE, PAIR, OTHERS = "one layer", "two layers", "others"
 LINE_INCH, FRAME_INCH = 0.19, 0.85
 _STRATEGIES = (
     "two freeze strategies; `bench reproduce`, or `bench run --model ft-mlp@freeze=layers:1 "
@@ -62,10 +62,11 @@ def freeze_of(result: CellResult) -> str:
 
 def layers_of(result: CellResult) -> str:
     """Return the layers that a strategy moves, such as "1 + 2", or its name."""
-    return style.short(freeze_of(result).removeprefix(LAYERS).replace(",", " + "))
+    freeze = freeze_of(result)
+    return style.short(" + ".join(named_layers(freeze)) or freeze)
 
 
-def mean_error(result: CellResult) -> float:
+def mean_absolute_error_mm(result: CellResult) -> float:
     """Return the mean absolute error of the test samples over all axes, mm."""
     return float(absolute_errors(pooled_prediction([result])).mean()) * MM
 
@@ -77,11 +78,10 @@ def strategies(results: Iterable[CellResult]) -> pd.DataFrame:
     """
 
     def kind(result: CellResult) -> int:
-        commas = freeze_of(result).count(",")
-        return commas if freeze_of(result).startswith(LAYERS) and commas < 2 else 2
+        return {1: 0, 2: 1}.get(len(named_layers(freeze_of(result))), 2)
 
     ordered = sorted(results, key=lambda one: (kind(one), freeze_of(one)))
-    rows = [(layers_of(one), KINDS[kind(one)], mean_error(one)) for one in ordered]
+    rows = [(layers_of(one), KINDS[kind(one)], mean_absolute_error_mm(one)) for one in ordered]
     return pd.DataFrame(rows, columns=["layers", "kind", "error"])
 
 
@@ -139,7 +139,9 @@ def freezing(source: FigureSource) -> Prepared:
     )
     errors = strategies(one for one in results if slot_of(one) in slots)
     linear = case.competitors[REFERENCE_MODEL].done if REFERENCE_MODEL in case.competitors else {}
-    of_linear = [mean_error(linear[slot]) for slot in sorted(slots) if slots <= linear.keys()]
+    of_linear = [
+        mean_absolute_error_mm(linear[slot]) for slot in sorted(slots) if slots <= linear.keys()
+    ]
     return Prepared("Freeze strategies", caption, partial(freezing_figure, errors, of_linear))
 
 

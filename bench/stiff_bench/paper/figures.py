@@ -67,7 +67,7 @@ def figure_4(_: PaperResults) -> Prepared:
 def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
     """Take the test samples of the methods, each of which has a result, on shared splits."""
     method_of = {METHODS[method].name: method for method in methods}
-    found = results.on_shared_splits(method_of, PROTOCOL)
+    found = results.on_shared_splits([METHODS[method] for method in methods], PROTOCOL)
     lacking = [*found.missing, *found.failures]
     if lacking:
         why = "; ".join(found.failures.values()) or "not run"
@@ -98,17 +98,17 @@ def _published_mae(table: str, method: str) -> tuple[float, ...]:
 def figure_6(results: PaperResults) -> Prepared:
     """Take the fine-tunings that move one hidden layer, or two adjacent ones; some of each."""
     moving = (*study.SINGLE_LAYERS, *study.ADJACENT_PAIRS)
-    found = results.on_shared_splits((*(unfrozen(one).name for one in moving), VJM.name), PROTOCOL)
+    found = results.on_shared_splits((*map(unfrozen, moving), VJM), PROTOCOL)
     tuned = [one for name, of in found.results.items() if name != VJM.name for one in of]
     errors = variants.strategies(tuned)
-    for kind in variants.KINDS[:2]:
+    for kind in (variants.SINGLE, variants.PAIR):
         if kind not in set(errors["kind"]):
             raise StoreError(
                 f"{results.folder}: no result of {FT_MLP.key} under {PROTOCOL} that "
                 f"moves {kind}; {REPRODUCE} makes it",
                 "results",
             )
-    linear = [variants.mean_error(one) for one in found.results.get(VJM.name, ())]
+    linear = [variants.mean_absolute_error_mm(one) for one in found.results.get(VJM.name, ())]
     caption = (
         f"The paper's Figure 6: {FT_MLP.key} with one hidden layer unfrozen (dashed) or two. (a) "
         "Validation loss of the fine-tuning, first split; mark: least of the stored epochs. (b) "
@@ -125,10 +125,11 @@ def _draw_strategies(
     first: dict[str, CellResult], errors: pd.DataFrame, linear: Sequence[float]
 ) -> Figure:
     figure, (left, right) = style.new_panels(2, PANEL_INCH, 0.0)
+    kinds = dict(zip(errors["layers"], errors["kind"], strict=True))
     for (layers, result), look in zip(first.items(), style.looks(len(first)), strict=True):
         step, _, loss = result.curves.get("fine-tuning", np.full((1, 3), np.nan)).T
         if losses.has_place(loss).any():
-            pair, best = "+" in layers, losses.least_at(loss)
+            pair, best = kinds[layers] == variants.PAIR, losses.least_at(loss)
             points = look.points() | {"markersize": 4.5}
             line = points | {"linestyle": "-" if pair else DASHED, "markevery": [best]}
             left.plot(step, loss, **line, label=f"layer{'s' * pair} {layers}")
@@ -145,8 +146,8 @@ def _draw_strategies(
 
 def figure_5(results: PaperResults) -> Prepared:
     """Take the networks of Figure 5 that the folder has, and the pre-trainings by activation."""
-    names = [pretrained(layers=d, width=width).name for width in study.WIDTHS for d in WIDTH_DEPTHS]
-    found = results.of_models(names, PROTOCOL)
+    swept = [pretrained(layers=d, width=width) for width in study.WIDTHS for d in WIDTH_DEPTHS]
+    found = results.of_models(swept, PROTOCOL)
     n_widths = variants.errors_on_source(found.each).groupby("depth")["width"].nunique()
     few = [str(depth) for depth in WIDTH_DEPTHS if n_widths.get(depth, 0) < FEWEST_WIDTHS]
     if few:
@@ -159,13 +160,14 @@ def figure_5(results: PaperResults) -> Prepared:
     width = study.DEPTH_WIDTH
     stopped = [pretrained(layers=d, width=width, stopped_early=True) for d in WIDTH_DEPTHS]
     stopped.append(pretrained(stopped_early=True))
-    early = results.of_models([one.name for one in stopped], PROTOCOL)
-    activations = {pretrained(activation=kind).name: kind for kind in reversed(study.ACTIVATIONS)}
-    trained = results.on_shared_splits(activations, PROTOCOL)
+    early = results.of_models(stopped, PROTOCOL)
+    by_activation = {kind: pretrained(activation=kind) for kind in reversed(study.ACTIVATIONS)}
+    trained = results.on_shared_splits(by_activation.values(), PROTOCOL)
     curves = [
         curve
-        for name, (first, *_) in trained.results.items()
-        for curve in losses.curves_of(first, activations[name])
+        for kind, model in by_activation.items()
+        for first in trained.results.get(model.name, ())[:1]
+        for curve in losses.curves_of(first, kind)
     ]
     if not curves:
         raise StoreError(

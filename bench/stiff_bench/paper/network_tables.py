@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from stiff_bench.figures.variants import SOURCE_MAE
 from stiff_bench.paper import study
 from stiff_bench.paper.results import FULL, Found, PaperResults
 from stiff_bench.paper.table import (
@@ -18,6 +19,7 @@ from stiff_bench.paper.table import (
     paper_table,
     printed_name,
 )
+from stiff_bench.store.names import Variant
 from stiff_bench.tables.metric_table import mark_of, pooled_prediction
 from stiff_bench.tables.published import published_lines
 from stiff_bench.tables.table import Table
@@ -25,7 +27,7 @@ from stiff_bench.tables.units import MM, counted
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.scoring.metrics import absolute_errors
 
-Models = Mapping[Labels, str]
+Models = Mapping[Labels, Variant]
 """Row -> model."""
 Networks = Mapping[str, Mapping[str, Any]]
 """Row -> arguments of `pretrained`."""
@@ -33,7 +35,7 @@ PROTOCOL = study.PAPER_PROTOCOL.name
 ON_SOURCE = {
     "train MAE": "source training MAE [mm]",
     "train STDE": "source training STDE [mm]",
-    "test MAE": "source test MAE [mm]",
+    "test MAE": SOURCE_MAE,
     "test STDE": "source test STDE [mm]",
 }
 """Column -> what a pre-trained network reports."""
@@ -75,14 +77,13 @@ def _on_source(
         for line in published_lines(f"table_{number}")
         for column in ON_SOURCE
     }
-    ours: Models = {(row,): study.pretrained(**given).name for row, given in networks.items()}
+    ours: Models = {(row,): study.pretrained(**given) for row, given in networks.items()}
     early: Models = {
-        (row,): study.pretrained(**given, stopped_early=True).name
-        for row, given in networks.items()
+        (row,): study.pretrained(**given, stopped_early=True) for row, given in networks.items()
     }
-    labels = {model: row for (row,), model in ours.items()}
-    labels |= {model: f"{row} ({EARLY})" for (row,), model in early.items()}
-    found = results.on_shared_splits(labels, PROTOCOL)
+    labels = {model.name: row for (row,), model in ours.items()}
+    labels |= {model.name: f"{row} ({EARLY})" for (row,), model in early.items()}
+    found = results.on_shared_splits([*ours.values(), *early.values()], PROTOCOL)
     of_ours, of_early = (_numbers(found, models, _source_errors) for models in (ours, early))
     columns = tuple(ON_SOURCE)
     groups = [
@@ -105,14 +106,14 @@ def _source_errors(result: CellResult) -> Mapping[str, float]:
 def table_8(results: PaperResults) -> list[Table]:
     """Return the errors of fine-tuned networks by layers; errors as in `on_shared_splits`."""
     models: Models = {
-        (counted(len(layers), "layer"), " + ".join(layers)): study.unfrozen(layers).name
+        (counted(len(layers), "layer"), " + ".join(layers)): study.unfrozen(layers)
         for layers in (*study.ALL_SINGLES, *study.ALL_PAIRS)
     }
-    labels = {model: " ".join(row) for row, model in models.items()}
-    found = results.on_shared_splits(labels, PROTOCOL)
+    labels = {model.name: " ".join(row) for row, model in models.items()}
+    found = results.on_shared_splits(models.values(), PROTOCOL)
     numbers = _numbers(found, models, _target_errors)
     groups = [Group(f"ours, {PROTOCOL}", _ON_TARGET, PUBLISHED_DECIMALS, numbers, PROTOCOL)]
-    rows = [row for row, model in models.items() if model not in found.missing]
+    rows = [row for row, model in models.items() if model.name not in found.missing]
     caption = "Unfrozen layers of the fine-tuned network"
     stored = [found.about, *found.absences(FULL, labels), results.provenance([found])]
     notes = [*_TARGET_NOTES, *stored]
@@ -131,7 +132,7 @@ def _numbers(
     """Return the means over the splits of the errors, by column, that all splits have."""
     numbers = GroupNumbers()
     for row, model in models.items():
-        of_model = found.results.get(model, ())
+        of_model = found.results.get(model.name, ())
         each = [{(row, name): value for name, value in errors(one).items()} for one in of_model]
         numbers |= mean_numbers(each, mark_of(of_model[0].shown) if of_model else "")
     return numbers

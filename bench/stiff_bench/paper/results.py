@@ -7,10 +7,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stiff_bench.analysis.collected import StoredResults, competitor_meant
+from stiff_bench.analysis.collected import StoredResults, meant
 from stiff_bench.figures.source import marks
 from stiff_bench.paper import PAPER_RESULTS
 from stiff_bench.paper.study import DATASET, SEED
+from stiff_bench.store.names import Variant
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.units import counted
@@ -48,11 +49,16 @@ class Found:
     @property
     def about(self) -> str:
         """What was run how often, and what must be read with it."""
+        return f"Ours: {self.setting}"
+
+    @property
+    def setting(self) -> str:
+        """Data, protocol, splits and seed, and what must be read with the models."""
         n_splits = max(map(len, self.results.values()))
         spread = ", mean ± standard deviation over them" if n_splits > 1 else ""
         with_them = marks(of_model[0].shown for of_model in self.results.values())
         splits = f"{counted(n_splits, 'split')}{spread}"
-        return f"Ours: {DATASET}, {self.protocol}, {splits}, seed {SEED}.{with_them}"
+        return f"{DATASET}, {self.protocol}, {splits}, seed {SEED}.{with_them}"
 
     def absences(self, remedy: str = REPRODUCE, labels: Mapping[str, str] = {}) -> Iterator[str]:
         """Yield what is not there, and the command that makes it.
@@ -87,8 +93,8 @@ class PaperResults(StoredResults):
         """
         return cls.read(folder, f"; {REPRODUCE} makes the results")
 
-    def of_models(self, models: Iterable[str], protocol: str) -> Found:
-        """Return the results of models, which name defaults too, each on its own splits.
+    def of_models(self, models: Iterable[Variant], protocol: str) -> Found:
+        """Return the results of models, which have defaults too, each on its own splits.
 
         They are of the newest case under the protocol: other seeds and older data are others.
         """
@@ -101,10 +107,9 @@ class PaperResults(StoredResults):
             and case.name.seed == SEED
         ]
         newest = [max(cases, key=lambda case: case.newest_run)] if cases else []
-        for model in models:
-            try:
-                name = competitor_meant(model, newest)
-            except ConfigError:
+        for variant in models:
+            model, name = variant.name, meant(variant, newest)
+            if name is None:
                 missing.append(model)
                 continue
             found = newest[0].competitors[name]
@@ -118,7 +123,7 @@ class PaperResults(StoredResults):
                 results[model] = list(found.done.values())
         return Found(protocol, results, failures, missing)
 
-    def on_shared_splits(self, models: Iterable[str], protocol: str) -> Found:
+    def on_shared_splits(self, models: Iterable[Variant], protocol: str) -> Found:
         """Return the results of models on the splits that all of them have, of those that have any.
 
         Raises:

@@ -17,14 +17,14 @@ from stiff_models.catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, said_by
 from stiff_protocols.contract.interfaces import (
     ChecksRobot,
-    ChoosesEpoch,
     CorrectsPaths,
     DividesByRobot,
     EvaluationProtocol,
     LearnsFromSource,
-    StatesRegime,
     StatesSource,
     StiffnessModel,
+    chooses_epoch,
+    regime_of,
     reports_training,
 )
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
@@ -179,10 +179,10 @@ def _of_protocol(
         tell_source(made, source)
         if isinstance(made, ChecksRobot):
             made.check_robot(data.robot)
-        chooses = chooses_epoch(model.info, made)
+        chooses = uses_validation(model.info, made)
         regimes = [
             NO_SOURCE if source is not None and not isinstance(made, LearnsFromSource) else "",
-            made.regime if isinstance(made, StatesRegime) else "",
+            regime_of(made),
         ]
         of_source = made.source_words if isinstance(made, StatesSource) else ""
         cell = Cell(
@@ -292,11 +292,9 @@ def _naming(dataset: Choice[DatasetInfo], protocol: Choice[ProtocolInfo]) -> Ite
         raise ConfigError(f"protocol {protocol.info.key!r}: {said_by(error)}") from error
 
 
-def chooses_epoch(info: ModelInfo, model: StiffnessModel) -> bool:
+def uses_validation(info: ModelInfo, model: StiffnessModel) -> bool:
     """Say whether a model, as it is set up, chooses its epoch by validation rows."""
-    if isinstance(model, ChoosesEpoch):
-        return info.uses_validation and model.chooses_epoch()
-    return info.uses_validation
+    return info.uses_validation and chooses_epoch(model)
 
 
 def version_of(choice: Choice[ModelInfo]) -> str:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import functools
 import inspect
 import math
+import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from typing import Any, Generic, Literal, get_args, get_origin, get_type_hints
 
@@ -83,34 +84,58 @@ def parse_option(said: str, key: str, cls: type, name: str, text: str) -> Any:
     Raises:
         ConfigError: there is no such option, or its value is wrong.
     """
-    options = options_of(cls)
-    if name not in options:
-        raise ConfigError(f"{said}: {unknown_name(f'{key} option', name, options)}")
-    option = options[name]
-    try:
-        text.encode()
-        adapter = TypeAdapter(option.annotation)
-    except UnicodeEncodeError:
-        raise ConfigError(f"{said}: {text!r} is no UTF-8, which results are stored in") from None
-    except PydanticUserError:
-        raise ConfigError(f"{said}: {name} is a {option.type_text}, which no text gives") from None
+    option = _option(said, key, cls, name)
     if text.lower() == "none" and option.default is None:
         return None
     if get_origin(option.annotation) is Literal:  # pydantic takes no text for a number in it
         words = {str(word): word for word in get_args(option.annotation)}
         if text in words:
             return words[text]
+    return _checked(said, option, text, TypeAdapter.validate_strings)
+
+
+def check_option(said: str, key: str, cls: type, name: str, value: Any) -> Any:
+    """Return a value that Python code gave as one of an option's type; see `parse_option`.
+
+    Raises:
+        ConfigError: there is no such option, or its value is wrong.
+    """
+    option = _option(said, key, cls, name)
+    if value is None and option.default is None:
+        return None
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)  # options that name a file are texts
+    return _checked(said, option, value, TypeAdapter.validate_python)
+
+
+def _option(said: str, key: str, cls: type, name: str) -> Option:
+    options = options_of(cls)
+    if name not in options:
+        raise ConfigError(f"{said}: {unknown_name(f'{key} option', name, options)}")
+    return options[name]
+
+
+def _checked(
+    said: str, option: Option, given: Any, validate: Callable[[TypeAdapter[Any], Any], Any]
+) -> Any:
+    """Return what pydantic makes of a value, if a result can store it."""
+    name = option.name
     try:
-        value = adapter.validate_strings(text)
+        str(given).encode()
+        value = validate(TypeAdapter(option.annotation), given)
+    except UnicodeEncodeError:
+        raise ConfigError(f"{said}: {given!r} is no UTF-8, which results are stored in") from None
+    except PydanticUserError:
+        raise ConfigError(f"{said}: {name} is a {option.type_text}, which no text gives") from None
     except ValidationError as error:
         own = (one["ctx"]["error"] for one in error.errors() if one["type"] == "value_error")
         why = "".join(f": {reason}" for reason in own)  # pydantic's words are for programmers
-        wrong = f"{said}: {text!r} is no valid {name}{why}"
+        wrong = f"{said}: {given!r} is no valid {name}{why}"
         raise ConfigError(f"{wrong} (valid: {option.type_text})") from None
     if isinstance(value, float) and not math.isfinite(value):
-        raise ConfigError(f"{said}: {text!r} is not finite (valid: {option.type_text})")
+        raise ConfigError(f"{said}: {given!r} is not finite (valid: {option.type_text})")
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
-        raise ConfigError(f"{said}: {text} takes more than the 64 bits that a result stores")
+        raise ConfigError(f"{said}: {given} takes more than the 64 bits that a result stores")
     return value
 
 
@@ -186,9 +211,17 @@ class Choice(Generic[Info]):
 
     @classmethod
     def of_stored(cls, info: Info, identity: Mapping[str, Any]) -> Choice[Info]:
-        """Return the choice that has an `identity`, as a stored cell has it."""
+        """Return the choice that has an `identity`, as a stored cell has it.
+
+        Raises:
+            ConfigError: there is no such option any more, or no such value of it.
+        """
         usual = cls.of(info).identity
-        return cls.of(info, {k: v for k, v in identity.items() if k not in usual or usual[k] != v})
+        changed = {k: v for k, v in identity.items() if k not in usual or usual[k] != v}
+        return cls.of(
+            info,
+            {k: check_option(info.key, info.key, info.load(), k, v) for k, v in changed.items()},
+        )
 
     @property
     def options_text(self) -> str:

@@ -8,7 +8,7 @@ import importlib.util
 import re
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from itertools import chain
@@ -127,14 +127,11 @@ class Registry:
         return max(fitting, key=lambda family: len(family.prefix), default=None)
 
 
-def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
-    """Collect the shipped catalogues, installed plugins, and plugin files.
+def build_registry() -> Registry:
+    """Collect the shipped catalogues and installed plugins; `Registry.add_file` adds a file.
 
     What an installed plugin cannot give (it raises on import, a line is no line of ours, a key is
-    taken) is said and left out; a file that the user named must load.
-
-    Raises:
-        ConfigError: a plugin file cannot be used, or its key is taken.
+    taken) is said and left out.
     """
     registry = Registry(families=FAMILIES)
     for infos in (MODELS, DATASETS, PROTOCOLS):
@@ -142,8 +139,6 @@ def build_registry(plugin_files: Sequence[Path] = ()) -> Registry:
     for kind in _KINDS:
         for point in entry_points(group=f"stiffbench.{kind}"):
             _add_installed(registry, point)
-    for path in plugin_files:
-        registry.add_file(path)
     return registry
 
 

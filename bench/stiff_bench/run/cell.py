@@ -155,6 +155,7 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
     known = _known(task, wrench)
     prediction = Prediction(reported, predicted, measured, interval, reference, known)
     n_calibrated = len(intervals.residuals_) if isinstance(intervals, SplitConformal) else 0
+    of_training = _training_rows(task)
     return CellResult(
         cell=task.cell,
         shown=task.shown,
@@ -165,8 +166,9 @@ def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
         cost=cost,
         calibration_samples=n_calibrated,
         diagnostics=diagnostics,
-        n_train=len(_training_rows(task)),
+        n_train=len(of_training),
         n_labels=len(train),
+        n_poses=len(np.unique(task.data.samples.pose_id[of_training])),
         n_splits=task.n_splits,
         chosen={name: str(value) for name, value in chosen.items()},
         curves={str(name): _thinned(name, curve) for name, curve in curves.items()},

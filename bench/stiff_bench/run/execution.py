@@ -49,6 +49,3 @@ class Execution:
         for task in tasks:
             display.start(task)
             yield compute_cell(task, run_id)
-
-
-IN_THIS_PROCESS = Execution()

@@ -152,7 +152,7 @@ def run_cells(
             store.write_data(data)
         with closing(execution.results(waiting(), run_id, display)) as ended:
             for result in ended:
-                store.write_cell(result)
+                store.write_cells([result])
                 found[result.cell.key] = result
                 display.end(result)
     results = tuple(found[task.cell.key] for task in tasks)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stiff_bench.plan.cells import chooses_epoch
+from stiff_bench.plan.cells import uses_validation
 from stiff_bench.plan.options import Choice
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.interfaces import ChecksRobot
@@ -34,7 +34,7 @@ def whole_fit(
     if isinstance(model, ChecksRobot):
         model.check_robot(robot)
     train, validation, note = samples, None, ""
-    if chooses_epoch(choice.info, model):
+    if uses_validation(choice.info, model):
         split = inner_validation(samples, np.arange(len(samples)), VALIDATION_FRACTION, seed)
         if len(split.validation):
             train, validation = samples.take(split.train), samples.take(split.validation)

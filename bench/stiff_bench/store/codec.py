@@ -47,6 +47,7 @@ _OF_CELL = {f"{name}_key": name for name in _NAMES} | {name: name for name in _S
 _SHOWN = tuple(item.name for item in fields(Presentation) if item.name not in _NAMES)
 _COST = Cost._fields
 _PLAIN = ("run_id", "status", "n_splits", "n_train", "calibration_samples", "cause", "failure")
+_ABOUT = ("warnings", "log", "chosen", "n_labels", "n_poses")
 COLUMNS = (
     *("key", *_NAMES, *_OF_CELL, *_PLAIN, *_COST),
     *("shown", "about", "prediction_arrays", "prediction", "curves"),
@@ -86,7 +87,7 @@ def cell_content(result: CellResult) -> Content:
     content["shown"] = json_text({name: getattr(shown, name) for name in _SHOWN})
     # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
     diagnostics = {k: v if math.isfinite(v) else str(v) for k, v in result.diagnostics.items()}
-    about = {name: getattr(result, name) for name in ("warnings", "log", "chosen", "n_labels")}
+    about = {name: getattr(result, name) for name in _ABOUT}
     content["about"] = json_text({"diagnostics": diagnostics, **about})
     content["prediction_arrays"], content["prediction"] = _packed(result.prediction)
     curves = {name: curve.tolist() for name, curve in result.curves.items()}
@@ -146,7 +147,9 @@ def _about(text: str) -> dict[str, Any]:
         "warnings": tuple(about["warnings"]),
         "log": tuple(about["log"]),
         "chosen": about["chosen"],
-        "n_labels": about.get("n_labels", 0),  # results of stiffbench 0.1 may lack it
+        # older results may lack them
+        "n_labels": about.get("n_labels", 0),
+        "n_poses": about.get("n_poses", 0),
     }
 
 

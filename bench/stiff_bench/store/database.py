@@ -121,16 +121,12 @@ class ResultStore:
         except StoreError as error:
             raise StoreError(f"{error}", "output") from error
 
-    def write_cell(self, result: CellResult) -> None:
-        """Store a cell's result or failure; a failure takes nothing from a result.
+    def write_cells(self, results: Iterable[CellResult]) -> None:
+        """Store results and failures as one transaction; a failure takes nothing from a result.
 
         Raises:
-            StoreError: it cannot be written, as on a full disk; what was there stands.
+            StoreError: they cannot be written, as on a full disk; what was there stands.
         """
-        self.write_cells([result])
-
-    def write_cells(self, results: Iterable[CellResult]) -> None:
-        """Store many as one transaction, all of them or none; see `write_cell`."""
         with writing(self.folder) as db:
             for result in results:
                 write_row(db, result)

@@ -80,6 +80,12 @@ def stages(
     return plain[freeze]
 
 
+def named_layers(freeze: str) -> tuple[str, ...]:
+    """Return the layers that a strategy ``layers:...`` names, as written; () for another one."""
+    name, _, argument = freeze.partition(":")
+    return tuple(argument.split(",")) if name == "layers" and argument else ()
+
+
 def _gradual(out: int, epochs: int, unfreeze_every: int) -> Iterator[Stage]:
     for lowest in range(out, -1, -1):
         length = epochs if lowest == 0 else min(unfreeze_every, epochs)
@@ -94,7 +100,7 @@ def _layers(freeze: str, name: str, argument: str, hidden_layers: int) -> list[i
         return everything[:count] if name == "first" else everything[-count:]
     chosen = {
         hidden_layers if word == "out" else _number(freeze, word, hidden_layers) - 1
-        for word in argument.split(",")
+        for word in named_layers(freeze)
     }
     return sorted(chosen)
 

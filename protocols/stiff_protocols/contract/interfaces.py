@@ -103,6 +103,11 @@ class ChoosesEpoch(Protocol):
         """Return False when the last epoch is kept; the rows then are training rows."""
 
 
+def chooses_epoch(model: StiffnessModel) -> bool:
+    """Say whether a model that is given validation rows chooses its epoch by them."""
+    return model.chooses_epoch() if isinstance(model, ChoosesEpoch) else True
+
+
 @runtime_checkable
 class ChoosesOptions(Protocol):
     """Optional power: choose options in the fit; `best_params_`: option -> chosen value."""
@@ -147,6 +152,11 @@ class StatesRegime(Protocol):
     @property
     def regime(self) -> str:
         """Words that follow from the options and from `use_source` alone; "" for nothing."""
+
+
+def regime_of(model: StiffnessModel) -> str:
+    """Return what a model says of how it uses training labels; "" for nothing."""
+    return model.regime if isinstance(model, StatesRegime) else ""
 
 
 @runtime_checkable

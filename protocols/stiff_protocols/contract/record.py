@@ -230,6 +230,7 @@ class CellResult:
         n_train: rows of the training side, with those that choose an epoch; 0 where it is not ok.
         n_labels: rows of the training side that the model was fitted to: without those that choose
             an epoch; 0 where it is not known.
+        n_poses: measured poses of the training side; 0 where it is not known.
         chosen: option -> value, as text, that the fit chose itself; empty where it chose none.
         n_splits: how many splits its run was asked for in its condition; 0 where it is not known.
         curves: name of each training -> (n_points, 3) of step, training loss and validation loss
@@ -251,6 +252,7 @@ class CellResult:
     calibration_samples: int = 0
     n_train: int = 0
     n_labels: int = 0
+    n_poses: int = 0
     chosen: Mapping[str, str] = field(default_factory=dict)
     n_splits: int = 0
     curves: Mapping[str, FloatArray] = field(default_factory=dict)

@@ -33,12 +33,12 @@ from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import (
     ChecksParams,
     ChecksRobot,
-    ChoosesEpoch,
     KnowsWhatIsMissing,
     PredictsInterval,
     ReportsDiagnostics,
-    StatesRegime,
     StiffnessModel,
+    chooses_epoch,
+    regime_of,
 )
 from stiff_protocols.contract.plugin import DEFAULT_GRID, Grid, Range, in_words
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples, Split
@@ -64,11 +64,6 @@ def fit_to(
     if validation is not None and not (len(validation) and chooses_epoch(model)):
         train, validation = Samples.together(train, validation), None
     model.fit(train, robot=robot, validation=validation, seed=seed)
-
-
-def chooses_epoch(model: StiffnessModel) -> bool:
-    """Whether a model that is given validation rows chooses its epoch by them."""
-    return model.chooses_epoch() if isinstance(model, ChoosesEpoch) else True
 
 
 NOT_TUNED = "not tuned"
@@ -115,7 +110,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
     def regime(self) -> str:
         """Return how the model uses training labels, and whether nothing is chosen."""
         _, first = next(self._candidates())
-        return ", ".join(filter(None, [_regime(first), "" if self.grid else NOT_TUNED]))
+        return ", ".join(filter(None, [regime_of(first), "" if self.grid else NOT_TUNED]))
 
     def check_params(self) -> None:
         """Check every candidate before anything is computed; of a range, both ends.
@@ -138,7 +133,7 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
                     model.check_params()
                 except ConfigError as error:
                     raise ConfigError(f"{in_words(params)}: {error}") from error
-            regimes.add(_regime(model))
+            regimes.add(regime_of(model))
         if len(regimes) > 1:
             raise ConfigError(
                 "candidates that use training labels differently cannot be compared "
@@ -310,10 +305,6 @@ class InnerSearchWithIntervals(InnerSearch):
         if not isinstance(fitted, PredictsInterval):
             raise ModelError(f"{type(fitted).__name__} gives no intervals")
         return fitted.predict_interval(q, wrench, coverage)
-
-
-def _regime(model: StiffnessModel) -> str:
-    return model.regime if isinstance(model, StatesRegime) else ""
 
 
 def _value(trial: Trial, name: str, values: Sequence[Any] | Range) -> Any:

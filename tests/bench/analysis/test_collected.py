@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from made_results import MadeResults, damage, forget
-from stiff_bench.analysis.collected import Case, collect, left_out_notes
+from stiff_bench.analysis.collected import Case, StoredResults, left_out_notes
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_bench.store.names import Variant
 from stiff_protocols.contract.errors import StoreError
@@ -20,7 +20,7 @@ def made(tmp_path: Path) -> MadeResults:
 
 
 def only(made: MadeResults) -> Case:
-    (case,) = collect(made.folder)
+    (case,) = StoredResults.read(made.folder).cases
     return case
 
 
@@ -90,7 +90,7 @@ def test_damage_is_refused_with_what_to_do_about_it(made):
     (key,) = made.add("a", [1.0])
     damage(made.folder, key)
     with pytest.raises(StoreError, match=rf"{FILE}: damaged: cell {key}: .*`bench run`"):
-        collect(made.folder)
+        StoredResults.read(made.folder)
 
 
 @pytest.mark.parametrize(("newest", "n_asked"), [(slice(0, 2), 2), (slice(2, 3), 5)])
@@ -98,7 +98,7 @@ def test_the_newest_run_says_how_many_splits_were_asked_for(made, newest, n_aske
     keys = made.add("a", [1.0] * 3)
     store = ResultStore(made.folder)
     for index, key in enumerate(keys):
-        store.write_cell(replace(store.result(key), n_splits=2 if index < 2 else 5))
+        store.write_cells([replace(store.result(key), n_splits=2 if index < 2 else 5)])
     made.add_run("run-2", keys[newest])
     assert only(made).competitors["a"].n_asked == n_asked
 
@@ -120,7 +120,7 @@ def test_one_note_stands_for_all_cases_with_the_same_reason(made):
     for condition in ("n = 5", "n = 10"):
         for run_id in "12":
             made.add("a", [1.0], run_id=run_id, options={"k": run_id}, condition=condition)
-    (note,) = left_out_notes(collect(made.folder))
+    (note,) = left_out_notes(StoredResults.read(made.folder).cases)
     assert note.startswith("2 comparisons: older results of a ")
 
 

@@ -17,7 +17,7 @@ from scipy import stats
 
 from figure_results import with_fields
 from made_results import N_POSES, TWINS, MadeResults, forget
-from stiff_bench.analysis.collected import StoredResults, collect
+from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
@@ -361,7 +361,7 @@ def test_equal_data_under_two_names_are_one_robot(made):
     copied = sum(twin.encode()) - sum(b"copy")  # gives the copy the twin's numbers
     for dataset, version in ((twin, 0), ("copy", copied), ("twin@torques=hook@specimen=1", 0)):
         made.add_each({key: [1.0] for key in "abc"}, dataset, version=version)
-    assert len({case.name.data_sha256 for case in collect(made.folder)}) == 2
+    assert len({case.name.data_sha256 for case in StoredResults.read(made.folder).cases}) == 2
     assert n_robots(board_of(made)) == 1
 
 
@@ -433,7 +433,7 @@ def test_several_seeds_are_said_and_named(made):
         made.add_each({"a": [1.0] * 2, "b": [1.0] * 3}, dataset)
     for result in list(read_results(made.folder)):
         other = replace(result, cell=replace(result.cell, seed=1))
-        ResultStore(made.folder).write_cell(other)
+        ResultStore(made.folder).write_cells([other])
     text = text_of(board_of(made))
     assert "**Leaderboard, 4 comparisons: 2 x twin (simulated) under holdout, 2 seeds |" in text
     assert "holdout (2 data sets, 2 seeds)" in text

@@ -135,6 +135,15 @@ def test_the_splits_of_every_kind_of_protocol_are_had_again(tmp_path, words):
     assert "TCP off by 0.5 mm" in done.stdout
 
 
+def test_options_of_models_and_protocol_are_those_of_the_stored_results(tmp_path):
+    about = {"protocol": "repeated-holdout@test_fraction=0.3", "splits": 2, "output": tmp_path}
+    sb.evaluate(["knn@neighbours=3", "mean"], "fanuc-r2000ic", **about)
+    found = sb.open_results(tmp_path).sensitivity(draws=1, tcp_off_mm=UNNOTICED_MM, **NO_OTHERS)
+    errors, unperturbed = stored_errors(tmp_path), numbers(found, 0)
+    assert {model: unperturbed[model] for model in errors} == errors
+    assert not any("other options" in note for note in found.tables[0].notes)
+
+
 def test_a_file_of_ones_own_may_be_gone(tmp_path, fanuc):
     write_table(tmp_path / "my.csv", [sample_table(fanuc.samples, fanuc.robot)])
     words = ("run", "--model", "mean", "--model", "vjm", "--data", "my.csv")

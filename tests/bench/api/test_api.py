@@ -73,6 +73,10 @@ def test_options_are_checked_and_become_part_of_the_name():
         sb.make_model("knn", neighbors=3)
     with pytest.raises(ConfigError, match="many"):
         sb.make_model("knn", neighbours="many")
+    assert type(sb.make_model("knn", neighbours=np.int64(3)).choice.params["neighbours"]) is int
+    for wrong in (True, 1.0):  # no text, though it could be written as one
+        with pytest.raises(ConfigError, match=rf"freeze={wrong}: .*valid: text"):
+            sb.make_model("ft-mlp", freeze=wrong)
     with pytest.raises(ConfigError, match="kr10-twin"):
         sb.load_dataset("kr10-twn")
     with pytest.raises(ConfigError, match="splits=0"):

@@ -34,22 +34,22 @@ def refusal(*words: object) -> str:
 def paper(tmp_path_factory) -> PaperResults:
     """The smallest results from which every figure of the paper can be drawn: read-only."""
     made = MadeResults(tmp_path_factory.mktemp("paper") / "runs")
-    for name in ("vjm", DT_CNN.name):
+    for name in ("vjm", DT_CNN):
         made.add(name, [0.1, 0.2], **PAPER)
     for layers in (("1",), ("1", "2")):
         freeze = {"freeze": f"layers:{','.join(layers)}"}
-        made.add(unfrozen(layers).name, [0.1, 0.2], options=freeze, **PAPER)
+        made.add(unfrozen(layers), [0.1, 0.2], options=freeze, **PAPER)
         with_fields(made, unfrozen(layers).name, curves={"fine-tuning": CURVE})
     for depth in (3, 4, 5):
         for width in (40, 380):
-            name = pretrained(layers=depth, width=width).name
-            made.add(name, [0.1, 0.2], options={"layers": depth, "width": width}, **PAPER)
+            network = pretrained(layers=depth, width=width)
+            made.add(network, [0.1, 0.2], options={"layers": depth, "width": width}, **PAPER)
             errors = {
                 f"source {part} {what} [mm]": depth / width
                 for part in ("test", "training")
                 for what in ("MAE", "STDE")
             }
-            with_fields(made, name, diagnostics=errors, curves={"pre-training": CURVE})
+            with_fields(made, network.name, diagnostics=errors, curves={"pre-training": CURVE})
     return PaperResults.of(made.folder)
 
 
@@ -139,8 +139,8 @@ def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
 def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_path):
     made = MadeResults(tmp_path)
     made.add("vjm", [0.1], **PAPER)
-    made.add(FT_MLP.name, [0.1], picked_on_test=True, **PAPER)
-    made.add(DT_CNN.name, [0.1], regime="target labels not trained on", **PAPER)
+    made.add(FT_MLP, [0.1], picked_on_test=True, **PAPER)
+    made.add(DT_CNN, [0.1], regime="target labels not trained on", **PAPER)
     results = PaperResults.of(tmp_path)
     assert f"{FT_MLP.name}: epoch picked on test part." in FIGURES["9"](results).caption
     assert f"{DT_CNN.name}: target labels not trained on." in FIGURES["8"](results).caption
@@ -148,12 +148,10 @@ def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_pa
 
 def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changing):
     for activation in ("tanh", "sigmoid"):
-        changing.add(pretrained(activation=activation).name, [0.1], failed=[1], **PAPER)
+        changing.add(pretrained(activation=activation), [0.1], failed=[1], **PAPER)
     depth, width = 5, 400
     options = {"layers": depth, "width": width}
-    changing.add(
-        pretrained(layers=depth, width=width).name, [0.1], failed=[1], options=options, **PAPER
-    )
+    changing.add(pretrained(layers=depth, width=width), [0.1], failed=[1], options=options, **PAPER)
     caption = FIGURES["5"](PaperResults.of(changing.folder)).caption
     for lost in ("width=400", "activation=tanh", "sigmoid"):
         assert "No numbers: " in caption and "it broke" in caption and lost in caption

@@ -15,6 +15,7 @@ from made_samples import samples_with
 from stiff_bench.data_tools.info import dataset_info, directions, facts, principal_shares
 from stiff_bench.data_tools.picture import save_picture
 from stiff_bench.tables.render import plain_text
+from stiff_bench.tables.table import Quantity
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.robot import load_robot, read_chain
 from stiff_models.physics.kinematics import gravity_torque
@@ -77,7 +78,8 @@ def ends(cells):
 def test_samples_poses_loads_and_groups_are_counted(planar):
     assert [
         row(planar, 0, name)[0] for name in ("samples", "poses", "loads per pose", "groups")
-    ] == [*("3", "2", "1 to 2", "straight (1), bent (2)")]
+    ] == [3, 2, Quantity(low=1, high=2), "straight (1), bent (2)"]
+    assert "loads per pose  1 to 2" in plain_text(facts(planar)[0])
     assert row(planar, 0, "sha256") == [planar.sha256]
 
 

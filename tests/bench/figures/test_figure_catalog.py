@@ -171,6 +171,13 @@ def test_losses_mark_the_least_validation_loss_that_has_a_place(tmp_path):
     assert validation.get_markevery() == [1]
 
 
+def test_the_panels_of_losses_stand_in_the_order_of_the_trainings(tmp_path):
+    made = compared(tmp_path)
+    with_fields(made, "mlp", curves={"warm-up": CURVE, "adapting": CURVE})
+    axes = drawn("losses", FigureSource.of(tmp_path)).axes
+    assert [one.get_title(loc="left") for one in axes] == ["(a) warm-up", "(b) adapting"]
+
+
 def test_losses_are_of_the_first_split_on_which_all_models_have_a_curve(tmp_path):
     made = compared(tmp_path)
     for index in (0, 1):

@@ -74,7 +74,9 @@ def test_a_calibration_has_a_point_for_each_coverage_that_every_split_has(tmp_pa
             shift = np.where(np.arange(len(result.prediction.rows)) % 2, 1.0, 0.0)[:, None]
             old = result.prediction.interval
             moved = Interval(old.lower + shift, old.upper + shift, 0.5)
-            store.write_cell(replace(result, prediction=replace(result.prediction, interval=moved)))
+            store.write_cells(
+                [replace(result, prediction=replace(result.prediction, interval=moved))]
+            )
     axes = FIGURES["calibration"](FigureSource.of(tmp_path)).draw().axes[0]
     lines = {one.get_label(): one.get_xydata() for one in axes.get_lines() if one.get_marker()}
     np.testing.assert_allclose(lines["gp"], [[50.0, 50.0], [80.0, 100.0]])
@@ -133,6 +135,17 @@ def test_a_learning_curve_is_the_geometric_mean_with_students_interval_of_three_
         np.isclose([band.max(), band.min()], [mean[0] * reach, mean[-1] / reach]).all()
         for band in bands
     )
+
+
+def test_the_size_is_the_number_of_poses_that_is_stored(tmp_path):
+    """Not one that is tried out: results of an older stiffbench alone, as the others here, do."""
+    made, store = MadeResults(tmp_path), ResultStore(tmp_path)
+    for size in SIZES:
+        about = EFFICIENCY | {"condition": f"n = {size}", "n_train": 1}
+        for model in ("vjm", "gp"):
+            (key,) = made.add(model, [0.1], **about)
+            store.write_cells([replace(store.result(key), n_poses=size)])
+    assert list(errors_of(tmp_path).columns) == list(SIZES)
 
 
 def test_a_data_set_that_lacks_a_size_is_no_part_of_a_learning_curve(tmp_path):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +12,7 @@ import pytest
 from made_results import MadeResults
 from stiff_bench.paper import effects
 from stiff_bench.paper.study import ARMS, BEAM, EFFECT_STEPS, TRANSFER_DATA, transfer_study
+from stiff_bench.store.database import ResultStore
 from stiff_protocols.contract.errors import StoreError
 
 STEPS = [variant.name for variant in EFFECT_STEPS.values()]
@@ -86,6 +90,24 @@ def test_without_the_vjm_there_is_nothing_to_be_relative_to(tmp_path):
         effects.stored_errors(tmp_path)
 
 
+def test_of_two_versions_of_a_model_the_newest_counts_alone(tmp_path):
+    made, on = MadeResults(tmp_path), {"dataset": BEAM.name, "protocol": "holdout"}
+    made.add("vjm", [0.2], **on)
+    (key,) = made.add("gp", [0.1], **on)
+    store = ResultStore(tmp_path)
+    first = store.result(key)
+    measured = first.prediction.measured
+    newer = replace(
+        first,
+        cell=replace(first.cell, model_version="2"),
+        run_id="run-2",
+        prediction=replace(first.prediction, predicted=measured + np.array([0.0, 0.0, 4e-4])),
+    )
+    store.write_cells([newer])
+    errors = effects.stored_errors(tmp_path)[BEAM.name]
+    assert errors["gp"] == pytest.approx(4e-4) and errors["vjm"] == pytest.approx(2e-4)
+
+
 def test_the_specimens_of_a_twin_are_one_column_with_their_spread():
     columns = [*SPECIMENS, "fanuc-r2000ic"]
     tuned = [0.4, 0.5, 0.6, 0.7, 0.8, 1.5]
@@ -108,6 +130,15 @@ def test_the_page_of_transfer_says_what_was_not_computed(tmp_path):
     *_, page = effects.write_transfer(tmp_path, "bench reproduce transfer", 12)
     text = page.read_text(encoding="utf-8")
     assert "12 fits not computed" in text and "| ft-mlp" in text
+
+
+def test_models_that_share_a_pretraining_are_no_neighbours():
+    """Two jobs start neighbours together, and each would make the pre-training."""
+    network = {"mlp-pretrained": "mlp", "ft-mlp": "mlp", "dt-cnn": "cnn"}
+    of_its_own = {"source_teacher", "alignment", "preset"}
+    for run in transfer_study():
+        shared = [network.get(m.key) for m in run.models if of_its_own.isdisjoint(m.options)]
+        assert not any(one is not None and one == other for one, other in pairwise(shared))
 
 
 def test_what_is_of_the_kr10_runs_on_the_kr10_alone():

@@ -28,6 +28,7 @@ from stiff_bench.paper.study import (
     unfrozen,
 )
 from stiff_bench.paper.tables import NEEDS_NO_RESULTS, TABLES, build, read_table
+from stiff_bench.store.names import Variant
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -94,9 +95,9 @@ def notes(tables):
 
 def test_tables_6_and_7_have_the_errors_on_the_source_that_the_networks_report(runs):
     """Those stopped early have columns of their own."""
-    runs.of(pretrained(layers=3, width=100).name, [0.1, 0.3])
-    runs.of(pretrained(activation="tanh").name, [0.1])
-    runs.of(pretrained(activation="tanh", stopped_early=True).name, [0.4])
+    runs.of(pretrained(layers=3, width=100), [0.1, 0.3])
+    runs.of(pretrained(activation="tanh"), [0.1])
+    runs.of(pretrained(activation="tanh", stopped_early=True), [0.4])
     (part,) = build(6, runs.read)
     assert [row for (row,) in labels(part)] == ["2", "3", "4", "5", "6"]
     assert values(part, "published", ("3",))["test MAE"].value == 0.2186
@@ -112,8 +113,8 @@ def test_tables_6_and_7_have_the_errors_on_the_source_that_the_networks_report(r
 
 
 def test_table_8_is_ours_alone_and_has_the_layers_that_were_run(runs):
-    runs.of(unfrozen(["3"]).name, [0.1])
-    runs.of(unfrozen(["1", "out"]).name, [0.2])
+    runs.of(unfrozen(["3"]), [0.1])
+    runs.of(unfrozen(["1", "out"]), [0.2])
     (part,) = (table := build(8, runs.read))
     assert labels(part) == [("1 layer", "3"), ("2 layers", "1 + out")]
     assert {column.group for column in part.columns} == {"", OURS}
@@ -124,8 +125,8 @@ def test_table_8_is_ours_alone_and_has_the_layers_that_were_run(runs):
 
 def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_samples(runs):
     """Of the twelve samples the first four are held out, with an error of 0.3 mm along z."""
-    runs.of(FT_MLP.name, [0.3], picked_on_test=True)
-    runs.of(FT_MLP.name, [[0.3] * 4 + [0.1] * 4 + [0.2] * 4], ON_ALL, rows=range(12))
+    runs.of(FT_MLP, [0.3], picked_on_test=True)
+    runs.of(FT_MLP, [[0.3] * 4 + [0.1] * 4 + [0.2] * 4], ON_ALL, rows=range(12))
     (part,) = (table := build(9, runs.read))
     best = "optimized (best epoch)"
     assert labels(part)[4:] == [(best, error) for error in ("3-D", "X", "Y", "Z")]
@@ -144,9 +145,9 @@ def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_
 
 
 def test_table_9_has_no_training_part_where_no_fit_is_read_on_all_samples(runs):
-    runs.of(FT_MLP.name, [0.3, 0.4])
-    runs.of(FT_MLP.name, [[0.3] * 12], ON_ALL, rows=range(12))  # of one split alone
-    runs.of(FT_MLP_LAST_EPOCH.name, [0.9, 0.9])
+    runs.of(FT_MLP, [0.3, 0.4])
+    runs.of(FT_MLP, [[0.3] * 12], ON_ALL, rows=range(12))  # of one split alone
+    runs.of(FT_MLP_LAST_EPOCH, [0.9, 0.9])
     (part,) = (table := build(9, runs.read))
     for label in ("optimized (best epoch)", "normal (last epoch)"):
         found = values(part, OURS, (label, "Z"))
@@ -155,13 +156,13 @@ def test_table_9_has_no_training_part_where_no_fit_is_read_on_all_samples(runs):
 
 
 def test_table_10_has_three_readings_and_reductions_split_by_split(runs):
-    runs.of(VJM.name, [0.1, 0.4])
-    runs.of(FT_MLP.name, [0.05, 0.1])
-    runs.of(FT_MLP_OWN_SOURCE.name, [0.025, 0.3])
-    runs.of(VJM.name, [0.2], FAIR)
-    runs.of(FT_MLP.name, [0.3], FAIR)
-    runs.of(VJM.name, [0.4], ON_ALL)
-    runs.of(FT_MLP.name, [0.1], ON_ALL, reports_training=True)
+    runs.of(VJM, [0.1, 0.4])
+    runs.of(FT_MLP, [0.05, 0.1])
+    runs.of(FT_MLP_OWN_SOURCE, [0.025, 0.3])
+    runs.of(VJM, [0.2], FAIR)
+    runs.of(FT_MLP, [0.3], FAIR)
+    runs.of(VJM, [0.4], ON_ALL)
+    runs.of(FT_MLP, [0.1], ON_ALL, reports_training=True)
     errors, reductions = (table := build(10, runs.read))
     row = ("Z", "MAE")
     assert values(errors, "published", row)["DT-CNN"].value == 0.0628
@@ -190,16 +191,17 @@ def test_table_10_has_three_readings_and_reductions_split_by_split(runs):
 
 def test_the_papers_recipe_is_one_column_more_where_it_is_stored_and_a_command_where_not(runs):
     for model in (VJM, FT_MLP):
-        runs.of(model.name, [0.4, 0.8])
+        runs.of(model, [0.4, 0.8])
     errors, _ = build(10, runs.read)
     (part,) = build(9, runs.read)
     for table in (errors, part):
         assert "`bench reproduce --paper-recipe`" in notes([table])
         assert not any("recipe" in column.name + column.group for column in table.columns)
-    runs.of(FT_MLP_PAPER_RECIPE.name, [0.1])
+    runs.of(FT_MLP_PAPER_RECIPE, [0.1])
     errors, reductions = build(10, runs.read)
     (part,) = build(9, runs.read)
     assert "--paper-recipe" not in notes([errors, part])
+    assert "Left out" not in notes([errors, reductions])  # the recipe has one split by design
     row = ("Z", "MAE")
     found = values(errors, TESTED, row)
     assert (found[RECIPE].value, found[RECIPE].n) == (pytest.approx(0.1), 1)
@@ -224,16 +226,23 @@ def test_what_is_stored_under_a_name_without_defaults_is_found_by_its_options(ru
     options = {**FT_MLP.options, "epochs": "none"}
     runs.of("ft-mlp", [0.3], options=options)
     runs.of("ft-mlp@epochs=5", [0.9], options={**options, "epochs": 5})
-    (found,) = runs.read.of_models([FT_MLP.name], PAPER).results.values()
+    (found,) = runs.read.of_models([FT_MLP], PAPER).results.values()
     assert found[0].shown.model == "ft-mlp"
-    other = FT_MLP_LAST_EPOCH.name
-    assert runs.read.of_models([other], PAPER).missing == [other]
+    other = FT_MLP_LAST_EPOCH
+    assert runs.read.of_models([other], PAPER).missing == [other.name]
+
+
+def test_a_value_is_found_by_its_type_and_not_by_its_text(runs):
+    runs.of("ft-mlp@epochs=5", [0.3], options={"epochs": "5"})
+    five, text = (Variant("ft-mlp", {"epochs": epochs}) for epochs in (5, "5"))
+    found = runs.read.of_models([five, text], PAPER)
+    assert found.missing == [five.name] and len(found.results) == 1
 
 
 def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(runs):
     """A protocol without results leaves its columns empty, and says so."""
-    runs.of(VJM.name, [0.1, 0.2, 0.3])
-    runs.of(FT_MLP.name, [0.4])
+    runs.of(VJM, [0.1, 0.2, 0.3])
+    runs.of(FT_MLP, [0.4])
     errors, reductions = (table := build(10, runs.read))
     vjm = values(errors, TESTED, ("Z", "MAE"))["VJM"]
     assert (vjm.value, vjm.n) == (pytest.approx(0.1), 1)
@@ -244,8 +253,8 @@ def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(
 
 
 def test_a_model_that_failed_is_a_row_of_dashes_with_its_reason(runs):
-    runs.of(FT_MLP_LAST_EPOCH.name, failed=[0])
-    runs.of(FT_MLP.name, [0.00123])
+    runs.of(FT_MLP_LAST_EPOCH, failed=[0])
+    runs.of(FT_MLP, [0.00123])
     table = build(9, runs.read)
     assert set(values(table[0], OURS, ("normal (last epoch)", "Z")).values()) == {None}
     assert "failed: it broke" in notes(table)
@@ -268,7 +277,7 @@ def test_results_of_another_seed_data_set_or_specimen_do_not_count(runs):
     runs.add(VJM.name, [0.1], "kr10-twin@specimen=1", PAPER)
     runs.add(VJM.name, [0.1], "fanuc-r2000ic", PAPER)
     runs.seed = 7
-    runs.of(VJM.name, [0.1])
+    runs.of(VJM, [0.1])
     with pytest.raises(StoreError, match="nothing to print"):
         build(10, runs.read)
 
@@ -294,7 +303,7 @@ def test_the_vjm_of_the_twin_is_near_the_papers_tables_2_and_3_that_it_was_calib
 @pytest.mark.parametrize("number", [number for number in TABLES if number not in (1, 4, 5)])
 def test_every_table_with_ours_says_that_ours_cannot_be_compared_in_absolute_terms(runs, number):
     for model in (VJM, FT_MLP, pretrained(width=100), pretrained()):
-        runs.of(model.name, [0.1])
+        runs.of(model, [0.1])
     table = build(number, None if number in NEEDS_NO_RESULTS else runs.read)
     for part in table:
         assert f"Table {number}." in part.title
@@ -313,9 +322,9 @@ def test_every_table_compiles_with_pdflatex_and_fits_the_line(runs, tmp_path):
         *(pretrained(width=100), pretrained(), pretrained(stopped_early=True)),
     ]
     for model in models:
-        runs.of(model.name, [0.1, 12.0, 0.3])
-        runs.of(model.name, [0.2, 0.3, 0.1], FAIR)
-        runs.of(model.name, [0.2, 0.3, 0.1], ON_ALL, rows=range(12))
+        runs.of(model, [0.1, 12.0, 0.3])
+        runs.of(model, [0.2, 0.3, 0.1], FAIR)
+        runs.of(model, [0.2, 0.3, 0.1], ON_ALL, rows=range(12))
     tables = [build(number, None if number in NEEDS_NO_RESULTS else runs.read) for number in TABLES]
     log = compiled(tmp_path, [render(one, "latex", HOSTILE) for one in tables])
     assert "Overfull" not in log

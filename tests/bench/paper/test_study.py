@@ -63,14 +63,14 @@ def test_the_results_of_every_model_of_the_paper_are_found_again(tmp_path):
     """By the options that it names, whichever of them are defaults and left out of its name."""
     runs = (*paper_study(full=False), *paper_recipe_study())
     store = ResultStore(tmp_path)
-    models = {name for run in runs for name in different(run.models)}
+    models = {one.name: one for run in runs for one in run.models}
     for task in cell_tasks(*study_of(runs, tmp_path)):
-        store.write_cell(unfinished(task, "r", task.cell.key))
+        store.write_cells([unfinished(task, "r", task.cell.key)])
     stored = PaperResults.of(tmp_path)
     for protocol in (PAPER_PROTOCOL.name, READ_ON_ALL.name, FAIR_PROTOCOL.name):
         asked = {n for r in runs for n in different(r.models) if protocol in different(r.protocols)}
-        found = stored.of_models(models, protocol)
-        assert found.failures.keys() == asked and set(found.missing) == models - asked
+        found = stored.of_models(models.values(), protocol)
+        assert found.failures.keys() == asked and set(found.missing) == models.keys() - asked
         assert len(set(found.failures.values())) == len(asked)  # nobody has another's
 
 

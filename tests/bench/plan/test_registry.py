@@ -37,7 +37,9 @@ def test_two_plugin_files_of_one_name_add_their_models_and_do_not_disturb_each_o
     for key, path in (("first", one), ("second", other)):
         path.parent.mkdir()
         plugin_file(key).rename(path)
-    registry = build_registry([one, other])
+    registry = build_registry()
+    registry.add_file(one)
+    registry.add_file(other)
     classes = [registry.models[key].load() for key in ("first", "second")]
     assert [cls.__name__ for cls in classes] == ["MeanDeflection"] * 2
     modules = {cls.__module__ for cls in classes}
@@ -61,7 +63,7 @@ def test_a_plugin_file_that_cannot_be_used_is_refused(tmp_path, text, message):
     if text is not None:
         path.write_text(text)
     with pytest.raises(ConfigError, match=message):
-        build_registry([path])
+        build_registry().add_file(path)
     imported = text in ("x = 1", "MODELS = [3]")
     assert (path in plugin_files()) == imported  # what is not imported is not sent to processes
 
@@ -71,7 +73,7 @@ def test_what_a_plugin_prints_on_import_does_not_get_between_the_tables(
 ):
     path = plugin_file("talks")
     path.write_text("print('hello')\n" + path.read_text())
-    build_registry([path])
+    build_registry().add_file(path)
     assert capsys.readouterr() == ("", "hello\n")
 
 

@@ -136,6 +136,12 @@ def test_an_option_that_was_added_later_is_in_no_key_while_it_has_its_default():
         assert Choice.of_stored(choice.info, choice.identity).name == word
 
 
+def test_a_stored_option_that_is_there_no_more_is_refused_and_named():
+    (choice,) = planned(models=("knn@neighbours=3",)).models
+    with pytest.raises(ConfigError, match="unknown knn option 'gone'"):
+        Choice.of_stored(choice.info, {**choice.identity, "gone": 1})
+
+
 def test_results_of_paper_holdout_keep_their_keys_though_it_got_another_reading():
     words = ("paper-holdout", "paper-holdout@read_on=all", "paper-holdout@read_on=test")
     default, read_on_all = planned(protocols=words).protocols

@@ -70,7 +70,7 @@ def test_identified_stiffnesses_stand_with_the_data(results):
     for result in [*stored_results(results.folder)]:
         if result.shown.model == "vjm":
             springs = {"stiffness A1 [Nm/rad]": 1000.0 + 200.0 * result.cell.split_index}
-            ResultStore(results.folder).write_cell(replace(result, diagnostics=springs))
+            ResultStore(results.folder).write_cells([replace(result, diagnostics=springs)])
     _, stiffnesses = blocks_of(results.folder)["Robots and data"].tables
     assert [row[2] for row in stiffnesses.texts()] == ["1,100 ± 141"] * 2
 
@@ -91,7 +91,7 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
     for key in keys[1:]:
         store = ResultStore(results.folder)
         (failed,) = (one for one in stored_results(results.folder, {key}))
-        store.write_cell(replace(failed, cause="ValueError", log=("first", "last <b>")))
+        store.write_cells([replace(failed, cause="ValueError", log=("first", "last <b>"))])
     block = blocks_of(results.folder)["Failed and skipped"]
     (row,) = block.tables[0].texts()
     assert row == ["bad", "failed", "it broke", "ValueError", TWINS[0], "holdout", "-", "1, 2"]

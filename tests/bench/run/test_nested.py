@@ -90,7 +90,7 @@ def test_what_was_chosen_stands_under_the_table_and_comes_back_from_disk(tmp_pat
     results = [computed(task) for task in found]
     store = ResultStore(tmp_path)
     for result in results:
-        store.write_cell(result)
+        store.write_cells([result])
     back = [store.result(task.cell.key) for task in found]
     assert [result.chosen for result in back] == [result.chosen for result in results]
     (table,) = build_tables(back, METRICS)

@@ -9,12 +9,12 @@ import pytest
 
 from run_requests import computed, planned, with_model
 from stiff_bench.analysis import collected
-from stiff_bench.analysis.collected import collect, same_name_other_data
+from stiff_bench.analysis.collected import StoredResults, same_name_other_data
 from stiff_bench.analysis.comparison import compare
 from stiff_bench.analysis.leaderboard import of_newest_data
 from stiff_bench.analysis.verdict import Question
 from stiff_bench.plan.cells import cell_tasks, tell_source
-from stiff_bench.run.execution import IN_THIS_PROCESS
+from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import LineDisplay
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
@@ -56,7 +56,7 @@ def tasks():
 def stored(tasks, tmp_path_factory):
     folder = tmp_path_factory.mktemp("paths")
     every = [*tasks, *listed(("vjm", "zero"), ("holdout",))]
-    done = run_cells(every, "bench run", ResultStore(folder), IN_THIS_PROCESS, LineDisplay())
+    done = run_cells(every, "bench run", ResultStore(folder), Execution(), LineDisplay())
     return folder, done.results
 
 
@@ -67,7 +67,7 @@ def results(stored):
 
 @pytest.fixture(scope="module")
 def cases(stored):
-    return stored[0], {case.name.protocol: case for case in collect(stored[0])}
+    return stored[0], {case.name.protocol: case for case in StoredResults.read(stored[0]).cases}
 
 
 def witnessed(task):

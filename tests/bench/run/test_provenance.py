@@ -79,7 +79,7 @@ def test_variables_that_shape_numbers_are_there_and_others_are_not(monkeypatch):
 
 def test_a_plugin_file_is_named_with_its_hash(plugin_file):
     path = plugin_file("mine")
-    build_registry([path])
+    build_registry().add_file(path)
     expected = hashlib.sha256(path.read_bytes()).hexdigest()
     assert f"{path} sha256 {expected}" in environment()["plugins"]
 

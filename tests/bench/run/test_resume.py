@@ -6,7 +6,6 @@ import random
 import re
 import resource
 import signal
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,10 +14,10 @@ import hostile_models
 from command_line import bench, bench_here, n_stored, started, wait_until
 from made_results import damage, tear
 from run_requests import planned
-from stiff_bench.analysis.collected import collect
+from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.api.run import Run
 from stiff_bench.cli.run import execute
-from stiff_bench.run.execution import IN_THIS_PROCESS
+from stiff_bench.run.execution import Execution
 from stiff_bench.store.damage import fault_of
 from stiff_bench.store.database import (
     FILE,
@@ -32,7 +31,7 @@ PLUGIN = Path(hostile_models.__file__)
 N_CELLS = 20
 SLOW_RUN = ["run", "--plugin", str(PLUGIN), "--model", "Good@seconds=0.05"]
 SLOW_RUN += ["--splits", str(N_CELLS)]
-RERUN = {name: replace(IN_THIS_PROCESS, rerun=name) for name in ("missing", "failed", "all")}
+RERUN = {name: Execution(rerun=name) for name in ("missing", "failed", "all")}
 
 
 @pytest.fixture()
@@ -90,7 +89,7 @@ def test_more_splits_compute_those_that_are_missing(run, tmp_path):
     run(splits=2)
     _, table, said = run(splits=5)
     assert summary_of(said) == "6 ok, 4 cached"
-    (case,) = collect(tmp_path)
+    (case,) = StoredResults.read(tmp_path).cases
     assert {one.n_asked for one in case.competitors.values()} == {5}
     assert table == run(splits=5)[1]
 

@@ -333,5 +333,11 @@ def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
     key = "sklearn:linear_model.RANSACRegressor"  # stop_score=inf
     task = tasks_of((key,), "fanuc-r2000ic")[0]
     store = ResultStore(tmp_path)
-    store.write_cell(computed(task))
+    store.write_cells([computed(task)])
     assert store.result(task.cell.key).cell.model_params["stop_score"] == "inf"
+
+
+def test_a_result_says_how_many_poses_its_model_was_given():
+    words = ("sample-efficiency@sizes=5,10",)
+    tasks = cell_tasks(planned(models=("zero",), datasets=("fanuc-r2000ic",), protocols=words))
+    assert [computed(task).n_poses for task in tasks] == [5, 10]

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from made_results import TWINS, MadeResults, change, damage, forget, made_data, tear
-from stiff_bench.analysis.collected import collect
+from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.cli.results import merge as merge_command
 from stiff_bench.store import merging
 from stiff_bench.store.database import FILE, ResultStore, read_data, read_manifests, read_results
@@ -31,7 +31,7 @@ def folder_of(path, model, errors_mm=(0.1, 0.2), *, run_id=EARLY, code="", **how
         for key in keys:
             result = store.result(key)
             forget(path, key)
-            store.write_cell(replace(result, cell=replace(result.cell, model_version=code)))
+            store.write_cells([replace(result, cell=replace(result.cell, model_version=code))])
     made.add_run(run_id, keys)
     return path
 
@@ -67,7 +67,7 @@ def test_cells_runs_and_data_of_all_folders_are_in_the_new_one_and_the_folders_s
     assert {run.run_id for run in read_manifests(tmp_path / "c")} == {EARLY, LATE}
     assert (merged.n_cells, merged.n_there, merged.damaged) == (4, 0, ())
     assert merged.taken == {two[0]: (2, 2), two[1]: (2, 2)}
-    (case,) = collect(tmp_path / "c")
+    (case,) = StoredResults.read(tmp_path / "c").cases
     assert set(case.competitors) == {"knn", "vjm"}
     assert len(read_data(tmp_path / "c", case.name.data_sha256).samples) == 12
 
@@ -188,7 +188,7 @@ def test_a_record_under_another_cells_name_is_left_out(tmp_path):
     (result,) = read_results(folder)
     forget(folder, result.cell.key)
     vars(result.cell)["key"] = "../../evil"
-    ResultStore(folder).write_cell(result)
+    ResultStore(folder).write_cells([result])
     merged = merge([folder], tmp_path / "c", NOTHING)
     assert len(merged.damaged) == 1 and not read_results(tmp_path / "c")
 

@@ -78,7 +78,7 @@ CURVES = {"none": np.empty((0, 3)), "fit": np.array([[1.0, 0.1, math.nan], [2.0,
     ids=["curves", "intervals", "no intervals", "failure"],
 )
 def test_a_cell_comes_back_as_it_was_written_to_the_last_bit(tmp_path, written):
-    ResultStore(tmp_path).write_cell(written)
+    ResultStore(tmp_path).write_cells([written])
     back = only(tmp_path)
     plain = [asdict(replace(one, records=tuple(one.records))) for one in (back, written)]
     np.testing.assert_equal(*plain)
@@ -88,7 +88,7 @@ def test_a_cell_comes_back_as_it_was_written_to_the_last_bit(tmp_path, written):
 
 
 def test_metrics_are_plain_rows_that_pandas_reads(tmp_path):
-    ResultStore(tmp_path).write_cell(result())
+    ResultStore(tmp_path).write_cells([result()])
     with closing(sqlite3.connect(tmp_path / FILE)) as db:
         table = pd.read_sql("SELECT model, metric, axis, value, unit FROM metric", db)
     assert table.to_dict("records") == [
@@ -166,7 +166,7 @@ def test_samples_that_are_damaged_are_said_to_be_and_written_anew(tmp_path, fanu
 
 def test_results_are_read_in_the_order_of_keys_failures_too_or_some_by_their_keys(tmp_path):
     keys = many(tmp_path, 5)
-    ResultStore(tmp_path).write_cell(failure(cell=replace(CELL, split_index=9)))
+    ResultStore(tmp_path).write_cells([failure(cell=replace(CELL, split_index=9))])
     found = {one.cell.key: one.failure for one in read_results(tmp_path)}
     assert list(found) == sorted(found) and len(found) == 6
     assert [text for text in found.values() if text] == ["it broke"]
@@ -187,7 +187,7 @@ def test_a_folder_without_a_file_or_whose_tables_are_still_to_be_made_holds_noth
     with pytest.raises(StoreError, match="holds no data set"):
         read_data(tmp_path, "00")
     assert [path.name for path in tmp_path.iterdir()] == [FILE] * there
-    ResultStore(tmp_path).write_cell(result())
+    ResultStore(tmp_path).write_cells([result()])
     assert only(tmp_path).status == "ok"
 
 
@@ -216,7 +216,7 @@ def test_a_folder_without_a_file_or_whose_tables_are_still_to_be_made_holds_noth
     ],
 )
 def test_no_number_or_text_of_a_cell_can_change_unnoticed(tmp_path, statement):
-    ResultStore(tmp_path).write_cell(result())
+    ResultStore(tmp_path).write_cells([result()])
     change(tmp_path, statement)
     with pytest.raises(DamagedFile, match="damaged: cell"):
         read_results(tmp_path)
@@ -245,7 +245,7 @@ def test_a_changed_manifest_is_found_and_taken_out_by_the_next_run(tmp_path, sta
 def test_text_that_no_file_can_hold_is_stored_with_a_question_mark(tmp_path):
     """A file's name on a command line may hold bytes that are no character."""
     store = ResultStore(tmp_path)
-    store.write_cell(failure(failure="M\xfcller \udcff.csv", log=("\udcfe",)))
+    store.write_cells([failure(failure="M\xfcller \udcff.csv", log=("\udcfe",))])
     store.write_manifest(replace(MANIFEST, command="\udcff", environment={"LC_x": "\udcfd"}))
     assert (only(tmp_path).failure, only(tmp_path).log) == ("M\xfcller ?.csv", ("?",))
     assert [(run.command, run.environment) for run in read_manifests(tmp_path)] == [
@@ -255,7 +255,7 @@ def test_text_that_no_file_can_hold_is_stored_with_a_question_mark(tmp_path):
 
 def test_a_write_that_fails_leaves_what_was_there_and_no_folder_is_made_in_a_file(tmp_path):
     store = ResultStore(tmp_path)
-    store.write_cell(result())
+    store.write_cells([result()])
 
     def breaks():
         yield result(warnings=())
@@ -279,11 +279,11 @@ def test_a_key_is_the_same_in_every_version():
 def test_the_newest_record_of_a_cell_counts_but_no_failure_replaces_a_result(tmp_path, status):
     store = ResultStore(tmp_path)
     for run_id in ("r1", "r2"):
-        store.write_cell(failure(status=status, run_id=run_id))
+        store.write_cells([failure(status=status, run_id=run_id)])
         assert (only(tmp_path).run_id, store.result(CELL.key)) == (run_id, None)
     for run_id in ("r1", "r2"):
-        store.write_cell(result(run_id=run_id))
-        store.write_cell(failure(status=status, run_id="r3"))
+        store.write_cells([result(run_id=run_id)])
+        store.write_cells([failure(status=status, run_id="r3")])
         assert only(tmp_path).run_id == store.result(CELL.key).run_id == run_id
     assert only(tmp_path).records == result().records
 
@@ -318,7 +318,7 @@ def test_a_file_that_is_no_database_is_said_and_set_aside_by_the_next_run(tmp_pa
     store = ResultStore(tmp_path)
     told: list[DamagedFile] = []
     repair(tmp_path, told.append)
-    store.write_cell(result())
+    store.write_cells([result()])
     assert told and only(tmp_path).status == "ok"
     (tmp_path / FILE).write_bytes(b"rubbish")
     repair(tmp_path, told.append)
@@ -376,7 +376,7 @@ from stored_cells import CELL, result
 from stiff_bench.store.database import ResultStore
 store = ResultStore(Path(sys.argv[1]))
 for index in range(100_000):
-    store.write_cell(result(cell=replace(CELL, split_index=index)))
+    store.write_cells([result(cell=replace(CELL, split_index=index))])
     print(index, flush=True)
 """
 
@@ -405,7 +405,7 @@ def test_a_transaction_waits_for_the_disk_and_its_journal_is_taken_back(tmp_path
 def test_readers_do_not_keep_a_writer_waiting(tmp_path):
     many(tmp_path, 10)
     for found in stored_results(tmp_path):
-        ResultStore(tmp_path).write_cell(replace(found, warnings=()))
+        ResultStore(tmp_path).write_cells([replace(found, warnings=())])
     assert {one.warnings for one in read_results(tmp_path)} == {()}
 
 
@@ -416,4 +416,4 @@ def test_another_process_that_holds_the_file_too_long_is_said(tmp_path, monkeypa
         writing(tmp_path),
         pytest.raises(StoreError, match=r"locked.*network file systems"),
     ):
-        ResultStore(tmp_path).write_cell(result())
+        ResultStore(tmp_path).write_cells([result()])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_models.transfer.freeze import stages
+from stiff_models.transfer.freeze import named_layers, stages
 from stiff_protocols.contract.errors import ConfigError
 
 
@@ -45,3 +45,8 @@ def test_lp_ft_trains_the_head_first_and_then_everything():
 def test_an_impossible_strategy_is_refused_with_what_is_valid(freeze):
     with pytest.raises(ConfigError, match=r"valid"):
         plan(freeze)
+
+
+def test_the_layers_that_a_strategy_names_are_those_written_and_none_of_another_strategy():
+    assert named_layers("layers:1,out") == ("1", "out")
+    assert named_layers("first:2") == named_layers("full") == named_layers("") == ()
