@@ -132,7 +132,10 @@ def _verdict(board: Leaderboard) -> str:
     named = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
     if alike:
         return f"{text} No significant difference from it: {named}."
-    worse = n_cases == 1 or all(one.within_cd is False for one in others)
+    if n_cases == 1:
+        worse = all(one.like_best == 0 for one in others)  # None: no test applies
+    else:
+        worse = all(one.within_cd is False for one in others)
     losers = "All others are" if len(others) > 1 else f"{others[0].name} is"
     return f"{text} {losers} significantly worse." if worse else text
 
