@@ -335,7 +335,7 @@ def _places(report: Report, places: Sequence[Place]) -> Table:
         ],
         [
             [
-                *(place_text(place), place.factor.kind, place.n_samples, len(place.a.poses)),
+                *(place_text(place), place.factor.kind, place.n_samples, place.errors.n_tested),
                 *(*_numbers(place.means, place.estimate), VERDICTS[place.verdict]),
             ]
             for place in places

@@ -16,7 +16,10 @@ MOST_MODELS = 40
 
 
 def pair_table(section: Section, board: Leaderboard) -> Table:
-    """Return a row and a column for each model, with the verdicts of `bench compare`."""
+    """Return a row and a column for each model, with verdicts on the splits that all have.
+
+    They are those of `bench compare`, which leaves out the splits that one of its two lacks alone.
+    """
     counts, n_left_out = _counts(section)
     models = [name for name in section.models if any(name in pair for pair in counts)]
     numbers = [str(number) for number in range(1, len(models) + 1)]

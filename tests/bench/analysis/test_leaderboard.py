@@ -222,7 +222,8 @@ def test_the_interval_of_one_case_is_that_of_the_ranks_over_its_poses(made, rng)
     }
     made.add_each({model: [error] for model, error in errors.items()}, rows=np.arange(N_POSES))
     poses = [f"P{pose:02d}" for pose in range(N_POSES)]
-    drawn = resampled_means([pose_errors(poses, errors[m][:, None] * 1e-3) for m in "abc"])
+    of_models = np.column_stack([errors[model] * 1e-3 for model in "abc"])
+    drawn = resampled_means(pose_errors(poses, of_models))
     low, high = np.quantile(stats.rankdata(drawn, axis=1), [0.025, 0.975], axis=0)
     ranked = {model.name: model for model in board_of(made).sections[0].ranked}
     means = [errors[m].mean() for m in "abc"]
