@@ -243,11 +243,12 @@ def _analyses(section: Section, board: Leaderboard) -> Table:
             continue
         types |= {robot.type for robot in analysis.families}
         upper = np.triu_indices(len(analysis.models), k=1)
+        conover = None if outcome.conover is None else outcome.conover < LEVEL
         told = [
-            None
-            if p is None or not analysis.differs
-            else Quantity(share=(int((p[upper] < LEVEL).sum()), len(p[upper])))
-            for p in (outcome.nemenyi, outcome.conover)
+            Quantity(share=(int(apart[upper].sum()), len(upper[0])))
+            if apart is not None and analysis.differs
+            else None
+            for apart in (analysis.apart, conover)
         ]
         groups = [f"{{{', '.join(analysis.models[i] for i in group)}}}" for group in outcome.groups]
         rows.append(

@@ -296,6 +296,8 @@ def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
     # Nemenyi: 2.343 sqrt(3 * 4 / (6 * 5)) = 1.48 (Demsar 2006, table 5)
     assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
     assert [model.within_cd for model in section.ranked] == [True, True, False]
+    assert np.argwhere(analysis.apart).tolist() == [[0, 2], [2, 0]]  # a and c
+    assert cells(board, "Critical difference over robots")["holdout"][4] == "1 of 3"
     text = text_of(board)
     assert "{a, b}, {b, c}" in text and "5 x twin" in text
     # all five agree, so that Conover's test has no residual
