@@ -67,7 +67,7 @@ def _cells(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> lis
     values = metric_values(results, metrics) if results else {}
     return [
         Name(competitor.name, mark_of(competitor.shown)),
-        *(name.dataset, name.protocol, name.condition or "-", name.seed),
+        *(name.dataset, name.protocol, name.condition or None, name.seed),
         Quantity(share=(len(results), n_asked)),
         *(cell for metric in metrics for cell in metric_cells(values, [metric])),
     ]

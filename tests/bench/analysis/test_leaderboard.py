@@ -483,6 +483,10 @@ def test_csv_holds_the_ranks_and_json_every_score_with_the_reason_of_a_missing_o
         values[row["model"]].append(row["values"][0])
     assert [one["value"] for one in values["a"]] == pytest.approx([1.0, 1.0, 3.0])
     assert [one.get("status") for one in values["d"]] == [None, "not run", "not run"]
+    assert {row["within CD of the best"] for row in tables[0]["rows"]} == {None}  # three robots
+    (score, *_) = tables[1]["rows"][0]["values"]
+    assert (score["metric"], score["axis"]) == ("norm", "")  # as in tables of `bench run`
+    assert (score["datasets"], score["seeds"]) == ([*TWINS[:3]], [0])
 
 
 def test_the_command_prints_the_board_and_loads_neither_torch_nor_pinocchio(made):
