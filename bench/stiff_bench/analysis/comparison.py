@@ -34,6 +34,7 @@ from stiff_bench.store.names import CaseName, grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
 from stiff_bench.tables.metric_table import TRAINING_MARK
+from stiff_bench.tables.units import first_few
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.record import Presentation
 from stiff_protocols.contract.types import AXES, FloatArray, IntArray
@@ -297,7 +298,7 @@ def across_datasets(comparisons: Sequence[Comparison]) -> Iterator[Across]:
 
 
 @dataclass(frozen=True)
-class Report:
+class ModelComparison:
     """Two models wherever both were run.
 
     Attributes:
@@ -328,7 +329,7 @@ def compare_folder(
     datasets: Sequence[str] = (),
     protocols: Sequence[str] = (),
     conditions: Sequence[str] = (),
-) -> Report:
+) -> ModelComparison:
     """Compare two models in every case in which both have results on the same splits.
 
     The words are those of `Results.compare`.
@@ -360,14 +361,14 @@ def compare_folder(
         except DataError as error:
             notes.append(f"not compared: {called[case.name]}: {error}.")
     if not comparisons:
-        where_run = "; ".join(f"{name} was run in {_few(places)}" for name, places in run.items())
+        where_run = "; ".join(f"{name} was run in {_named(places)}" for name, places in run.items())
         others = "".join(f"; {line}" for line in same_name_other_data(chosen, data_of))
         raise ConfigError(
             " ".join(notes) or f"{a} and {b} have no comparison in common: {where_run}{others}"
         )
     for name, other in ((a, b), (b, a)):
         if alone := [place for place in run[name] if place not in run[other]]:
-            notes.append(f"{name} alone was run in {_few(alone)}.")
+            notes.append(f"{name} alone was run in {_named(alone)}.")
     where = None
     if len(shared) == 1:
         data = data_of(shared[0].name.data_sha256)
@@ -378,7 +379,7 @@ def compare_folder(
         name: Counter(one.run_id for case, slots in used for one in case.results(name, slots))
         for name in (a, b)
     }
-    return Report(
+    return ModelComparison(
         a=a,
         b=b,
         question=question,
@@ -405,6 +406,5 @@ def under(conditions: Sequence[str], cases: Sequence[Case]) -> list[Case]:
     return [names[name] for name in sorted(names, key=lambda one: (natural_key(one.text), one))]
 
 
-def _few(names: Sequence[str]) -> str:
-    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return ", ".join(f"({name})" for name in names[:3]) + more or "none of these"
+def _named(names: Sequence[str]) -> str:
+    return first_few([f"({name})" for name in names]) or "none of these"
