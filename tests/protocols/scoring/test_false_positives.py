@@ -199,9 +199,10 @@ def bootstrap_rate(a, b):
     """Return how often the interval over poses of equal models leaves zero out.
 
     Args:
-        a, b: (data sets, poses) absolute errors of one row a pose.
+        a, b: (data sets, tested poses) absolute errors of one row a pose.
     """
-    of_poses = pose_errors(np.arange(a.shape[1]), np.concatenate([a, b]).T)
+    tested = np.arange(a.shape[1])
+    of_poses = pose_errors(np.arange(N_POSES), np.concatenate([a, b]).T, tested)
     pairs = [(column, len(a) + column) for column in range(len(a))]
     (intervals,) = estimates(SharedErrors(None, 0.0, of_poses), pairs, Question())
     rate = np.mean([one.low > 0 or one.high < 0 for one in intervals])
@@ -219,7 +220,7 @@ def test_the_bootstrap_over_31_poses_is_a_little_narrow_even_for_fixed_models():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("spread", "at_least"), [(0.1, 0.10), (0.2, 0.20)])
+@pytest.mark.parametrize(("spread", "at_least"), [(0.1, 0.10), (0.2, 0.18)])
 def test_the_bootstrap_over_poses_does_not_cover_that_a_fit_ends_elsewhere_each_time(
     spread, at_least
 ):
