@@ -23,21 +23,22 @@ from stiff_bench.analysis.critical_difference import dataset_of, family_of
 from stiff_bench.analysis.verdict import (
     Estimate,
     Question,
+    SharedErrors,
     Verdict,
     corrected,
     decide,
-    estimates_over_poses,
-    estimates_over_splits,
+    estimates,
 )
 from stiff_bench.analysis.where import Where, where_better
 from stiff_bench.store.names import CaseName, grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
 from stiff_bench.tables.metric_table import TRAINING_MARK
+from stiff_bench.tables.units import first_few
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.record import Presentation
-from stiff_protocols.contract.types import AXES, FloatArray, IntArray, TextArray
-from stiff_protocols.scoring.bootstrap import pose_errors
+from stiff_protocols.contract.types import AXES, FloatArray, IntArray
+from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
 from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
 from stiff_protocols.scoring.paired import wilcoxon_signed_rank
 from stiff_protocols.scoring.ranks import FEWEST_DATASETS
@@ -138,6 +139,17 @@ class PairedErrors:
         """(n,) lengths of A's errors at these rows, and of B's, m."""
         return np.concatenate(self.a)[:, -1], np.concatenate(self.b)[:, -1]
 
+    @property
+    def columns(self) -> FloatArray:
+        """(n, 8) all errors of A at these rows, then those of B, m."""
+        return np.column_stack([np.concatenate(self.a), np.concatenate(self.b)])
+
+    @property
+    def means(self) -> FloatArray:
+        """(J, 8) their means on each split, m."""
+        of_a, of_b = ([one.mean(axis=0) for one in errors] for errors in (self.a, self.b))
+        return np.column_stack([of_a, of_b])
+
 
 def paired_errors(case: Case, a: str, b: str) -> PairedErrors:
     """Return the errors of two models of a case on the splits that both have.
@@ -173,7 +185,9 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
     shown, results = case.competitors[a].shown, case.results(a, case.shared_slots([a, b]))
     n_train, n_test = split_sizes(results)
     share = test_share(results, data) if len(results) > 1 and not shown.pooled else None
-    pose_id = data.samples.pose_id[paired.rows]
+    of_poses = pose_errors(data.samples.pose_id, paired.columns, paired.rows)
+    if of_poses.n_tested < 2:
+        raise DataError("a bootstrap over poses needs at least 2 poses, there is 1")
     return Comparison(
         name=case.name,
         a=shown,
@@ -181,32 +195,32 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
         n_splits=len(results),
         n_train=n_train,
         n_test=n_test,
-        n_poses=len(np.unique(pose_id)),
-        rows=tuple(_rows(paired, pose_id, share, question)),
+        n_poses=of_poses.n_tested,
+        rows=tuple(_rows(paired, of_poses, share, question)),
         missing=tuple(_missing(case, a, b)),
     )
 
 
 def _rows(
-    paired: PairedErrors, pose_id: TextArray, test_share: float | None, question: Question
+    paired: PairedErrors, of_poses: PoseErrors, test_share: float | None, question: Question
 ) -> Iterator[Row]:
     """Yield the rows with their verdicts; over splits too where these have a test share."""
-    a, b = (pose_errors(pose_id, np.concatenate(errors)) for errors in (paired.a, paired.b))
-    over_poses = _corrected_over_axes(estimates_over_poses(a, b, question))
-    means = np.column_stack([a.mean, b.mean])  # (4, 2) m
-    over_splits: Sequence[Estimate | None] = [None] * len(ERRORS)
-    if test_share is not None:
-        of_a, of_b = (
-            np.array([errors.mean(axis=0) for errors in of_model])  # (J, 4) m
-            for of_model in (paired.a, paired.b)
+    of_splits = paired.means if test_share is not None else None  # (J, 8) m
+    means = of_poses.mean if of_splits is None else of_splits.mean(axis=0)
+    errors = SharedErrors(of_splits, test_share or 0.0, of_poses, question.seed)
+    n = len(ERRORS)
+    pairs = [(column, n + column) for column in range(n)]
+    found = estimates(errors, pairs, question, all_p_values=True)
+    of_rows = zip(*map(_corrected_over_axes, found), strict=True)
+    for (column, other), error, of_row in zip(pairs, ERRORS, of_rows, strict=True):
+        *over_splits, over_poses = of_row
+        yield Row(
+            error=error,
+            means=(float(means[column]), float(means[other])),
+            over_splits=over_splits[0] if over_splits else None,
+            over_poses=over_poses,
+            verdict=decide(of_row, question.confidence),
         )
-        over_splits = _corrected_over_axes(estimates_over_splits(of_a - of_b, test_share, question))
-        means = np.column_stack([of_a.mean(axis=0), of_b.mean(axis=0)])
-    for error, (mean_a, mean_b), splits, poses in zip(
-        ERRORS, means.tolist(), over_splits, over_poses, strict=True
-    ):
-        verdict = decide([poses] if splits is None else [splits, poses], question.confidence)
-        yield Row(error, (mean_a, mean_b), splits, poses, verdict)
 
 
 def _corrected_over_axes(estimates: Sequence[Estimate]) -> list[Estimate]:
@@ -284,7 +298,7 @@ def across_datasets(comparisons: Sequence[Comparison]) -> Iterator[Across]:
 
 
 @dataclass(frozen=True)
-class Report:
+class ModelComparison:
     """Two models wherever both were run.
 
     Attributes:
@@ -315,7 +329,7 @@ def compare_folder(
     datasets: Sequence[str] = (),
     protocols: Sequence[str] = (),
     conditions: Sequence[str] = (),
-) -> Report:
+) -> ModelComparison:
     """Compare two models in every case in which both have results on the same splits.
 
     The words are those of `Results.compare`.
@@ -347,14 +361,14 @@ def compare_folder(
         except DataError as error:
             notes.append(f"not compared: {called[case.name]}: {error}.")
     if not comparisons:
-        where_run = "; ".join(f"{name} was run in {_few(places)}" for name, places in run.items())
+        where_run = "; ".join(f"{name} was run in {_named(places)}" for name, places in run.items())
         others = "".join(f"; {line}" for line in same_name_other_data(chosen, data_of))
         raise ConfigError(
             " ".join(notes) or f"{a} and {b} have no comparison in common: {where_run}{others}"
         )
     for name, other in ((a, b), (b, a)):
         if alone := [place for place in run[name] if place not in run[other]]:
-            notes.append(f"{name} alone was run in {_few(alone)}.")
+            notes.append(f"{name} alone was run in {_named(alone)}.")
     where = None
     if len(shared) == 1:
         data = data_of(shared[0].name.data_sha256)
@@ -365,7 +379,7 @@ def compare_folder(
         name: Counter(one.run_id for case, slots in used for one in case.results(name, slots))
         for name in (a, b)
     }
-    return Report(
+    return ModelComparison(
         a=a,
         b=b,
         question=question,
@@ -392,6 +406,5 @@ def under(conditions: Sequence[str], cases: Sequence[Case]) -> list[Case]:
     return [names[name] for name in sorted(names, key=lambda one: (natural_key(one.text), one))]
 
 
-def _few(names: Sequence[str]) -> str:
-    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return ", ".join(f"({name})" for name in names[:3]) + more or "none of these"
+def _named(names: Sequence[str]) -> str:
+    return first_few([f"({name})" for name in names]) or "none of these"

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from stiff_bench.analysis.comparison import NORM, Across, Comparison, Report, Row
+from stiff_bench.analysis.comparison import NORM, Across, Comparison, ModelComparison, Row
 from stiff_bench.analysis.verdict import Estimate, Verdict, decide
 from stiff_bench.analysis.where import Place
 from stiff_bench.store.names import label_parts, labels
@@ -28,7 +28,7 @@ SELECTS_ON_TEST = "selects on the test part"
 """Stands beside a case whose protocol lets models do so."""
 
 
-def render_report(report: Report, fmt: str, command: str) -> str:
+def render_report(report: ModelComparison, fmt: str, command: str) -> str:
     """Return the report as text of the given format: the headline, the tables.
 
     csv has the estimates alone, json all tables and all notes.
@@ -44,7 +44,7 @@ def render_report(report: Report, fmt: str, command: str) -> str:
     return render(tables, fmt, command, text=sentence(report), about=about | asked)
 
 
-def comparison_tables(report: Report) -> dict[str, Table]:
+def comparison_tables(report: ModelComparison) -> dict[str, Table]:
     """Return name -> table; the last one has the notes."""
     if len(report.comparisons) > 1:
         named = {"cases": _cases(report)}
@@ -59,7 +59,7 @@ def comparison_tables(report: Report) -> dict[str, Table]:
     return named
 
 
-def sentence(report: Report) -> str:
+def sentence(report: ModelComparison) -> str:
     """Return the result in one sentence, or more where some verdicts are of one training alone.
 
     Among several cases those that select on the test part are counted apart.
@@ -81,7 +81,7 @@ def sentence(report: Report) -> str:
     return " ".join(parts)
 
 
-def _counts(report: Report, found: Sequence[Comparison], kind: str) -> str:
+def _counts(report: ModelComparison, found: Sequence[Comparison], kind: str) -> str:
     count = Counter(one.row(NORM).verdict for one in found)
     return (
         f"Of {counted(len(found), 'comparison')}{kind}: {report.a} better in {count['a']}, "
@@ -90,7 +90,7 @@ def _counts(report: Report, found: Sequence[Comparison], kind: str) -> str:
     )
 
 
-def _of_one(report: Report, found: Comparison) -> str:
+def _of_one(report: ModelComparison, found: Comparison) -> str:
     name, row = found.name, found.row(NORM)
     fits = "" if found.over_splits else "these fits"
     splits = counted(found.n_splits, "split")
@@ -117,7 +117,7 @@ def _of_one(report: Report, found: Comparison) -> str:
     )
 
 
-def _rope(report: Report) -> str:
+def _rope(report: ModelComparison) -> str:
     return f"{MM * report.question.rope:g} mm"
 
 
@@ -126,7 +126,7 @@ def _chance(chance: float) -> str:
     return "> 0.99" if chance > 0.99 else "< 0.01" if chance < 0.01 else f"{chance:.2f}"
 
 
-def _notes(report: Report) -> Iterator[str]:
+def _notes(report: ModelComparison) -> Iterator[str]:
     """Yield what must be read with the numbers, most important first."""
     for one in report.comparisons:
         if one.a.regime != one.b.regime:
@@ -156,7 +156,7 @@ def _notes(report: Report) -> Iterator[str]:
     yield from report.provenance
 
 
-def _estimates(report: Report) -> Table:
+def _estimates(report: ModelComparison) -> Table:
     """Return what each method says of each error in each case."""
     rows: list[list[Entry]] = []
     for one in report.comparisons:
@@ -190,7 +190,7 @@ def _p_text(found: Quantity) -> str:
     return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
-def _number_columns(report: Report) -> list[Column]:
+def _number_columns(report: ModelComparison) -> list[Column]:
     return [
         Column("A", unit=_UNIT, format=_LENGTH),
         Column("B", unit=_UNIT, format=_LENGTH),
@@ -218,7 +218,7 @@ def _interval(estimate: Estimate) -> Quantity:
     return Quantity(low=MM * estimate.low, high=MM * estimate.high)
 
 
-def _errors(report: Report) -> Table:
+def _errors(report: ModelComparison) -> Table:
     (found,) = report.comparisons
     name = found.name
     a, b = (marked(shown.model, mark_of(shown)) for shown in (found.a, found.b))
@@ -246,7 +246,7 @@ def _errors(report: Report) -> Table:
     )
 
 
-def _cases(report: Report) -> Table:
+def _cases(report: ModelComparison) -> Table:
     called = label_parts(one.name for one in report.comparisons)
     kinds = " and ".join(dict.fromkeys(one.a.kind for one in report.comparisons))
     return Table(
@@ -285,7 +285,7 @@ def _verdict(row: Row) -> str:
     return f"{VERDICTS[row.verdict]}{' (these fits)' if of_fits else ''}"
 
 
-def _shown_verdict(row: Row, report: Report) -> str:
+def _shown_verdict(row: Row, report: ModelComparison) -> str:
     """Return the verdict; where splits found a winner and the poses did not, that too."""
     if row.over_splits is None or row.verdict != "open":
         return _verdict(row)
@@ -293,7 +293,7 @@ def _shown_verdict(row: Row, report: Report) -> str:
     return f"{_verdict(row)}{' (poses)' if of_splits in ('a', 'b') else ''}"
 
 
-def _over_datasets(report: Report) -> Table:
+def _over_datasets(report: ModelComparison) -> Table:
     return Table(
         "Over data sets | mean 3-D error, mm",
         [
@@ -323,7 +323,7 @@ def _across_name(one: Across, among: Sequence[Across]) -> Name:
     return Name(text, SELECTS_ON_TEST if one.selects_on_test else "")
 
 
-def _places(report: Report, places: Sequence[Place]) -> Table:
+def _places(report: ModelComparison, places: Sequence[Place]) -> Table:
     columns = _number_columns(report)
     return Table(
         "Where each is better (these fits) | mean 3-D error, mm",
@@ -335,7 +335,7 @@ def _places(report: Report, places: Sequence[Place]) -> Table:
         ],
         [
             [
-                *(place_text(place), place.factor.kind, place.n_samples, len(place.a.poses)),
+                *(place_text(place), place.factor.kind, place.n_samples, place.errors.n_tested),
                 *(*_numbers(place.means, place.estimate), VERDICTS[place.verdict]),
             ]
             for place in places

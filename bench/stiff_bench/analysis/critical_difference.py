@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from stiff_bench.analysis.ranking import ScoredCase, complete_models
 from stiff_bench.analysis.verdict import decide, rank_difference
 from stiff_bench.store.names import CaseName, grouped
 from stiff_bench.tables.units import counted
+from stiff_protocols.contract.types import BoolArray
 from stiff_protocols.scoring.paired import LEVEL
 from stiff_protocols.scoring.ranks import OverDatasets, compare_over_datasets, why_not
 
@@ -108,13 +111,21 @@ class RankAnalysis:
         """Whether the Friedman test finds that the models differ; else no pair is looked at."""
         return self.outcome is not None and self.outcome.friedman_p < LEVEL
 
+    @cached_property
+    def apart(self) -> BoolArray:
+        """(m, m) whether Nemenyi's test finds that two models differ; of an outcome alone."""
+        outcome, apart = self.outcome, np.zeros((len(self.models),) * 2, dtype=np.bool_)
+        if outcome is not None:
+            for a, b in combinations(range(len(self.models)), 2):
+                verdict = decide([rank_difference(outcome, a, b)], 1.0 - LEVEL)
+                apart[a, b] = apart[b, a] = verdict != "open"
+        return apart
+
     def like_best(self, model: str) -> bool | None:
         """Say whether a model is not found worse than the best; None where there is no analysis."""
         if self.outcome is None:
             return None
-        best = int(self.outcome.mean_ranks.argmin())
-        difference = rank_difference(self.outcome, best, self.models.index(model))
-        return decide([difference], 1.0 - LEVEL) != "a"
+        return not self.apart[int(self.outcome.mean_ranks.argmin()), self.models.index(model)]
 
 
 def rank_analyses(scored: Sequence[ScoredCase]) -> list[RankAnalysis]:

@@ -5,6 +5,7 @@ docs/comparing.md says what the columns and marks mean.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -68,7 +69,7 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
             Quantity(low=model.low, high=model.high) if np.isfinite(model.low) else None,
             model.won,
             None if model.like_best is None else Quantity(share=(model.like_best, n_cases)),
-            {True: "yes", False: "no", None: "-"}[model.within_cd],
+            None if model.within_cd is None else "yes" if model.within_cd else "no",
             Quantity(share=(n_cases, n_cases)),
         ]
         for model in section.ranked
@@ -170,8 +171,8 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
             datasets = dict.fromkeys(dataset_of(one.name) for one in members)
             seeds = sorted({one.name.seed for one in members})
             about = {
-                **{"metric": key.text, "protocol": protocol, "condition": condition},
-                **{"datasets": " ".join(datasets), "seeds": " ".join(map(str, seeds))},
+                **{"metric": key.metric.key, "axis": key.axis, "protocol": protocol},
+                **{"condition": condition, "datasets": [*datasets], "seeds": seeds},
             }
             several = [counted(len(datasets), "data set")] if n_datasets > 1 else []
             counts = ", ".join([*several, *_several(seeds, "seed")])
@@ -243,11 +244,12 @@ def _analyses(section: Section, board: Leaderboard) -> Table:
             continue
         types |= {robot.type for robot in analysis.families}
         upper = np.triu_indices(len(analysis.models), k=1)
+        conover = None if outcome.conover is None else outcome.conover < LEVEL
         told = [
-            None
-            if p is None or not analysis.differs
-            else Quantity(share=(int((p[upper] < LEVEL).sum()), len(p[upper])))
-            for p in (outcome.nemenyi, outcome.conover)
+            Quantity(share=(int(apart[upper].sum()), len(upper[0])))
+            if apart is not None and analysis.differs
+            else None
+            for apart in (analysis.apart, conover)
         ]
         groups = [f"{{{', '.join(analysis.models[i] for i in group)}}}" for group in outcome.groups]
         rows.append(
@@ -340,7 +342,8 @@ def _time(found: Quantity) -> str:
 
 def _three_digits(value: float) -> str:
     """Return a positive number with three digits that count: 0.0123, 1.23, 12,300."""
-    return f"{float(f'{value:.3g}'):,.15g}"
+    decimals = 2 - math.floor(math.log10(value)) if value > 0.0 else 0
+    return f"{round(value, decimals):,.15g}"
 
 
 _COSTS = {

@@ -16,10 +16,10 @@ from stiff_bench.store.names import CaseName, grouped
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import pooled_prediction
-from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BoolArray, FloatArray
-from stiff_protocols.scoring.bootstrap import PoseErrors, resampled_means
+from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
 from stiff_protocols.scoring.paired import ROPE_M, ranked
 
 
@@ -176,8 +176,19 @@ class Ranking:
         return np.asarray(self.ranks == self.ranks.min())
 
     @cached_property
-    def _pose_errors(self) -> list[PoseErrors] | None:
-        """The models' errors on all poses of the data set; None: the metric is no mean over rows.
+    def errors(self) -> SharedErrors:
+        """What the verdicts are made from, a column a model."""
+        scored = self.scored
+        scores = np.column_stack([scored.scores[model] for model in self.models])  # (J, m)
+        return SharedErrors(
+            of_splits=scored.key.sign * scores if len(scores) > 1 else None,
+            test_share=test_share(scored.results[self.models[0]], scored.data),
+            of_poses=self._pose_errors(),
+            seed=scored.seed,
+        )
+
+    def _pose_errors(self) -> PoseErrors | None:
+        """Return the models' errors on the poses of the data set; None: no mean over rows.
 
         A pose that is not tested here has no rows, so that cases with different test poses of
         one data set are drawn together.
@@ -185,26 +196,11 @@ class Ranking:
         key = self.scored.key
         if not key.resamples:
             return None
-        poses, pose_of_row = np.unique(self.scored.data.samples.pose_id, return_inverse=True)
-        found = []
-        for model in self.models:
-            prediction = pooled_prediction(self.scored.results[model])
-            pose, errors = pose_of_row[prediction.rows], key.of_rows(prediction)
-            totals = np.bincount(pose, weights=errors, minlength=len(poses)).astype(np.float64)
-            counts = np.bincount(pose, minlength=len(poses))
-            found.append(PoseErrors(poses, totals[:, None], counts))
-        return found
-
-    @cached_property
-    def drawn_means(self) -> FloatArray | None:
-        """The (B, m) mean errors on draws of the data set's poses; None: the metric has none.
-
-        NaN where a draw holds no tested pose.
-        """
-        if self._pose_errors is None:
-            return None
-        with np.errstate(invalid="ignore"):
-            return resampled_means(self._pose_errors, seed=self.scored.seed)
+        first, *others = found = [pooled_prediction(self.scored.results[m]) for m in self.models]
+        if not all(np.array_equal(first.rows, other.rows) for other in others):
+            raise DataError("only models that were tested on the same rows can be compared")
+        errors = np.column_stack([key.of_rows(prediction) for prediction in found])  # (n, m)
+        return pose_errors(self.scored.data.samples.pose_id, errors, first.rows)
 
     @cached_property
     def like_best(self) -> BoolArray | None:
@@ -228,15 +224,8 @@ class Ranking:
         key = self.scored.key
         if key.is_cost:
             return None
-        scores = np.column_stack([self.scored.scores[model] for model in self.models])  # (J, m)
-        errors = SharedErrors(
-            of_splits=key.sign * scores if len(scores) > 1 else None,
-            test_share=test_share(self.scored.results[self.models[0]], self.scored.data),
-            of_poses=self._pose_errors,
-            drawn=self.drawn_means,
-        )
         rope = ROPE_M if key.metric.unit == "m" else 0.0
-        return decide_pairs(errors, pairs, Question(rope, seed=self.scored.seed), correct=correct)
+        return decide_pairs(self.errors, pairs, Question(rope), correct=correct)
 
 
 def times_like_best(rankings: Sequence[Ranking]) -> FloatArray | None:

@@ -1,6 +1,7 @@
 """Is A better than B? `decide` is the one rule of compare, leaderboard, report and CD diagrams.
 
-How often it finds a winner between equal models is counted in
+What it decides on is made by `estimates`, whoever asks, or by `rank_difference` of mean ranks. How
+often it finds a winner between equal models is counted in
 tests/protocols/scoring/test_false_positives.py.
 """
 
@@ -8,17 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from stiff_protocols.contract.types import FloatArray
-from stiff_protocols.scoring.bootstrap import (
-    PoseErrors,
-    bootstrap_difference,
-    pose_differences,
-    resampled_means,
-)
+from stiff_protocols.scoring.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.scoring.paired import (
     LEVEL,
     ROPE_M,
@@ -90,48 +87,75 @@ def corrected(results: Sequence[Estimate]) -> list[Estimate]:
     return [replace(result, p_value=p) for result, p in zip(results, p_values, strict=True)]
 
 
-def estimates_over_splits(
-    differences: FloatArray, test_share: float, question: Question
-) -> list[Estimate]:
-    """Return an estimate for each column of the (J, k) differences of the splits, m."""
-    estimates = []
-    for column in differences.T:
-        found = corrected_t(column, test_share)
-        interval, posterior = found.interval(question.confidence), found.posterior(question.rope)
-        estimates.append(Estimate(*interval, found.p_value, posterior))
-    return estimates
+@dataclass(frozen=True, eq=False)
+class SharedErrors:
+    """Errors on the same rows, in SI units; smaller is better.
 
+    A column is a model, or one axis of a model.
 
-def estimates_over_poses(a: PoseErrors, b: PoseErrors, question: Question) -> list[Estimate]:
-    """Return an estimate for each column of the errors, the fitted models held fixed.
-
-    The interval is the BCa bootstrap's over poses, the probabilities are shares of the resamples,
-    and the p-value, not corrected, is Wilcoxon's over the poses' mean differences.
-
-    Raises:
-        DataError: there is one pose alone.
+    Attributes:
+        of_splits: (J, m) on each split; None where there is one, or all are scored together.
+        test_share: part of the data set (0..1) that a split tests on.
+        of_poses: m columns on all poses of the data set, tested or not, so that whoever asks gets
+            the same draws of them; None where the value is no mean over rows.
+        seed: of the draws.
     """
-    bounds = bootstrap_difference(a, b, confidence=question.confidence, seed=question.seed)
-    of_poses = pose_differences(a, b)  # (p, k) m
-    estimates = []
-    for column in range(of_poses.shape[1]):
-        pair = [PoseErrors(one.poses, one.totals[:, [column]], one.counts) for one in (a, b)]
-        drawn = resampled_means(pair, seed=question.seed)
-        p_value = wilcoxon_signed_rank(of_poses[:, column])
-        (estimate,) = estimates_over_draws(drawn[:, [0]] - drawn[:, [1]], [p_value], question)
-        low, high = float(bounds.low[column]), float(bounds.high[column])
-        estimates.append(replace(estimate, low=low, high=high))
-    return estimates
+
+    of_splits: FloatArray | None
+    test_share: float
+    of_poses: PoseErrors | None
+    seed: int = 0
+
+    @cached_property
+    def drawn(self) -> FloatArray | None:
+        """The (B, m) means on draws of the poses; NaN where a draw holds no tested pose."""
+        return None if self.of_poses is None else resampled_means(self.of_poses, seed=self.seed)
 
 
-def estimates_over_draws(
-    drawn: FloatArray, p_values: Sequence[float], question: Question
-) -> list[Estimate]:
-    """Return an estimate for each pair of models that share the draws of their poses.
+def estimates(
+    errors: SharedErrors,
+    pairs: Sequence[tuple[int, int]],
+    question: Question,
+    *,
+    all_p_values: bool = False,
+) -> list[list[Estimate]]:
+    """Return what each test that applies says of k pairs of columns, A and B, in tests of k.
 
-    `drawn` are the (B, k) differences of the mean errors on each draw, m, `p_values` the k of
-    Wilcoxon's test over the poses. The interval is the percentiles of the draws: BCa's takes 20 ms.
+    First the corrected t test over splits, where there are several; then, with the fitted models
+    held fixed, the tested poses: Wilcoxon's p-value, percentiles of the draws, and as probabilities
+    the shares of the draws.
+
+    Args:
+        errors: of the columns.
+        pairs: columns of A and of B.
+        question: what is asked of each pair.
+        all_p_values: Wilcoxon's also where the splits decide; else it is NaN there, because among
+            thousands of pairs it would take longer than all the rest.
     """
+    a, b = [one for one, _ in pairs], [other for _, other in pairs]
+    found: list[list[Estimate]] = []
+    if errors.of_splits is not None:
+        differences = errors.of_splits[:, a] - errors.of_splits[:, b]  # (J, k)
+        found.append([_over_splits(one, errors.test_share, question) for one in differences.T])
+    if errors.of_poses is not None and errors.drawn is not None:
+        drawn = errors.drawn[np.isfinite(errors.drawn[:, 0])]  # a tested pose is in it
+        needed = all_p_values or not found
+        p_values = [
+            wilcoxon_signed_rank(errors.of_poses.differences(i, j)) if needed else np.nan
+            for i, j in pairs
+        ]
+        found.append(_over_poses(drawn[:, a] - drawn[:, b], p_values, question))
+    return found
+
+
+def _over_splits(differences: FloatArray, test_share: float, question: Question) -> Estimate:
+    found = corrected_t(differences, test_share)
+    interval, posterior = found.interval(question.confidence), found.posterior(question.rope)
+    return Estimate(*interval, found.p_value, posterior)
+
+
+def _over_poses(drawn: FloatArray, p_values: Sequence[float], question: Question) -> list[Estimate]:
+    """Return an estimate for each column of the (B, k) differences on the draws, m."""
     tail = 0.5 * (1.0 - question.confidence)
     low, high = np.quantile(drawn, [tail, 1.0 - tail], axis=0)  # (k,)
     a_better = np.mean(drawn < -question.rope, axis=0)
@@ -148,6 +172,22 @@ def estimates_over_draws(
     ]
 
 
+def decide_pairs(
+    errors: SharedErrors, pairs: Sequence[tuple[int, int]], question: Question, *, correct: bool
+) -> list[Verdict] | None:
+    """Return the verdicts on k pairs; None where no test applies: one value, no poses behind it.
+
+    Where asked to, the p-values are corrected for the other pairs (Holm); the draws are not: among
+    many models Holm would ask for rarer events than they hold.
+    """
+    found = estimates(errors, pairs, question)
+    if not found:
+        return None
+    if correct:
+        found[0] = corrected(found[0])
+    return [decide(of_pair, question.confidence) for of_pair in zip(*found, strict=True)]
+
+
 def rank_difference(outcome: OverDatasets, a: int, b: int) -> Estimate:
     """Return what Nemenyi's test says about the mean ranks of two columns of an outcome.
 
@@ -158,54 +198,3 @@ def rank_difference(outcome: OverDatasets, a: int, b: int) -> Estimate:
     p_value = max(outcome.friedman_p, float(outcome.nemenyi[a, b]))
     nothing = Posterior(0.0, 0.0, 0.0)
     return Estimate(difference - reach, difference + reach, p_value, nothing)
-
-
-@dataclass(frozen=True, eq=False)
-class SharedErrors:
-    """Errors of m models that were tested on the same rows, in SI units; smaller is better.
-
-    Attributes:
-        of_splits: (J, m) on each split; None where there is one, or all are scored together.
-        test_share: part of the data set (0..1) that a split tests on.
-        of_poses: of each model, in one column; None where the value is no mean over rows.
-        drawn: (B, m) on draws of the poses, NaN where a draw holds no tested pose; None likewise.
-    """
-
-    of_splits: FloatArray | None
-    test_share: float
-    of_poses: Sequence[PoseErrors] | None
-    drawn: FloatArray | None
-
-
-def decide_pairs(
-    errors: SharedErrors, pairs: Sequence[tuple[int, int]], question: Question, *, correct: bool
-) -> list[Verdict] | None:
-    """Return the verdicts on k pairs; None where no test applies: one value, no poses behind it.
-
-    A winner needs the corrected t over splits, or Wilcoxon's test over poses where there are no
-    splits, and that the draws of the poses agree. `pairs` are columns of A and of B. Where asked
-    to, the p-values are corrected for the other pairs (Holm); the draws are not: among many models
-    Holm would ask for rarer events than they hold.
-    """
-    a, b = [one for one, _ in pairs], [other for _, other in pairs]
-    results: list[list[Estimate]] = []
-    if errors.of_splits is not None:
-        differences = errors.of_splits[:, a] - errors.of_splits[:, b]  # (J, k)
-        results.append(estimates_over_splits(differences, errors.test_share, question))
-        p_values = [estimate.p_value for estimate in results[0]]
-    elif errors.of_poses is not None:
-        p_values = [_signed_rank(errors.of_poses[i], errors.of_poses[j]) for i, j in pairs]
-    else:
-        return None
-    if errors.drawn is not None:
-        drawn = errors.drawn[np.isfinite(errors.drawn[:, 0])]  # a tested pose is in it
-        results.append(estimates_over_draws(drawn[:, a] - drawn[:, b], p_values, question))
-    if correct:
-        results[0] = corrected(results[0])
-    return [decide(of_pair, question.confidence) for of_pair in zip(*results, strict=True)]
-
-
-def _signed_rank(a: PoseErrors, b: PoseErrors) -> float:
-    """Return the p-value of Wilcoxon's test over the poses that were tested."""
-    tested = a.counts > 0
-    return wilcoxon_signed_rank((a.totals - b.totals)[tested, 0] / a.counts[tested])

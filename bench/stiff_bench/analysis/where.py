@@ -16,15 +16,16 @@ import numpy as np
 from stiff_bench.analysis.verdict import (
     Estimate,
     Question,
+    SharedErrors,
     Verdict,
     corrected,
     decide,
-    estimates_over_poses,
+    estimates,
 )
 from stiff_bench.store.names import grouped
 from stiff_bench.store.samples import StoredData
 from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
-from stiff_protocols.scoring.bootstrap import PoseErrors, pose_differences, pose_errors
+from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
 
 FactorKind = Literal["pose region", "load", "joint torque"]
 LEAST_SPREAD = 0.02
@@ -60,7 +61,7 @@ class Place:
         factor: what they were divided by.
         values: the factor's smallest and largest value there, or the name that all of them have.
         n_samples: different ones.
-        a, b: lengths of the errors on their poses, m, in one column.
+        errors: lengths of A's errors on their poses, and of B's, m.
         estimate: over its poses, with the fitted models held fixed; its p-value is corrected for
             all places that were looked at.
         verdict: of the estimate.
@@ -69,15 +70,15 @@ class Place:
     factor: Factor
     values: tuple[float, float] | str
     n_samples: int
-    a: PoseErrors
-    b: PoseErrors
+    errors: PoseErrors
     estimate: Estimate
     verdict: Verdict = "open"
 
     @property
     def means(self) -> tuple[float, float]:
         """Mean length of A's error, and of B's, m."""
-        return float(self.a.mean[0]), float(self.b.mean[0])
+        a, b = self.errors.mean.tolist()
+        return a, b
 
 
 @dataclass(frozen=True)
@@ -113,10 +114,10 @@ def where_better(
         for factor in factors(data)
         for place in _divided(factor, rows, a, b, data.samples.pose_id, question)
     ]
-    estimates = corrected([place.estimate for place in every])
+    for_all = corrected([place.estimate for place in every])
     places = [
         replace(place, estimate=one, verdict=decide([one], question.confidence))
-        for place, one in zip(every, estimates, strict=True)
+        for place, one in zip(every, for_all, strict=True)
     ]
     divisions = grouped(places, lambda place: place.factor).values()
     of_kinds = grouped(divisions, lambda division: division[0].factor.kind).values()
@@ -171,20 +172,19 @@ def _divided(
         return []
     places = []
     for name, chosen in parts:
-        of_a, of_b = (
-            pose_errors(pose_id[rows[chosen]], errors[chosen][:, None]) for errors in (a, b)
-        )
+        of_poses = pose_errors(pose_id[rows[chosen]], np.column_stack([a, b])[chosen])
         inside = values[chosen]
         ends = (float(inside.min()), float(inside.max())) if factor.unit else name
-        (estimate,) = estimates_over_poses(of_a, of_b, question)
+        errors = SharedErrors(None, 0.0, of_poses, question.seed)
+        ((estimate,),) = estimates(errors, [(0, 1)], question)
         n_samples = len(np.unique(rows[chosen]))
-        places.append(Place(factor, ends, n_samples, of_a, of_b, estimate))
+        places.append(Place(factor, ends, n_samples, of_poses, estimate))
     return places
 
 
 def _explained(parts: Sequence[Place]) -> float:
     """Return which share (0..1) of the poses' differences' variance lies between the parts."""
-    differences = [pose_differences(part.a, part.b)[:, 0] for part in parts]
+    differences = [part.errors.differences(0, 1) for part in parts]
     together = np.concatenate(differences)
     total = float(((together - together.mean()) ** 2).sum())
     between = sum(len(one) * (one.mean() - together.mean()) ** 2 for one in differences)

@@ -62,7 +62,7 @@ def _draw(analysis: RankAnalysis, ax: Axes) -> None:
     outcome, names = analysis.outcome, list(analysis.models)
     if outcome is None:
         return
-    p_values = outcome.nemenyi if analysis.differs else np.ones_like(outcome.nemenyi)
+    p_values = np.where(analysis.apart, 0.0, 1.0)  # the bars show who is apart, no more
     drawn = critical_difference_diagram(
         Series(outcome.mean_ranks, index=names),
         DataFrame(p_values, index=names, columns=names),

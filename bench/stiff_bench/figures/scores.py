@@ -40,10 +40,10 @@ def gather(source: FigureSource) -> Prepared:
     compared = source.compared(MOST_MODELS)
     pose_id = read_data(source.folder, compared.case.name.data_sha256).samples.pose_id
     tested = compared.tested
-    by_pose = [pose_errors(pose_id[one.rows], norm_errors(one)[:, None]) for one in tested.values()]
+    errors_of = np.column_stack([norm_errors(one) for one in tested.values()])  # (n, m) m
+    by_pose = pose_errors(pose_id[next(iter(tested.values())).rows], errors_of)
     low, high = np.quantile(resampled_means(by_pose), [LEVEL / 2, 1 - LEVEL / 2], axis=0)
-    mean = [one.mean.item() for one in by_pose]
-    errors = pd.DataFrame({"mean": mean, "low": low, "high": high}, index=[*tested])
+    errors = pd.DataFrame({"mean": by_pose.mean, "low": low, "high": high}, index=[*tested])
     caption = (
         "Mean 3-D error of the test samples of all splits, the best model first; bars: "
         f"{percent(1 - LEVEL)} bootstrap intervals over poses, with the fitted models held fixed. "

@@ -18,6 +18,7 @@ from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_models.physics.kinematics import gravity_torque
+from stiff_protocols.contract.identification import spring_key
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
 
@@ -98,8 +99,8 @@ def gather(source: FigureSource) -> Prepared:
 
 def _stiffness(data: StoredData, joint: int, segment: str = "") -> str:
     """Return the diagnostic that has the stiffness of a joint, or of a segment of its spring."""
-    unit = "Nm/rad" if data.torque_units[joint] == "Nm" else "N/m"
-    return f"stiffness {data.joint_names[joint]}{segment} [{unit}]"
+    name = f"{data.joint_names[joint]}{segment}"
+    return spring_key("stiffness", name, data.stiffness_units[joint])
 
 
 def _spring(found: Mapping[str, float], data: StoredData, joint: int) -> Spring:
@@ -109,7 +110,7 @@ def _spring(found: Mapping[str, float], data: StoredData, joint: int) -> Spring:
         found.get(f"prior {key}", np.nan) if np.isnan(found[key]) else found[key]
         for key in segments
     ]
-    bends = _numbered(found, lambda number: f"breakpoint {name} {number} [{unit}]")
+    bends = _numbered(found, lambda number: spring_key("breakpoint", f"{name} {number}", unit))
     return np.array([found[key] for key in bends]), np.array(stiffness)
 
 

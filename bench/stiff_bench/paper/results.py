@@ -14,13 +14,12 @@ from stiff_bench.paper.study import DATASET, SEED
 from stiff_bench.store.names import Variant
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import sources
-from stiff_bench.tables.units import counted
+from stiff_bench.tables.units import counted, first_few
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import CellResult
 
 REPRODUCE, FULL = "`bench reproduce`", "`bench reproduce --full`"
 """The commands that make results."""
-MOST_NAMES = 3  # of models that have no result
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +73,7 @@ class Found:
             yield f"No numbers: {reason}."
         if self.missing:
             names = [labels.get(model, model) for model in self.missing]
-            more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-            first = f"{', '.join(names[:MOST_NAMES])}{more}"
+            first = first_few(names)
             yield f"Without a result under {self.protocol}: {first}; {remedy} makes it."
 
 

@@ -33,6 +33,7 @@ from stiff_datasets.twin.calibrate import VjmFigures
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import unknown_name
+from stiff_protocols.contract.identification import spring_key
 from stiff_protocols.contract.types import AXES, Samples
 
 NEEDS_NO_RESULTS = {
@@ -85,7 +86,7 @@ def _vjm_figures() -> tuple[VjmFigures, ...]:
     figures = list[VjmFigures]()
     for samples, model in map(fitted_vjm, SPECIMENS):
         error = model.predict(samples.q, samples.wrench) - samples.deflection
-        names = [f"stiffness {joint} [Nm/rad]" for joint in published_stiffness()]
+        names = [spring_key("stiffness", joint, "Nm/rad") for joint in published_stiffness()]
         figures.append(VjmFigures.of(error, np.array([model.diagnostics_[one] for one in names])))
     return tuple(figures)
 

@@ -8,16 +8,17 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from stiff_bench.console import printable
 from stiff_bench.store.names import OPTION_MARK
+from stiff_bench.tables.render import html_text
 from stiff_bench.tables.table import Column, Entry, Table, natural_order, quantity
 from stiff_protocols.contract.errors import StoreError
 
@@ -91,8 +92,9 @@ class PageCell(NamedTuple):
 
 
 class PageTable(NamedTuple):
-    """A table as the page's template reads it: the CSS class of a column, rows, notes."""
+    """A table as the page's template reads it: heading and CSS class of a column, rows, notes."""
 
+    headings: list[str]
     styles: list[str]
     rows: list[list[PageCell]]
     notes: list[str]
@@ -100,20 +102,21 @@ class PageTable(NamedTuple):
 
 
 def page_table(table: Table) -> PageTable:
-    """Return a table's cells with their typed order, cut to `MOST_ROWS`."""
-    rows = table.rows[:MOST_ROWS]
-    notes = [*table.shown().notes]
-    if len(rows) < len(table.rows):
+    """Return what people see of a table with its typed order, cut to `MOST_ROWS`; all notes."""
+    shown = replace(table, brief=False).shown()
+    rows, notes = shown.rows[:MOST_ROWS], [*shown.notes]
+    if len(rows) < len(shown.rows):
         notes.append(
-            f"The first {len(rows)} of {len(table.rows)} rows are shown; --model, --dataset and "
+            f"The first {len(rows)} of {len(shown.rows)} rows are shown; --model, --dataset and "
             "--protocol select fewer."
         )
     styles = [
-        _style(column, [row[number] for row in rows]) for number, column in enumerate(table.columns)
+        _style(column, [row[number] for row in rows]) for number, column in enumerate(shown.columns)
     ]
-    cells = [[*map(_page_cell, table.columns, row, styles)] for row in rows]
-    by_sign = any(column.by_sign for column in table.columns)
-    return PageTable(styles, cells, notes, len(rows) > FEW_ROWS and not by_sign)
+    cells = [[*map(_page_cell, shown.columns, row, styles)] for row in rows]
+    by_sign = any(column.by_sign for column in shown.columns)
+    can_be_sorted = len(rows) > FEW_ROWS and not by_sign
+    return PageTable(shown.headings(), styles, cells, notes, can_be_sorted)
 
 
 def _style(column: Column, cells: Sequence[Entry]) -> str:
@@ -127,9 +130,10 @@ def _page_cell(column: Column, cell: Entry, style: str) -> PageCell:
     if style != "number":
         return PageCell(text, natural_order(text), "" if style == "long" else style)
     found = quantity(cell)
-    order = "" if found is None or found.order is None else f"{found.order:.12g}"
-    tone = " worse" if order.startswith("-") else " better" if order not in ("", "0") else ""
-    return PageCell(text, order, style + tone * column.by_sign)
+    if found is None or found.order is None:
+        return PageCell(text, "", style)
+    tone = " worse" if found.order < 0.0 else " better" if found.order > 0.0 else ""
+    return PageCell(text, f"{found.order:.12g}", style + tone * column.by_sign)
 
 
 def render_page(parts: Mapping[str, Sequence[Block]], command: str) -> str:
@@ -148,11 +152,15 @@ def render_page(parts: Mapping[str, Sequence[Block]], command: str) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"source": _source, "breakable": _breakable, "laid_out": page_table}
+    environment.filters |= {
+        **{"source": _source, "breakable": _breakable, "laid_out": page_table},
+        "html_text": lambda text: Markup(html_text(text)),
+    }
     return environment.get_template("page.html.jinja").render(
         parts=parts,
         command_line=command,
         version=version("stiffbench"),
+        few_rows=FEW_ROWS,
         policy=_policy(scripts, style),
         scripts=[Markup(script) for script in scripts],
         style=Markup(style),
@@ -167,7 +175,7 @@ def _visible(value: Any) -> Any:
 
 def _breakable(name: str) -> Markup:
     """Let a name with options break before one of them rather than inside a word."""
-    return Markup("<wbr>@").join(map(escape, printable(name).split(OPTION_MARK)))
+    return Markup(html_text(name).replace(OPTION_MARK, f"<wbr>{OPTION_MARK}"))
 
 
 def _source(picture: Picture) -> str:

@@ -16,7 +16,10 @@ MOST_MODELS = 40
 
 
 def pair_table(section: Section, board: Leaderboard) -> Table:
-    """Return a row and a column for each model, with the verdicts of `bench compare`."""
+    """Return a row and a column for each model, with verdicts on the splits that all have.
+
+    They are those of `bench compare`, which leaves out the splits that one of its two lacks alone.
+    """
     counts, n_left_out = _counts(section)
     models = [name for name in section.models if any(name in pair for pair in counts)]
     numbers = [str(number) for number in range(1, len(models) + 1)]
@@ -41,7 +44,7 @@ def pair_table(section: Section, board: Leaderboard) -> Table:
         f"Pairs of models, {board.key.text}: comparisons won and lost",
         [
             Column("model", "text"),
-            *(Column(number, format=lambda found: found.mark, by_sign=True) for number in numbers),
+            *(Column(number, format=_won_and_lost, by_sign=True) for number in numbers),
         ],
         rows,
         notes,
@@ -68,4 +71,8 @@ def _difference(count: Counter[Verdict] | None) -> Quantity | None:
     """Return by how many more cases the row is better than the column, and both numbers."""
     if count is None:
         return None
-    return Quantity(count["a"] - count["b"], mark=f"{count['a']} : {count['b']}")
+    return Quantity(count["a"] - count["b"], share=(count["a"], count["b"]))
+
+
+def _won_and_lost(found: Quantity) -> str:
+    return " : ".join(map(str, found.share or ()))

@@ -30,7 +30,7 @@ from stiff_bench.report.runs import failure_block, run_block
 from stiff_bench.report.scores import Asked, data_block, score_block
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
-from stiff_bench.tables.units import PRINTED, counted
+from stiff_bench.tables.units import PRINTED, counted, first_few
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.plugin import kind_label
@@ -129,10 +129,12 @@ def _verdict(board: Leaderboard) -> str:
         for one in others
         if one.within_cd or (one.within_cd is None and one.like_best == n_cases)
     ]
-    named = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
     if alike:
-        return f"{text} No significant difference from it: {named}."
-    worse = n_cases == 1 or all(one.within_cd is False for one in others)
+        return f"{text} No significant difference from it: {first_few(alike)}."
+    if n_cases == 1:
+        worse = all(one.like_best == 0 for one in others)  # None: no test applies
+    else:
+        worse = all(one.within_cd is False for one in others)
     losers = "All others are" if len(others) > 1 else f"{others[0].name} is"
     return f"{text} {losers} significantly worse." if worse else text
 

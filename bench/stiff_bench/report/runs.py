@@ -59,12 +59,13 @@ def _row(run: RunManifest, n_results: int) -> list[Entry]:
     about = run.environment
     changed = "+" if about.get("dirty") == "true" else ""
     machines = f" and {counted(len(run.machines), 'other machine')}" if run.machines else ""
+    processor = about.get("processor") or ("unknown" if machines else "")
     cores = about.get("cores", "")
     return [
         *(run.run_id, run.started, run.status, run.wall_s or None),
         *(len(run.cells), n_results, about.get("stiffbench") or None),
         f"{about.get('commit', '')[:12]}{changed}" or None,
-        *(about.get("python") or None, f"{about.get('processor', '') or '-'}{machines}"),
+        *(about.get("python") or None, f"{processor}{machines}" or None),
         int(cores) if cores.isdecimal() else cores or None,
         about.get("gpu") or None,
     ]
@@ -120,12 +121,12 @@ def failure_block(asked: Asked) -> Block:
     return Block(heading, tables=[table], folds=[_fold(one) for one in logs[:MOST_LOGS]])
 
 
-def _failure_row(members: Sequence[CellResult]) -> list[str]:
+def _failure_row(members: Sequence[CellResult]) -> list[Entry]:
     first = members[0]
     shown = first.shown
     return [
-        *(shown.model, first.status, _cut(first.failure, LONGEST_REASON), first.cause or "-"),
-        *(shown.dataset, shown.protocol, first.cell.condition or "-"),
+        *(shown.model, first.status, _cut(first.failure, LONGEST_REASON), first.cause or None),
+        *(shown.dataset, shown.protocol, first.cell.condition or None),
         _cut(", ".join(str(one.cell.split_index) for one in members), LONGEST_SPLITS),
     ]
 

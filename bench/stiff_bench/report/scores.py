@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
 
@@ -24,6 +23,7 @@ from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import counted
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.identification import spring_key
 from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.scoring.metrics import METRICS, Metric
 
@@ -67,7 +67,7 @@ def _cells(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> lis
     values = metric_values(results, metrics) if results else {}
     return [
         Name(competitor.name, mark_of(competitor.shown)),
-        *(name.dataset, name.protocol, name.condition or "-", name.seed),
+        *(name.dataset, name.protocol, name.condition or None, name.seed),
         Quantity(share=(len(results), n_asked)),
         *(cell for metric in metrics for cell in metric_cells(values, [metric])),
     ]
@@ -109,7 +109,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
         *(Column("TCP, frame of the last link [m]", "text"), Column("samples"), Column("poses")),
         Column("sha256 of samples and robot", "text"),
     ]
-    tables = [Table("Data sets", columns, rows), _stiffnesses(cases)]
+    tables = [Table("Data sets", columns, rows), _stiffnesses(cases, data_of)]
     return Block("Robots and data", tables=[table for table in tables if table.rows])
 
 
@@ -120,29 +120,34 @@ def _tcp(data: StoredData) -> str:
     return ", ".join(f"{length:g}" for length in data.tcp_on_flange)
 
 
-_STIFFNESS = re.compile(r"stiffness (\S+ \[.+\])")
-"""Of a joint with one spring, among the numbers that a fit reports."""
+Joint = tuple[str, str]
+"""Name, and the unit of its stiffness."""
 
 
-def _stiffnesses(cases: Sequence[Case]) -> Table:
+def _stiffnesses(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Table:
     """Return the joint stiffnesses that the reference model identified on each data set."""
-    found: dict[str, tuple[str, dict[str, Quantity]]] = {}
+    found: dict[str, tuple[str, dict[Joint, Quantity]]] = {}
     for case in sorted(cases, key=in_order):
-        if REFERENCE_MODEL in case.competitors and case.name.dataset not in found:
-            fits = [one.diagnostics for one in case.results(REFERENCE_MODEL)]
-            values = {
-                joint[1]: [fit[key] for fit in fits if math.isfinite(fit.get(key, math.inf))]
-                for key in (fits[0] if fits else ())
-                if (joint := _STIFFNESS.fullmatch(key))
-            }
-            row = {joint: mean_over(of_fits) for joint, of_fits in values.items() if of_fits}
-            found[case.name.dataset] = (case.name.protocol, row)
+        if REFERENCE_MODEL not in case.competitors or case.name.dataset in found:
+            continue
+        try:
+            data = data_of(case.name.data_sha256)
+        except StoreError:  # the table of data sets shows that
+            continue
+        fits = [one.diagnostics for one in case.results(REFERENCE_MODEL)]
+        values = {
+            joint: [fit[key] for fit in fits if math.isfinite(fit.get(key, math.inf))]
+            for joint in zip(data.joint_names, data.stiffness_units, strict=True)
+            for key in [spring_key("stiffness", *joint)]
+        }
+        row = {joint: mean_over(of_fits) for joint, of_fits in values.items() if of_fits}
+        found[case.name.dataset] = (case.name.protocol, row)
     joints = dict.fromkeys(joint for _, row in found.values() for joint in row)
     return Table(
         f"Joint stiffnesses of {REFERENCE_MODEL}, mean ± standard deviation over splits",
         [
             *(Column("data set", "text"), Column("protocol", "text")),
-            *(Column(joint, format=",.0f") for joint in joints),
+            *(Column(name, unit=unit, format=",.0f") for name, unit in joints),
         ],
         [
             [dataset, protocol, *(row.get(joint) for joint in joints)]

@@ -25,8 +25,16 @@ def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list
 
 
 def natural_key(text: str) -> list[tuple[int, str]]:
-    """Return a sort key in which numbers stand by their size: "n = 5" before "n = 40"."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]
+    """Return a sort key in which numbers stand by their size: "n = 5" before "n = 40".
+
+    Each part has its number of digits, -1 for a text, and stands without leading zeros.
+    """
+    words, numbers = (re.split(r"(\d+)", text)[start::2] for start in (0, 1))
+    key = [(-1, words[0])]
+    for number, word in zip(numbers, words[1:], strict=True):
+        digits = number.lstrip("0")
+        key += [(len(digits), digits), (-1, word)]
+    return key
 
 
 OPTION_MARK = "@"

@@ -70,6 +70,11 @@ class StoredData:
         """The samples without the points of tool paths that a protocol added."""
         return self.samples.take(np.flatnonzero(self.samples.group != PATH_GROUP))
 
+    @property
+    def stiffness_units(self) -> tuple[str, ...]:
+        """Unit of the stiffness of each joint."""
+        return tuple("Nm/rad" if unit == "Nm" else "N/m" for unit in self.torque_units)
+
 
 _ROBOT_NAMES = ("name", "joint_names", "joint_types")
 _ROBOT_ARRAYS = tuple(item.name for item in fields(Robot) if item.name not in _ROBOT_NAMES)

@@ -47,7 +47,7 @@ def render(
     one, paragraph = {
         "github": (_github, markdown_text),
         "latex": (_latex, latex_text),
-        "html": (_html, lambda words: f"<p>{_html_text(words)}</p>"),
+        "html": (_html, lambda words: f"<p>{html_text(words)}</p>"),
     }[fmt]
     said = [paragraph(one_line(text))] if text else []
     parts = [one(table.shown(), one_line(command)) for table in tables]
@@ -65,11 +65,10 @@ def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
 
 
 def _columns(table: Table, fmt: str, escape: Callable[[str], str], **words: Any) -> str:
-    """Return headings (group, name and unit) and cells in a format of tabulate's."""
-    names = [": ".join(filter(None, (one.group, table.heading(one)))) for one in table.columns]
+    """Return headings and cells in a format of tabulate's."""
     return tabulate(
         [[escape(cell) for cell in row] for row in table.texts()],
-        headers=list(map(escape, names)),
+        headers=list(map(escape, table.headings())),
         tablefmt=fmt,
         colalign=["right" if column.kind == "number" else "left" for column in table.columns],
         disable_numparse=True,
@@ -236,18 +235,18 @@ def _latex_cell(column: Column, cell: Entry, kind: str) -> str:
     return number if found.spread is None else f"{number} +- {found.spread:{column.format}}"
 
 
-def _html_text(text: str) -> str:
+def html_text(text: str) -> str:
     """Escape a text; what stands between backticks is code."""
     escaped = re.sub(r"10\^(\d+)", r"10<sup>\1</sup>", html.escape(one_line(text)))
     return re.sub(r"`([^`]+)`", r"<code>\1</code>", escaped)
 
 
 def _html(table: Table, command: str) -> str:
-    body = _columns(table, "unsafehtml", _html_text)  # what is printed is escaped by us
-    notes = "".join(f"<li>{_html_text(note)}</li>" for note in table.notes)
+    body = _columns(table, "unsafehtml", html_text)  # what is printed is escaped by us
+    notes = "".join(f"<li>{html_text(note)}</li>" for note in table.notes)
     made_by = f"<li>made by: <code>{html.escape(command)}</code></li>"
     return (
-        f"<section>\n<h2>{_html_text(table.title)}</h2>\n{body}\n<ul>{notes}{made_by}</ul>\n"
+        f"<section>\n<h2>{html_text(table.title)}</h2>\n{body}\n<ul>{notes}{made_by}</ul>\n"
         "</section>"
     )
 

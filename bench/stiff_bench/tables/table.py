@@ -1,16 +1,18 @@
 """The table that every command prints and every page shows: typed values until the last step.
 
 What makes a `Table` computes; `render` prints it as text, the report as part of a page. Neither
-reads a number back out of a text.
+reads a number back out of a text. It is no pandas DataFrame: importing pandas takes half a second,
+which a leaderboard (1 s for 100,000 values) does without; `Tables.frame` of `api/tables.py` makes
+one.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from stiff_bench.store.names import natural_key
 from stiff_bench.tables.units import marked
 
 
@@ -168,11 +170,15 @@ class Table:
         named = column.unit in ("", self.unit) or callable(column.format)
         return column.name if named else f"{column.name} [{column.unit}]"
 
+    def headings(self) -> list[str]:
+        """Return the heading of each column, after that of its group, in one line."""
+        return [": ".join(filter(None, (one.group, self.heading(one)))) for one in self.columns]
+
     def shown(self) -> Table:
         """Return what people see: no hidden columns and, where it is brief, few notes."""
         seen = [number for number, one in enumerate(self.columns) if not one.hidden]
         rows = [[row[number] for number in seen] for row in self.rows]
-        notes = list(dict.fromkeys(filter(None, self.notes))) if self.brief else self.notes
+        notes = list(dict.fromkeys(filter(None, self.notes)))
         if self.brief and len(notes) > MOST_NOTES:
             n_more = len(notes) - MOST_NOTES + 1
             notes = [*notes[: MOST_NOTES - 1], f"{n_more} more notes: `--format json`"]
@@ -216,7 +222,6 @@ def _value(column: Column, cell: Entry) -> dict[str, object]:
     return dict(zip(VALUE_FIELDS, (column.name, *numbers, *texts), strict=True))
 
 
-_DIGITS = re.compile(r"\d+")
 _LONGEST_ORDER = 60  # characters of a text that it is sorted by
 
 
@@ -226,4 +231,5 @@ def natural_order(text: str) -> str:
     >>> sorted(["n = 10", "n = 5"], key=natural_order)
     ['n = 5', 'n = 10']
     """
-    return _DIGITS.sub(lambda found: found[0].zfill(6), text.lower())[:_LONGEST_ORDER]
+    parts = natural_key(text.lower())
+    return "".join(part if n < 0 else part.zfill(6) for n, part in parts)[:_LONGEST_ORDER]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -30,6 +31,16 @@ def percent(share: float) -> str:
 def counted(number: int, thing: str) -> str:
     """Return "1 split", "5 splits"."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def first_few(names: Sequence[str], most: int = 3) -> str:
+    """Return the first of some names, and how many more there are.
+
+    >>> first_few(["a", "b", "c", "d", "e"])
+    'a, b, c and 2 more'
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"{', '.join(names[:most])}{more}"
 
 
 def marked(name: str, mark: str) -> str:

@@ -32,7 +32,7 @@ from stiff_models.physics.vjm import (
     warn_unidentifiable,
 )
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
-from stiff_protocols.contract.identification import typical_joints
+from stiff_protocols.contract.identification import spring_key, typical_joints
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 MAX_SWEEPS = 20
@@ -245,7 +245,7 @@ def _parsed(text: str, segments: int) -> list[list[float]]:
 def _named(robot: Robot, breakpoints: FloatArray) -> dict[str, float]:
     units = ("Nm" if kind == "revolute" else "N" for kind in robot.joint_types)
     return {
-        f"breakpoint {name} {k} [{unit}]": float(value)
+        spring_key("breakpoint", f"{name} {k}", unit): float(value)
         for name, unit, own in zip(robot.joint_names, units, breakpoints, strict=True)
         for k, value in enumerate(own, start=1)
     }

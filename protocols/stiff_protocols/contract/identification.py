@@ -104,6 +104,15 @@ class Identified:
         return np.asarray(ends)
 
 
+def spring_key(word: str, name: str, unit: str) -> str:
+    """Return under which name a fit reports a number of a spring.
+
+    >>> spring_key("stiffness", "A2", "Nm/rad")
+    'stiffness A2 [Nm/rad]'
+    """
+    return f"{word} {name} [{unit}]"
+
+
 @dataclass(frozen=True, eq=False)
 class IdentifiedSprings(Identified):
     """Springs with names, in the order of the compliances.
@@ -131,7 +140,7 @@ class IdentifiedSprings(Identified):
                 own["90 % interval from"], own["90 % interval to"] = interval[i]
             else:
                 own["prior stiffness"] = 1.0 / self.compliance[i]
-            numbers |= {f"{word} {name} [{unit}]": float(value) for word, value in own.items()}
+            numbers |= {spring_key(word, name, unit): float(one) for word, one in own.items()}
         return numbers | {"rank": float(self.rank), "condition number": self.condition}
 
 

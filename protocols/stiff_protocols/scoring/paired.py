@@ -30,7 +30,8 @@ MOST_EXACT = 50
 def ranked(values: ArrayLike) -> FloatArray:
     """Return the ranks within each row of (..., m): 1 is the smallest, ties share their mean rank.
 
-    A row that holds NaN has NaN ranks.
+    A row that holds NaN has NaN ranks. It is scipy.stats.rankdata, whose import adds 0.8 s to every
+    leaderboard; the tests compare with it.
     """
     each = np.asarray(values, dtype=np.float64)
     mine, others = each[..., :, None], each[..., None, :]

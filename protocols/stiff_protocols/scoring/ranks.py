@@ -5,9 +5,10 @@ Each data set gives each model one rank; no more than the order within a data se
 independent: specimens of a robot type are, splits of one data set share their samples and are not.
 
 The tests stand here in a few lines each. scipy.stats and scikit-posthocs have them too, but every
-leaderboard of five robots computes them: importing scipy.stats adds 0.8 s to the 3 s of a
-leaderboard of a million values, scikit-posthocs (pandas, matplotlib) 1.2 s more. The tests compare
-with theirs.
+leaderboard of five robots computes them: importing scipy.stats would add 0.8 s, scikit-posthocs
+(pandas, matplotlib) 1.2 s more, to the 1 s of a leaderboard of 100,000 values
+(results/performance.md) and to the 3.1 s of one of a million, which is to take 3 s
+(docs/performance.md). The tests compare with theirs.
 """
 
 from __future__ import annotations

@@ -222,7 +222,8 @@ def test_the_interval_of_one_case_is_that_of_the_ranks_over_its_poses(made, rng)
     }
     made.add_each({model: [error] for model, error in errors.items()}, rows=np.arange(N_POSES))
     poses = [f"P{pose:02d}" for pose in range(N_POSES)]
-    drawn = resampled_means([pose_errors(poses, errors[m][:, None] * 1e-3) for m in "abc"])
+    of_models = np.column_stack([errors[model] * 1e-3 for model in "abc"])
+    drawn = resampled_means(pose_errors(poses, of_models))
     low, high = np.quantile(stats.rankdata(drawn, axis=1), [0.025, 0.975], axis=0)
     ranked = {model.name: model for model in board_of(made).sections[0].ranked}
     means = [errors[m].mean() for m in "abc"]
@@ -295,6 +296,8 @@ def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
     # Nemenyi: 2.343 sqrt(3 * 4 / (6 * 5)) = 1.48 (Demsar 2006, table 5)
     assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
     assert [model.within_cd for model in section.ranked] == [True, True, False]
+    assert np.argwhere(analysis.apart).tolist() == [[0, 2], [2, 0]]  # a and c
+    assert cells(board, "Critical difference over robots")["holdout"][4] == "1 of 3"
     text = text_of(board)
     assert "{a, b}, {b, c}" in text and "5 x twin" in text
     # all five agree, so that Conover's test has no residual
@@ -480,6 +483,10 @@ def test_csv_holds_the_ranks_and_json_every_score_with_the_reason_of_a_missing_o
         values[row["model"]].append(row["values"][0])
     assert [one["value"] for one in values["a"]] == pytest.approx([1.0, 1.0, 3.0])
     assert [one.get("status") for one in values["d"]] == [None, "not run", "not run"]
+    assert {row["within CD of the best"] for row in tables[0]["rows"]} == {None}  # three robots
+    (score, *_) = tables[1]["rows"][0]["values"]
+    assert (score["metric"], score["axis"]) == ("norm", "")  # as in tables of `bench run`
+    assert (score["datasets"], score["seeds"]) == ([*TWINS[:3]], [0])
 
 
 def test_the_command_prints_the_board_and_loads_neither_torch_nor_pinocchio(made):

@@ -11,9 +11,10 @@ from stiff_bench.analysis.verdict import (
     SharedErrors,
     decide,
     decide_pairs,
+    estimates,
     rank_difference,
 )
-from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
+from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.paired import Posterior, corrected_t, holm, wilcoxon_signed_rank
 from stiff_protocols.scoring.ranks import compare_over_datasets
 
@@ -49,11 +50,10 @@ def test_no_difference_found_is_not_called_equivalent():
 def errors_of(rng, *means, n_splits=5):
     """Return errors of models with these mean errors, m, that scatter by 0.02 mm."""
     errors = [mean + 2e-5 * rng.normal(size=(n_splits, len(POSES))) for mean in means]
-    poses = [pose_errors(np.tile(POSES, n_splits), one.reshape(-1, 1)) for one in errors]
+    columns = np.column_stack([one.ravel() for one in errors])
     of_splits = np.column_stack([one.mean(axis=1) for one in errors])
-    return SharedErrors(
-        of_splits if n_splits > 1 else None, 0.2, poses, resampled_means(poses, seed=0)
-    )
+    poses = pose_errors(np.tile(POSES, n_splits), columns)
+    return SharedErrors(of_splits if n_splits > 1 else None, 0.2, poses)
 
 
 @pytest.mark.parametrize("n_splits", [1, 5])
@@ -71,8 +71,8 @@ def test_a_level_that_the_test_of_the_pair_just_meets_decides(rng):
             differences = errors.of_splits[:, [0]] - errors.of_splits[:, 1:]
             p_values = [corrected_t(column, 0.2).p_value for column in differences.T]
         else:
-            a, *others = errors.of_poses
-            p_values = [wilcoxon_signed_rank((a.totals - b.totals)[:, 0]) for b in others]
+            totals = errors.of_poses.totals
+            p_values = [wilcoxon_signed_rank(totals[:, 0] - totals[:, b]) for _, b in pairs]
         for correct, expected in ((False, p_values), (True, holm(p_values).tolist())):
             for number, p_value in enumerate(expected):
                 verdicts = [
@@ -83,10 +83,31 @@ def test_a_level_that_the_test_of_the_pair_just_meets_decides(rng):
                 assert verdicts[1][number] == ("a" if p_value < 0.5 else "open")
 
 
+def test_poses_are_a_second_opinion_whose_p_value_is_computed_where_it_is_asked_for(rng):
+    errors = errors_of(rng, 1e-4, 2e-4)
+    (_, quick), (_, whole) = (
+        [of_test[0] for of_test in estimates(errors, [(0, 1)], Question(), all_p_values=asked)]
+        for asked in (False, True)
+    )
+    assert np.isnan(quick.p_value) and 0.0 < whole.p_value < 1e-6
+    assert (quick.low, quick.high, quick.posterior) == (whole.low, whole.high, whole.posterior)
+
+
+def test_the_interval_over_poses_is_the_middle_of_the_draws(rng):
+    """The normal interval where poses are many; of equal differences it has no width."""
+    a, b = np.abs(rng.normal(size=(2, 400)))
+    errors = SharedErrors(None, 0.2, pose_errors(np.arange(400), np.column_stack([a, b, b + 1.0])))
+    ((found, equal),) = estimates(errors, [(0, 1), (2, 1)], Question())
+    half = 1.96 * (a - b).std() / 20.0
+    assert found.high - found.low == pytest.approx(2 * half, rel=0.05)
+    assert (found.low + found.high) / 2 == pytest.approx((a - b).mean(), abs=0.1 * half)
+    assert equal.low == pytest.approx(1.0) and equal.high == pytest.approx(1.0)
+
+
 def test_a_value_that_is_no_mean_over_rows_is_decided_by_its_splits_alone():
     of_splits = np.array([[1.0, 2.0], [1.1, 2.2], [0.9, 2.1]])
     for values, verdicts in ((of_splits, ["a"]), (None, None)):
-        errors = SharedErrors(values, 0.2, None, None)
+        errors = SharedErrors(values, 0.2, None)
         assert decide_pairs(errors, [(0, 1)], Question(rope=0.0), correct=True) == verdicts
 
 

@@ -66,6 +66,24 @@ def test_the_page_opens_with_who_is_first_on_which_data(results):
     assert second[:2] == [TWINS[1], "simulated"]
 
 
+@pytest.mark.parametrize(
+    ("metric", "n_splits", "claim"),
+    [
+        ("norm", 5, " All others are significantly worse."),
+        ("norm-p95", 5, " All others are significantly worse."),
+        ("norm-p95", 1, ""),  # one value each: no test applies
+    ],
+)
+def test_the_page_calls_no_model_worse_where_no_test_was_made(tmp_path, metric, n_splits, claim):
+    made = MadeResults(tmp_path)
+    errors = [1.0, 1.01, 1.02, 1.01, 1.0][:n_splits]
+    for model, factor in (("vjm", 0.1), ("mlp", 0.5), ("gp", 0.9)):
+        made.add(model, [factor * error for error in errors], TWINS[0])
+    verdict, *_ = blocks_of(made.folder, metric=metric)["Summary"].texts
+    *_, after_the_value = verdict.partition(" mm.")
+    assert verdict.startswith("vjm has the smallest") and after_the_value == claim
+
+
 def test_identified_stiffnesses_stand_with_the_data(results):
     for result in [*stored_results(results.folder)]:
         if result.shown.model == "vjm":

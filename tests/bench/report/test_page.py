@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 import pytest
 
 from stiff_bench.report.page import (
+    FEW_ROWS,
     MOST_ROWS,
     Block,
     Fold,
@@ -18,6 +19,7 @@ from stiff_bench.report.page import (
     page_table,
     render_page,
 )
+from stiff_bench.store.names import natural_key
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, natural_order
 
 HOSTILE = (
@@ -175,9 +177,43 @@ def test_a_column_of_texts_is_sorted_as_people_count_though_it_begins_with_numbe
     assert natural_order("B") > natural_order("a")
 
 
+def test_names_with_numbers_of_any_size_or_script_are_sorted():
+    names = ["v2", "v10", f"v{'9' * 5000}", "v\N{SUPERSCRIPT TWO}"]
+    assert sorted(names[:3], key=natural_key) == names[:3]
+    assert natural_key(names[3])  # no number, though `isdigit` calls it one
+    assert natural_key("n = 007") == natural_key("n = 7")
+    assert len(natural_order(names[2])) == 60
+
+
 def test_a_long_table_is_cut_and_says_so():
     rows = [[f"m{number}", 1] for number in range(MOST_ROWS + 7)]
     table = page_table(Table("t", [Column("model", "text"), Column("x")], rows, ["kept"]))
     assert len(table.rows) == MOST_ROWS
     assert table.notes[0] == "kept"
     assert f"first {MOST_ROWS} of {MOST_ROWS + 7} rows" in table.notes[1]
+
+
+def test_a_table_of_the_page_has_what_its_readers_can_see():
+    """No hidden column, the group above a column, and all notes: a page has no `--format json`."""
+    columns = [Column("model", "text"), Column("sha", "text", hidden=True), Column("x", group="G")]
+    notes = [f"note {number}" for number in range(6)]
+    laid = page_table(Table("t", columns, [["m", "0123", 1.0]], notes, brief=True))
+    assert laid.headings == ["model", "G: x"]
+    assert [[cell.text for cell in row] for row in laid.rows] == [["m", "1.0"]]
+    assert laid.notes == notes
+
+
+def test_code_and_powers_are_set_as_in_a_table_of_html():
+    page = made_page("`bench run` of 10^6 <b>")
+    assert page.count("<code>bench run</code> of 10<sup>6</sup> &lt;b&gt;") > 8
+    assert "<b>" not in page
+
+
+def test_a_cell_is_coloured_by_the_sign_of_its_number():
+    table = Table("t", [Column("x", by_sign=True)], [[-1], [-0.0], [0], [1e-20], [None]])
+    styles = [row[0].style for row in page_table(table).rows]
+    assert styles == ["number worse", "number", "number", "number better", "number"]
+
+
+def test_the_page_says_from_how_many_rows_on_a_table_can_be_sorted():
+    assert f"In tables of more than {FEW_ROWS} rows" in made_page("plain")

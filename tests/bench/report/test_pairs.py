@@ -10,7 +10,7 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.comparison import NORM, compare
 from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.analysis.verdict import Question
+from stiff_bench.analysis.verdict import Question, estimates
 from stiff_bench.report.page import page_table
 from stiff_bench.report.pairs import pair_table
 
@@ -50,6 +50,21 @@ def test_every_pair_has_the_verdict_of_compare_and_its_mirror_image(tmp_path, n_
     assert cells["good"]["bad"] == "1 : 0" and cells["good"]["good"] == "-"
     styles = {cell.style for row in page.rows for cell in row[1:]}
     assert {"number better", "number worse"} <= styles
+
+
+@pytest.mark.parametrize("n_splits", [5, 1])
+def test_compare_and_leaderboard_judge_a_pair_by_the_same_numbers(tmp_path, n_splits):
+    """But for rounding: a pair on the edge of a verdict must not get two of them."""
+    folder = store_results(tmp_path, MODELS, tests=fifths(5)[:n_splits])
+    case, data = case_in(folder)
+    board = build_leaderboard(StoredResults.read(folder), key=sort_key("norm", None), seed=3)
+    ranking = board.sections[0].cases[0].ranking(("alike", "bad"))
+    row = compare(case, "alike", "bad", data, Question(seed=3)).row(NORM)
+    shown = [one for one in (row.over_splits, row.over_poses) if one is not None]
+    found = [of_pair for (of_pair,) in estimates(ranking.errors, [(0, 1)], Question())]
+    for one, other in zip(found, shown, strict=True):
+        assert (one.low, one.high) == pytest.approx((other.low, other.high), rel=1e-9)
+        assert one.posterior.a_better == pytest.approx(other.posterior.a_better, rel=1e-9)
 
 
 def test_a_model_without_a_result_has_no_pairs(tmp_path):

@@ -16,17 +16,11 @@ from scipy import stats
 from stiff_bench.analysis.verdict import (
     Question,
     SharedErrors,
-    decide,
     decide_pairs,
-    estimates_over_poses,
-    estimates_over_splits,
+    estimates,
 )
 from stiff_protocols.contract.types import Samples
-from stiff_protocols.scoring.bootstrap import (
-    bootstrap_difference,
-    pose_errors,
-    resampled_means,
-)
+from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.paired import LEVEL, corrected_t
 from stiff_protocols.splits.random_splits import Holdout
 
@@ -171,49 +165,32 @@ def fits_that_start_anew(rng, rows):
     return [np.abs(noise + (inputs @ one)[..., 0]) for one in starts]
 
 
-def verdict_of_compare(a, b, rows):
-    """Return what `bench compare` prints for (splits, tested poses) errors of A and of B."""
-    differences = (a - b).mean(axis=1)[:, None]
-    estimates = estimates_over_splits(differences, rows.shape[1] / N_POSES, Question())
-    if decide(estimates, 1.0 - LEVEL) not in ("a", "b"):
-        return "open"  # another estimate makes no winner, and saves 20 ms here
-    poses = rows.ravel().astype(str)
-    of_a, of_b = (pose_errors(poses, one.reshape(-1, 1)) for one in (a, b))
-    estimates += estimates_over_poses(of_a, of_b, Question())
-    return decide(estimates, 1.0 - LEVEL)
+def verdicts_on(a, b, rows):
+    """Return a verdict for each of the (data sets, splits, tested poses) errors of A and of B.
 
-
-def verdicts_of_compare(a, b, rows):
-    """Return a verdict for each of the (data sets, splits, tested poses) errors."""
-    return [verdict_of_compare(*pair, rows) for pair in zip(a, b, strict=True)]
-
-
-def verdicts_of_leaderboard(a, b, rows):
-    """Return the same by the rule of leaderboard and report, each data set a pair of its own."""
-    poses = rows.ravel().astype(str)
-    of_poses = [pose_errors(poses, one.reshape(-1, 1)) for one in (*a, *b)]
+    It is that of compare, leaderboard and report alike; each data set is a pair of its own.
+    """
+    both = np.concatenate([a, b])  # (columns, splits, tested poses)
     errors = SharedErrors(
-        of_splits=np.concatenate([a, b]).mean(axis=2).T,
+        of_splits=both.mean(axis=2).T,
         test_share=rows.shape[1] / N_POSES,
-        of_poses=of_poses,
-        drawn=resampled_means(of_poses),
+        of_poses=pose_errors(np.arange(N_POSES), both.reshape(len(both), -1).T, rows.ravel()),
     )
     pairs = [(column, len(a) + column) for column in range(len(a))]
     return decide_pairs(errors, pairs, Question(), correct=False)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("verdicts_of", [verdicts_of_compare, verdicts_of_leaderboard])
 @pytest.mark.parametrize("errors_of", [least_squares_fits, fits_that_start_anew])
-def test_over_five_splits_a_verdict_has_a_winner_in_at_most_6_of_100(errors_of, verdicts_of):
+def test_over_five_splits_a_verdict_has_a_winner_in_at_most_6_of_100(errors_of):
     rng = np.random.default_rng(3)
     rates = []
     for seed in range(16):
         rows = drawn_test_rows(5, seed)
-        verdicts = verdicts_of(*errors_of(rng, rows), rows)
+        verdicts = verdicts_on(*errors_of(rng, rows), rows)
         rates.append(np.mean([verdict in ("a", "b") for verdict in verdicts]))
     rate, error = np.mean(rates), np.std(rates, ddof=1) / 4
-    print(f"{verdicts_of.__name__}, 5 splits, {errors_of.__name__}: {rate:.4f} +- {error:.4f}")
+    print(f"verdict, 5 splits, {errors_of.__name__}: {rate:.4f} +- {error:.4f}")
     assert rate + 2 * error < ALLOWED
     assert rate > 0.005  # a verdict that finds nothing would pass the line above
 
@@ -222,20 +199,19 @@ def bootstrap_rate(a, b):
     """Return how often the interval over poses of equal models leaves zero out.
 
     Args:
-        a, b: (data sets, poses) absolute errors of one row a pose.
+        a, b: (data sets, tested poses) absolute errors of one row a pose.
     """
-    poses = np.arange(a.shape[1]).astype(str)
-    intervals = (
-        bootstrap_difference(pose_errors(poses, one[:, None]), pose_errors(poses, other[:, None]))
-        for one, other in zip(a, b, strict=True)
-    )
-    rate = np.mean([bool(one.low[0] > 0 or one.high[0] < 0) for one in intervals])
+    tested = np.arange(a.shape[1])
+    of_poses = pose_errors(np.arange(N_POSES), np.concatenate([a, b]).T, tested)
+    pairs = [(column, len(a) + column) for column in range(len(a))]
+    (intervals,) = estimates(SharedErrors(None, 0.0, of_poses), pairs, Question())
+    rate = np.mean([one.low > 0 or one.high < 0 for one in intervals])
     return rate, np.sqrt(rate * (1 - rate) / len(a))
 
 
 @pytest.mark.slow
 def test_the_bootstrap_over_31_poses_is_a_little_narrow_even_for_fixed_models():
-    """Neither model is fitted: each knows its features' true weights. BCa needs more poses."""
+    """Neither model is fitted: each knows its features' true weights."""
     features, target = simulated(np.random.default_rng(1), 1500, n_poses=31)
     known = features.sum(axis=3) / np.sqrt(2 * FEATURES)
     rate, error = bootstrap_rate(*np.abs(target - known))
@@ -244,7 +220,7 @@ def test_the_bootstrap_over_31_poses_is_a_little_narrow_even_for_fixed_models():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("spread", "at_least"), [(0.1, 0.10), (0.2, 0.20)])
+@pytest.mark.parametrize(("spread", "at_least"), [(0.1, 0.10), (0.2, 0.18)])
 def test_the_bootstrap_over_poses_does_not_cover_that_a_fit_ends_elsewhere_each_time(
     spread, at_least
 ):
