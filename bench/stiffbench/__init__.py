@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from stiff_bench.api.evaluation import evaluate
     from stiff_bench.api.figures import figure, paper_table
     from stiff_bench.api.measuring import plan_poses, simulate, validate
-    from stiff_bench.api.model import Model, load_model, make_model
+    from stiff_bench.api.model import Model, coverage_of_each_axis, load_model, make_model
     from stiff_bench.api.path import compensate_path, example_path
     from stiff_bench.api.results import Results, merge, open_results
     from stiff_bench.api.robot import Robot
@@ -44,7 +44,7 @@ _PLACES = {
     "stiff_bench.api.evaluation": ("evaluate",),
     "stiff_bench.api.figures": ("figure", "paper_table"),
     "stiff_bench.api.measuring": ("plan_poses", "simulate", "validate"),
-    "stiff_bench.api.model": ("Model", "load_model", "make_model"),
+    "stiff_bench.api.model": ("Model", "coverage_of_each_axis", "load_model", "make_model"),
     "stiff_bench.api.path": ("compensate_path", "example_path"),
     "stiff_bench.api.results": ("Results", "merge", "open_results"),
     "stiff_bench.api.robot": ("Robot",),
@@ -62,6 +62,7 @@ __all__ = [
     "Tables",
     "check",
     "compensate_path",
+    "coverage_of_each_axis",
     "evaluate",
     "example_path",
     "figure",

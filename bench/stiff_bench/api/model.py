@@ -41,6 +41,7 @@ from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import (
+    AXES,
     BenchmarkData,
     FloatArray,
     Prediction,
@@ -291,6 +292,18 @@ class Model:
         """Name it, and say whether it is fitted."""
         state = "not fitted" if self.fitted is None else "fitted"
         return f"Model {self.name} ({state})"
+
+
+def coverage_of_each_axis(coverage_3d: float) -> float:
+    """Return the coverage with which X, Y and Z lie inside at once with `coverage_3d` (0..1).
+
+    Bonferroni's bound, whichever way the errors of the axes go together: 0.967 for 0.9.
+
+    Raises:
+        ConfigError: it is not between 0 and 1.
+    """
+    check_coverage(coverage_3d)
+    return 1.0 - (1.0 - coverage_3d) / len(AXES)
 
 
 def model_choice(model: str | type | Model, options: dict[str, Any]) -> Choice[ModelInfo]:

@@ -10,9 +10,9 @@ import click
 
 from stiff_bench.cli.options import (
     FILE,
+    coverage_options,
     data_options,
     device_option,
-    intervals_option,
     output_option,
     plugin_option,
     seed_option,
@@ -63,7 +63,7 @@ def fit(output: Path, seed: int, **words: Any) -> None:
 @output_option(
     "FILE.csv", "New file: the same rows with dx_mm, dy_mm, dz_mm; - for standard output."
 )
-@intervals_option
+@coverage_options("Add prediction intervals of this coverage, of each axis.")
 @plugin_option
 def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> None:
     """Predict the deflections of a file of poses and wrenches.

@@ -6,9 +6,9 @@ import math
 import shlex
 import sys
 from collections.abc import Callable
-from functools import partial, reduce
+from functools import partial, reduce, wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 
@@ -123,9 +123,31 @@ class Size(click.ParamType[int]):
 
 
 PROBABILITY = FiniteRange(0, 1, min_open=True, max_open=True)
-intervals_option = click.option(
-    "--coverage", type=PROBABILITY, help="Add prediction intervals of this coverage."
-)
+
+
+def coverage_options(text: str) -> Callable[[Command], Command]:
+    """Add --coverage, and --coverage-3d, which says the same of all three axes at once."""
+
+    def decorated(command: Command) -> Command:
+        @click.option("--coverage", type=PROBABILITY, help=text)
+        @click.option(
+            "--coverage-3d",
+            type=PROBABILITY,
+            help="In place of --coverage: that of X, Y and Z at once, a box.",
+        )
+        @wraps(command)
+        def call(*, coverage: float | None, coverage_3d: float | None, **words: Any) -> Any:
+            if coverage_3d is not None:
+                from stiff_bench.api.model import coverage_of_each_axis
+
+                if coverage is not None:
+                    raise click.UsageError("give one of --coverage and --coverage-3d")
+                coverage = coverage_of_each_axis(coverage_3d)
+            return command(coverage=coverage, **words)
+
+        return cast(Command, call)
+
+    return decorated
 
 
 def picture(_: click.Context, __: click.Parameter, file: Path | None) -> Path | None:

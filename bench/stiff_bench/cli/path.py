@@ -13,7 +13,7 @@ from stiff_bench.cli.options import (
     Millimetres,
     Numbers,
     WholeRange,
-    intervals_option,
+    coverage_options,
     output_option,
     picture,
     plugin_option,
@@ -113,7 +113,7 @@ def example(**words: Any) -> None:
     default="stop",
     help="At a point that cannot be corrected: stop, or keep it uncorrected and name it.",
 )
-@intervals_option
+@coverage_options("Add prediction intervals of this coverage, of each axis.")
 @click.option(
     "--figure",
     type=FILE,

@@ -9,9 +9,9 @@ import click
 from stiff_bench.api import RESULTS
 from stiff_bench.cli.options import (
     FILE,
-    PROBABILITY,
     WholeRange,
     command_line,
+    coverage_options,
     data_options,
     device_option,
     execution_options,
@@ -51,9 +51,7 @@ if TYPE_CHECKING:
     help="A metric of `bench list metrics`; may be repeated.  [default: mae, stde, me; of tool "
     "paths norm, norm-p95, norm-max, removed]",
 )
-@click.option(
-    "--coverage", type=PROBABILITY, help="Coverage of prediction intervals.  [default: 0.9]"
-)
+@coverage_options("Coverage of prediction intervals, of each axis.  [default: 0.9]")
 @click.option(
     "--splits", type=WholeRange(1, 10_000), help="Number of splits.  [default: the protocol's]"
 )

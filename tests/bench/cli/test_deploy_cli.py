@@ -124,6 +124,24 @@ def test_measured_deflections_are_not_read_and_not_taken_for_predictions(predict
     assert (table[["dx_mm", "dy_mm", "dz_mm"]].abs() < 10).all(axis=None)
 
 
+def test_a_coverage_of_all_axes_at_once_is_a_box_of_wider_intervals_of_each(tmp_path):
+    model, poses = tmp_path / "gp.stiff", tmp_path / "poses.csv"
+    words = ["--set", "gp.search_rows=20", "--set", "gp.restarts=0", "--set", "gp.ard=false"]
+    run(deploy_cli.fit, "--model", "gp", *words, "--dataset", "kr10-twin", "--output", model)
+    poses.write_text(f"{HEADER}\n{ROW}\n")
+
+    def predicted(*asked: object) -> pd.DataFrame:
+        output = tmp_path / f"{len(list(tmp_path.iterdir()))}.csv"
+        run(deploy_cli.predict, "--model", model, "--input", poses, "--output", output, *asked)
+        return pd.read_csv(output)
+
+    box, axis = predicted("--coverage-3d", 0.9), predicted("--coverage", 0.9)
+    assert box.equals(predicted("--coverage", 1 - 0.1 / 3))
+    assert (box["dx_upper_mm"] > axis["dx_upper_mm"]).all()
+    with pytest.raises(SystemExit):
+        predicted("--coverage-3d", 0.9, "--coverage", 0.9)
+
+
 def test_what_is_odd_is_predicted_with_a_warning(predict):
     table, said = predict(f"{HEADER},note", f"{ROW},a", ROW.replace("10,", "200,", 1) + ",b")
     assert len(table) == 2
