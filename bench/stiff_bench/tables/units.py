@@ -25,7 +25,7 @@ MM = PRINTED["m"][1]
 
 def percent(share: float) -> str:
     """Return a share for people."""
-    return f"{100.0 * share:g} %"
+    return f"{100.0 * share:.4g} %"
 
 
 def counted(number: int, thing: str) -> str:
