@@ -143,7 +143,7 @@ def of_samples(n: int, folder: Path) -> RunPlan:
     constants = shipped_constants("kr10_r1100_2")
     simulate(path, TwinExperiment(constants, loads="omni", specimen=0, seed=0), n)
     robot = RobotWords("kr10-r1100-2")
-    return planned(models=("zero", "vjm"), datasets=(), data=path, robot=robot)
+    return planned(models=("zero", "vjm"), datasets=(), data=(path,), robot=robot)
 
 
 def of_splits(n: int, _: Path) -> RunPlan:
