@@ -106,7 +106,7 @@ class Case:
     newest_run: str
     cell: Cell
     left_out: tuple[str, ...]
-    every: tuple[CellResult, ...] = field(repr=False, compare=False)
+    every: tuple[CellResult, ...] = field(repr=False)
 
     @property
     def shown(self) -> Presentation:
