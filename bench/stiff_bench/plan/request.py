@@ -103,8 +103,20 @@ def plan_run(
 
 
 def _different(choices: Sequence[Choice[Info]]) -> tuple[Choice[Info], ...]:
-    """Return each thing once, however it was spelled."""
-    return tuple({choice.name: choice for choice in choices}.values())
+    """Return each thing once, however it was spelled.
+
+    Raises:
+        ConfigError: two things have one name, by which their results would be taken for each other.
+    """
+    found: dict[str, Choice[Info]] = {}
+    for choice in choices:
+        known = found.setdefault(choice.name, choice)
+        if (known.cls, known.context) != (choice.cls, choice.context):
+            raise ConfigError(
+                f"{choice.name!r} is the name of two different things: give one of them another "
+                "name, such as Dataset.from_samples(samples, robot, name=...)"
+            )
+    return tuple(found.values())
 
 
 def _sources(

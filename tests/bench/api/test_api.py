@@ -171,6 +171,15 @@ def test_frames_files_and_arrays_hold_the_same_samples(twin, tmp_path):
         sb.read_samples(file, robot=twin.robot, tcp=(0, 0, 0))
 
 
+def test_two_data_sets_of_one_name_are_refused_and_one_given_twice_is_computed_once(twin):
+    first = sb.Dataset.from_samples(twin.samples, twin.robot)
+    second = sb.Dataset.from_samples(twin.samples, twin.robot)
+    with pytest.raises(ConfigError, match=r"'own-data'.*name="):
+        sb.evaluate("zero", [first, second])
+    once, twice = (sb.evaluate("zero", data).frame() for data in (first, [first, first]))
+    assert len(once) == len(twice) > 0
+
+
 def test_data_of_the_users_own_are_evaluated_like_shipped_ones(twin):
     own = sb.Dataset.from_samples(twin.samples, twin.robot)
     numbers = [
