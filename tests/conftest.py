@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quick_models import twin_data
-from run_requests import planned
+from helpers.quick_models import twin_data
+from helpers.run_requests import planned
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.store import database as store
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from command_line import bench_here
+from helpers.command_line import bench_here
 
 KEPT = Path(__file__).with_name("golden_commands.json")
 ROOT = Path(__file__).parents[1]

@@ -29,7 +29,7 @@ from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
 from golden_commands import text_of
-from quick_models import twin_data
+from helpers.quick_models import twin_data
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.catalog import MODELS, model_info
 from stiff_models.networks import arithmetic, epochs, network_model, training

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from quick_models import KEYS
+from helpers.quick_models import KEYS
 from stiff_models.catalog import model_info
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.saved import load

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quick_models import KEYS, fitted, twin_data
+from helpers.quick_models import KEYS, fitted, twin_data
 from stiff_bench.run.cell import compute_cell
 from stiff_models.catalog import model_info
 

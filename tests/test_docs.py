@@ -15,7 +15,7 @@ from pathlib import Path
 import click
 import pytest
 
-from run_requests import planned
+from helpers.run_requests import planned
 from stiff_bench.cli.main import bench
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fuzz.hard_cases import npy_header
-from model_files import archived, members, saved_model
 
-from made_results import ROBOT, MadeResults, made_data
+from helpers.made_results import ROBOT, MadeResults, made_data
+from helpers.model_files import archived, members, saved_model
 from stiff_bench.store.database import FILE, read_manifests, read_results
 from stiff_bench.store.samples import data_content, stored_data
 from stiff_datasets.measured.measured import read_samples

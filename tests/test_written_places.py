@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from command_line import LEAVES, bench
-from made_results import MadeResults
+from helpers.command_line import LEAVES, bench
+from helpers.made_results import MadeResults
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "datasets" / "stiff_datasets" / "data"

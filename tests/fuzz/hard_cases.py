@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import skops.io
 from fuzz.sealed import results_with
-from model_files import archived, members
 
+from helpers.model_files import archived, members
 from stiff_bench.store.codec import COLUMNS
 from stiff_models.io.saved import TRUSTED
 

@@ -13,9 +13,9 @@ from fuzz import hard_cases
 from fuzz.mutations import Mutator, text_damaged
 from fuzz.sealed import model_damaged, parquet_damaged, results_damaged
 
-from made_results import MadeResults
-from quick_models import quick_model, twin_data
-from run_requests import planned
+from helpers.made_results import MadeResults
+from helpers.quick_models import quick_model, twin_data
+from helpers.run_requests import planned
 from stiff_bench.api.model import load_model
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.search import checked_grid, written_grids

@@ -16,8 +16,8 @@ import orjson
 import pyarrow as pa
 import pyarrow.parquet as pq
 from fuzz.mutations import NONSENSE, bytes_damaged, tree_damaged
-from model_files import archived, members
 
+from helpers.model_files import archived, members
 from stiff_bench.store.codec import COLUMNS, checksum
 
 DTYPES = ("f8", "f4", "f2", "i8", "u1", "b1", "c16", "U3", "S2", "M8[s]", ">f8")

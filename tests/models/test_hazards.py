@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hazard_outcomes import ALWAYS, ROWS, VARIANTS, expected
-from made_hazards import HAZARDS, Case
 
 import stiff_models.transfer.pretraining
 import stiff_models.transfer.source
+from helpers.hazard_outcomes import ALWAYS, ROWS, VARIANTS, expected
+from helpers.made_hazards import HAZARDS, Case
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.catalog import model_info
 from stiff_protocols.contract.errors import ModelError, StiffBenchError, StiffBenchWarning

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from command_line import BENCH, peak_mib
-from perf_case import figure, needed, ours_or_peer
+from helpers.command_line import BENCH, peak_mib
+from helpers.perf_case import figure, needed, ours_or_peer
 from stiff_bench.store.database import read_results
 
 N_CELLS = 40

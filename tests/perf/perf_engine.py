@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import BENCH, peak_mib
-from made_board import made_board
-from perf_case import OURS, figure, ours_or_peer
-from run_requests import planned
+from helpers.command_line import BENCH, peak_mib
+from helpers.made_board import made_board
+from helpers.perf_case import OURS, figure, ours_or_peer
+from helpers.run_requests import planned
 from stiff_bench.api.run import Run
 from stiff_bench.cli.run import execute
 from stiff_bench.plan.registry import build_registry

@@ -10,10 +10,10 @@ import pytest
 import torch
 from joblib import Parallel, delayed, parallel_config
 
-from perf_case import figure, ours_or_peer
-from plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
-from quick_models import twin_data
-from run_requests import planned
+from helpers.perf_case import figure, ours_or_peer
+from helpers.plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
+from helpers.quick_models import twin_data
+from helpers.run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
 from stiff_models.networks.arithmetic import has_fast_bfloat16
 from stiff_models.networks.training_plan import TrainingPlan

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from perf_case import ours_or_peer
-from quick_models import twin_data
+from helpers.perf_case import ours_or_peer
+from helpers.quick_models import twin_data
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.mlp_pretrained import MlpPretrained

@@ -17,9 +17,9 @@ import pinocchio as pin
 import pytest
 import torch
 
-from made_samples import samples_with
-from perf_case import OURS, needed, ours_or_peer
-from quick_models import twin_data
+from helpers.made_samples import samples_with
+from helpers.perf_case import OURS, needed, ours_or_peer
+from helpers.quick_models import twin_data
 from stiff_datasets.robots.robot import shipped_chain, shipped_robot
 from stiff_models.physics.kinematics import jacobian, joint_deflection
 from stiff_models.physics.vjm import VirtualJointModel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from perf_case import ours_or_peer
+from helpers.perf_case import ours_or_peer
 
 
 @pytest.mark.benchmark(group="machine: memory, 256 MB")

@@ -10,8 +10,8 @@ from scipy.optimize import nnls
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
-from perf_case import OURS, ours_or_peer
-from quick_models import twin_data
+from helpers.perf_case import OURS, ours_or_peer
+from helpers.quick_models import twin_data
 from stiff_models.networks.features import Scaler, encode
 from stiff_models.physics.congruence import LoadedRobot
 from stiff_models.physics.multi_segment_vjm import search_breakpoints

@@ -14,8 +14,8 @@ import pytest
 import torch
 from sklearn.neural_network import MLPRegressor
 
-from perf_case import figure, ours_or_peer
-from quick_models import twin_data
+from helpers.perf_case import figure, ours_or_peer
+from helpers.quick_models import twin_data
 from stiff_models.networks.arithmetic import has_fast_bfloat16
 from stiff_models.networks.network import Activation, build_network, linear_layers
 from stiff_models.networks.training import Rows, train_network

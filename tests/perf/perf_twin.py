@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pinocchio_twin import elastic_pinocchio, torque_and_tcp
 
-from perf_case import ours_or_peer
+from helpers.perf_case import ours_or_peer
+from helpers.pinocchio_twin import elastic_pinocchio, torque_and_tcp
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.effects import EFFECTS
 from stiff_datasets.twin.springs import SpringLaw

@@ -2,7 +2,7 @@
 
 Usage: python tests/perf/write_page.py JSON PAGE
 
-A benchmark says in its `extra_info` who it is and what it must reach: see `tests/perf_case.py`.
+A benchmark says in its `extra_info` who it is and what it must reach: see `helpers/perf_case.py`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from made_results import MadeResults, damage, forget
+from helpers.made_results import MadeResults, damage, forget
 from stiff_bench.analysis.collected import Case, StoredResults, left_out_notes
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_bench.store.names import Variant

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
-from compared_results import case_in, fifths, made_data, spread, steady, store_results
+from helpers.compared_results import case_in, fifths, made_data, spread, steady, store_results
 from stiff_bench.analysis.comparison import compare, compare_folder
 from stiff_bench.analysis.comparison_text import render_report, sentence
 from stiff_bench.analysis.verdict import Question

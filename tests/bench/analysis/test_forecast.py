@@ -6,7 +6,7 @@ import weakref
 
 import pytest
 
-from run_requests import planned
+from helpers.run_requests import planned
 from stiff_bench.analysis.forecast import Forecast, forecast, forecast_line, forecast_table
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.store.database import ResultStore

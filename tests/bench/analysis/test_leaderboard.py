@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from figure_results import with_fields
-from made_results import N_POSES, TWINS, MadeResults, forget
+from helpers.figure_results import with_fields
+from helpers.made_results import N_POSES, TWINS, MadeResults, forget
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard

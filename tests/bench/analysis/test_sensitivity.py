@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stiffbench as sb
-from command_line import assert_refused, bench_here
+from helpers.command_line import assert_refused, bench_here
 from stiff_bench.analysis.sensitivity import Mistake, mean_error
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.units import MM

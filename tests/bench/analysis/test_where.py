@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compared_results import N_POSES, case_in, made_data, spread, store_results
+from helpers.compared_results import N_POSES, case_in, made_data, spread, store_results
 from stiff_bench.analysis.comparison import paired_errors
 from stiff_bench.analysis.comparison_text import place_text
 from stiff_bench.analysis.verdict import Question

@@ -10,7 +10,7 @@ import pytest
 
 import planned_poses
 import stiffbench as sb
-from command_line import assert_refused, bench_here
+from helpers.command_line import assert_refused, bench_here
 from stiff_bench.analysis.pose_plans import Measured, curve_errors
 from stiff_bench.plan.options import Choice
 from stiff_datasets.measured.sample_files import sample_table, write_table

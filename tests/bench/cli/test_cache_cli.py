@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from command_line import BENCH
+from helpers.command_line import BENCH
 from stiff_bench.cli.main import bench
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.transfer.mlp_pretrained import MlpPretrained

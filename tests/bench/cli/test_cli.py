@@ -14,8 +14,8 @@ from importlib.resources import files
 import pytest
 import torch
 
-from command_line import assert_refused, bench_here, started
-from made_samples import CSV_HEADER, CSV_ROW
+from helpers.command_line import assert_refused, bench_here, started
+from helpers.made_samples import CSV_HEADER, CSV_ROW
 from stiff_bench.store.database import ResultStore, read_manifests, read_results, stored_statuses
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.scoring.metrics import METRICS

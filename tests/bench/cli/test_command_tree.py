@@ -15,7 +15,7 @@ import matplotlib.font_manager  # noqa: F401  # it writes its cache where it is 
 import pytest
 
 import stiffbench as sb
-from command_line import LEAVES, Leaf, assert_refused, bench_here
+from helpers.command_line import LEAVES, Leaf, assert_refused, bench_here
 from stiff_bench.cli.main import bench
 
 WRITTEN = {"--output", "--figure"}

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import assert_refused, bench_here, started
+from helpers.command_line import assert_refused, bench_here, started
 from stiff_datasets.measured.measured import read_samples
 
 ROBOTS = files("stiff_datasets") / "robots"

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from command_line import assert_refused, bench_here
+from helpers.command_line import assert_refused, bench_here
 from stiff_bench.api.model import load_model
 from stiff_bench.cli import models as deploy_cli
 from stiff_datasets.measured.sample_files import sample_table, write_table

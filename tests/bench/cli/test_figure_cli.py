@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from figure_results import CURVE, compared, with_fields
-from made_results import MadeResults
+from helpers.figure_results import CURVE, compared, with_fields
+from helpers.made_results import MadeResults
 from stiff_bench.cli.figures import figure
 from stiff_bench.figures.figure import can_be_drawn
 from stiff_bench.paper.figures import FIGURES

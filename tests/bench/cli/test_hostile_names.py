@@ -14,8 +14,8 @@ from importlib.resources import files
 
 import pytest
 
-from command_line import assert_refused, bench_here
-from made_results import MadeResults
+from helpers.command_line import assert_refused, bench_here
+from helpers.made_results import MadeResults
 from stiff_bench.console import one_line, printable
 from stiff_bench.tables.render import LATEX_NEEDS, csv_cell, markdown_text, render
 from stiff_bench.tables.table import Column, Name, Quantity, Table

@@ -8,8 +8,8 @@ import io
 import pytest
 from click.testing import CliRunner
 
-from command_line import assert_refused, bench_here
-from made_results import MadeResults
+from helpers.command_line import assert_refused, bench_here
+from helpers.made_results import MadeResults
 from stiff_bench.cli.compare import table
 from stiff_bench.cli.figures import reproduce
 from stiff_bench.paper import PAPER_RESULTS, study

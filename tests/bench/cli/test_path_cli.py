@@ -13,7 +13,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import stiffbench as sb
-from command_line import assert_refused, bench_here
+from helpers.command_line import assert_refused, bench_here
 from stiff_bench.analysis.path_correction import CorrectedPath
 from stiff_bench.api.path import compensate_path, example_path
 from stiff_datasets.measured.path_file import path_table, tool_of

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from sklearn.base import BaseEstimator
 
-from command_line import bench_here
+from helpers.command_line import bench_here
 from stiff_bench.model_tools.plugins import checklist, new_model
 from stiff_bench.plan.registry import build_registry
 from stiff_models.io.cache_folder import VARIABLE

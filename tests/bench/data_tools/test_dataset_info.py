@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from made_robots import planar_arm
-from made_samples import samples_with
+from helpers.made_robots import planar_arm
+from helpers.made_samples import samples_with
 from stiff_bench.data_tools.info import dataset_info, directions, facts, principal_shares
 from stiff_bench.data_tools.picture import save_picture
 from stiff_bench.tables.render import plain_text

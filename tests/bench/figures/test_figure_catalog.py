@@ -7,8 +7,8 @@ import struct
 import numpy as np
 import pytest
 
-from figure_results import CURVE, compared, learned, ranked, with_fields
-from made_results import TWINS
+from helpers.figure_results import CURVE, compared, learned, ranked, with_fields
+from helpers.made_results import TWINS
 from stiff_bench.figures import losses
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.figure import can_be_drawn

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from figure_results import SIZES, compared, learned, with_fields
-from made_results import TWINS, MadeResults, made_data
+from helpers.figure_results import SIZES, compared, learned, with_fields
+from helpers.made_results import TWINS, MadeResults, made_data
 from stiff_bench.figures import learning_curves, variants
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.samples import Series, errors_by_row, regression_figure

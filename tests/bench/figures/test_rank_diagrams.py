@@ -7,7 +7,7 @@ import re
 import numpy as np
 from click.testing import CliRunner
 
-from made_results import TWINS, MadeResults
+from helpers.made_results import TWINS, MadeResults
 from stiff_bench.analysis.critical_difference import RankAnalysis, Specimen
 from stiff_bench.cli.compare import leaderboard
 from stiff_bench.figures.ranks import ranks_figure, save_diagrams

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from made_results import MadeResults
+from helpers.made_results import MadeResults
 from stiff_bench.paper import effects
 from stiff_bench.paper.study import ARMS, BEAM, EFFECT_STEPS, TRANSFER_DATA, transfer_study
 from stiff_bench.store.database import ResultStore

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from figure_results import ranked
-from made_results import MadeResults
+from helpers.figure_results import ranked
+from helpers.made_results import MadeResults
 from stiff_bench.paper.pages import former_models, write_leaderboard, write_paper
 from stiff_bench.paper.study import DT_CNN
 from stiff_bench.store.database import stored_results

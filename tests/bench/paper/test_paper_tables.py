@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from made_results import MadeResults
+from helpers.made_results import MadeResults
 from stiff_bench.paper.method_tables import RECIPE
 from stiff_bench.paper.results import PaperResults
 from stiff_bench.paper.study import (

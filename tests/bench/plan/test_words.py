@@ -7,7 +7,7 @@ from typing import Annotated
 import pytest
 from pydantic import AfterValidator
 
-from run_requests import planned
+from helpers.run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.options import Choice, options_of
 from stiff_bench.plan.words import parse_settings

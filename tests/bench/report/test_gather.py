@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from made_results import TWINS, MadeResults, change
+from helpers.made_results import TWINS, MadeResults, change
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.figure import Prepared

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from made_results import TWINS, MadeResults
+from helpers.made_results import TWINS, MadeResults
 from stiff_bench.report.report import Selection, write_report
 
 pytestmark = [

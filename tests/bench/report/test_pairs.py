@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compared_results import case_in, fifths, spread, steady, store_results
+from helpers.compared_results import case_in, fifths, spread, steady, store_results
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.comparison import NORM, compare
 from stiff_bench.analysis.leaderboard import build_leaderboard

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
-from made_results import MadeResults
+from helpers.made_results import MadeResults
 from stiff_bench.cli.compare import report
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
 

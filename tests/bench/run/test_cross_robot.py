@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_robots import random_chain
-from run_requests import computed, planned
+from helpers.made_robots import random_chain
+from helpers.run_requests import computed, planned
 from stiff_bench.plan.cells import NO_SOURCE, cell_tasks, check_source
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.words import chosen_dataset

@@ -19,9 +19,9 @@ import numpy as np
 import psutil
 import pytest
 
-import hostile_models
 import stiff_models
-from command_line import assert_refused, bench, bench_here, n_stored, started, wait_until
+from helpers import hostile_models
+from helpers.command_line import assert_refused, bench, bench_here, n_stored, started, wait_until
 from stiff_bench.store.database import FILE, read_manifests, read_results
 
 pytest.importorskip("distributed", reason="needs the extra 'cluster'")

@@ -10,10 +10,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-import hostile_models
-from command_line import assert_refused, bench, bench_here, started, wait_until
-from quick_models import KEYS
-from run_requests import planned
+from helpers import hostile_models
+from helpers.command_line import assert_refused, bench, bench_here, started, wait_until
+from helpers.quick_models import KEYS
+from helpers.run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from run_requests import computed, with_model
-from sealed_samples import Leak, computed_under_seal, with_other_test_deflections
+from helpers.run_requests import computed, with_model
+from helpers.sealed_samples import Leak, computed_under_seal, with_other_test_deflections
 from stiff_bench.tables.metric_table import SELECTION_MARK, TRAINING_MARK, build_tables
 from stiff_bench.tables.render import render
 from stiff_models.catalog import FAMILIES, MODELS, model_info

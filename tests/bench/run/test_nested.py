@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from run_requests import computed, planned
-from sealed_samples import with_other_test_deflections
+from helpers.run_requests import computed, planned
+from helpers.sealed_samples import with_other_test_deflections
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.metric_table import build_tables

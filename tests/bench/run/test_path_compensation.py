@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from run_requests import computed, planned, with_model
+from helpers.run_requests import computed, planned, with_model
 from stiff_bench.analysis import collected
 from stiff_bench.analysis.collected import StoredResults, same_name_other_data
 from stiff_bench.analysis.comparison import compare

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-import hostile_models
-from command_line import bench, bench_here, n_stored, started, wait_until
-from made_results import damage, tear
-from run_requests import planned
+from helpers import hostile_models
+from helpers.command_line import bench, bench_here, n_stored, started, wait_until
+from helpers.made_results import damage, tear
+from helpers.run_requests import planned
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.api.run import Run
 from stiff_bench.cli.run import execute

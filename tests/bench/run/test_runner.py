@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator
 
-from run_requests import computed, planned, with_model
+from helpers.run_requests import computed, planned, with_model
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import CURVE_POINTS, compute_cell

@@ -10,7 +10,7 @@ from itertools import count
 import pytest
 from click.testing import CliRunner
 
-from made_results import TWINS, MadeResults, change, damage, forget, made_data, tear
+from helpers.made_results import TWINS, MadeResults, change, damage, forget, made_data, tear
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.cli.results import merge as merge_command
 from stiff_bench.store import merging

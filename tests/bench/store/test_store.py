@@ -18,8 +18,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from compared_results import made_data
-from made_results import MadeResults, change, tear
+from helpers.compared_results import made_data
+from helpers.made_results import MadeResults, change, tear
+from helpers.stored_cells import CELL, MANIFEST, VALUES, failure, result
 from stiff_bench.store.damage import fault_of, repair
 from stiff_bench.store.database import (
     FILE,
@@ -41,7 +42,6 @@ from stiff_models.physics.kinematics import jacobian
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
-from stored_cells import CELL, MANIFEST, VALUES, failure, result
 
 
 def only(folder: Path) -> CellResult:
@@ -372,7 +372,7 @@ import sys
 from pathlib import Path
 from dataclasses import replace
 sys.path[:0] = [{str(Path(__file__).parents[2])!r}]
-from stored_cells import CELL, result
+from helpers.stored_cells import CELL, result
 from stiff_bench.store.database import ResultStore
 store = ResultStore(Path(sys.argv[1]))
 for index in range(100_000):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from planted_faults import (
     FAULTS,
     FORCE,

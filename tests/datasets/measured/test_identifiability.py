@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_robots import planar_arm
+from helpers.made_robots import planar_arm
 from stiff_datasets.measured.identifiability import DEFLECTION_NOISE, identifiability, regressor
 from stiff_datasets.planning.design import SpringDesign
 from stiff_datasets.planning.plan_gain import plan_gain

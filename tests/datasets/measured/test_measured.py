@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from made_robots import planar_arm
-from made_samples import CSV_HEADER as HEADER
-from made_samples import CSV_ROW as GOOD
+from helpers.made_robots import planar_arm
+from helpers.made_samples import CSV_HEADER as HEADER
+from helpers.made_samples import CSV_ROW as GOOD
 from stiff_datasets.measured.measured import read_samples
 from stiff_protocols.contract.errors import DataError, StiffBenchWarning
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from made_robots import planar_arm
+from helpers.made_robots import planar_arm
 from stiff_datasets.measured.measured import read_samples, samples_of
 from stiff_datasets.measured.sample_checks import check_sheet
 from stiff_datasets.measured.sample_files import (

@@ -11,8 +11,8 @@ import numpy as np
 import platformdirs
 import pytest
 
-from made_samples import CSV_HEADER as HEADER
-from made_samples import CSV_ROW as GOOD
+from helpers.made_samples import CSV_HEADER as HEADER
+from helpers.made_samples import CSV_ROW as GOOD
 from stiff_datasets.measured import registered
 from stiff_datasets.measured.registered import Kr10Measured, missing, register, registry_file
 from stiff_protocols.contract.errors import ConfigError, DataError

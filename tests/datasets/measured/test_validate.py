@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from made_samples import samples_with
+from helpers.made_samples import samples_with
 from stiff_datasets.measured.sample_files import sample_table
 from stiff_datasets.measured.validate import validate
 from stiff_datasets.robots.robot import shipped_robot

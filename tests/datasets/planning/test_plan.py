@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from made_robots import planar_arm
-from made_samples import samples_with
+from helpers.made_robots import planar_arm
+from helpers.made_samples import samples_with
 from stiff_datasets.measured.identifiability import identifiability, regressor
 from stiff_datasets.measured.load_file import Loads
 from stiff_datasets.measured.measured import read_samples

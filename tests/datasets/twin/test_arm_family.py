@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from tabulate import tabulate
 
-from command_line import bench_here
+from helpers.command_line import bench_here
 from stiff_datasets.planning.loads import hook_wrenches, stream
 from stiff_datasets.robots.shipped import ROBOTS
 from stiff_datasets.twin.constants import shipped_constants, specimen_beams

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_robots import planar_arm
+from helpers.made_robots import planar_arm
 from stiff_datasets.twin.beams import SHEAR_COEFFICIENT, Beams, Tube
 from stiff_datasets.twin.constants import shipped_constants, specimen_beams
 from stiff_datasets.twin.kr10_twin import Kr10TwinBeam

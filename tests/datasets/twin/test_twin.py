@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pinocchio_twin import pinocchio_torque
 
+from helpers.pinocchio_twin import pinocchio_torque
 from stiff_datasets.planning.poses import paper_poses
 from stiff_datasets.robots.robot import load_robot
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs

@@ -11,12 +11,12 @@ import zipfile
 import numpy as np
 import pytest
 import torch
-from model_files import archived, changed, opened, saved_model
 from sklearn.base import BaseEstimator
 from sklearn.linear_model import LinearRegression
 from sklearn.preprocessing import FunctionTransformer
 
-from quick_models import quick_model, twin_data
+from helpers.model_files import archived, changed, opened, saved_model
+from helpers.quick_models import quick_model, twin_data
 from stiff_models import load
 from stiff_models.io.saved import FORMAT, save
 from stiff_models.networks.mlp import Mlp

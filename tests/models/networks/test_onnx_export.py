@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from made_samples import samples_with
-from quick_models import KEYS, quick_model, twin_data
+from helpers.made_samples import samples_with
+from helpers.quick_models import KEYS, quick_model, twin_data
 from stiff_models.catalog import model_info
 from stiff_models.networks.mlp import Mlp
 from stiff_models.networks.onnx_export import export_onnx

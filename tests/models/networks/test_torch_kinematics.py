@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from made_robots import random_chain
+from helpers.made_robots import random_chain
 from stiff_models.networks.features import Scaler, encode
 from stiff_models.networks.network import build_network
 from stiff_models.networks.torch_parts import EncodedNetwork, TorchJacobian, VjmModule

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from made_robots import planar_arm
-from made_samples import samples_with
+from helpers.made_robots import planar_arm
+from helpers.made_samples import samples_with
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.congruence import LoadedRobot, loaded_deflection
 from stiff_models.physics.kinematics import jacobian

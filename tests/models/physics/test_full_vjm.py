@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_samples import samples_with
+from helpers.made_samples import samples_with
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.springs import SpringLaw

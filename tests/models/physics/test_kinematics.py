@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from made_robots import random_chain
+from helpers.made_robots import random_chain
 from stiff_models.physics.kinematics import (
     compliance_matrix,
     gravity_torque,

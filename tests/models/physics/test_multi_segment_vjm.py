@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_robots import planar_arm
-from made_samples import samples_with
+from helpers.made_robots import planar_arm
+from helpers.made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torque

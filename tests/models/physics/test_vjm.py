@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_samples import samples_with
+from helpers.made_samples import samples_with
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_models.physics.vjm import (
     VirtualJointModel,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sklearn.exceptions import ConvergenceWarning
 
-from made_samples import samples_with
+from helpers.made_samples import samples_with
 from stiff_models.regressors.baselines import MeanModel, ZeroModel
 from stiff_models.regressors.gp import GaussianProcessModel
 from stiff_models.regressors.regressor_model import told_as_ours

@@ -7,7 +7,7 @@ import pytest
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.tree import DecisionTreeRegressor
 
-from made_samples import samples_with
+from helpers.made_samples import samples_with
 from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.regressors.tradaboost import (
     Boosted,

@@ -7,9 +7,9 @@ import copy
 import numpy as np
 import pytest
 import torch
-from domain_rows import INPUTS, OF_TARGET, TARGETS, normal
 
-from made_samples import with_other_labels
+from helpers.domain_rows import INPUTS, OF_TARGET, TARGETS, normal
+from helpers.made_samples import with_other_labels
 from stiff_models.networks.network import build_network, linear_layers
 from stiff_models.networks.training import Rows, train_network
 from stiff_models.networks.training_plan import HUBER_DELTA, TrainingPlan

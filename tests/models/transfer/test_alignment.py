@@ -6,7 +6,8 @@ import math
 
 import pytest
 import torch
-from domain_rows import (
+
+from helpers.domain_rows import (
     INPUTS,
     OF_TARGET,
     SOURCE,
@@ -16,7 +17,6 @@ from domain_rows import (
     TARGETS,
     waves,
 )
-
 from stiff_models.transfer.alignment import (
     AlignedObjective,
     build_discriminator,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from made_samples import with_other_labels
+from helpers.made_samples import with_other_labels
 from stiff_models.networks import epochs
 from stiff_models.transfer.cnn import CellMaxPool, SampleNormalisation
 from stiff_models.transfer.dt_cnn import FAST, FINE_TUNING, DtCnn

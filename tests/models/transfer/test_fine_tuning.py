@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
+from helpers.plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
 from stiff_models.networks.network import build_network
 from stiff_models.networks.training import Rows
 from stiff_models.networks.training_plan import TrainingPlan

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from made_robots import random_chain
+from helpers.made_robots import random_chain
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_models.physics.vjm import joint_deflection
 from stiff_models.transfer.mlp_pretrained import MlpPretrained

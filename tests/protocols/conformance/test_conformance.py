@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from broken_models import (
+from helpers.broken_models import (
     BROKEN,
     BROKEN_CHOOSERS,
     CannotFit,

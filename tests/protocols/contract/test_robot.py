@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from made_robots import random_chain
+from helpers.made_robots import random_chain
 from stiff_models.physics import kinematics
 from stiff_protocols.contract.errors import DataError
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quick_models import twin_data
+from helpers.quick_models import twin_data
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import Interval

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_samples import samples_with
+from helpers.made_samples import samples_with
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import BenchmarkData, Samples
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from made_robots import random_chain
+from helpers.made_robots import random_chain
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.paths.inverse import follow, judged
 from stiff_protocols.paths.path import SHAPES, ToolPath, shaped

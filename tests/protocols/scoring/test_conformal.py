@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator
 
-from made_samples import samples_with
+from helpers.made_samples import samples_with
 from stiff_protocols.contract.errors import ModelError, NotFittedError
 from stiff_protocols.scoring.conformal import SplitConformal, calibration_samples_needed
 

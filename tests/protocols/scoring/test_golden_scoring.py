@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from quick_models import twin_data
+from helpers.quick_models import twin_data
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.regressor_model import NearestNeighbours
 from stiff_protocols.contract.record import Cost

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from made_samples import unloaded
+from helpers.made_samples import unloaded
 from stiff_protocols.contract.interfaces import NamesSources
 from stiff_protocols.splits.cross_robot import OWN, CrossRobot
 from stiff_protocols.splits.random_splits import Holdout

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_samples import assert_no_pose_is_parted, learned, samples_with
+from helpers.made_samples import assert_no_pose_is_parted, learned, samples_with
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import Samples
 from stiff_protocols.splits.extrapolation import ALL_POSES, LoadExtrapolation, SpaceTransfer

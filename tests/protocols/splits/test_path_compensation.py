@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_robots import planar_arm
-from made_samples import samples_with
+from helpers.made_robots import planar_arm
+from helpers.made_samples import samples_with
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from made_samples import learned, unloaded
+from helpers.made_samples import learned, unloaded
 from stiff_protocols.splits.sample_efficiency import SampleEfficiency
 
 

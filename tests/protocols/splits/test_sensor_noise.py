@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_samples import samples_with
+from helpers.made_samples import samples_with
 from stiff_bench.run.cell import compute_cell
 from stiff_protocols.contract.types import Samples
 from stiff_protocols.splits.random_splits import Holdout

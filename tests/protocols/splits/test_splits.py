@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sklearn.model_selection import GroupShuffleSplit
 
-from made_samples import unloaded
+from helpers.made_samples import unloaded
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import Split
 from stiff_protocols.splits.checks import first_fault

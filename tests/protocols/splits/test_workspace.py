@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_robots import planar_arm
-from made_samples import learned, samples_with
+from helpers.made_robots import planar_arm
+from helpers.made_samples import learned, samples_with
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import Robot, Samples
 from stiff_protocols.splits.extrapolation import ALL_POSES

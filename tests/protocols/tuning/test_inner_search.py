@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator, clone
 
-from made_samples import samples_with
+from helpers.made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_models.regressors.regressor_model import NearestNeighbours
 from stiff_models.transfer.dt_cnn import DtCnn

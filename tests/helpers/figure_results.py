@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from made_results import TWINS, MadeResults
+from helpers.made_results import TWINS, MadeResults
 from stiff_bench.store.database import ResultStore, read_results
 
 SIZES = (5, 10, 40)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from made_samples import samples_with
+from helpers.made_samples import samples_with
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_bench.store.names import Variant
 from stiff_datasets.robots.robot import shipped_robot

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-import made_results
-from made_results import MadeResults
+from helpers import made_results
+from helpers.made_results import MadeResults
 from stiff_bench.analysis.collected import Case, StoredResults
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData

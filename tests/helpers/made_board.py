@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from run_requests import planned
+from helpers.run_requests import planned
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.store.database import ResultStore
 from stiff_protocols.contract.record import CellResult, Cost, RunManifest

@@ -10,7 +10,7 @@ from typing import Any
 
 import skops.io
 
-from quick_models import quick_model
+from helpers.quick_models import quick_model
 from stiff_models.io.saved import TRUSTED
 
 

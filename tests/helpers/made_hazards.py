@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from made_robots import random_chain
-from made_samples import samples_with
+from helpers.made_robots import random_chain
+from helpers.made_samples import samples_with
 from stiff_models.physics.kinematics import joint_deflection
 from stiff_protocols.contract.types import FloatArray, JointType, Robot, Samples
 
