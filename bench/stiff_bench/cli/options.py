@@ -14,6 +14,7 @@ import click
 
 from stiff_bench.api import RESULTS
 from stiff_bench.api.process import pinned
+from stiff_protocols.contract.errors import ConfigError
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Context = click.Context | None
@@ -143,7 +144,12 @@ def coverage_options(text: str) -> Callable[[Command], Command]:
                 if coverage is not None:
                     raise click.UsageError("give one of --coverage and --coverage-3d")
                 coverage = coverage_of_each_axis(coverage_3d)
-            return command(coverage=coverage, **words)
+            try:
+                return command(coverage=coverage, **words)
+            except ConfigError as error:
+                if coverage_3d is not None and error.argument == "coverage":
+                    error.argument = "coverage-3d"  # what was typed
+                raise
 
         return cast(Command, call)
 
