@@ -220,8 +220,8 @@ class Model:
         check_coverage(coverage)
         if not isinstance(self.fitted, PredictsInterval):
             raise ConfigError(
-                f"cannot be asked for: {self.choice.info.key} has no intervals of its own (those "
-                "of `bench run` come from samples that were held out)",
+                f"{coverage:g}: {self.choice.info.key} has no intervals of its own "
+                "(those of `bench run` come from samples that were held out)",
                 "coverage",
             )
 

@@ -148,7 +148,7 @@ def coverage_options(text: str) -> Callable[[Command], Command]:
                 return command(coverage=coverage, **words)
             except ConfigError as error:
                 if coverage_3d is not None and error.argument == "coverage":
-                    error.argument = "coverage-3d"  # what was typed
+                    error.argument = f"coverage-3d {coverage_3d:g}, of each axis"  # what was typed
                 raise
 
         return cast(Command, call)

@@ -181,11 +181,8 @@ def _coverage(asked: float | None, metrics: Sequence[Metric]) -> float | None:
         require("a metric of intervals", "crepes")  # before the models are fitted
         return coverage
     if asked is not None:
-        raise ConfigError(
-            "says nothing here: no metric of this run needs intervals; add the metric coverage or "
-            "width",
-            "coverage",
-        )
+        why = "no metric of this run needs intervals; add the metric coverage or width"
+        raise ConfigError(f"{asked:g}: {why}", "coverage")
     return None
 
 
