@@ -113,8 +113,8 @@ def _different(choices: Sequence[Choice[Info]]) -> tuple[Choice[Info], ...]:
         known = found.setdefault(choice.name, choice)
         if (known.cls, known.context) != (choice.cls, choice.context):
             raise ConfigError(
-                f"{choice.name!r} is the name of two different things: give one of them another "
-                "name, such as Dataset.from_samples(samples, robot, name=...)"
+                f"{choice.name!r} is the name of two things: give one of them once, or another "
+                "name, as by Dataset.from_samples(samples, robot, name=...)"
             )
     return tuple(found.values())
 
