@@ -130,7 +130,7 @@ MODELS = (
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
-        version=6,
+        version=7,
         summary="mean of several ft-mlp with different seeds",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,
