@@ -7,7 +7,6 @@ they have learned little. Here the members are `ft-mlp`, each with its own pre-t
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
@@ -18,7 +17,7 @@ from annotated_types import Ge
 from stiff_models.base import left_out_fifths, normal_interval
 from stiff_models.networks.torch_parts import MeanOf
 from stiff_models.transfer.ft_mlp import FtMlp
-from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
 
 LEAST_SHARE = 0.1
@@ -48,9 +47,10 @@ class DeepEnsemble(FtMlp):
     """Mean of `members` fine-tuned MLPs; every option of `ft-mlp` is every member's.
 
     With training="cv" the first member chooses the number of epochs for all. What the members err
-    in common is seen at poses that were left out: two networks, so trained, are fitted without each
-    fifth of the training poses. Their mean's errors there hold a part of the scatter among networks
-    too, which the members' spread brings into an interval once more, so it is taken off.
+    in common is seen at poses that were left out: two of the pre-trained networks are fine-tuned
+    without each fifth of the training poses (the springs of their source domain are those of all).
+    Their mean's errors there hold a part of the scatter among networks too, which the members'
+    spread brings into an interval once more, so it is taken off.
 
     Attributes:
         members: number of networks; the first has the seeds of ft-mlp, the others their own.
@@ -74,14 +74,13 @@ class DeepEnsemble(FtMlp):
         for number, own in enumerate(seeds, start=1):
             member = self._member(number).set_params(**chosen)
             self.members_ += [member.fit(train, robot=robot, validation=validation, seed=own)]
-        pair = [(self._member(n).set_params(**chosen), s) for n, s in ((0, seed), (1, seeds[0]))]
         errors = []
         for learned, left_out in left_out_fifths(train, seed):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", StiffBenchWarning)  # the members have had their say
-                for network, own in pair:
-                    network.fit(learned, robot=robot, validation=validation, seed=own)
-            found = np.stack([one.predict(left_out.q, left_out.wrench) for one, _ in pair])
+            pair = [
+                member.fine_tuned_anew(learned, validation, own)
+                for member, own in zip(self.members_, [seed, seeds[0]], strict=False)
+            ]
+            found = np.stack([one.predict(left_out.q, left_out.wrench) for one in pair])
             errors.append(found - left_out.deflection)
         self.noise_ = common_error(np.concatenate(errors, axis=1), self.members)
         self.diagnostics_ = {"members": float(self.members)} | self.members_[0].diagnostics_

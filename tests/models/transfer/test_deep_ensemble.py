@@ -86,6 +86,17 @@ def test_common_errors_do_not_vanish_where_networks_differ_by_more_than_they_err
     np.testing.assert_allclose(common_error(pair, 5), 0.1 * 0.05)
 
 
+def test_a_network_that_is_fine_tuned_anew_on_the_same_samples_is_the_same(parts):
+    robot, train, _, test = parts
+    once = FtMlp(**SMALL).fit(train, robot=robot, seed=4)
+    before = once.predict(test.q, test.wrench)
+    anew = once.fine_tuned_anew(train, None, 4)
+    np.testing.assert_array_equal(anew.predict(test.q, test.wrench), before)
+    other = once.fine_tuned_anew(train.take(np.arange(len(train) // 2)), None, 4)
+    assert (other.predict(test.q, test.wrench) != before).any()
+    np.testing.assert_array_equal(once.predict(test.q, test.wrench), before)
+
+
 def test_the_first_member_chooses_the_epochs_of_all(ensemble):
     chosen = ensemble.members_[0].best_params_["epochs"]
     assert [member.epochs for member in ensemble.members_[1:]] == [chosen, chosen]
