@@ -130,7 +130,7 @@ MODELS = (
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
-        version=6,
+        version=7,
         summary="mean of several ft-mlp with different seeds",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,
@@ -151,7 +151,7 @@ MODELS = (
     ModelInfo(
         key="gp",
         target="stiff_models.regressors.gp:GaussianProcessModel",
-        version=3,
+        version=4,
         summary="Gaussian process of the deflection, with prediction intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS},
@@ -159,7 +159,7 @@ MODELS = (
     ModelInfo(
         key="vjm-gp",
         target="stiff_models.regressors.on_physics:VjmGp",
-        version=3,
+        version=4,
         summary="VJM plus a Gaussian process of its residual, with prediction intervals",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS, "physics": _PHYSICS},
@@ -167,7 +167,7 @@ MODELS = (
     ModelInfo(
         key="mf-gp",
         target="stiff_models.regressors.mf_gp:MultiFidelityGp",
-        version=4,
+        version=5,
         summary="co-kriging of simulated (VJM) and measured samples, with prediction intervals",
         reference="Kennedy and O'Hagan 2000; Le Gratiet and Garnier 2014",
         quick=_QUICK_PROCESS | {"source_samples": 16},

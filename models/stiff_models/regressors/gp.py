@@ -19,6 +19,8 @@ from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Sa
 
 FEWEST_POSES = 10
 """Fewer are not divided: two of eight poses hold no standard deviation."""
+ONE_DEVIATION = 0.6826894921370859
+"""Coverage of a normal interval that reaches one standard deviation to either side."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -27,8 +29,9 @@ class GaussianProcessModel(StandardisedModel):
 
     Hyperparameters that are the likeliest ones for a hundred samples make the process too sure of
     itself. So it is fitted again without each fifth of the poses, and its standard deviations are
-    multiplied by the root mean square of the errors there, in units of the deviations there. They
-    are never below the instrument's.
+    multiplied by the root mean square of the errors there, in units of the deviations there. These
+    are widened beyond the fold's training range, as every interval is. They are never below the
+    instrument's.
 
     Attributes:
         kernel: "matern" (Matern 5/2) or "rbf" (squared exponential).
@@ -64,7 +67,7 @@ class GaussianProcessModel(StandardisedModel):
     def _errors_of_folds(
         self, train: Samples, robot: Robot, validation: Samples | None, seed: int
     ) -> Iterator[FloatArray]:
-        """Yield the (n, 3) errors at poses that were left out, in units of their deviations."""
+        """Yield the (n, 3) errors at poses that were left out, in half widths of one deviation."""
         n_poses = len(np.unique(train.pose_id))
         if n_poses < FEWEST_POSES:
             return
@@ -78,8 +81,11 @@ class GaussianProcessModel(StandardisedModel):
                     )
                 except ModelError:  # too few poses are left for the physics
                     continue
-            error = copy.predict(left_out.q, left_out.wrench) - left_out.deflection
-            yield error / copy._deviations(left_out.q, left_out.wrench)
+            # as wide as an interval is there: beyond the fold's training range, too
+            copy.calibration_ = np.ones(len(AXES))
+            found = copy.predict_interval(left_out.q, left_out.wrench, ONE_DEVIATION)
+            middle = (found.lower + found.upper) / 2.0
+            yield 2.0 * (middle - left_out.deflection) / (found.upper - found.lower)
 
     def _for_a_fold(self) -> Self:
         """Return an unfitted copy that is fitted sooner: one search is enough there."""

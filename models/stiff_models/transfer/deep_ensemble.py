@@ -7,7 +7,6 @@ they have learned little. Here the members are `ft-mlp`, each with its own pre-t
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
@@ -18,17 +17,40 @@ from annotated_types import Ge
 from stiff_models.base import left_out_fifths, normal_interval
 from stiff_models.networks.torch_parts import MeanOf
 from stiff_models.transfer.ft_mlp import FtMlp
-from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
+
+LEAST_SHARE = 0.1
+"""Of the errors at poses that were left out: the least of them that is the members' in common."""
+
+
+def common_error(pair: FloatArray, members: int) -> FloatArray:
+    """Return the (3,) root mean square, m, of what `members` networks err in common.
+
+    With networks that scatter about their expectation with variance v, the mean of two has the
+    squared error b² + v / 2 and the mean of all b² + v / members, while the variance among all is
+    (1 - 1 / members) v on average. The square of what is returned, and that variance, are together
+    the squared error of the mean of all.
+
+    Args:
+        pair: (2, n, 3) m, errors of two networks at the same n poses, which they did not learn.
+        members: number of networks in the ensemble.
+    """
+    squared = (pair.mean(axis=0) ** 2).mean(axis=0)
+    scatter = pair.var(axis=0, ddof=1).mean(axis=0)
+    left = squared - (1.5 - 2.0 / members) * scatter
+    return np.asarray(np.sqrt(np.maximum(left, LEAST_SHARE**2 * squared)))
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class DeepEnsemble(FtMlp):
     """Mean of `members` fine-tuned MLPs; every option of `ft-mlp` is every member's.
 
-    With training="cv" the first member chooses the number of epochs for all. The residual scatter
-    of the intervals is that of one network, so trained, at the poses of each fifth of the training
-    samples that it was fitted without.
+    With training="cv" the first member chooses the number of epochs for all. What the members err
+    in common is seen at poses that were left out: two of the pre-trained networks are fine-tuned
+    without each fifth of the training poses (the springs of their source domain are those of all).
+    Their mean's errors there hold a part of the scatter among networks too, which the members'
+    spread brings into an interval once more, so it is taken off.
 
     Attributes:
         members: number of networks; the first has the seeds of ft-mlp, the others their own.
@@ -52,17 +74,19 @@ class DeepEnsemble(FtMlp):
         for number, own in enumerate(seeds, start=1):
             member = self._member(number).set_params(**chosen)
             self.members_ += [member.fit(train, robot=robot, validation=validation, seed=own)]
-        probe, errors = self._member(0).set_params(**chosen), []
+        errors = []
         for learned, left_out in left_out_fifths(train, seed):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", StiffBenchWarning)  # the members have had their say
-                probe.fit(learned, robot=robot, validation=validation, seed=seed)
-            errors.append(probe.predict(left_out.q, left_out.wrench) - left_out.deflection)
-        self.noise_ = np.sqrt((np.vstack(errors) ** 2).mean(axis=0))  # (3,) m
+            pair = [
+                member.fine_tuned_anew(learned, validation, own)
+                for member, own in zip(self.members_, [seed, seeds[0]], strict=False)
+            ]
+            found = np.stack([one.predict(left_out.q, left_out.wrench) for one in pair])
+            errors.append(found - left_out.deflection)
+        self.noise_ = common_error(np.concatenate(errors, axis=1), self.members)
         self.diagnostics_ = {"members": float(self.members)} | self.members_[0].diagnostics_
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return normal intervals: variance among the members plus that of the residuals.
+        """Return normal intervals: variance among the members plus that of their common errors.
 
         Arguments and errors as of `predict`; `coverage` (0..1) is of each axis alone. Beyond the
         training range they are wider, as `TrainingRange.widened` says.

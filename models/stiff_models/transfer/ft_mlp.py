@@ -11,7 +11,7 @@ import copy
 import math
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 import torch
@@ -92,6 +92,18 @@ class FtMlp(MlpPretrained):
             "training MAE [mm]": float(learned.mean()) * 1000.0,  # of all axes together
             "training STDE [mm]": float(learned.std()) * 1000.0,
         }
+
+    def fine_tuned_anew(self, train: Samples, validation: Samples | None, seed: int) -> Self:
+        """Return a copy of this fitted model, fine-tuned from its pre-training on other samples.
+
+        With training="cv" the number of epochs stays the one that was chosen.
+        """
+        anew, plan, training = copy.copy(self), self._fine_tuning_plan(), self.training
+        if training == "cv":
+            plan, training = replace(plan, steps=self.best_params_["epochs"]), "normal"
+        anew.network_ = copy.deepcopy(self.source_network_)
+        anew._learn_measured(train, validation, plan, seed, training)
+        return anew
 
     def _learn(
         self,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiff_models.transfer.deep_ensemble import DeepEnsemble
+from stiff_models.transfer.deep_ensemble import DeepEnsemble, common_error
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ModelError
 
@@ -64,6 +64,37 @@ def test_its_noise_comes_from_training_poses_and_never_from_validation_labels(pa
         ((alone.predict(train.q, train.wrench) - train.deflection) ** 2).mean(axis=0)
     )
     assert (calm.noise_ > residual * 0.8).all()  # held out, and not what the weights have fitted
+
+
+@pytest.mark.parametrize("members", [2, 5])
+@pytest.mark.parametrize("scatter", [0.0, 0.3, 0.6])
+def test_common_errors_and_the_spread_make_up_the_error_of_the_mean(members, scatter):
+    rng, common = np.random.default_rng(0), np.array([1.0, 2.0, 0.5])
+
+    def networks(number):
+        errors = rng.normal(size=(20_000, 3)) * common  # of all networks at a pose
+        return errors + scatter * rng.normal(size=(number, 20_000, 3))
+
+    found, all_of_them = common_error(networks(2), members), networks(members)
+    expected = (all_of_them.mean(axis=0) ** 2).mean(axis=0)
+    together = found**2 + all_of_them.var(axis=0).mean(axis=0)
+    np.testing.assert_allclose(together, expected, rtol=0.1)
+
+
+def test_common_errors_do_not_vanish_where_networks_differ_by_more_than_they_err():
+    pair = np.array([[[1.0, 1.0, 1.0]], [[-1.1, -1.1, -1.1]]])
+    np.testing.assert_allclose(common_error(pair, 5), 0.1 * 0.05)
+
+
+def test_a_network_that_is_fine_tuned_anew_on_the_same_samples_is_the_same(parts):
+    robot, train, _, test = parts
+    once = FtMlp(**SMALL).fit(train, robot=robot, seed=4)
+    before = once.predict(test.q, test.wrench)
+    anew = once.fine_tuned_anew(train, None, 4)
+    np.testing.assert_array_equal(anew.predict(test.q, test.wrench), before)
+    other = once.fine_tuned_anew(train.take(np.arange(len(train) // 2)), None, 4)
+    assert (other.predict(test.q, test.wrench) != before).any()
+    np.testing.assert_array_equal(once.predict(test.q, test.wrench), before)
 
 
 def test_the_first_member_chooses_the_epochs_of_all(ensemble):
