@@ -105,6 +105,8 @@ def test_a_pickle_in_the_samples_of_a_results_folder_is_refused_unread(mark):
         {"joint_types": np.array(["revolute"])},
         {"joint_names": np.array("A1")},
         {"q": np.zeros((3, 3))},
+        {"instrument_noise": np.zeros(2)},
+        {"instrument_noise": np.array(np.nan)},
     ],
     ids=str,
 )

@@ -6,11 +6,12 @@ The columns are those of `stiff_datasets.measured.sample_files`.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
 
+from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.sample_checks import CheckedSamples, check_sheet, problems_error
 from stiff_datasets.measured.sample_files import read_sheet, sheet_of
 from stiff_protocols.contract.errors import StiffBenchWarning
@@ -20,7 +21,8 @@ from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 def read_samples(path: Path, robot: Robot, *, no_torque: bool = False) -> Samples:
     """Read and check a file of measured samples.
 
-    Columns that are not ours are kept aside; a `StiffBenchWarning` names them.
+    Columns that are not ours are kept aside; a `StiffBenchWarning` names them. The instrument's
+    noise is what a data card FILE.md beside the file states.
 
     Args:
         path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
@@ -30,10 +32,11 @@ def read_samples(path: Path, robot: Robot, *, no_torque: bool = False) -> Sample
     Raises:
         DataError: the file is unreadable, empty or wrongly headed, or a value cannot be; the
             message names file, row (1 is the header of a CSV file), column, value and what is
-            valid, and how many problems there are beside the first.
+            valid, and how many problems there are beside the first. Or the card's noise is none.
     """
     checked = check_sheet(read_sheet(path), robot, no_torque=no_torque)
     samples = _samples(checked, "bench data validate lists them")
+    samples = replace(samples, instrument_noise=read_card(path).instrument_noise)
     for oddity in checked.sheet.oddities:
         warnings.warn(oddity, StiffBenchWarning, stacklevel=2)
     return samples

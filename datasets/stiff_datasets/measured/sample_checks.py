@@ -117,11 +117,14 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
     problems.sort(key=lambda problem: problem.row or 0)
     if unreadable:
         return CheckedSamples(sheet, problems)
+    pose_id, load_id, group = (sheet.cells[name].to_numpy(dtype=str) for name in ID_COLUMNS)
     samples = Samples(
         q=q_file / file_units(robot),
         wrench=wrench,
         deflection=deflection_mm / MM_PER_M,
-        **{name: sheet.cells[name].to_numpy(dtype=str) for name in ID_COLUMNS},
+        pose_id=pose_id,
+        load_id=load_id,
+        group=group,
     )
     return CheckedSamples(sheet, problems, samples)
 

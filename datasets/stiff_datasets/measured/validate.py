@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from stiff_datasets.measured.data_card import DataCard, read_card
 from stiff_datasets.measured.data_checks import (
     FEWEST_SAMPLES,
     Finding,
@@ -49,10 +49,6 @@ OTHER_UNITS = {
     1000.0: "the forces in kN or the deflections in micrometres",
 }
 """Error that makes a robot look so many times as compliant as it is."""
-UNMEASURED = re.compile(
-    r"^.*\btorques?\b.*\bnot (measured|recorded)\b", re.IGNORECASE | re.MULTILINE
-)
-"""What a data card FILE.md beside FILE.csv has where no torques were measured."""
 ROWS_SHOWN = 10
 TIES_SHOWN = 2
 LARGEST_SHOWN = 5
@@ -102,6 +98,7 @@ def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> Validation
         no_torque: no torques were measured; a data card FILE.md beside the file may say so, too.
     """
     try:
+        card = read_card(path)
         checked = check_sheet(read_sheet(path), robot, no_torque=no_torque)
     except DataError as error:
         message = str(error).removeprefix(f"{path}: ")
@@ -116,7 +113,7 @@ def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> Validation
             errors += [Finding("error", _named(likely))] if likely.best else []
         return ValidationReport(path, tuple(errors))
     data = reading(robot, samples.q, samples.wrench, samples.deflection)
-    no_torque = no_torque or _card_says_no_torque(path)
+    no_torque = no_torque or card.no_torque
     torques_missing = not no_torque and not data.torque.any()
     diagnosis = diagnose(samples, robot, may_fit=not torques_missing)
     if torques_missing and not _explains_little(diagnosis.given):
@@ -126,6 +123,7 @@ def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> Validation
     found = [
         *([fact("columns not used", unused)] if unused else []),
         *_content_findings(samples, robot, no_torque),
+        *_noise_findings(card),
         *duplicate_findings(samples, robot, lines),
         *range_findings(samples, lines),
         *repeat_findings(samples, robot, lines),
@@ -135,13 +133,6 @@ def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> Validation
         path,
         warnings=tuple(each for each in found if each.level == "warning"),
         facts=tuple(each for each in found if each.level == "fact"),
-    )
-
-
-def _card_says_no_torque(path: Path) -> bool:
-    card = path.with_suffix(".md")
-    return card.is_file() and bool(
-        UNMEASURED.search(card.read_text(encoding="utf-8", errors="replace"))
     )
 
 
@@ -187,6 +178,12 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
         limits = f"{robot.lower[i] * units[i]:.4g} to {robot.upper[i] * units[i]:.4g}"
         used = f"{q[:, i].min():.4g} to {q[:, i].max():.4g} {unit}"
         yield fact(f"joint {robot.joint_names[i]}", f"{used} (limits {limits})")
+
+
+def _noise_findings(card: DataCard) -> Iterator[Finding]:
+    if card.instrument_noise:
+        noise = f"{card.instrument_noise * MM_PER_M:.3g} mm a deflection, as the data card states"
+        yield fact("instrument noise", noise)
 
 
 def _identified(data: Reading, pose: IntArray) -> Identified:

@@ -19,6 +19,8 @@ from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Sa
 
 FEWEST_POSES = 10
 """Fewer are not divided: two of eight poses hold no standard deviation."""
+TRACKER_NOISE = 1e-5
+"""m, standard deviation of a laser tracker's readings: of data whose card states no noise."""
 ONE_DEVIATION = 0.6826894921370859
 """Coverage of a normal interval that reaches one standard deviation to either side."""
 
@@ -40,10 +42,10 @@ class GaussianProcessModel(StandardisedModel):
         search_rows: training rows that the search uses at most (drawn at random); the
             process itself always learns from all of them.
         instrument_noise_mm: the least standard deviation of a measured deflection an axis, mm, that
-            is looked for; the default is a laser tracker's, of one reading. Data cards and data
-            sheets give it a reading; a deflection has two, so its own is sqrt(2) times as large.
-            Without it the likelihood finds 2e-5 mm in few samples. What repeats differ by is found
-            there.
+            is looked for; None: what the data card states (`Samples.instrument_noise`), else 0.01,
+            a laser tracker's. Without it the likelihood finds 2e-5 mm in few samples. What
+            repeats differ by is found there.
+        instrument_noise_: m, what was taken.
         processes_: one `GaussianProcess` an axis, or what predicts as it does.
         calibration_: (3,) what the standard deviations of each axis are multiplied by.
     """
@@ -52,7 +54,7 @@ class GaussianProcessModel(StandardisedModel):
     ard: bool = True
     restarts: Annotated[int, Ge(0)] = 1
     search_rows: Annotated[int, Ge(2)] = 1000
-    instrument_noise_mm: Annotated[float, Gt(0.0)] = 0.01
+    instrument_noise_mm: Annotated[float, Gt(0.0)] | None = None
 
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
@@ -97,7 +99,7 @@ class GaussianProcessModel(StandardisedModel):
         start, search = self._start(inputs.shape[1]), self._search(seed)
         self.processes_: tuple[Any, ...] = tuple(
             GaussianProcess.of(search.likeliest(start, inputs, axis, least=least), inputs, axis)
-            for axis, least in zip(targets.T, self._least_noise(), strict=True)
+            for axis, least in zip(targets.T, self._least_noise(train), strict=True)
         )
         self.diagnostics_ = self._noise_in_mm()
 
@@ -110,7 +112,7 @@ class GaussianProcessModel(StandardisedModel):
 
         def within(q: FloatArray, wrench: FloatArray) -> Interval:
             deviation = self._deviations(q, wrench) * self.calibration_
-            deviation = np.maximum(deviation, self._instrument_noise)
+            deviation = np.maximum(deviation, self.instrument_noise_)
             return normal_interval(self._predict(q, wrench), deviation, coverage)
 
         return self.training_range_.widened(within, *self._checked(q, wrench))
@@ -128,7 +130,7 @@ class GaussianProcessModel(StandardisedModel):
         """Return (3,) the variance of a measured deflection's own error, m²."""
         noise = np.array([one.noise for one in self.processes_])
         noise *= (self.calibration_ * self.output_scaler_.scale) ** 2
-        return np.asarray(np.maximum(noise, self._instrument_noise**2))
+        return np.asarray(np.maximum(noise, self.instrument_noise_**2))
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         inputs = self._inputs(self.robot_, q, wrench)
@@ -150,14 +152,12 @@ class GaussianProcessModel(StandardisedModel):
             )
         }
 
-    def _least_noise(self) -> FloatArray:
-        """The (3,) variance of the instrument, standardised."""
-        return np.asarray((self._instrument_noise / self.output_scaler_.scale) ** 2)
-
-    @property
-    def _instrument_noise(self) -> float:
-        """The instrument's standard deviation, m."""
-        return self.instrument_noise_mm / 1000.0
+    def _least_noise(self, train: Samples) -> FloatArray:
+        """Take the instrument's noise, and return its (3,) variance, standardised."""
+        given = self.instrument_noise_mm
+        stated = train.instrument_noise or TRACKER_NOISE
+        self.instrument_noise_ = stated if given is None else given / 1000.0
+        return np.asarray((self.instrument_noise_ / self.output_scaler_.scale) ** 2)
 
     def _search(self, seed: int) -> Search:
         return Search(restarts=self.restarts, rows=self.search_rows, seed=seed)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -27,6 +27,7 @@ from stiff_protocols.contract.robot import JointType, Robot
 
 __all__ = [
     "AXES",
+    "COLUMNS",
     "KNOWN",
     "PATH_GROUP",
     "BenchmarkData",
@@ -71,6 +72,8 @@ class Samples:
         pose_id: (n,) name of the robot pose; a fair split never parts the rows of one pose.
         load_id: (n,) name of the load at that pose.
         group: (n,) name of the part of the measurement plan the pose belongs to.
+        instrument_noise: standard deviation of a measured deflection's error, m, of each axis, as
+            the data card states it; 0 where none does.
     """
 
     q: FloatArray
@@ -79,8 +82,11 @@ class Samples:
     pose_id: TextArray
     load_id: TextArray
     group: TextArray
+    instrument_noise: float = 0.0
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.instrument_noise < np.inf:
+            raise DataError(f"instrument_noise is {self.instrument_noise:g} m, expected at least 0")
         freeze(self, q=(None, None))
         n = len(self.q)
         freeze(self, wrench=(n, 6), deflection=(n, 3))
@@ -104,13 +110,17 @@ class Samples:
 
     def take(self, rows: IntArray) -> Self:
         """Return the samples of the given row numbers, in that order."""
-        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        return replace(self, **{name: getattr(self, name)[rows] for name in COLUMNS})
 
     @classmethod
     def together(cls, *parts: Samples) -> Self:
-        """Return the samples of all parts, in their order."""
-        columns = {f.name: [getattr(part, f.name) for part in parts] for f in fields(cls)}
-        return cls(**{name: np.concatenate(arrays) for name, arrays in columns.items()})
+        """Return the samples of all parts, in their order, with the largest of their noises."""
+        columns = {name: np.concatenate([getattr(p, name) for p in parts]) for name in COLUMNS}
+        return cls(**columns, instrument_noise=max(part.instrument_noise for part in parts))
+
+
+COLUMNS = tuple(item.name for item in fields(Samples) if item.name != "instrument_noise")
+"""What `Samples` have a row of for each sample."""
 
 
 def _range(vectors: FloatArray) -> str:
@@ -289,11 +299,15 @@ class BenchmarkData:
         digest = hashlib.sha256()
         for owner in (self.samples, self.robot):
             for item in fields(owner):
-                if "shapes_no_result" in item.metadata:
+                if "shapes_no_result" in item.metadata or _is_unstated(owner, item.name):
                     continue
                 digest.update(item.name.encode())
                 digest.update(_canonical_bytes(getattr(owner, item.name)))
         return digest.hexdigest()
+
+
+def _is_unstated(owner: Samples | Robot, name: str) -> bool:
+    return name == "instrument_noise" and not getattr(owner, name)
 
 
 def _canonical_bytes(value: Any) -> bytes:

@@ -118,6 +118,14 @@ def test_a_folder_keeps_samples_and_robot_of_its_results_with_the_joints_torques
     np.testing.assert_array_equal(back.geometry.flange, data.robot.flange)
 
 
+def test_the_noise_that_a_data_card_states_is_stored_and_a_difference_said(tmp_path, fanuc):
+    noisy = BenchmarkData(replace(fanuc.samples, instrument_noise=3e-5), fanuc.robot)
+    ResultStore(tmp_path).write_data(noisy)
+    found = read_data(tmp_path, noisy.sha256)
+    assert BenchmarkData(found.samples, found.geometry).sha256 == noisy.sha256
+    assert what_differs([found, stored_data(data_content(fanuc))]) == "samples"
+
+
 def test_a_file_from_before_the_robot_was_stored_is_read_and_completed_by_the_next_run(
     tmp_path, fanuc
 ):

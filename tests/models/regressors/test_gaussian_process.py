@@ -152,6 +152,22 @@ def test_no_noise_lies_below_that_of_the_instrument(noise_mm, parts):
     assert min(model.diagnostics_.values()) >= 0.999 * noise_mm
 
 
+@pytest.mark.parametrize("family", [GaussianProcessModel, VjmGp, MultiFidelityGp])
+def test_the_noise_that_the_data_card_states_is_the_instruments(family, parts):
+    robot, train, _, _ = parts
+    few = train.take(np.arange(12))
+    stated = replace(few, instrument_noise=4e-5)
+
+    def noise(samples, **options):
+        model = family(restarts=0, **options).fit(samples, robot=robot)
+        return model.instrument_noise_, np.sqrt(model.noise_variance())
+
+    assert noise(few)[0] == 1e-5
+    taken, found = noise(stated)
+    assert taken == 4e-5 and (found >= 0.999 * taken).all()
+    assert noise(stated, instrument_noise_mm=0.02)[0] == 2e-5  # what is said goes before
+
+
 def test_the_noise_is_what_repeated_measurements_differ_by(parts, rng):
     robot, train, _, _ = parts
     repeated = train.take(np.repeat(np.arange(20), 4))

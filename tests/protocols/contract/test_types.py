@@ -24,6 +24,8 @@ def make(**changes) -> Samples:
         ({"deflection": np.ones((3, 3))}, r"deflection has shape \(3, 3\), expected 2x3"),
         ({"q": np.full((2, 6), np.nan)}, r"q\[0, 0\] is nan"),
         ({"pose_id": np.array(["a"])}, r"pose_id has shape \(1,\)"),
+        ({"instrument_noise": -1e-5}, r"instrument_noise is -1e-05 m"),
+        ({"instrument_noise": np.nan}, r"instrument_noise is nan m"),
     ],
 )
 def test_wrong_shapes_and_values_are_refused_by_name(changes, message):
@@ -50,6 +52,16 @@ def test_the_hash_of_data_changes_with_any_number_name_or_robot(kr10):
     assert all(BenchmarkData(other, kr10).sha256 != base for other in others)
     assert BenchmarkData(make(), replace(kr10, tcp=[0.0, 0.0, 0.1])).sha256 != base
     assert BenchmarkData(make(), replace(kr10, flange=2 * np.eye(4))).sha256 == base
+
+
+def test_the_noise_of_the_instrument_stays_with_the_samples_and_is_hashed_where_it_is_stated(kr10):
+    stated, unstated = make(instrument_noise=2e-5), make()
+    rows = np.array([1])
+    assert stated.take(rows).instrument_noise == 2e-5 and unstated.take(rows).instrument_noise == 0
+    assert Samples.together(unstated, stated).instrument_noise == 2e-5
+    hashes = {BenchmarkData(one, kr10).sha256 for one in (stated, unstated)}
+    assert len(hashes) == 2
+    assert BenchmarkData(replace(stated, instrument_noise=0.0), kr10).sha256 in hashes
 
 
 def test_samples_of_another_number_of_joints_do_not_fit_a_robot(kr10):

@@ -1,0 +1,75 @@
+"""What a data card FILE.md beside FILE.csv tells the tool; the rest of it is for people.
+
+Two lines are read, wherever they stand: one that says "torques were not measured" (or recorded),
+and the instrument's noise, ``Instrument noise: 0.02 mm a reading``, as a line or a table's row.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stiff_protocols.contract.errors import DataError
+
+NO_TORQUE = re.compile(
+    r"^.*\btorques?\b.*\bnot (measured|recorded)\b", re.IGNORECASE | re.MULTILINE
+)
+NOISE_LINE = re.compile(r"^[\s|*_-]*instrument noise[\s*_]*[:|](.*)$", re.IGNORECASE)
+NOISE = re.compile(
+    r"[\s*_]*(?P<number>\d+(\.\d*)?|\.\d+) ?(?P<unit>mm|µm|μm|um) (a|per) "
+    r"(?P<of>reading|deflection)\b",
+    re.IGNORECASE,
+)
+NOISE_VALID = "a number, mm or µm, then 'a reading' or 'a deflection', e.g. '0.02 mm a reading'"
+READINGS = {"reading": np.sqrt(2.0), "deflection": 1.0}
+"""A deflection is the difference of two readings: so many times their standard deviation."""
+METRES = {"mm": 1e-3, "um": 1e-6}
+
+
+@dataclass(frozen=True)
+class DataCard:
+    """What a card states.
+
+    Attributes:
+        no_torque: torques were not measured.
+        instrument_noise: standard deviation of a measured deflection's error, m, of each axis; 0
+            where the card does not state it.
+    """
+
+    no_torque: bool = False
+    instrument_noise: float = 0.0
+
+
+def read_card(path: Path) -> DataCard:
+    """Read the card beside a file of samples; a file without one has an empty card.
+
+    Args:
+        path: the file of samples.
+
+    Raises:
+        DataError: the noise cannot be read; the message names the card, its line and the value.
+    """
+    card = path.with_suffix(".md")
+    if card == path or not card.is_file():
+        return DataCard()
+    text = card.read_text(encoding="utf-8", errors="replace")
+    return DataCard(bool(NO_TORQUE.search(text)), _instrument_noise(card, text))
+
+
+def _instrument_noise(card: Path, text: str) -> float:
+    for number, line in enumerate(text.splitlines(), start=1):
+        if said := NOISE_LINE.match(line):
+            value = said[1].strip(" |")
+            found = NOISE.match(value)
+            noise = float(found["number"]) if found else 0.0
+            if not found or not noise:
+                raise DataError(
+                    f"{card}: line {number}, instrument noise: {value!r}, expected {NOISE_VALID}; "
+                    "leave the line out where it is not known"
+                )
+            metres = METRES["mm" if found["unit"].lower() == "mm" else "um"]
+            return float(noise * metres * READINGS[found["of"].lower()])
+    return 0.0

@@ -1,0 +1,69 @@
+"""What is read of a data card beside a file of samples, and what is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from helpers.made_samples import CSV_HEADER, CSV_ROW
+from stiff_datasets.measured.data_card import DataCard, read_card
+from stiff_datasets.measured.measured import read_samples
+from stiff_datasets.measured.validate import validate
+from stiff_protocols.contract.errors import DataError
+
+
+@pytest.fixture()
+def file(tmp_path):
+    path = tmp_path / "my.csv"
+    path.write_text(f"{CSV_HEADER}\n{CSV_ROW}\n")
+    return path
+
+
+def written(file, *lines):
+    file.with_suffix(".md").write_text("\n".join(["# Data card", "", *lines, ""]))
+    return read_card(file)
+
+
+@pytest.mark.parametrize(
+    ("line", "noise"),
+    [
+        ("Instrument noise: 0.02 mm a reading", 0.02e-3 * 2**0.5),
+        ("Instrument noise: 0.02 mm a deflection", 0.02e-3),
+        ("| Instrument noise | 15 µm per deflection (laser tracker) |", 15e-6),
+        ("- **Instrument noise:** 15 um per reading, one sigma", 15e-6 * 2**0.5),
+        ("The instrument's noise is not known.", 0.0),
+    ],
+)
+def test_the_noise_of_a_deflection_is_that_of_two_readings(file, line, noise, kr10):
+    assert written(file, line).instrument_noise == pytest.approx(noise)
+    assert read_samples(file, kr10).instrument_noise == pytest.approx(noise)
+
+
+def test_a_file_without_a_card_has_an_empty_one(file):
+    assert read_card(file) == DataCard() == written(file, "Measured in 2026.")
+    assert read_card(file.with_suffix(".md")) == DataCard()  # a file of samples named so
+
+
+def test_torques_that_were_not_measured_are_said_in_a_sentence(file):
+    assert written(file, "Torques were not recorded.").no_torque
+    assert not written(file, "Torques were measured.").no_torque
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["unknown", "", "0.02", "0.02 mm", "0 mm a reading", "-1 mm a reading", "1 cm a reading"],
+)
+def test_a_noise_that_cannot_be_read_is_refused_with_its_line(file, value, kr10):
+    with pytest.raises(DataError) as refused:
+        written(file, f"| Instrument noise | {value} |")
+    message = str(refused.value)
+    assert f"my.md: line 3, instrument noise: {value!r}, expected a number" in message
+    with pytest.raises(DataError, match=r"my\.md: line 3"):
+        read_samples(file, kr10)
+    (error,) = validate(file, kr10).errors
+    assert "line 3, instrument noise" in error.message
+
+
+def test_validate_says_which_noise_it_read(file, kr10):
+    written(file, "Instrument noise: 0.03 mm a deflection")
+    facts = [str(fact.message) for fact in validate(file, kr10).facts]
+    assert any("0.03 mm a deflection" in fact for fact in facts)
