@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -24,7 +24,7 @@ from stiff_datasets.measured.sample_files import (
     write_table,
 )
 from stiff_protocols.contract.errors import DataError, StoreError
-from stiff_protocols.contract.types import Robot, Samples
+from stiff_protocols.contract.types import COLUMNS, Robot, Samples
 
 few = settings(
     max_examples=40,
@@ -97,12 +97,13 @@ def folder(tmp_path_factory):
 
 
 def assert_identical(found, wanted):
-    for field in fields(Samples):
-        have, want = getattr(found, field.name), getattr(wanted, field.name)
+    for name in COLUMNS:
+        have, want = getattr(found, name), getattr(wanted, name)
         if want.dtype.kind == "f":
-            assert have.tobytes() == want.tobytes(), field.name  # minus zero too
+            assert have.tobytes() == want.tobytes(), name  # minus zero too
         else:
             assert have.tolist() == want.tolist()
+    assert found.instrument_noise == wanted.instrument_noise
 
 
 @pytest.mark.slow
