@@ -63,7 +63,7 @@ def _draw(axes: Axes, errors: pd.DataFrame, names: Sequence[str]) -> None:
     axes.set(xlabel="training poses", ylabel="")
     axes.set_xticks(errors.columns, map(str, errors.columns))
     axes.xaxis.set_minor_locator(NullLocator())
-    style.plain_numbers(axes.yaxis)
+    style.plain_numbers(axes.yaxis, style.FINE_STEPS)
 
 
 def _interval(values: pd.Series) -> tuple[float, float]:

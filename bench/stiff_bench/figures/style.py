@@ -123,6 +123,10 @@ def share_legend(
     figure.legend(list(handles.values()), list(handles), loc=place, ncols=ncols, **spacing)
 
 
+FINE_STEPS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+"""Of a logarithmic axis that is often less than a decade."""
+
+
 def plain_numbers(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
     """Write 0.1, 0.2, 0.5, 1 on a logarithmic axis, or other steps of each decade."""
     axis.set_major_locator(LogLocator(subs=steps))

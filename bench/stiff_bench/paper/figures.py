@@ -136,7 +136,7 @@ def _draw_strategies(
             left.plot(step[best], loss[best], **points, zorder=4.0)
     left.set(xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]")
     style.plain_numbers(left.xaxis)
-    style.plain_numbers(left.yaxis, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))  # often less than a decade
+    style.plain_numbers(left.yaxis, style.FINE_STEPS)
     if left.lines:
         style.share_legend(figure, [left], below=True)
     variants.draw_strategies(right, errors, linear)
