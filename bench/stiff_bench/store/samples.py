@@ -18,7 +18,6 @@ import numpy as np
 
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import (
-    COLUMNS,
     PATH_GROUP,
     BenchmarkData,
     FloatArray,
@@ -79,7 +78,6 @@ class StoredData:
 
 _ROBOT_NAMES = ("name", "joint_names", "joint_types")
 _ROBOT_ARRAYS = tuple(item.name for item in fields(Robot) if item.name not in _ROBOT_NAMES)
-_NOISE = "instrument_noise"
 _OF_ROBOT = "robot "
 """How the names of the robot's arrays begin: `tcp` alone is another array."""
 
@@ -101,15 +99,12 @@ def _place(point: FloatArray) -> str:
 
 
 def _samples_bytes(samples: Samples) -> bytes:
-    noise = np.float64(samples.instrument_noise)
-    return b"".join([*(getattr(samples, name).tobytes() for name in COLUMNS), noise.tobytes()])
+    return b"".join(np.asarray(getattr(samples, item.name)).tobytes() for item in fields(Samples))
 
 
 def data_content(data: BenchmarkData) -> bytes:
     """Return what is stored of a data set."""
-    arrays = {name: getattr(data.samples, name) for name in COLUMNS}
-    if data.samples.instrument_noise:
-        arrays[_NOISE] = np.array(data.samples.instrument_noise)
+    arrays = {item.name: getattr(data.samples, item.name) for item in fields(Samples)}
     file = io.BytesIO()
     np.savez_compressed(
         file,
@@ -143,8 +138,9 @@ def stored_data(content: bytes) -> StoredData:
 
 
 def _stored(found: Mapping[str, Any]) -> StoredData:
-    noise = float(found[_NOISE]) if _NOISE in found else 0.0
-    samples = Samples(**{name: found[name] for name in COLUMNS}, instrument_noise=noise)
+    # a file of a stiffbench that did not store the instrument's noise lacks it
+    names = [item.name for item in fields(Samples) if item.name in found]
+    samples = Samples(**{name: found[name] for name in names})
     joint_names = tuple(str(name) for name in found["joint_names"])
     types = found["joint_types"]
     if len(types) != len(joint_names):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stiff_datasets.measured.sample_files import MM_PER_M, UNITS
 from stiff_protocols.contract.errors import DataError
 
 NO_TORQUE = re.compile(
@@ -26,7 +27,6 @@ NOISE = re.compile(
 NOISE_VALID = "a number, mm or µm, then 'a reading' or 'a deflection', e.g. '0.02 mm a reading'"
 READINGS = {"reading": np.sqrt(2.0), "deflection": 1.0}
 """A deflection is the difference of two readings: so many times their standard deviation."""
-METRES = {"mm": 1e-3, "um": 1e-6}
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,6 @@ def _instrument_noise(card: Path, text: str) -> float:
                     f"{card}: line {number}, instrument noise: {value!r}, expected {NOISE_VALID}; "
                     "leave the line out where it is not known"
                 )
-            metres = METRES["mm" if found["unit"].lower() == "mm" else "um"]
-            return float(noise * metres * READINGS[found["of"].lower()])
+            noise_mm = noise * UNITS["mm"][found["unit"].lower()]
+            return float(noise_mm / MM_PER_M * READINGS[found["of"].lower()])
     return 0.0

@@ -36,7 +36,8 @@ def read_samples(path: Path, robot: Robot, *, no_torque: bool = False) -> Sample
     """
     checked = check_sheet(read_sheet(path), robot, no_torque=no_torque)
     samples = _samples(checked, "bench data validate lists them")
-    samples = replace(samples, instrument_noise=read_card(path).instrument_noise)
+    if noise := read_card(path).instrument_noise:  # else the arrays would be copied for nothing
+        samples = replace(samples, instrument_noise=noise)
     for oddity in checked.sheet.oddities:
         warnings.warn(oddity, StiffBenchWarning, stacklevel=2)
     return samples

@@ -82,11 +82,12 @@ class Samples:
     pose_id: TextArray
     load_id: TextArray
     group: TextArray
-    instrument_noise: float = 0.0
+    instrument_noise: float = field(default=0.0, metadata={"hashed_where_stated": True})
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.instrument_noise < np.inf:
             raise DataError(f"instrument_noise is {self.instrument_noise:g} m, expected at least 0")
+        object.__setattr__(self, "instrument_noise", float(self.instrument_noise))
         freeze(self, q=(None, None))
         n = len(self.q)
         freeze(self, wrench=(n, 6), deflection=(n, 3))
@@ -299,15 +300,13 @@ class BenchmarkData:
         digest = hashlib.sha256()
         for owner in (self.samples, self.robot):
             for item in fields(owner):
-                if "shapes_no_result" in item.metadata or _is_unstated(owner, item.name):
+                value = getattr(owner, item.name)
+                unstated = "hashed_where_stated" in item.metadata and not value
+                if "shapes_no_result" in item.metadata or unstated:
                     continue
                 digest.update(item.name.encode())
-                digest.update(_canonical_bytes(getattr(owner, item.name)))
+                digest.update(_canonical_bytes(value))
         return digest.hexdigest()
-
-
-def _is_unstated(owner: Samples | Robot, name: str) -> bool:
-    return name == "instrument_noise" and not getattr(owner, name)
 
 
 def _canonical_bytes(value: Any) -> bytes:

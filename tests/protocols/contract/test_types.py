@@ -62,6 +62,7 @@ def test_the_noise_of_the_instrument_stays_with_the_samples_and_is_hashed_where_
     hashes = {BenchmarkData(one, kr10).sha256 for one in (stated, unstated)}
     assert len(hashes) == 2
     assert BenchmarkData(replace(stated, instrument_noise=0.0), kr10).sha256 in hashes
+    assert BenchmarkData(make(instrument_noise=np.float64(2e-5)), kr10).sha256 in hashes
 
 
 def test_samples_of_another_number_of_joints_do_not_fit_a_robot(kr10):
