@@ -102,12 +102,14 @@ class PathModel:
 
     Attributes:
         fitted: the model.
-        training_range: of its samples; None: it is not known.
+        training_range: of its samples.
+        intervals: (n, n_joints) q, (n, 6) wrench and a coverage -> where the deflections lie.
         blamed: a context for each call of the model, which says whose fault an error is.
     """
 
     fitted: Any
-    training_range: TrainingRange | None
+    training_range: TrainingRange
+    intervals: Callable[[FloatArray, FloatArray, float], Interval]
     blamed: Callable[[], AbstractContextManager[None]]
 
     @property
@@ -124,8 +126,7 @@ class PathModel:
     def interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return where the deflections lie with this probability."""
         with self.blamed():
-            interval: Interval = self.fitted.predict_interval(q, wrench, coverage)
-        return interval
+            return self.intervals(q, wrench, coverage)
 
 
 class _Block(NamedTuple):
@@ -162,8 +163,7 @@ class _Correction:
         robot, known, how = self.model.robot, self.model.training_range, self.how
         branch = Branch(robot, seed)
         if seed is None and self.about.q is None:
-            near = None if known is None else 0.5 * (known.lower + known.upper)
-            branch = Branch.along(robot, self.about.some, near)
+            branch = Branch.along(robot, self.about.some, 0.5 * (known.lower + known.upper))
         for sheet in sheets:
             table = self.read(sheet, about=self.about)
             driven, wrench = branch.driven(table.path, table.q), table.path.wrench

@@ -20,7 +20,7 @@ from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
-from stiff_bench.run.whole_fit import whole_fit
+from stiff_bench.run.whole_fit import left_out_errors, whole_fit
 from stiff_bench.tables.fit_notes import springs_table
 from stiff_bench.tables.render import plain_text
 from stiff_datasets.measured.extrapolation import RowsBeyond
@@ -30,6 +30,7 @@ from stiff_protocols.contract.errors import (
     NotFittedError,
     StiffBenchError,
     StiffBenchWarning,
+    said_by,
 )
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.interfaces import (
@@ -44,10 +45,12 @@ from stiff_protocols.contract.types import (
     AXES,
     BenchmarkData,
     FloatArray,
+    Interval,
     Prediction,
     check_coverage,
     frozen_array,
 )
+from stiff_protocols.scoring.conformal import calibration_samples_needed, conformal_interval
 from stiff_protocols.scoring.metrics import metric_records
 
 if TYPE_CHECKING:
@@ -61,6 +64,7 @@ class Model:
         choice: which model, with its options.
         fitted: the model itself, of stiffbench's contract or a plugin's class; None before `fit`.
         note: how the number of epochs was chosen; "" where there is nothing to choose.
+        data: samples and robot of the last `fit`, with its seed; None for a model of a file.
         file: that it was read from; None where it was not.
     """
 
@@ -69,6 +73,7 @@ class Model:
         self.choice = choice
         self.fitted: Any = None
         self.note = ""
+        self.data: tuple[BenchmarkData, int] | None = None
         self.file: Path | None = None
         self._has_warned = False
 
@@ -94,13 +99,14 @@ class Model:
         """
         with display():
             self.fitted, self.note = whole_fit(self.choice, data.samples, data.robot, seed=seed)
+        self.data = (data.data if isinstance(data, Dataset) else data), seed
         self._has_warned = False
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return (n, 3) the deflections of the TCP, m, base frame.
 
-        The first call with rows beyond the training range warns of them, with numbers;
+        The first call with rows that are unlike the training samples warns of them, with numbers;
         ``model.training_range.extrapolates(q, wrench)`` has the rule, and says it of every row.
 
         Args:
@@ -121,29 +127,72 @@ class Model:
                 warnings.warn(seen.warning, StiffBenchWarning, stacklevel=2)
         return predicted
 
-    @property
-    def training_range(self) -> TrainingRange | None:
-        """Joint positions and loads of the samples that it was fitted to; saved with the model.
+    def predict_interval(
+        self, q: FloatArray, wrench: FloatArray, coverage: float = 0.9
+    ) -> Interval:
+        """Return where the deflections lie with a probability, axis by axis, m, base frame.
 
-        None: the model is of a file that was written before files held a training range.
+        A model without intervals of its own gets split-conformal ones: a second fit leaves a
+        quarter of the poses out, and its errors there are the half widths. The first call after
+        `fit` makes that fit; `save` keeps the errors with the model. Away from the training samples
+        intervals are wider, as ``model.training_range.widened`` says.
+
+        Args:
+            q: (n, n_joints) joint positions, rad or m.
+            wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame.
+            coverage: probability (0..1) of each axis alone.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ConfigError: the coverage does not lie between 0 and 1, or needs more poses than there
+                were.
+            ModelError: the shapes are not those of the robot.
+        """
+        self.check_coverage(coverage)
+        if isinstance(self.fitted, PredictsInterval):
+            return self.fitted.predict_interval(q, wrench, coverage)
+        known, errors = self.training_range, self.left_out_errors
+        return conformal_interval(self.fitted.predict, known, errors, q, wrench, coverage)
+
+    @property
+    def left_out_errors(self) -> FloatArray:
+        """(n, 3) m, errors at left-out poses, which the intervals of this model come from.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ConfigError: the model of a file has none.
+        """
+        self.check_fitted()
+        errors = getattr(self.fitted, "left_out_errors_", None)
+        if errors is None:
+            if self.data is None:
+                raise ConfigError(f"{self.file}: has no intervals; fit the model again", "coverage")
+            data, seed = self.data
+            with display():
+                errors = left_out_errors(self.choice, data.samples, data.robot, seed=seed)
+            self.fitted.left_out_errors_ = errors
+        return frozen_array(errors, "left-out errors", (None, len(AXES)))
+
+    @property
+    def training_range(self) -> TrainingRange:
+        """Joint positions and loads of the samples that it was fitted to; saved with the model.
 
         Raises:
             NotFittedError: `fit` was not called.
         """
         self.check_fitted()
-        found = getattr(self.fitted, "training_range_", None)
-        return found if isinstance(found, TrainingRange) else None
+        found: TrainingRange = self.fitted.training_range_
+        return found
 
     def predict_file(
         self, loads: Path | str, output: Path | str, *, coverage: float | None = None
     ) -> int:
         """Predict the deflections of a file's rows, write them, and return how many rows it has.
 
-        The column ``extrapolates`` names what lies beyond the training range, where a prediction
-        is a guess: ``joints`` (one of them by more than a tenth of its training span, and 0.01
-        rad or m), ``load`` (the length of force or torque by more than a tenth of the largest in
-        training, and 0.1 N or 0.01 N m), or ``joints load``. It is empty inside, and ``unknown``
-        where the model's file holds no training range. One warning has the numbers.
+        The column ``extrapolates`` names what is unlike the training samples, where a prediction is
+        a guess: ``joints`` or ``pose-gap``, ``load`` or ``load-gap``, as
+        `TrainingRange.extrapolates` defines them; it is empty elsewhere. One warning has the
+        numbers.
 
         Args:
             loads: a file of poses and wrenches, in the columns of a measurement.
@@ -152,8 +201,8 @@ class Model:
 
         Raises:
             NotFittedError: `fit` was not called.
-            ConfigError: intervals are asked for and the model has none of its own, or the coverage
-                does not lie between 0 and 1.
+            ConfigError: the coverage of intervals does not lie between 0 and 1, or needs more
+                training poses than there were.
             DataError: the loads cannot be read, or the model that was read from a file is broken.
             StoreError: the output cannot be written, or exists.
         """
@@ -169,7 +218,7 @@ class Model:
             say(f"warning: {oddity}")
         with blamed_on(self.file):
             if coverage is not None:
-                interval = model.predict_interval(table.q, table.wrench, coverage)
+                interval = self.predict_interval(table.q, table.wrench, coverage)
             predicted = frozen_array(
                 model.predict(table.q, table.wrench), "the prediction", (len(table.q), 3)
             )
@@ -213,15 +262,20 @@ class Model:
         """See that the model has intervals of this coverage, where some are asked for.
 
         Raises:
-            ConfigError: it has none of its own, or the coverage is no probability.
+            NotFittedError: `fit` was not called.
+            ConfigError: it is no probability, or the model's poses are too few for it.
         """
         if coverage is None:
             return
         check_coverage(coverage)
-        if not isinstance(self.fitted, PredictsInterval):
+        self.check_fitted()
+        if isinstance(self.fitted, PredictsInterval):
+            return
+        n = len(self.left_out_errors)
+        if n < calibration_samples_needed(coverage):
             raise ConfigError(
-                f"{coverage:g}: {self.choice.info.key} has no intervals of its own "
-                "(those of `bench run` come from samples that were held out)",
+                f"{coverage:g}: {self.choice.info.key} left {n} poses out for its intervals, which "
+                f"allow at most {n / (n + 1.0):.4g}; more measured poses allow more",
                 "coverage",
             )
 
@@ -285,8 +339,19 @@ class Model:
 
         self.check_fitted()
         choice = self.choice
+        if self.data is not None and not isinstance(self.fitted, PredictsInterval):
+            self._keep_left_out_errors()
         is_plugin = choice.cls.__module__ != "__main__" and bool(code_of(choice.cls))
         save(self.fitted, Path(file), {choice.info.key: choice.params} if is_plugin else None)
+
+    def _keep_left_out_errors(self) -> None:
+        """Compute what the intervals need; where that fails, the model stays without, and warns."""
+        try:
+            _ = self.left_out_errors
+        except Exception as error:  # whatever a third-party model raises in its second fit
+            self.fitted.left_out_errors_ = np.empty((0, len(AXES)))
+            text = f"{self.name} is saved without intervals: {said_by(error)}"
+            warnings.warn(text, StiffBenchWarning, stacklevel=3)
 
     def __repr__(self) -> str:
         """Name it, and say whether it is fitted."""

@@ -109,7 +109,7 @@ def compensate_path(
 
     Raises:
         NotFittedError: the model is not fitted.
-        ConfigError: an option is wrong, or the model has no intervals.
+        ConfigError: an option is wrong, or the coverage needs more training poses.
         DataError: the path cannot be read, or not be driven.
         ModelError: a point cannot be corrected.
         StoreError: a file cannot be written, or exists.
@@ -129,7 +129,12 @@ def compensate_path(
     model.check_coverage(coverage)
     corrected = corrected_path(
         Path(path),
-        PathModel(model.fitted, model.training_range, partial(blamed_on, model.file)),
+        PathModel(
+            model.fitted,
+            model.training_range,
+            model.predict_interval,
+            partial(blamed_on, model.file),
+        ),
         output,
         PathOptions(
             tool=tool,

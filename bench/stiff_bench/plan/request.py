@@ -20,7 +20,6 @@ from stiff_protocols.contract.errors import (
     StiffBenchWarning,
     said_by,
 )
-from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import ChecksParams, NamesSources
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.record import Cell
@@ -178,7 +177,6 @@ def _coverage(asked: float | None, metrics: Sequence[Metric]) -> float | None:
     if any(metric.needs_interval for metric in metrics):
         coverage = DEFAULT_COVERAGE if asked is None else asked
         check_coverage(coverage)
-        require("a metric of intervals", "crepes")  # before the models are fitted
         return coverage
     if asked is not None:
         why = "no metric of this run needs intervals; add the metric coverage or width"

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
 
 from stiff_bench.plan.cells import uses_validation
 from stiff_bench.plan.options import Choice
-from stiff_protocols.contract.errors import ConfigError
+from stiff_bench.plan.request import DEFAULT_COVERAGE
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.interfaces import ChecksRobot
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.training_range import TrainingRange
-from stiff_protocols.contract.types import Robot, Samples
+from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
+from stiff_protocols.scoring.conformal import SplitConformal
 from stiff_protocols.splits.generators import inner_validation
 
 VALIDATION_FRACTION = 0.2
@@ -33,19 +36,50 @@ def whole_fit(
     model = choice.make()
     if isinstance(model, ChecksRobot):
         model.check_robot(robot)
-    train, validation, note = samples, None, ""
-    if uses_validation(choice.info, model):
-        split = inner_validation(samples, np.arange(len(samples)), VALIDATION_FRACTION, seed)
-        if len(split.validation):
-            train, validation = samples.take(split.train), samples.take(split.validation)
-            note = (
-                f"{len(validation)} samples of {len(set(validation.pose_id))} poses chose the "
-                f"number of epochs; {len(train)} samples were learned from"
-            )
-        else:
-            note = "one pose gives no rows to choose the epoch by: the last one was kept"
+    train, validation = _training_side(choice, samples, seed)
+    note = ""
+    if validation is not None:
+        note = (
+            f"{len(validation)} samples of {len(set(validation.pose_id))} poses chose the "
+            f"number of epochs; {len(train)} samples were learned from"
+        )
+    elif uses_validation(choice.info, model):
+        note = "one pose gives no rows to choose the epoch by: the last one was kept"
     model.fit(train, robot=robot, validation=validation, seed=seed)
     for name, value in (("robot_", robot), ("training_range_", TrainingRange.of(train))):
         if not hasattr(model, name):  # a plugin's model need not have them
             setattr(model, name, value)
     return model, note
+
+
+def left_out_errors(
+    choice: Choice[ModelInfo], samples: Samples, robot: Robot, *, seed: int = 0
+) -> FloatArray:
+    """Return the (n, 3) errors of a second fit at poses that it did not learn from, m.
+
+    They are `SplitConformal.residuals_`: what the intervals of a model without its own come from.
+    A quarter of the poses is left out, or up to half where 90 % intervals need that many.
+
+    Raises:
+        StiffBenchError: the remaining samples cannot be fitted.
+    """
+    train, validation = _training_side(choice, samples, seed)
+    half = len(np.unique(train.pose_id)) // 2
+    if not half:
+        return np.empty((0, len(AXES)))
+    model = SplitConformal(choice.make(), coverage=min(DEFAULT_COVERAGE, half / (half + 1.0)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StiffBenchWarning)  # those of the whole fit were shown
+        model.fit(train, robot=robot, validation=validation, seed=seed)
+    return model.residuals_
+
+
+def _training_side(
+    choice: Choice[ModelInfo], samples: Samples, seed: int
+) -> tuple[Samples, Samples | None]:
+    """Return the samples to learn from, and those that choose the epoch, if the model uses any."""
+    if uses_validation(choice.info, choice.make()):
+        split = inner_validation(samples, np.arange(len(samples)), VALIDATION_FRACTION, seed)
+        if len(split.validation):
+            return samples.take(split.train), samples.take(split.validation)
+    return samples, None

@@ -1,6 +1,8 @@
-"""Rows of a file beyond a model's training range, and the one warning of them all."""
+"""Rows of a file far from a model's training samples, and the one warning of them all."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -9,51 +11,81 @@ from stiff_protocols.contract.types import FloatArray, Robot
 
 
 class RowsBeyond:
-    """What of rows lies beyond a model's training range.
+    """What of rows lies beyond a model's training range, or far from its training samples.
 
     Attributes:
-        known: the range; None: it is not known.
+        known: the range.
         robot: of the joints.
-        n_rows, n_beyond: how many rows were seen, and how many of them lie beyond.
+        n_rows, n_beyond: how many rows were seen, and how many of them extrapolate.
         ends: (2, n_joints + 2) smallest and largest of each quantity, of `TrainingRange`.
+        n_gap_poses, n_gap_loads: rows marked "pose-gap" and "load-gap".
+        gap_pose, gap_load: the largest `pose_distance` and `load_distance` of these.
     """
 
-    def __init__(self, known: TrainingRange | None, robot: Robot) -> None:
+    def __init__(self, known: TrainingRange, robot: Robot) -> None:
         """Store the arguments."""
         self.known, self.robot, self.n_rows, self.n_beyond = known, robot, 0, 0
         self.ends = np.outer([np.inf, -np.inf], np.ones(robot.n_joints + 2))
+        self.n_gap_poses, self.n_gap_loads = 0, 0
+        self.gap_pose, self.gap_load = 0.0, 0.0
 
     def of(self, q: FloatArray, wrench: FloatArray) -> list[str]:
         """Return what of each row extrapolates; see `TrainingRange.extrapolates`."""
         values = TrainingRange.quantities(q, wrench)
         self.ends[0] = np.minimum(self.ends[0], values.min(axis=0, initial=np.inf))
         self.ends[1] = np.maximum(self.ends[1], values.max(axis=0, initial=-np.inf))
-        known = self.known
-        extrapolates = ["unknown"] * len(q) if known is None else known.extrapolates(q, wrench)
+        extrapolates = self.known.extrapolates(q, wrench)
         self.n_rows += len(q)
         self.n_beyond += sum(map(bool, extrapolates))
+        poses = np.array(["pose-gap" in words for words in extrapolates], dtype=bool)
+        loads = np.array(["load-gap" in words for words in extrapolates], dtype=bool)
+        self.n_gap_poses += int(poses.sum())
+        self.n_gap_loads += int(loads.sum())
+        far = self.known.pose_distance(q[poses]).max(initial=0.0)
+        self.gap_pose = max(self.gap_pose, float(far))
+        far = self.known.load_distance(wrench[loads]).max(initial=0.0)
+        self.gap_load = max(self.gap_load, float(far))
         return extrapolates
 
     @property
     def warning(self) -> str:
         """One line with numbers of all rows; "" where none extrapolates."""
-        if self.known is None:
-            return (
-                "the training range is unknown: the model's file was written before files held one "
-                "(fit the model again)"
-            )
         if not self.n_beyond:
             return ""
+        texts = [*self._beyond(), *self._gaps()]
+        return f"extrapolation in {self.n_beyond} of {self.n_rows} rows: {', '.join(texts)}"
+
+    def _beyond(self) -> Iterator[str]:
+        """Yield the farthest value of each quantity that lies beyond the range."""
         from stiff_datasets.measured.sample_files import file_units, joint_columns  # pandas
 
         units = np.r_[file_units(self.robot), 1.0, 1.0]
         lower, upper = (end * units for end in self.known.ends)
-        far, texts = self.known.are_beyond(self.ends), []
+        far = self.known.are_beyond(self.ends)
         for i, column in enumerate((*joint_columns(self.robot), "force_N", "torque_Nm")):
             if far[:, i].any():
                 lowest, highest = self.ends[:, i] * units[i]
                 farthest = lowest if lower[i] - lowest > highest - upper[i] else highest
                 name, _, unit = column.partition("_")
                 learned = f"{lower[i]:.4g} to" if i < self.robot.n_joints else "up to"
-                texts.append(f"{name} {farthest:.4g} {unit} (training: {learned} {upper[i]:.4g})")
-        return f"extrapolation in {self.n_beyond} of {self.n_rows} rows: {', '.join(texts)}"
+                yield f"{name} {farthest:.4g} {unit} (training: {learned} {upper[i]:.4g})"
+
+    def _gaps(self) -> Iterator[str]:
+        """Yield how far the farthest pose and load are from the nearest in training."""
+        usual_pose, usual_load = self.known.usual_distances
+        if self.n_gap_poses and self.robot.turns.all():
+            far, usual = np.rad2deg([self.gap_pose, usual_pose])
+            yield (
+                f"{self.n_gap_poses} poses up to {far:.3g} deg from the nearest training pose "
+                f"(usual: {usual:.3g})"
+            )
+        elif self.n_gap_poses:
+            yield (
+                f"{self.n_gap_poses} poses up to {self.gap_pose:.3g} rad and m from the nearest "
+                f"training pose (usual: {usual_pose:.3g})"
+            )
+        if self.n_gap_loads:
+            yield (
+                f"{self.n_gap_loads} loads unlike every training load (distance up to "
+                f"{self.gap_load:.2g}, usual: {usual_load:.2g})"
+            )

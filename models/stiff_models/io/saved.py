@@ -31,7 +31,7 @@ from stiff_protocols.contract.source_code import code_of
 if TYPE_CHECKING:
     import torch
 
-FORMAT = 3
+FORMAT = 4
 _OWN = "stiffbench"
 """Key that marks the dictionary of an object of ours: "model", "record" or "module"."""
 _OWN_PACKAGES = ("stiff_models", "stiff_protocols")

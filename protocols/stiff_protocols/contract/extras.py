@@ -7,7 +7,6 @@ import importlib.util
 from stiff_protocols.contract.errors import ConfigError
 
 EXTRAS = {
-    "crepes": "intervals",
     "distributed": "cluster",
     "onnx": "onnx",
     "onnxscript": "onnx",

@@ -36,6 +36,10 @@ SCORING_VERSION = 2
 
 A change of these numbers raises it; tests/protocols/scoring/test_golden_scoring.py notices."""
 
+INTERVAL_VERSION = 2
+"""Of the intervals alone: it is in the key of a cell that has some. A change of how intervals are
+made raises it; errors without intervals then stay valid."""
+
 
 READING_OPTION = "read_on"
 """Option of protocols that says which rows are reported: the fit and its seed are the same."""
@@ -85,6 +89,8 @@ class Cell:
         for name in _OPTIONAL:  # what does not apply leaves the key as it was without it
             if not identity[name]:
                 del identity[name]
+        if self.coverage:
+            identity["interval_version"] = INTERVAL_VERSION
         return _hash(identity)[:24]
 
     @property

@@ -1,9 +1,11 @@
-"""Where a model has learned: predictions far beyond it are a guess, and are marked."""
+"""Where a model has learned: predictions far from it are a guess, and are marked."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,11 +13,27 @@ from stiff_protocols.contract.arrays import FloatArray, freeze, frozen_array
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import BoolArray, Interval, Samples
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 MARGIN = 0.1
 """Part of a quantity's training range that still counts as inside beyond its ends: a robot at work
 never repeats them to the digit."""
 LEAST_MARGIN, LEAST_FORCE, LEAST_TORQUE = 0.01, 0.1, 0.01
 """The least margin, rad or m, N, N m: for a joint that hardly moved and a load that was none."""
+
+USUAL_SHARE = 0.9
+"""Share of the training poses (or loads) that have another one within the usual distance."""
+FAR = 2.0
+"""A pose or load is far from training beyond this many usual distances."""
+LEAST_FAR_POSE, LEAST_FAR_LOAD = 0.2, 0.25
+"""The least distance that counts as far: rad or m of a pose; share of the largest load."""
+POSE_RATE, LOAD_RATE = 2.0, 0.5
+"""What an interval grows by, in units of its width: for each rad or m of `pose_distance`, and for
+each unit of `load_distance`. With them intervals of five models held between the poses of the KR10
+twin's plan, and needed none on arms measured all over (docs/models.md)."""
+MOST_NEIGHBOURS = 2000
+"""Training poses and loads that are kept, evenly chosen: a file of 100,000 samples stays small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +45,17 @@ class TrainingRange:
         upper: (n_joints,) largest ones.
         force: the largest one, N.
         torque: the largest one about the TCP, N m.
+        poses: (n_poses, n_joints) joint positions, rad or m; at most `MOST_NEIGHBOURS`.
+        directions: (n_loads, 6) unit vectors of the loads that are not zero, a torque of 1 N m
+            counting as a force of 1 N; at most `MOST_NEIGHBOURS`.
     """
 
     lower: FloatArray
     upper: FloatArray
     force: float
     torque: float
+    poses: FloatArray
+    directions: FloatArray
 
     def __post_init__(self) -> None:
         freeze(self, lower=(None,), upper=(None,))
@@ -41,12 +64,64 @@ class TrainingRange:
             raise DataError("a training range's lower ends lie above its upper ends")
         if (loads < 0.0).any():
             raise DataError(f"a training range's largest loads are {loads}, expected >= 0")
+        freeze(self, poses=(None, len(self.lower)), directions=(None, 6))
+        if not len(self.poses):
+            raise DataError("a training range has no poses, expected at least one")
 
     @classmethod
     def of(cls, samples: Samples) -> TrainingRange:
         """Return the range of some samples, at least one."""
         force, torque = _lengths(samples.wrench).max(axis=0)
-        return cls(samples.q.min(axis=0), samples.q.max(axis=0), float(force), float(torque))
+        poses = samples.q[np.unique(samples.pose_id, return_index=True)[1]]
+        loaded = samples.wrench[samples.wrench.any(axis=1)]
+        return cls(
+            samples.q.min(axis=0),
+            samples.q.max(axis=0),
+            float(force),
+            float(torque),
+            _evenly(poses),
+            _evenly(_directions(loaded)),
+        )
+
+    @cached_property
+    def _near_poses(self) -> _Neighbours:
+        return _Neighbours(self.poses)
+
+    @cached_property
+    def _near_directions(self) -> _Neighbours:
+        return _Neighbours(self.directions)
+
+    def pose_distance(self, q: FloatArray) -> FloatArray:
+        """Return (n,) the distances of (n, n_joints) `q` from the nearest training pose, rad or m.
+
+        Euclidean, over all joints.
+        """
+        return self._near_poses.distance(q)
+
+    def load_distance(self, wrench: FloatArray) -> FloatArray:
+        """Return (n,) how far the (n, 6) loads are from the nearest training load.
+
+        The size |F| + |T| / 1 m of a load as a share of the largest in training (at most 1), times
+        the distance of its direction from the nearest direction in training, of two unit vectors.
+        Along a training load it is 0, whatever the size.
+        """
+        loaded, share = wrench.any(axis=1), np.minimum(self._excess_load(wrench), 1.0)
+        distance = np.zeros(len(wrench))
+        distance[loaded] = self._near_directions.distance(_directions(wrench[loaded]))
+        return np.asarray(distance * share)
+
+    def stretch(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return (n,) how many times as wide an interval is there as near the training samples.
+
+        It grows by `POSE_RATE` for each rad or m by which the pose lies beyond the range or, if
+        that is more, by which its nearest training pose is farther than is usual among these; and
+        by `LOAD_RATE` for each unit by which the nearest training load is. Arguments as of
+        `quantities`.
+        """
+        outside = np.maximum(self.lower - q, q - self.upper).max(axis=1, initial=0.0)
+        apart = np.maximum(self.pose_distance(q) - self._near_poses.usual, 0.0)
+        load = np.maximum(self.load_distance(wrench) - self._near_directions.usual, 0.0)
+        return np.asarray((1.0 + POSE_RATE * np.maximum(outside, apart)) * (1.0 + LOAD_RATE * load))
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray]:
@@ -85,12 +160,11 @@ class TrainingRange:
         q: FloatArray,
         wrench: FloatArray,
     ) -> Interval:
-        """Return intervals around predictions, wider where these extrapolate.
+        """Return intervals around predictions, wider away from the training samples.
 
         Under r times the training load the prediction at the same pose under a load r times as
         small is known. Deflections grow as loads do, so r times that interval holds as often as
-        it does itself; the interval returned reaches as far. Beyond the training positions
-        it is wider by its own width a radian or metre of the joint that is farthest out.
+        it does itself; the interval returned reaches as far. It is `stretch` times as wide.
 
         Args:
             within: the interval of (n, n_joints) q and (n, 6) wrench, its middle the prediction.
@@ -98,36 +172,101 @@ class TrainingRange:
             wrench: (n, 6) N and N m at the TCP, base frame.
         """
         found = within(q, wrench)
-        # the size of a load: its torque counts as a force at a lever of 1 m
-        load = np.maximum(_lengths(wrench).sum(axis=1) / max(self.force + self.torque, 1e-9), 1.0)
-        outside = np.maximum(self.lower - q, q - self.upper).max(axis=1, initial=0.0)
-        far = (load > 1.0) | (outside > 0.0)
-        if not far.any():
-            return found
-        lower, upper = found.lower.copy(), found.upper.copy()
         middle, half = _middle_and_half(found)
-        load, outside = load[far, None], outside[far, None]
-        below, reach = _middle_and_half(within(q[far], wrench[far] / load))
-        reach = (load * reach + np.abs(middle[far] - load * below)) * (1.0 + outside)
-        reach = np.maximum(reach, half[far])
-        lower[far], upper[far] = middle[far] - reach, middle[far] + reach
-        return Interval(lower, upper, found.coverage)
+        load = np.maximum(self._excess_load(wrench), 1.0)
+        far = load > 1.0
+        if far.any():
+            more = load[far, None]
+            below, reach = _middle_and_half(within(q[far], wrench[far] / more))
+            reach = more * reach + np.abs(middle[far] - more * below)
+            half[far] = np.maximum(reach, half[far])
+        half *= self.stretch(q, wrench)[:, None]
+        return Interval(middle - half, middle + half, found.coverage)
+
+    def _excess_load(self, wrench: FloatArray) -> FloatArray:
+        """Return (n,) the sizes of loads as shares of the largest; 1 N m counts as 1 N."""
+        largest = max(self.force + self.torque, 1e-9)
+        return np.asarray(_lengths(wrench).sum(axis=1) / largest)
+
+    def far_pose(self, q: FloatArray) -> BoolArray:
+        """Return (n,) whether poses are far from every training pose, by `extrapolates`' rule."""
+        far = max(FAR * self._near_poses.usual, LEAST_FAR_POSE)
+        return np.asarray(self.pose_distance(q) > far)
+
+    def far_load(self, wrench: FloatArray) -> BoolArray:
+        """Return (n,) whether loads are far from every training load, by `extrapolates`' rule."""
+        far = max(FAR * self._near_directions.usual, LEAST_FAR_LOAD)
+        return np.asarray(self.load_distance(wrench) > far)
+
+    @property
+    def usual_distances(self) -> tuple[float, float]:
+        """How far nine in ten training poses (rad or m) and loads at most are from another."""
+        return self._near_poses.usual, self._near_directions.usual
 
     def extrapolates(self, q: FloatArray, wrench: FloatArray) -> list[str]:
-        """Say for each row what lies beyond: "joints", "load", "joints load"; "" where nothing.
+        """Say for each row what is unlike the training samples; "" where nothing is.
 
-        A joint does where it is beyond its smallest or largest training position by more than a
-        tenth of the span between them (at least 0.01 rad or m). A load does where the length of
-        its force or torque is more than a tenth above the largest in training (at least 0.1 N or
-        0.01 N m). Angles count as they stand (350 deg is not -10 deg: not every model is
-        periodic); directions of loads and gaps between the training poses are not looked at.
-        Arguments as of `quantities`.
+        - "joints": a joint is beyond its smallest or largest training position by more than a
+          tenth of the span between them (at least 0.01 rad or m).
+        - "pose-gap": none is, but the nearest training pose is more than twice as far away
+          (Euclidean, over all joints, at least 0.2 rad or m) as nine in ten training poses are from
+          their nearest one.
+        - "load": the length of force or torque is more than a tenth above the largest in training
+          (at least 0.1 N or 0.01 N m).
+        - "load-gap": neither is, but the direction is unlike every training load's:
+          `load_distance` is more than twice what it is among nine in ten training loads (at least
+          0.25).
+
+        Of each pair, one word at most; a row can have two, such as "joints load-gap". Angles count
+        as they stand: 350 deg is not -10 deg, since not every model is periodic. Arguments as of
+        `quantities`.
         """
-        far = self.beyond(q, wrench)
-        return [
-            " ".join(["joints"] * bool(row[:-2].any()) + ["load"] * bool(row[-2:].any()))
-            for row in far
-        ]
+        beyond = self.beyond(q, wrench)
+        joints, load = beyond[:, :-2].any(axis=1), beyond[:, -2:].any(axis=1)
+        marks = (
+            ("joints", joints),
+            ("pose-gap", self.far_pose(q) & ~joints),
+            ("load", load),
+            ("load-gap", self.far_load(wrench) & ~load),
+        )
+        words = [np.where(marked, word, "").tolist() for word, marked in marks]
+        return [" ".join(filter(None, row)) for row in zip(*words, strict=True)]
+
+
+class _Neighbours:
+    """Nearest rows of a set of them, and how far these usually are from each other.
+
+    Attributes:
+        usual: distance within which `USUAL_SHARE` of the rows have another one; 0 of less than two.
+    """
+
+    def __init__(self, rows: FloatArray) -> None:
+        from scipy.spatial import cKDTree  # not every use needs it
+
+        self._tree: cKDTree | None = cKDTree(rows) if len(rows) else None
+        self.usual = 0.0
+        if self._tree is not None and len(rows) > 1:
+            distances = np.asarray(
+                self._tree.query(rows, k=2)[0]
+            )  # of itself and the nearest other
+            self.usual = float(np.quantile(distances[:, 1], USUAL_SHARE))
+
+    def distance(self, rows: FloatArray) -> FloatArray:
+        """Return (n,) the distances of rows from the nearest one; 2, where there is none."""
+        if self._tree is None:
+            return np.full(len(rows), 2.0)  # two unit vectors are never farther apart
+        return np.asarray(self._tree.query(rows)[0])
+
+
+def _evenly(rows: FloatArray) -> FloatArray:
+    """Return at most `MOST_NEIGHBOURS` of the rows, evenly spaced."""
+    kept = np.linspace(0, len(rows) - 1, min(len(rows), MOST_NEIGHBOURS)).round().astype(np.int64)
+    return rows[kept]
+
+
+def _directions(wrench: FloatArray) -> FloatArray:
+    """Return unit vectors of (n, 6) loads that are not zero."""
+    return np.asarray(wrench / np.linalg.norm(wrench, axis=1, keepdims=True))
 
 
 def _middle_and_half(interval: Interval) -> tuple[FloatArray, FloatArray]:

@@ -4,7 +4,8 @@ The training side is divided by pose. A copy of the model is fitted to one part;
 errors s_1 .. s_n on the other part give, for each axis alone, the half width of the interval: with
 ``k = ceil(c (n + 1))`` the k-th smallest of them. A new pose then lies inside with a probability
 of c to c + 1/(n + 1), whatever the model (Lei et al. 2018, Distribution-free predictive inference
-for regression, theorem 2.2).
+for regression, theorem 2.2). Each error counts in units of `TrainingRange.stretch`: a pose far
+from those that were learned may err more, and its interval is as many times as wide.
 
 That holds for exchangeable errors. The rows of one pose are not: so each calibration pose gives one
 row, drawn at random (Dunn, Wasserman and Ramdas 2023, Distribution-free prediction sets for
@@ -14,7 +15,6 @@ two-layer hierarchical models, "subsampling once").
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import KW_ONLY, dataclass
 from typing import Self
 
@@ -22,10 +22,15 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 
 from stiff_protocols.contract.errors import ModelError, NotFittedError, TooFewToCalibrate
-from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.interfaces import StiffnessModel
 from stiff_protocols.contract.training_range import TrainingRange
-from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Samples
+from stiff_protocols.contract.types import (
+    Deflection,
+    FloatArray,
+    Interval,
+    Robot,
+    Samples,
+)
 from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.generators import inner_validation
 
@@ -49,7 +54,8 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         share: of the training poses that are calibrated on; more where `coverage` needs
             more, but never more than half.
         model_: the copy, fitted to the other poses.
-        residuals_: (n, 3) m, absolute errors on one row of each calibration pose.
+        residuals_: (n, 3) m, absolute errors on one row of each calibration pose, over
+            `TrainingRange.stretch`.
     """
 
     model: StiffnessModel
@@ -67,9 +73,7 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
 
         Raises:
             TooFewToCalibrate: `coverage` needs more calibration samples than half of the poses.
-            ConfigError: crepes is not installed.
         """
-        require("a split-conformal interval", "crepes")
         part = inner_validation(train, np.arange(len(train)), self._fraction(train), seed)
         self.model_ = clone(self.model)
         learned = train.take(part.train)
@@ -78,9 +82,9 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         shuffled = np.random.default_rng(seed).permutation(part.validation)
         _, one_a_pose = np.unique(train.pose_id[shuffled], return_index=True)
         calibration = train.take(shuffled[one_a_pose])
-        self.residuals_ = np.abs(
-            self.predict(calibration.q, calibration.wrench) - calibration.deflection
-        )
+        error = np.abs(self.predict(calibration.q, calibration.wrench) - calibration.deflection)
+        stretch = self.training_range_.stretch(calibration.q, calibration.wrench)
+        self.residuals_ = error / stretch[:, None]
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -94,8 +98,8 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return where each deflection lies with probability `coverage`, axis by axis.
 
-        `coverage` (0..1) may differ from what `fit` was prepared for. Beyond the range of what
-        the copy learned from they are wider, as `TrainingRange.widened` says.
+        `coverage` (0..1) may differ from what `fit` was prepared for. Away from what the copy
+        learned from they are wider, as `TrainingRange.widened` says.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -103,23 +107,9 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         """
         if not hasattr(self, "residuals_"):
             raise NotFittedError("SplitConformal: call fit before predict_interval")
-        needed = calibration_samples_needed(coverage)
-        if len(self.residuals_) < needed:
-            raise ModelError(
-                f"coverage {coverage:g} needs at least {needed} calibration samples, "
-                f"there are {len(self.residuals_)}"
-            )
-
-        def within(q: FloatArray, wrench: FloatArray) -> Interval:
-            predicted = self.predict(q, wrench)
-            bounds = [
-                _bounds(predicted[:, axis], self.residuals_[:, axis], coverage)
-                for axis in range(len(AXES))
-            ]
-            lower, upper = np.stack(bounds, axis=-1)
-            return Interval(lower, upper, coverage)
-
-        return self.training_range_.widened(within, q, wrench)
+        return conformal_interval(
+            self.predict, self.training_range_, self.residuals_, q, wrench, coverage
+        )
 
     def _fraction(self, train: Samples) -> float:
         """Return the share of the poses to calibrate on."""
@@ -134,8 +124,38 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         return (count - 0.5) / poses  # the division rounds up, and must not round past `count`
 
 
-def _bounds(predicted: FloatArray, residuals: FloatArray, coverage: float) -> FloatArray:
-    with warnings.catch_warnings():  # crepes changes the filters of the whole process on import
-        from crepes import ConformalRegressor
-    regressor = ConformalRegressor().fit(residuals)
-    return np.asarray(regressor.predict_int(predicted, confidence=coverage - ROUNDING).T)
+def conformal_interval(
+    predict: Deflection,
+    known: TrainingRange,
+    residuals: FloatArray,
+    q: FloatArray,
+    wrench: FloatArray,
+    coverage: float,
+) -> Interval:
+    """Return split-conformal intervals around predictions, m, axis by axis.
+
+    Args:
+        predict: (n, n_joints) q and (n, 6) wrench -> (n, 3) deflections, m.
+        known: of the samples that `predict` learned from: away from them intervals are wider.
+        residuals: (n_calibration, 3) errors at left-out poses, m, as `SplitConformal.residuals_`.
+        q: (n, n_joints) rad or m.
+        wrench: (n, 6) N and N m at the TCP, base frame.
+        coverage: probability (0..1) of each axis alone.
+
+    Raises:
+        ModelError: `coverage` needs more residuals than there are.
+    """
+    needed = calibration_samples_needed(coverage)
+    if len(residuals) < needed:
+        raise ModelError(
+            f"coverage {coverage:g} needs at least {needed} calibration samples, "
+            f"there are {len(residuals)}"
+        )
+
+    def within(q: FloatArray, wrench: FloatArray) -> Interval:
+        predicted = predict(q, wrench)
+        return Interval(predicted - half, predicted + half, coverage)
+
+    rank = math.ceil(coverage * (len(residuals) + 1) - ROUNDING)
+    half = np.sort(residuals, axis=0)[rank - 1]
+    return known.widened(within, q, wrench)

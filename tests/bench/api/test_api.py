@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sklearn.base import BaseEstimator
 
 import stiffbench as sb
 from stiff_bench.figures.catalog import FIGURES
@@ -115,16 +116,6 @@ def test_a_model_warns_once_beyond_its_training_range_also_after_a_file(twin, tm
         largest = 5.0 * np.linalg.norm(samples.wrench[:3, :3], axis=1).max()
         for part in ("3 of 3", f"force {largest:.4g} N", f"{known.force:.4g}"):
             assert part in warning
-
-
-def test_a_model_whose_training_range_is_unknown_says_so_once(twin):
-    model = sb.make_model("vjm").fit(twin)
-    del model.fitted.training_range_
-    assert model.training_range is None
-    with pytest.warns(StiffBenchWarning, match="unknown") as caught:
-        for _ in range(2):
-            model.predict(twin.samples.q, twin.samples.wrench)
-    assert len(caught) == 1
 
 
 def test_each_file_with_rows_beyond_the_training_range_is_warned_of(twin, tmp_path):
@@ -291,11 +282,54 @@ def test_errors_name_the_argument_and_no_option_of_the_command_line(call, named)
     assert named in said and "--" not in said
 
 
-def test_intervals_that_a_model_does_not_have_are_refused_by_the_arguments_name(twin, tmp_path):
-    model = sb.make_model("vjm").fit(twin)
-    twin.frame().to_csv(tmp_path / "loads.csv")
-    with pytest.raises(ConfigError, match=r"^coverage 0\.9: vjm"):
+def test_every_fitted_model_has_intervals_also_after_a_file(twin, tmp_path):
+    samples = twin.samples
+    fitted = sb.make_model("vjm").fit(twin)
+    found = fitted.predict_interval(samples.q, samples.wrench)
+    errors = fitted.left_out_errors  # at a quarter of 151 poses
+    assert errors.shape == (38, 3)
+    predicted = fitted.predict(samples.q, samples.wrench)
+    stretch = fitted.training_range.stretch(samples.q, samples.wrench)[:, None]
+    half = np.sort(errors, axis=0)[35] * stretch  # ceil(0.9 * 39) = 36
+    np.testing.assert_allclose(found.upper - predicted, half)
+    np.testing.assert_allclose(predicted - found.lower, half)
+    fitted.save(tmp_path / "vjm.stiff")
+    again = sb.load_model(tmp_path / "vjm.stiff").predict_interval(samples.q, samples.wrench, 0.9)
+    np.testing.assert_array_equal(again.upper, found.upper)
+
+
+def test_a_plugins_model_has_intervals_too(twin):
+    class Half(BaseEstimator):
+        def fit(self, train, *, robot, validation=None, seed=0):
+            self.inner_ = sb.make_model("vjm").fit(sb.Dataset.from_samples(train, robot))
+            return self
+
+        def predict(self, q, wrench):
+            return 0.5 * self.inner_.fitted.predict(q, wrench)
+
+    model = sb.make_model(Half).fit(twin)
+    found = model.predict_interval(twin.samples.q, twin.samples.wrench)
+    inside = (found.lower <= twin.samples.deflection) & (twin.samples.deflection <= found.upper)
+    assert 0.85 < inside.mean() < 0.97
+
+
+def test_a_coverage_that_needs_more_poses_is_refused_by_the_arguments_name(twin, tmp_path):
+    few = sb.Dataset.from_samples(twin.samples.take(np.arange(16)), twin.robot)
+    model = sb.make_model("vjm").fit(few)
+    few.frame().to_csv(tmp_path / "loads.csv")
+    with pytest.raises(ConfigError, match=r"^coverage 0\.9: vjm left 8 poses out.*at most 0\.8889"):
         model.predict_file(tmp_path / "loads.csv", tmp_path / "out.csv", coverage=0.9)
+    model.predict_interval(few.samples.q, few.samples.wrench, 0.88)
+
+
+def test_a_model_that_cannot_be_fitted_again_is_saved_without_intervals(twin, tmp_path):
+    one = sb.Dataset.from_samples(twin.samples.take(np.arange(1)), twin.robot)
+    model = sb.make_model("zero").fit(one)
+    model.save(tmp_path / "zero.stiff")
+    with pytest.raises(ConfigError, match="left 0 poses out"):
+        sb.load_model(tmp_path / "zero.stiff").predict_interval(
+            one.samples.q, one.samples.wrench, 0.5
+        )
 
 
 @pytest.mark.parametrize("coverage", [0.0, 1.0, 1.5, float("nan")])

@@ -214,18 +214,6 @@ def test_rows_beyond_the_training_range_are_marked_and_one_warning_has_the_numbe
     assert "torque" not in warning
 
 
-def test_a_file_without_a_training_range_is_read_and_says_that_it_is_unknown(vjm_file, tmp_path):
-    old, poses = tmp_path / "old.stiff", tmp_path / "poses.csv"
-    model = load(vjm_file)
-    del model.training_range_
-    model.save(old)
-    poses.write_text(f"{HEADER}\n{ROW}\n")
-    words = ("--model", old, "--input", poses, "--output", tmp_path / "out.csv")
-    said = run(deploy_cli.predict, *words)
-    assert "training range is unknown" in said and said.count("warning") == 1
-    assert pd.read_csv(tmp_path / "out.csv")["extrapolates"].tolist() == ["unknown"]
-
-
 def test_a_plugins_model_is_saved_and_read_where_its_file_is_named(plugin_file, tmp_path):
     plugin, saved = plugin_file("mine"), tmp_path / "mine.stiff"
     run(deploy_cli.fit, "--model", "mine", "--plugin", plugin, "--dataset", "kr10-twin",

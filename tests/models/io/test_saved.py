@@ -150,7 +150,7 @@ def object_of(kind, name, **parts):
 
 
 CHANGES = {
-    "has format 4": lambda content: content.update(format=4),
+    "has format 3": lambda content: content.update(format=3),
     "unknown model 'vjn'": lambda content: content["model"].update({"class": "vjn"}),
     "KeyError: 'class'": lambda content: content["model"].pop("class"),
     "KeyError: 'params'": lambda content: content["model"].pop("params"),

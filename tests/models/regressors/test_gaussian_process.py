@@ -93,6 +93,7 @@ def test_covariances_of_a_model_are_those_of_its_intervals(model, parts):
     variance = np.diagonal(found, axis1=1, axis2=2).T + fitted.noise_variance()
     interval = fitted.predict_interval(q, wrench, 0.9)
     half = (interval.upper - interval.lower) / 2.0
+    half /= fitted.training_range_.stretch(q, wrench)[:, None]
     np.testing.assert_allclose(ndtri(0.95) * np.sqrt(variance), half, rtol=1e-4)
     other = fitted.covariance(q, wrench, q[2:5], wrench[2:5])
     np.testing.assert_allclose(other, found[:, :, 2:5], atol=1e-18)

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from helpers.made_samples import samples_with
 from helpers.quick_models import twin_data
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.training_range import TrainingRange
-from stiff_protocols.contract.types import Interval
+from stiff_protocols.contract.training_range import (
+    LOAD_RATE,
+    MOST_NEIGHBOURS,
+    POSE_RATE,
+    TrainingRange,
+)
+from stiff_protocols.contract.types import Interval, Samples
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +29,8 @@ def test_training_samples_and_what_is_a_little_beyond_them_are_inside(samples):
     assert not any(known.extrapolates(samples.q, 1.05 * samples.wrench))
     tenth = 0.09 * (known.upper - known.lower)
     ends = np.array([known.lower - tenth, known.upper + tenth])
-    assert not any(known.extrapolates(ends, samples.wrench[:2]))
-    unturned = TrainingRange(known.lower, known.upper, force=100.0, torque=0.0)
+    assert not known.beyond(ends, samples.wrench[:2]).any()
+    unturned = replace(known, force=100.0, torque=0.0)
     wrench = np.array([[0.0, 0.0, -80.0, rounding, 0.0, 0.0] for rounding in (1e-9, 1.0)])
     assert unturned.extrapolates(samples.q[:2], wrench) == ["", "load"]
 
@@ -41,6 +49,53 @@ def test_each_joint_and_load_far_beyond_is_marked(samples):
     assert known.extrapolates(q[:3], heavy) == ["load", "load", ""]
 
 
+def test_a_pose_between_the_training_poses_and_a_load_between_their_directions_are_marked():
+    """Joint 1 at two clusters of poses, 90 degrees apart; loads along x and along z."""
+    near = np.deg2rad([0.0, 3.0, 6.0, 90.0, 93.0, 96.0])
+    q = np.column_stack([near, np.zeros(6)])
+    wrench = np.zeros((6, 6))
+    wrench[[0, 1, 3], 0] = wrench[[2, 4, 5], 2] = 50.0
+    known = TrainingRange.of(samples_with(q, wrench, np.zeros((6, 3))))
+    np.testing.assert_allclose(known.usual_distances, [np.deg2rad(3.0), 0.0], atol=1e-9)
+    asked = np.deg2rad([[4.0, 0.0], [45.0, 0.0], [110.0, 0.0], [4.0, 0.0]])
+    loads = np.zeros((4, 6))
+    loads[:, 0] = 10.0, 30.0, 30.0, 50.0
+    loads[1:, 2] = 0.0, 0.0, 50.0
+    loads[3] *= 0.5
+    assert known.extrapolates(asked, loads) == ["", "pose-gap", "joints", "load-gap"]
+    np.testing.assert_allclose(known.pose_distance(asked), np.deg2rad([1.0, 39.0, 14.0, 1.0]))
+    chord = 2.0 * np.sin(np.deg2rad(45.0) / 2.0)
+    share = np.sqrt(0.5)  # 25 N along both axes, of 50 N
+    np.testing.assert_allclose(known.load_distance(loads), [0, 0, 0, chord * share], atol=1e-12)
+    stretch = known.stretch(asked, loads)
+    beyond = np.deg2rad([0.0, 36.0, 14.0, 0.0])  # 14 beyond the range, 11 more than is usual
+    expected = (1 + POSE_RATE * beyond) * (1 + LOAD_RATE * np.array([0, 0, 0, chord * share]))
+    np.testing.assert_allclose(stretch, expected)
+
+
+def test_the_distances_do_not_depend_on_the_number_of_loads_at_a_pose(samples):
+    once, twice = TrainingRange.of(samples), TrainingRange.of(Samples.together(samples, samples))
+    np.testing.assert_allclose(twice.usual_distances[0], once.usual_distances[0])
+    many = samples.take(np.tile(np.arange(len(samples)), 20))
+    many = replace(many, pose_id=np.arange(len(many)).astype(str))
+    assert len(TrainingRange.of(many).poses) == MOST_NEIGHBOURS
+
+
+def test_no_load_in_training_makes_every_load_unlike_it():
+    known = TrainingRange.of(samples_with(np.zeros((2, 2)), np.zeros((2, 6)), np.zeros((2, 3))))
+    loads = np.zeros((2, 6))
+    loads[1, 2] = 10.0
+    assert known.extrapolates(np.zeros((2, 2)), loads) == ["", "load"]
+    assert known.stretch(np.zeros((2, 2)), loads)[0] == 1.0
+
+
+def unit_range(force):
+    """Two joints from 0 to 1 rad, at poses half a radian apart, and forces along x."""
+    steps = np.linspace(0.0, 1.0, 3)
+    poses = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    return TrainingRange(np.zeros(2), np.ones(2), force, 0.0, poses, np.eye(6)[:1])
+
+
 def steady(q, wrench):
     """+-1 mm about a deflection of 1 mm an N up to 10 N, where the model stops growing."""
     middle = 1e-3 * np.minimum(wrench[:, :3], 10.0)
@@ -51,14 +106,14 @@ def steady(q, wrench):
     ("joint", "force", "half"),
     [
         (0.5, 10.0, 1e-3),  # inside
-        (1.5, 10.0, 1.5e-3),  # half a radian beyond
-        (-1.0, 10.0, 2e-3),
+        (1.5, 10.0, 2e-3),  # half a radian beyond
+        (-1.0, 10.0, 3e-3),
         (0.5, 30.0, 3e-3 + 20e-3),  # three times 1 mm, and to where three times 10 N would lead
-        (1.5, 30.0, 1.5 * (3e-3 + 20e-3)),
+        (1.5, 30.0, 2.0 * (3e-3 + 20e-3)),
     ],
 )
 def test_an_interval_grows_with_the_load_and_the_way_beyond_the_range(joint, force, half):
-    known = TrainingRange(np.zeros(2), np.ones(2), force=10.0, torque=0.0)
+    known = unit_range(force=10.0)
     q, wrench = np.array([[joint, 0.5]] * 2), np.zeros((2, 6))
     wrench[:, 0] = force
     q[1], wrench[1, 0] = 0.5, 10.0  # a row inside stays as it is
@@ -69,13 +124,14 @@ def test_an_interval_grows_with_the_load_and_the_way_beyond_the_range(joint, for
 
 
 def test_of_an_unusual_torque_the_mark_is_of_the_torque_and_the_width_of_force_and_torque():
-    known = TrainingRange(np.zeros(2), np.ones(2), force=140.0, torque=0.0)  # the FANUC's
+    known = replace(unit_range(force=140.0), directions=np.eye(6))  # the FANUC's force
     inside = np.full((2, 2), 0.5)
     wrench = np.array([[60.0, 0, 0, 0, 0, 40.0], [120.0, 0, 0, 0, 0, 40.0]])
     assert known.extrapolates(inside, wrench) == ["load", "load"]
+    turned = known.stretch(inside, wrench)
     found, usual = known.widened(steady, inside, wrench), steady(inside, wrench)
     # 60 N + 40 N m / 1 m is no larger a load than 140 N; 120 N + 40 N m is 8 / 7 of it
-    reached = (found.upper - found.lower)[:, 0] / (usual.upper - usual.lower)[:, 0]
+    reached = (found.upper - found.lower)[:, 0] / (usual.upper - usual.lower)[:, 0] / turned
     np.testing.assert_allclose(reached, [1.0, (8 / 7 * 1.0 + 8 / 7 * 10.0 - 10.0)], rtol=1e-12)
 
 
@@ -87,10 +143,13 @@ def test_of_an_unusual_torque_the_mark_is_of_the_torque_and_the_width_of_force_a
         ({"lower": [0.0, 9.0]}, "ends"),
         ({"force": np.inf}, "inf"),
         ({"torque": -1.0}, "-1"),
+        ({"poses": np.zeros((3, 3))}, "poses"),
+        ({"poses": np.zeros((0, 2))}, "no poses"),
+        ({"directions": np.zeros((3, 2))}, "directions"),
     ],
 )
-def test_a_range_that_is_none_is_refused(changed, named):
-    usual = {"lower": [0.0, 0.0], "upper": [1.0, 1.0], "force": 1.0, "torque": 1.0}
+def test_an_invalid_range_is_refused(changed, named):
+    usual = vars(unit_range(force=1.0))
     with pytest.raises(DataError, match=named):
         TrainingRange(**usual | changed)
     with pytest.raises(DataError, match="2 joints"):

@@ -1,0 +1,99 @@
+"""Do 90 % intervals hold between the measured poses, and under other loads?
+
+`python tests/coverage_between_poses.py` prints the table of docs/models.md (a quarter of an hour).
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from tabulate import tabulate
+
+import stiffbench as sb
+from stiff_protocols.contract.training_range import TrainingRange
+from stiff_protocols.contract.types import FloatArray, Samples
+
+DATASETS = ("kr10-twin", "arm-family@robot=0", "arm-family@robot=4")
+MODELS = ("vjm", "gp", "vjm-gp", "deep-ensemble")
+Loads = Literal["measured", "any direction"]
+LOADS: tuple[Loads, ...] = ("measured", "any direction")
+ASKED, COVERAGE, NOISE_MM = 500, 0.9, 0.014
+"""Random poses; nominal coverage of an axis; noise of a tracker's deflection."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """Shares of random poses inside their intervals, of each axis (3,).
+
+    Attributes:
+        marked: share of the poses that `extrapolates` marks.
+        plain: at the poses without a mark, with intervals that do not grow with the distance.
+        near: at the poses without a mark.
+        far: at the marked poses; NaN where there are none.
+    """
+
+    marked: float
+    plain: FloatArray
+    near: FloatArray
+    far: FloatArray
+
+
+def drawn(samples: Samples, known: TrainingRange, loads: Loads) -> tuple[FloatArray, FloatArray]:
+    """Return random (ASKED, n_joints) poses inside the joint box, and (ASKED, 6) loads.
+
+    Measured loads are drawn from the samples. Loads in any direction are uniform in the balls whose
+    radii are the largest measured force and torque.
+    """
+    rng = np.random.default_rng(1)
+    q = rng.uniform(known.lower, known.upper, (ASKED, len(known.lower)))
+    if loads == "measured":
+        return q, samples.wrench[rng.integers(len(samples), size=ASKED)]
+    direction = rng.normal(size=(ASKED, 2, 3))
+    direction /= np.linalg.norm(direction, axis=2, keepdims=True)
+    radius = np.array([known.force, known.torque]) * rng.uniform(size=(ASKED, 2)) ** (1.0 / 3.0)
+    return q, (direction * radius[:, :, None]).reshape(ASKED, 6)
+
+
+def held(dataset: sb.Dataset, model: sb.Model, loads: Loads) -> Held:
+    """Compare a fitted model's intervals with the deflections of its data's twin."""
+    known, truth = model.training_range, dataset.data.under_load
+    assert truth is not None
+    q, wrench = drawn(dataset.samples, known, loads)
+    noise = np.random.default_rng(2).normal(scale=NOISE_MM / 1000.0, size=(ASKED, 3))
+    deflection = truth(q, wrench) + noise
+    interval = model.predict_interval(q, wrench, COVERAGE)
+    middle, half = (interval.lower + interval.upper) / 2, (interval.upper - interval.lower) / 2
+    error = np.abs(deflection - middle)
+    inside, plain = error <= half, error <= half / known.stretch(q, wrench)[:, None]
+    marked = np.array([bool(words) for words in known.extrapolates(q, wrench)])
+    far = inside[marked].mean(axis=0) if marked.any() else np.full(3, np.nan)
+    return Held(marked.mean(), plain[~marked].mean(axis=0), inside[~marked].mean(axis=0), far)
+
+
+def rows(name: str, key: str) -> list[list[str]]:
+    dataset = sb.load_dataset(name)
+    model = sb.make_model(key).fit(dataset)
+    found = []
+    for loads in LOADS:
+        one = held(dataset, model, loads)
+        shares = (one.plain, one.near, one.far)
+        texts = [f"{100 * np.mean(share):.0f} ({axes(share)})" for share in shares]
+        if np.isnan(one.far).any():
+            texts[2] = "-"
+        found.append([f"`{name}`", f"`{key}`", loads, f"{one.marked:.0%}", *texts])
+    return found
+
+
+def axes(share: FloatArray) -> str:
+    return ", ".join(f"{100 * part:.0f}" for part in share)
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    header = ["data", "model", "loads", "marked"]
+    header += ["inside, not widened [%]", "inside [%]", "inside where marked [%]"]
+    table = [row for name in DATASETS for key in MODELS for row in rows(name, key)]
+    print(tabulate(table, header, tablefmt="github", disable_numparse=True))
