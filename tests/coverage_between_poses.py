@@ -32,7 +32,7 @@ class Held:
         marked: share of the poses that `extrapolates` marks.
         plain: at the poses without a mark, with intervals that do not grow with the distance.
         near: at the poses without a mark.
-        far: at the marked poses; NaN where there are none.
+        far: at the marked poses; NaN where there are nshares_held.
     """
 
     marked: float
@@ -41,34 +41,38 @@ class Held:
     far: FloatArray
 
 
-def drawn(samples: Samples, known: TrainingRange, loads: Loads) -> tuple[FloatArray, FloatArray]:
+def drawn(
+    samples: Samples, training_range: TrainingRange, loads: Loads
+) -> tuple[FloatArray, FloatArray]:
     """Return random (ASKED, n_joints) poses inside the joint box, and (ASKED, 6) loads.
 
     Measured loads are drawn from the samples. Loads in any direction are uniform in the balls whose
     radii are the largest measured force and torque.
     """
     rng = np.random.default_rng(1)
-    q = rng.uniform(known.lower, known.upper, (ASKED, len(known.lower)))
+    q = rng.uniform(training_range.lower, training_range.upper, (ASKED, len(training_range.lower)))
     if loads == "measured":
         return q, samples.wrench[rng.integers(len(samples), size=ASKED)]
     direction = rng.normal(size=(ASKED, 2, 3))
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
-    radius = np.array([known.force, known.torque]) * rng.uniform(size=(ASKED, 2)) ** (1.0 / 3.0)
+    radius = np.array([training_range.force, training_range.torque]) * rng.uniform(
+        size=(ASKED, 2)
+    ) ** (1.0 / 3.0)
     return q, (direction * radius[:, :, None]).reshape(ASKED, 6)
 
 
 def held(dataset: sb.Dataset, model: sb.Model, loads: Loads) -> Held:
     """Compare a fitted model's intervals with the deflections of its data's twin."""
-    known, truth = model.training_range, dataset.data.under_load
+    training_range, truth = model.training_range, dataset.data.under_load
     assert truth is not None
-    q, wrench = drawn(dataset.samples, known, loads)
+    q, wrench = drawn(dataset.samples, training_range, loads)
     noise = np.random.default_rng(2).normal(scale=NOISE_MM / 1000.0, size=(ASKED, 3))
     deflection = truth(q, wrench) + noise
     interval = model.predict_interval(q, wrench, COVERAGE)
     middle, half = (interval.lower + interval.upper) / 2, (interval.upper - interval.lower) / 2
     error = np.abs(deflection - middle)
-    inside, plain = error <= half, error <= half / known.stretch(q, wrench)[:, None]
-    marked = np.array([bool(words) for words in known.extrapolates(q, wrench)])
+    inside, plain = error <= half, error <= half / training_range.stretch(q, wrench)[:, None]
+    marked = np.array([bool(words) for words in training_range.extrapolates(q, wrench)])
     far = inside[marked].mean(axis=0) if marked.any() else np.full(3, np.nan)
     return Held(marked.mean(), plain[~marked].mean(axis=0), inside[~marked].mean(axis=0), far)
 
@@ -76,15 +80,15 @@ def held(dataset: sb.Dataset, model: sb.Model, loads: Loads) -> Held:
 def rows(name: str, key: str) -> list[list[str]]:
     dataset = sb.load_dataset(name)
     model = sb.make_model(key).fit(dataset)
-    found = []
+    table_rows = []
     for loads in LOADS:
-        one = held(dataset, model, loads)
-        shares = (one.plain, one.near, one.far)
+        shares_held = held(dataset, model, loads)
+        shares = (shares_held.plain, shares_held.near, shares_held.far)
         texts = [f"{100 * np.mean(share):.0f} ({axes(share)})" for share in shares]
-        if np.isnan(one.far).any():
+        if np.isnan(shares_held.far).any():
             texts[2] = "-"
-        found.append([f"`{name}`", f"`{key}`", loads, f"{one.marked:.0%}", *texts])
-    return found
+        table_rows.append([f"`{name}`", f"`{key}`", loads, f"{shares_held.marked:.0%}", *texts])
+    return table_rows
 
 
 def axes(share: FloatArray) -> str:

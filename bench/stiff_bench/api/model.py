@@ -130,7 +130,7 @@ class Model:
     def predict_interval(
         self, q: FloatArray, wrench: FloatArray, coverage: float = 0.9
     ) -> Interval:
-        """Return where the deflections lie with a probability, axis by axis, m, base frame.
+        """Return intervals that hold the deflections with a probability, m, per axis, base frame.
 
         A model without intervals of its own gets split-conformal ones: a second fit leaves a
         quarter of the poses out, and its errors there are the half widths. The first call after
@@ -140,7 +140,7 @@ class Model:
         Args:
             q: (n, n_joints) joint positions, rad or m.
             wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame.
-            coverage: probability (0..1) of each axis alone.
+            coverage: probability (0..1) on each axis.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -151,8 +151,9 @@ class Model:
         self.check_coverage(coverage)
         if isinstance(self.fitted, PredictsInterval):
             return self.fitted.predict_interval(q, wrench, coverage)
-        known, errors = self.training_range, self.left_out_errors
-        return conformal_interval(self.fitted.predict, known, errors, q, wrench, coverage)
+        return conformal_interval(
+            self.fitted.predict, self.training_range, self.left_out_errors, q, wrench, coverage
+        )
 
     @property
     def left_out_errors(self) -> FloatArray:
@@ -181,8 +182,8 @@ class Model:
             NotFittedError: `fit` was not called.
         """
         self.check_fitted()
-        found: TrainingRange = self.fitted.training_range_
-        return found
+        training_range: TrainingRange = self.fitted.training_range_
+        return training_range
 
     def predict_file(
         self, loads: Path | str, output: Path | str, *, coverage: float | None = None

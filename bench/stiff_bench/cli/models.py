@@ -68,8 +68,8 @@ def fit(output: Path, seed: int, **words: Any) -> None:
 def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> None:
     """Predict the deflections of a file of poses and wrenches.
 
-    The column extrapolates names what lies more than a tenth beyond the training range: joints,
-    load, or both. There a prediction is a guess.
+    The column extrapolates names what is unlike the training samples: joints, pose-gap, load or
+    load-gap. There a prediction is a guess.
     """
     from stiff_bench.api.model import load_model
 

@@ -11,10 +11,10 @@ from stiff_protocols.contract.types import FloatArray, Robot
 
 
 class RowsBeyond:
-    """What of rows lies beyond a model's training range, or far from its training samples.
+    """Rows beyond a model's training range, or far from its training samples.
 
     Attributes:
-        known: the range.
+        training_range: of the model.
         robot: of the joints.
         n_rows, n_beyond: how many rows were seen, and how many of them extrapolate.
         ends: (2, n_joints + 2) smallest and largest of each quantity, of `TrainingRange`.
@@ -22,9 +22,9 @@ class RowsBeyond:
         gap_pose, gap_load: the largest `pose_distance` and `load_distance` of these.
     """
 
-    def __init__(self, known: TrainingRange, robot: Robot) -> None:
+    def __init__(self, training_range: TrainingRange, robot: Robot) -> None:
         """Store the arguments."""
-        self.known, self.robot, self.n_rows, self.n_beyond = known, robot, 0, 0
+        self.training_range, self.robot, self.n_rows, self.n_beyond = training_range, robot, 0, 0
         self.ends = np.outer([np.inf, -np.inf], np.ones(robot.n_joints + 2))
         self.n_gap_poses, self.n_gap_loads = 0, 0
         self.gap_pose, self.gap_load = 0.0, 0.0
@@ -34,16 +34,16 @@ class RowsBeyond:
         values = TrainingRange.quantities(q, wrench)
         self.ends[0] = np.minimum(self.ends[0], values.min(axis=0, initial=np.inf))
         self.ends[1] = np.maximum(self.ends[1], values.max(axis=0, initial=-np.inf))
-        extrapolates = self.known.extrapolates(q, wrench)
+        extrapolates = self.training_range.extrapolates(q, wrench)
         self.n_rows += len(q)
         self.n_beyond += sum(map(bool, extrapolates))
         poses = np.array(["pose-gap" in words for words in extrapolates], dtype=bool)
         loads = np.array(["load-gap" in words for words in extrapolates], dtype=bool)
         self.n_gap_poses += int(poses.sum())
         self.n_gap_loads += int(loads.sum())
-        far = self.known.pose_distance(q[poses]).max(initial=0.0)
+        far = self.training_range.pose_distance(q[poses]).max(initial=0.0)
         self.gap_pose = max(self.gap_pose, float(far))
-        far = self.known.load_distance(wrench[loads]).max(initial=0.0)
+        far = self.training_range.load_distance(wrench[loads]).max(initial=0.0)
         self.gap_load = max(self.gap_load, float(far))
         return extrapolates
 
@@ -60,8 +60,8 @@ class RowsBeyond:
         from stiff_datasets.measured.sample_files import file_units, joint_columns  # pandas
 
         units = np.r_[file_units(self.robot), 1.0, 1.0]
-        lower, upper = (end * units for end in self.known.ends)
-        far = self.known.are_beyond(self.ends)
+        lower, upper = (end * units for end in self.training_range.ends)
+        far = self.training_range.are_beyond(self.ends)
         for i, column in enumerate((*joint_columns(self.robot), "force_N", "torque_Nm")):
             if far[:, i].any():
                 lowest, highest = self.ends[:, i] * units[i]
@@ -72,7 +72,7 @@ class RowsBeyond:
 
     def _gaps(self) -> Iterator[str]:
         """Yield how far the farthest pose and load are from the nearest in training."""
-        usual_pose, usual_load = self.known.usual_distances
+        usual_pose, usual_load = self.training_range.usual_distances
         if self.n_gap_poses and self.robot.turns.all():
             far, usual = np.rad2deg([self.gap_pose, usual_pose])
             yield (

@@ -37,8 +37,8 @@ SCORING_VERSION = 2
 A change of these numbers raises it; tests/protocols/scoring/test_golden_scoring.py notices."""
 
 INTERVAL_VERSION = 2
-"""Of the intervals alone: it is in the key of a cell that has some. A change of how intervals are
-made raises it; errors without intervals then stay valid."""
+"""Version of the intervals, part of the key of a cell with intervals. A change of how intervals are
+made raises it; results without intervals then stay valid."""
 
 
 READING_OPTION = "read_on"

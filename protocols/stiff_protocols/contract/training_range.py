@@ -1,4 +1,4 @@
-"""Where a model has learned: predictions far from it are a guess, and are marked."""
+"""The range of a model's training samples: predictions far from it are a guess, and are marked."""
 
 from __future__ import annotations
 
@@ -171,8 +171,8 @@ class TrainingRange:
             q: (n, n_joints) rad or m.
             wrench: (n, 6) N and N m at the TCP, base frame.
         """
-        found = within(q, wrench)
-        middle, half = _middle_and_half(found)
+        interval = within(q, wrench)
+        middle, half = _middle_and_half(interval)
         load = np.maximum(self._excess_load(wrench), 1.0)
         far = load > 1.0
         if far.any():
@@ -181,7 +181,7 @@ class TrainingRange:
             reach = more * reach + np.abs(middle[far] - more * below)
             half[far] = np.maximum(reach, half[far])
         half *= self.stretch(q, wrench)[:, None]
-        return Interval(middle - half, middle + half, found.coverage)
+        return Interval(middle - half, middle + half, interval.coverage)
 
     def _excess_load(self, wrench: FloatArray) -> FloatArray:
         """Return (n,) the sizes of loads as shares of the largest; 1 N m counts as 1 N."""
@@ -200,7 +200,7 @@ class TrainingRange:
 
     @property
     def usual_distances(self) -> tuple[float, float]:
-        """How far nine in ten training poses (rad or m) and loads at most are from another."""
+        """Largest distance of nine in ten training poses (rad or m) and loads from another one."""
         return self._near_poses.usual, self._near_directions.usual
 
     def extrapolates(self, q: FloatArray, wrench: FloatArray) -> list[str]:
@@ -260,8 +260,10 @@ class _Neighbours:
 
 def _evenly(rows: FloatArray) -> FloatArray:
     """Return at most `MOST_NEIGHBOURS` of the rows, evenly spaced."""
-    kept = np.linspace(0, len(rows) - 1, min(len(rows), MOST_NEIGHBOURS)).round().astype(np.int64)
-    return rows[kept]
+    chosen_rows = (
+        np.linspace(0, len(rows) - 1, min(len(rows), MOST_NEIGHBOURS)).round().astype(np.int64)
+    )
+    return rows[chosen_rows]
 
 
 def _directions(wrench: FloatArray) -> FloatArray:

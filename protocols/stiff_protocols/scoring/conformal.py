@@ -126,21 +126,21 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
 
 def conformal_interval(
     predict: Deflection,
-    known: TrainingRange,
+    training_range: TrainingRange,
     residuals: FloatArray,
     q: FloatArray,
     wrench: FloatArray,
     coverage: float,
 ) -> Interval:
-    """Return split-conformal intervals around predictions, m, axis by axis.
+    """Return split-conformal intervals around predictions, m, per axis.
 
     Args:
         predict: (n, n_joints) q and (n, 6) wrench -> (n, 3) deflections, m.
-        known: of the samples that `predict` learned from: away from them intervals are wider.
+        training_range: of the samples that `predict` learned from: away from them intervals are wider.
         residuals: (n_calibration, 3) errors at left-out poses, m, as `SplitConformal.residuals_`.
         q: (n, n_joints) rad or m.
         wrench: (n, 6) N and N m at the TCP, base frame.
-        coverage: probability (0..1) of each axis alone.
+        coverage: probability (0..1) on each axis.
 
     Raises:
         ModelError: `coverage` needs more residuals than there are.
@@ -158,4 +158,4 @@ def conformal_interval(
 
     rank = math.ceil(coverage * (len(residuals) + 1) - ROUNDING)
     half = np.sort(residuals, axis=0)[rank - 1]
-    return known.widened(within, q, wrench)
+    return training_range.widened(within, q, wrench)
