@@ -136,7 +136,8 @@ def conformal_interval(
 
     Args:
         predict: (n, n_joints) q and (n, 6) wrench -> (n, 3) deflections, m.
-        training_range: of the samples that `predict` learned from: away from them intervals are wider.
+        training_range: of the samples that `predict` learned from; far from them intervals are
+            wider.
         residuals: (n_calibration, 3) errors at left-out poses, m, as `SplitConformal.residuals_`.
         q: (n, n_joints) rad or m.
         wrench: (n, 6) N and N m at the TCP, base frame.
