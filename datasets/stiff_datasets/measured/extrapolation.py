@@ -73,19 +73,18 @@ class RowsBeyond:
     def _gaps(self) -> Iterator[str]:
         """Yield how far the farthest pose and load are from the nearest in training."""
         usual_pose, usual_load = self.training_range.usual_distances
-        if self.n_gap_poses and self.robot.turns.all():
-            far, usual = np.rad2deg([self.gap_pose, usual_pose])
+        if self.n_gap_poses:
+            unit, factor = ("deg", 180.0 / np.pi) if self.robot.turns.all() else ("rad and m", 1.0)
             yield (
-                f"{self.n_gap_poses} poses up to {far:.3g} deg from the nearest training pose "
-                f"(usual: {usual:.3g})"
-            )
-        elif self.n_gap_poses:
-            yield (
-                f"{self.n_gap_poses} poses up to {self.gap_pose:.3g} rad and m from the nearest "
-                f"training pose (usual: {usual_pose:.3g})"
+                f"pose-gap in {_rows(self.n_gap_poses)} (up to {factor * self.gap_pose:.3g} {unit} "
+                f"from the nearest training pose, usual: {factor * usual_pose:.3g})"
             )
         if self.n_gap_loads:
             yield (
-                f"{self.n_gap_loads} loads unlike every training load (distance up to "
-                f"{self.gap_load:.2g}, usual: {usual_load:.2g})"
+                f"load-gap in {_rows(self.n_gap_loads)} (direction up to {self.gap_load:.2g} from "
+                f"the nearest training load, usual: {usual_load:.2g})"
             )
+
+
+def _rows(number: int) -> str:
+    return "1 row" if number == 1 else f"{number} rows"
