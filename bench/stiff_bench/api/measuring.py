@@ -10,6 +10,7 @@ from typing import Literal
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.tables import Text
+from stiff_bench.console import say
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import RobotWords, measured_file
 from stiff_bench.run.progress import display
@@ -192,7 +193,10 @@ def _constants(twin: str) -> TwinConstants:
         return shipped_constants(shipped[twin])
     if not twin.endswith(".toml"):
         raise ConfigError(f"{twin!r} (valid: {', '.join(shipped)}, or FILE.toml)", "twin")
-    return read_constants(Path(twin))
+    constants = read_constants(Path(twin))
+    for note in constants.chain().notes:
+        say(f"note: {note}")
+    return constants
 
 
 def fetch(source: Path | None = None) -> tuple[Path, ...]:
