@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -72,3 +73,63 @@ def seven_joint_arm() -> Robot:
         masses=np.full(n, 3.0),
         tcp=np.array([0.05, 0.02, 0.12]),
     )
+
+
+LIMITS = {"revolute": (-2.0, 2.0), "prismatic": (0.0, 0.04)}
+INERTIA = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+
+
+def tree_urdf(path: Path, joints: str) -> Path:
+    """Write a URDF whose joints are lines "parent child type", with options.
+
+    These are `x=`, `y=`, `z=` (m; of a moving joint z=0.2), `axis=` (x, y or z, the default),
+    `limits=low..high` and `mimic=JOINT`. Joints are called to_CHILD, links have 1 kg.
+    """
+    parts, links = [], dict.fromkeys(["base"])
+    for line in filter(None, map(str.strip, joints.splitlines())):
+        parent, child, kind, *words = line.split()
+        given = dict(word.split("=") for word in words)
+        links |= dict.fromkeys([parent, child])
+        moves = kind != "fixed"
+        xyz = [given.get(k, "0.2" if k == "z" and moves else "0") for k in "xyz"]
+        axis = " ".join(str(int(k == given.get("axis", "z"))) for k in "xyz")
+        low, high = given["limits"].split("..") if "limits" in given else LIMITS.get(kind, (0, 0))
+        limit = f'<limit lower="{low}" upper="{high}" effort="9" velocity="9"/>'
+        mimic = f'<mimic joint="{given["mimic"]}"/>' if "mimic" in given else ""
+        parts.append(
+            f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="{child}"/><origin xyz="{" ".join(xyz)}"/><axis xyz="{axis}"/>'
+            f"{limit if kind in LIMITS else ''}{mimic}</joint>"
+        )
+    bodies = [
+        f'<link name="{name}"><inertial><mass value="1"/>{INERTIA}</inertial></link>'
+        for name in links
+    ]
+    path.write_text(f'<robot name="{path.stem}">{"".join(bodies + parts)}</robot>')
+    return path
+
+
+def arm_lines(root: str, name: str, n_joints: int) -> str:
+    """Lines of `tree_urdf` for an arm NAME1..n whose axes are z, y, y, x, y, x, z."""
+    links = [root, *(f"{name}{i + 1}" for i in range(n_joints))]
+    place = {"x": "x=0.3 z=0", "y": "z=0.3", "z": "z=0.2"}
+    return "\n".join(
+        f"{links[i]} {links[i + 1]} revolute axis={axis} {place[axis]}"
+        for i, axis in enumerate("zyyxyxz"[:n_joints])
+    )
+
+
+def gripper_lines(palm: str) -> str:
+    """Lines of `tree_urdf` for a hand with a frame between its fingers, one of which mimics."""
+    return f"""
+        {palm} hand fixed z=0.1
+        hand hand_tcp fixed z=0.1
+        hand left prismatic axis=y
+        hand right prismatic axis=y mimic=to_left
+    """
+
+
+def track_lines(n_joints: int = 6) -> str:
+    """Lines of `tree_urdf` for an arm on a track of 4 m along x."""
+    slide = "base cart prismatic axis=x z=0.3 limits=0..4"
+    return f"{slide}\n{arm_lines('cart', 'a', n_joints)}"

@@ -13,11 +13,13 @@ def elastic_pinocchio(chain):
     rigid, elastic = chain.model, pin.Model()
     parent = 0
     for joint in range(1, rigid.njoints):
-        _, axis = joint_type_and_axis(rigid, joint)
+        joint_type, axis = joint_type_and_axis(rigid, joint)
         first = np.linalg.svd(axis[None])[2][1]
         placement = rigid.jointPlacements[joint]
         for name, direction in zip("tab", (axis, first, np.cross(axis, first)), strict=True):
             kind = pin.JointModelRevoluteUnaligned(direction)
+            if name == "t" and joint_type == "prismatic":
+                kind = pin.JointModelPrismaticUnaligned(direction)
             parent = elastic.addJoint(parent, kind, placement, f"{joint}{name}")
             placement = pin.SE3.Identity()
         elastic.appendBodyToJoint(parent, rigid.inertias[joint], pin.SE3.Identity())

@@ -150,6 +150,7 @@ def read_samples(
     urdf: Path | str | None = None,
     robot: str | Robot | None = None,
     tcp: Sequence[float] | None = None,
+    tip: str | None = None,
     no_torque: bool = False,
 ) -> Dataset:
     """Read a file of measured samples.
@@ -160,6 +161,7 @@ def read_samples(
         robot: in its place, the name of a shipped robot, or a `Robot`.
         tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
             the origin with `urdf`.
+        tip: last link of the chain in `urdf`; None: that of the longest chain.
         no_torque: no torques were measured: their columns may be missing, or zero.
 
     Raises:
@@ -167,13 +169,15 @@ def read_samples(
         DataError: a file cannot be read, or a value cannot be; the message names row and column.
     """
     if isinstance(robot, Robot):
-        if urdf is not None or tcp is not None:
-            raise ConfigError("robot is a Robot: it has its own geometry, leave out urdf and tcp")
+        if (urdf, tcp, tip) != (None, None, None):
+            raise ConfigError(
+                "robot is a Robot: it has its own geometry, leave out urdf, tcp and tip"
+            )
         known = robot
     else:
         if (urdf is None) == (robot is None):
             raise ConfigError("give the robot: one of urdf=... and robot=...")
-        known = RobotWords(robot, urdf, tcp).read()[0]
+        known = RobotWords(robot, urdf, tcp, tip).read()[0]
     dataset = Dataset(measured_file(Path(file), known, no_torque=no_torque))
     dataset.data  # noqa: B018
     return dataset
@@ -187,13 +191,14 @@ def dataset_of_words(
     robot: str | None,
     urdf: Path | None,
     tcp: Sequence[float] | None,
+    tip: str | None,
 ) -> Dataset:
     """Return the data set of a key or a file, with the options of `bench data info`.
 
     Raises:
         ConfigError: the key or an option is unknown, or the robot of the file is not named.
     """
-    path, words = Path(key), RobotWords(robot, urdf, tcp)
+    path, words = Path(key), RobotWords(robot, urdf, tcp, tip)
     if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
         if settings:
             raise ConfigError(f"--set {settings[0]!r}: the file {key} has no options")
@@ -201,6 +206,6 @@ def dataset_of_words(
     if words.given or no_torque or path.is_file():
         raise ConfigError(
             f"{key}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
-            "--robot, --urdf, --tcp or --no-torque)"
+            "--robot, --urdf, --tip, --tcp or --no-torque)"
         )
     return Dataset(chosen_dataset(key, settings, registry()))

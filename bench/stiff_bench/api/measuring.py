@@ -10,6 +10,7 @@ from typing import Literal
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.tables import Text
+from stiff_bench.console import say
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import RobotWords, measured_file
 from stiff_bench.run.progress import display
@@ -44,6 +45,7 @@ def plan_poses(
     robot: str | None = None,
     urdf: Path | str | None = None,
     tcp: Sequence[float] | None = None,
+    tip: str | None = None,
     after: Path | str | None = None,
     model: str | None = None,
     workspace: Path | str | None = None,
@@ -65,6 +67,7 @@ def plan_poses(
         urdf: of another robot.
         tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
             the origin with `urdf`.
+        tip: last link of the chain in `urdf`; None: that of the longest chain.
         after: file of the poses that are measured already; the plan goes on from them, and their
             learning curve says what more poses would gain. None: there are none.
         model: that will be fitted to all poses, with `after`; None: "vjm". The poses are chosen
@@ -78,7 +81,7 @@ def plan_poses(
         DataError: a file cannot be read, or is of another robot.
         StoreError: the file cannot be written, or exists.
     """
-    output, words = Path(output), RobotWords(robot, urdf, tcp)
+    output, words = Path(output), RobotWords(robot, urdf, tcp, tip)
     check_plan_file(output)
     if after is None:
         given = {"model": model, "workspace": workspace, "no-torque": no_torque or None}
@@ -113,6 +116,7 @@ def validate(
     robot: str | None = None,
     urdf: Path | str | None = None,
     tcp: Sequence[float] | None = None,
+    tip: str | None = None,
     no_torque: bool = False,
 ) -> validation.ValidationReport:
     """Check a measured file and name the likeliest mistake in it.
@@ -123,6 +127,7 @@ def validate(
         urdf: of another robot.
         tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
             the origin with `urdf`.
+        tip: last link of the chain in `urdf`; None: that of the longest chain.
         no_torque: no torques were measured: their columns may be missing, or zero.
 
     Returns:
@@ -132,7 +137,7 @@ def validate(
         ConfigError: two robots are named, or an unknown one.
         DataError: the URDF cannot be read.
     """
-    measured = RobotWords(robot, urdf, tcp).read()[0]
+    measured = RobotWords(robot, urdf, tcp, tip).read()[0]
     return validation.validate(Path(file), measured, no_torque=no_torque)
 
 
@@ -188,7 +193,10 @@ def _constants(twin: str) -> TwinConstants:
         return shipped_constants(shipped[twin])
     if not twin.endswith(".toml"):
         raise ConfigError(f"{twin!r} (valid: {', '.join(shipped)}, or FILE.toml)", "twin")
-    return read_constants(Path(twin))
+    constants = read_constants(Path(twin))
+    for note in constants.chain().notes:
+        say(f"note: {note}")
+    return constants
 
 
 def fetch(source: Path | None = None) -> tuple[Path, ...]:
@@ -197,13 +205,19 @@ def fetch(source: Path | None = None) -> tuple[Path, ...]:
 
 
 def register(
-    key: str, csv: Path, urdf: Path | None, tcp: Sequence[float] | None, no_torque: bool
+    key: str,
+    csv: Path,
+    urdf: Path | None,
+    tcp: Sequence[float] | None,
+    tip: str | None,
+    no_torque: bool,
 ) -> str:
     """Register a measurement and return what is odd in it and what to do with it."""
+    RobotWords(None, urdf, tcp, tip)  # a tip without a URDF is refused before anything is written
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
     x, y, z = default if tcp is None else tcp
-    place = registered.register(key, csv, urdf, (x, y, z), no_torque=no_torque)
-    report = validate(csv, urdf=urdf, tcp=tcp, no_torque=no_torque)
+    place = registered.register(key, csv, urdf, (x, y, z), tip, no_torque=no_torque)
+    report = validate(csv, urdf=urdf, tcp=tcp, tip=tip, no_torque=no_torque)
     odd = [f"warning: {finding.message}" for finding in report.warnings]
     done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
     return "\n".join([*odd, done])

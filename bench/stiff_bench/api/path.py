@@ -36,6 +36,7 @@ def example_path(
     robot: str | None = None,
     urdf: Path | str | None = None,
     tcp: Sequence[float] | None = None,
+    tip: str | None = None,
 ) -> str:
     """Write a path in front of a robot that it can drive, and return what was written.
 
@@ -48,6 +49,7 @@ def example_path(
         robot: name of a shipped robot; None, without `urdf`: the KR10.
         urdf: of another robot.
         tcp: (3,) tool centre point in the frame of the last link, m.
+        tip: last link of the chain in `urdf`; None: that of the longest chain.
 
     Raises:
         ConfigError: there is no such shape or robot, or the load is needed.
@@ -58,7 +60,7 @@ def example_path(
     check_new_file(output)
     if shape not in SHAPES:
         raise unknown_name("shape", shape, SHAPES)
-    arm, _, payload = RobotWords(robot, urdf, tcp).read()
+    arm, _, payload = RobotWords(robot, urdf, tcp, tip).read()
     if load is None:
         if payload is None:
             raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")

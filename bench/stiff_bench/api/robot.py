@@ -22,19 +22,24 @@ class Robot(contract.Robot, metaclass=_EveryRobot):
     """A serial robot, see `stiff_protocols.contract.robot.Robot`, with the ways to get one."""
 
     @staticmethod
-    def from_urdf(file: Path | str, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> contract.Robot:
+    def from_urdf(
+        file: Path | str, *, tcp: Sequence[float] = (0.0, 0.0, 0.0), tip: str | None = None
+    ) -> contract.Robot:
         """Read a robot description; its meshes are not needed.
 
         Args:
             file: URDF.
             tcp: (3,) tool centre point in the frame of the last link, m.
+            tip: last link of the chain; None: that of the longest one, which is printed where the
+                description leaves a choice.
 
         Raises:
-            DataError: it is no URDF, or its joints are no single serial chain.
+            ConfigError: no link is called `tip`.
+            DataError: it is not a URDF, or the chain has a joint that is not supported.
         """
-        from stiff_datasets.robots.robot import load_robot
+        from stiff_bench.plan.words import RobotWords
 
-        return load_robot(Path(file), tcp=tcp)
+        return RobotWords(urdf=file, tcp=tcp, tip=tip).read()[0]
 
     @staticmethod
     def shipped(name: str) -> contract.Robot:

@@ -87,6 +87,7 @@ def run_of_words(
     robot: str | None,
     urdf: Path | None,
     tcp: Sequence[float] | None,
+    tip: str | None,
     metrics: Sequence[str],
     coverage: float | None,
     splits: int | None,
@@ -109,7 +110,7 @@ def run_of_words(
         settings=settings,
         data=data,
         no_torque=no_torque,
-        robot=RobotWords(robot, urdf, tcp),
+        robot=RobotWords(robot, urdf, tcp, tip),
     )
     plan = plan_run(
         asked,
@@ -136,6 +137,7 @@ def model_and_data(
     robot: str | None,
     urdf: Path | None,
     tcp: Sequence[float] | None,
+    tip: str | None,
     device: str,
 ) -> tuple[Model, Dataset]:
     """Return the model and the data set that the options of `bench fit` ask for.
@@ -153,7 +155,7 @@ def model_and_data(
         settings=settings,
         data=data,
         no_torque=no_torque,
-        robot=RobotWords(robot, urdf, tcp),
+        robot=RobotWords(robot, urdf, tcp, tip),
     )
     plan = plan_run(asked, registry(), output=output, device=device)
     if len(plan.models) != 1:

@@ -17,7 +17,7 @@ from stiff_bench.cli.options import (
     robot_options,
     seed_option,
     settings_option,
-    tcp_option,
+    urdf_options,
 )
 from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import print_text
@@ -187,13 +187,12 @@ def fetch(key: str, source: Path | None) -> None:
 @data.command()
 @click.argument("key", type=click.Choice(["kr10-measured"]), metavar="KEY")
 @click.argument("file", type=FILE)
-@click.option("--urdf", type=FILE, metavar="FILE.urdf", help="URDF.  [default: the shipped KR10]")
-@tcp_option
+@urdf_options
 @no_torque_option
 def register(key: str, file: Path, **words: Any) -> None:
     """Register your own measurement as a named data set.
 
-    KEY is kr10-measured.
+    KEY is kr10-measured; without --urdf the robot is the shipped KR10.
     """
     from stiff_bench.api import measuring
 

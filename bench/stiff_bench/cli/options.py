@@ -260,6 +260,16 @@ tcp_option = click.option(
     help="Tool centre point in the frame of the last link, in m.  [default: the shipped robot's, "
     "or 0,0,0 with --urdf]",
 )
+urdf_options = together(
+    click.option("--urdf", type=FILE, metavar="FILE.urdf", help="URDF of your own robot."),
+    click.option(
+        "--tip",
+        metavar="LINK",
+        help="Last link of the robot in the URDF.  [default: the end of the longest chain, without "
+        "fingers]",
+    ),
+    tcp_option,
+)
 robot_options = together(
     click.option(
         "--robot",
@@ -267,8 +277,7 @@ robot_options = together(
         help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic "
         "or an arm of `arm-family` such as gp12.",
     ),
-    click.option("--urdf", type=FILE, metavar="FILE.urdf", help="URDF of your own robot."),
-    tcp_option,
+    urdf_options,
 )
 
 data_options = together(

@@ -8,9 +8,11 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from stiff_bench.console import say
 from stiff_bench.plan.options import Choice, Chosen, options_of, parse_option
 from stiff_bench.plan.registry import EVERY_MODEL, Kind, Registry
 from stiff_bench.store.names import split_word
@@ -32,11 +34,20 @@ class RobotWords:
         robot: name of a shipped one.
         urdf: file of another one.
         tcp: (3,) tool centre point in the frame of the last link, m.
+        tip: last link of the chain in `urdf`.
+
+    Raises:
+        ConfigError: there is a tip and no URDF.
     """
 
     robot: str | None = None
     urdf: Path | str | None = None
     tcp: Sequence[float] | None = None
+    tip: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.urdf is None and self.tip is not None:
+            raise ConfigError(f"{self.tip}: names a link of a URDF; give --urdf too", "tip")
 
     @property
     def given(self) -> bool:
@@ -47,7 +58,10 @@ class RobotWords:
     def text(self) -> str:
         """The same as words of a command line, with a space before; "" for none."""
         tcp = None if self.tcp is None else ",".join(map(str, self.tcp))
-        pairs = (("--robot", self.robot), ("--urdf", self.urdf), ("--tcp", tcp))
+        pairs = (
+            *(("--robot", self.robot), ("--urdf", self.urdf)),
+            *(("--tip", self.tip), ("--tcp", tcp)),
+        )
         return "".join(f" {name} {shlex.quote(str(value))}" for name, value in pairs if value)
 
     @property
@@ -58,15 +72,23 @@ class RobotWords:
     def read(self) -> tuple[Robot, ChainModel, float | None]:
         """Return the robot, its chain, and its payload in kg if it is known.
 
+        The first call prints what was chosen in a description that leaves a choice.
+
         Raises:
-            ConfigError: two robots were named, or an unknown one.
+            ConfigError: two robots were named, an unknown one, or an unknown tip.
             DataError: the URDF cannot be read.
         """
+        return self._read
+
+    @cached_property
+    def _read(self) -> tuple[Robot, ChainModel, float | None]:
         if self.urdf is not None:
             if self.robot is not None:
                 raise ConfigError(f"{self.robot} and urdf {self.urdf}: give one of them", "robot")
             tcp = (0.0, 0.0, 0.0) if self.tcp is None else self.tcp
-            chain, payload_kg = read_chain(Path(self.urdf), tcp=tcp), None
+            chain, payload_kg = read_chain(Path(self.urdf), tcp=tcp, tip=self.tip), None
+            for note in chain.notes:
+                say(f"note: {note}")
         else:
             shipped = named_robot(DEFAULT_ROBOT if self.robot is None else self.robot)
             chain, payload_kg = shipped.chain(self.tcp), shipped.payload_kg
@@ -184,7 +206,9 @@ def choices(
     if not models:
         raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
     if not data and robot.given:
-        raise ConfigError("--robot, --urdf and --tcp describe the robot of --data; give it too")
+        raise ConfigError(
+            "--robot, --urdf, --tip and --tcp describe the robot of --data; give it too"
+        )
     if not data and no_torque:
         raise ConfigError("--no-torque is of files without torques; give --data too")
     every = [key for word in models for key in (registry.models if word == EVERY_MODEL else [word])]

@@ -74,6 +74,7 @@ class Registration:
         sha256: of the CSV as it was registered.
         urdf_sha256: of the URDF; "" where it is the shipped robot.
         no_torque: torques were not measured; their columns may be missing.
+        tip: last link of the chain in the URDF; None: that of the longest chain.
     """
 
     csv: Path
@@ -82,6 +83,7 @@ class Registration:
     sha256: str
     urdf_sha256: str
     no_torque: bool = False
+    tip: str | None = None
 
     def read(self) -> BenchmarkData:
         """Read the files, whatever their checksum.
@@ -93,7 +95,7 @@ class Registration:
         from stiff_datasets.robots.robot import load_robot, shipped_robot
 
         if self.urdf is not None:
-            robot = load_robot(self.urdf, tcp=self.tcp)
+            robot = load_robot(self.urdf, tcp=self.tcp, tip=self.tip)
         else:
             robot = shipped_robot(SHIPPED_ROBOT, tcp=self.tcp)
         return MeasuredData(csv=self.csv, robot=robot, no_torque=self.no_torque).load()
@@ -109,6 +111,7 @@ def register(
     csv: Path,
     urdf: Path | None,
     tcp: tuple[float, float, float],
+    tip: str | None = None,
     *,
     no_torque: bool = False,
 ) -> Path:
@@ -133,7 +136,7 @@ def register(
     tables = _tables(path)
     csv, urdf = csv.absolute(), urdf.absolute() if urdf else None
     of_urdf = _sha256(urdf) if urdf else ""
-    entry = Registration(csv, urdf, tcp, _sha256(csv), of_urdf, no_torque)
+    entry = Registration(csv, urdf, tcp, _sha256(csv), of_urdf, no_torque, tip)
     if SIMULATED_GROUP in entry.read().samples.group:
         raise DataError(
             f"{csv}: has rows of the group {SIMULATED_GROUP!r}, written by a simulation"
@@ -142,6 +145,7 @@ def register(
         "csv": str(csv),
         "urdf": str(urdf or ""),  # empty: the shipped robot
         "tcp": [float(length) for length in tcp],
+        "tip": tip or "",
     }
     make_folder(path.parent)
     with written_whole(path) as temporary:
@@ -170,7 +174,8 @@ def registration() -> Registration | None:
             tcp = (float(x), float(y), float(z))
             place = Path(urdf) if urdf else None
             no_torque = table.get("no_torque", False) is True
-            return Registration(Path(csv), place, tcp, checksum, of_urdf, no_torque)
+            tip = table.get("tip") or None
+            return Registration(Path(csv), place, tcp, checksum, of_urdf, no_torque, tip)
     raise DataError(
         f"{path}: table [{KR10_MEASURED}] is {table!r}, expected csv, urdf (empty: the shipped "
         "robot), tcp (three lengths in m), sha256 and urdf_sha256; register again: " + COMMAND

@@ -3,6 +3,10 @@
 Both distances are checked for centre lines from the elbow (joint 3) on: the straight lines between
 joint origins, and on to the tool centre point (TCP). Nothing else is checked: neither the shape of
 links and tool, nor the upper arm, nor what stands around the robot.
+
+Prismatic joints at the base (a track, a lift) carry the whole arm: its joints are counted from the
+first one that turns, and its base column stands below the carriage. With fewer than three joints
+behind them, the TCP alone is checked.
 """
 
 from __future__ import annotations
@@ -34,19 +38,16 @@ def reachable_poses(
     lost, and cables are twisted least.
 
     Args:
-        robot: at least three joints.
+        robot: whose poses they are.
         n: how many.
         rng: draws them.
         clearance: smallest distance of the arm from the base column, m.
 
     Raises:
-        ConfigError: `clearance` is out of range, the robot has fewer than three joints, or too
-            few random poses keep the clearances.
+        ConfigError: `clearance` is out of range, or too few random poses keep the clearances.
     """
     if not (np.isfinite(clearance) and clearance >= 0.0):
         raise ConfigError(f"clearance is {clearance:g}, expected m, 0 or more")
-    if robot.n_joints < 3:
-        raise ConfigError(f"{robot.name} has {robot.n_joints} joints; expected at least three")
     lower, upper = _drawn_ranges(robot)
     found = np.empty((0, len(lower)))
     for _ in range(DRAWS_PER_CANDIDATE):
@@ -63,26 +64,36 @@ def reachable_poses(
 
 def keeps_clear(robot: Robot, q: FloatArray, clearance: float) -> BoolArray:
     """Return (n,) whether poses (n, n_joints) keep `clearance` [m] to the base and the height."""
-    points = robot.forward(q).points
-    return (base_distance(points) >= clearance) & (lowest_height(points) >= LOWEST_HEIGHT)
+    points, slides = robot.forward(q).points, int(np.argmax([*robot.turns, True]))
+    clear = lowest_height(points, slides) >= LOWEST_HEIGHT
+    if slides < robot.n_joints:  # else there is no arm that could reach its own base
+        clear &= base_distance(points, slides) >= clearance
+    return np.asarray(clear)
 
 
-def base_distance(points: FloatArray) -> FloatArray:
+def base_distance(points: FloatArray, slides: int = 0) -> FloatArray:
     """Return (n,) smallest distance [m] of the arm from joint 3 on to the base column.
 
-    The column is the segment from the base frame's origin to joint 2's.
+    The column is the segment to joint 2 (of a shorter arm joint 1) from the base frame's origin, or
+    from below the carriage.
 
     Args:
-        points: (n, n_joints + 1, 3) as `Robot.forward` gives, at least three joints.
+        points: (n, n_joints + 1, 3) as `Robot.forward` gives.
+        slides: number of prismatic joints at the base, from behind which joints are counted.
     """
-    top = points[:, 1:2]
-    distance = _segment_distance(points[:, 2:-1], points[:, 3:], np.zeros_like(top), top)
-    return np.asarray(distance.min(axis=1))
+    foot = points[:, slides - 1 : slides] * (1.0, 1.0, 0.0) if slides else np.zeros((1, 1, 3))
+    arm = points[:, slides:]
+    if arm.shape[1] > 3:
+        top, begin, end = arm[:, 1:2], arm[:, 2:-1], arm[:, 3:]
+    else:
+        top, begin, end = arm[:, :1], arm[:, -1:], arm[:, -1:]
+    return np.asarray(_segment_distance(begin, end, foot, top).min(axis=1))
 
 
-def lowest_height(points: FloatArray) -> FloatArray:
-    """Return (n,) lowest height [m] of the arm from joint 3 on; argument as `base_distance`."""
-    return np.asarray(points[:, 2:, 2].min(axis=1))
+def lowest_height(points: FloatArray, slides: int = 0) -> FloatArray:
+    """Return (n,) lowest height [m] of the arm from joint 3 on; arguments as `base_distance`."""
+    first = min(slides + 2, points.shape[1] - 1)
+    return np.asarray(points[:, first:, 2].min(axis=1))
 
 
 def _segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:

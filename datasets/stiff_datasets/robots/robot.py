@@ -1,4 +1,11 @@
-"""URDF -> `Robot`, through Pinocchio."""
+"""URDF -> `Robot`, through Pinocchio.
+
+A description may be a tree: grippers, hands, heads, wheels, second arms. The robot is the chain
+from the base to one link, the tip. All other joints are locked, and what they carry is part of the
+link that it then hangs on. The default tip is the end of the longest chain, the one with the most
+moving joints, without fingers (`_fingers`). Of several ends it is the one with a usual name
+(`TIP_NAMES`), then the one behind the most fixed joints, then the last one in the file.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +13,7 @@ import os
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import as_file, files
@@ -16,7 +23,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.types import FloatArray, JointType, Robot
 
 LONGEST_TCP_M = 5.0
@@ -27,6 +34,11 @@ LARGEST_URDF = 2**24
 """Bytes; a twin's file may name any file, and some (/dev/zero) have no end."""
 DEEPEST_XML, MOST_JOINTS = 50, 1000
 """Of a URDF; more ends the C++ parser's stack, and with it the process."""
+TIP_NAMES = ("tool0", "tcp", "ee_link", "end_effector", "tool_link", "flange")
+"""Ends of the names that the tip of an arm usually has, the most usual one first."""
+FINGER_NAMES = re.compile("finger|thumb|jaw|knuckle", re.IGNORECASE)
+MOST_NAMED, MOST_LISTED = 6, 20
+"""Joints and links that a note and an error name; a mobile robot has eighty links."""
 
 
 @dataclass(frozen=True)
@@ -38,48 +50,70 @@ class ChainModel:
         name: name of the robot.
         tcp: (3,) tool centre point in the last joint's frame, m.
         flange: pose of the URDF's last link in the last joint's frame, m.
+        notes: choices that the description left open, a sentence each.
     """
 
     model: pin.Model
     name: str
     tcp: FloatArray
     flange: pin.SE3
+    notes: tuple[str, ...] = ()
 
 
-def read_chain(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> ChainModel:
-    """Read a URDF whose moving joints form one serial chain.
+def read_chain(
+    urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0), tip: str | None = None
+) -> ChainModel:
+    """Read the serial chain from the base of a URDF to one of its links.
 
     Args:
         urdf: the file; its meshes are not needed.
-        tcp: (3,) tool centre point in the frame of the URDF's last link, m.
+        tcp: (3,) tool centre point in the frame of the tip, m.
+        tip: last link of the chain; None: that of the longest one, see the top of this module.
 
     Raises:
-        DataError: the file is no URDF, its joints are no single serial chain, or limits are
-            reversed.
+        ConfigError: no link is called `tip`.
+        DataError: the file is not a URDF, a joint of the chain is neither revolute nor prismatic or
+            follows another one, or limits are reversed.
     """
-    model = _parse(urdf)
-    if model.njoints < 2:
-        raise DataError(f"{urdf}: no moving joint; a stiffness model needs at least one")
-    for joint in range(1, model.njoints):
-        if model.parents[joint] != joint - 1:
+    tree, followers = _parse(urdf)
+    frame, notes = _chosen_tip(tree, followers, urdf, tip)
+    path = [*tree.supports[frame.parentJoint]][1:]
+    if not path:
+        where = "" if tip is None else f" between the base and the link {tip!r}"
+        raise DataError(f"{urdf}: no moving joint{where}; a stiffness model needs at least one")
+    for joint in path:
+        name = tree.names[joint]
+        if name in followers:
             raise DataError(
-                f"{urdf}: joint {model.names[joint]!r} branches off {model.names[joint - 1]!r}; "
-                "only one serial chain of revolute or prismatic joints is supported"
+                f"{urdf}: joint {name!r} on the chain to {frame.name!r} is a mimic joint, which "
+                f"follows {followers[name]!r}; only independent joints are supported"
             )
-    for name, low, high in zip(list(model.names)[1:], *_limits(model), strict=True):
+        try:
+            joint_type_and_axis(tree, joint)
+        except DataError as error:
+            raise DataError(f"{urdf}: {error} on the chain to {frame.name!r}") from error
+    model, locked = _locked_but(tree, path)
+    unlimited = []
+    for joint, low, high in zip(model.joints[1:], *_limits(model), strict=True):
+        name = model.names[joint.id]
         if not low < high:
             raise DataError(
                 f"{urdf}: joint {name!r} has limits {low:g}..{high:g}; expected "
                 "lower below upper (or type continuous, which has none)"
             )
+        if joint.nq == 1 and np.isinf(low):
+            unlimited.append(name)
+    notes += [locked] if locked else []
+    notes += [f"limits 0..0 count as none: {_listed(unlimited)}"] if unlimited else []
     offset = np.asarray(tcp, dtype=np.float64)
     if offset.shape != (3,) or not np.isfinite(offset).all() or abs(offset).max() > LONGEST_TCP_M:
         raise DataError(
             f"tcp {list(tcp)} is no tool centre point: three finite lengths in m, "
             f"each within +-{LONGEST_TCP_M:g}"
         )
-    flange = _tip_placement(model, urdf)
-    chain = ChainModel(model, model.name, flange.act(offset), flange)
+    flange = model.frames[model.getFrameId(frame.name, pin.FrameType.BODY)].placement
+    said = tuple(f"{urdf}: {note}" for note in notes)
+    chain = ChainModel(model, model.name, flange.act(offset), flange, said)
     try:
         robot_of(chain)  # Pinocchio takes what no robot has: NaN, an axis without direction
     except DataError as error:
@@ -87,9 +121,11 @@ def read_chain(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> ChainMo
     return chain
 
 
-def load_robot(urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0)) -> Robot:
+def load_robot(
+    urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0), tip: str | None = None
+) -> Robot:
     """Read a URDF into a frozen `Robot`; arguments and errors as `read_chain`."""
-    return robot_of(read_chain(urdf, tcp=tcp))
+    return robot_of(read_chain(urdf, tcp=tcp, tip=tip))
 
 
 def robot_of(chain: ChainModel) -> Robot:
@@ -134,7 +170,8 @@ def shipped_robot(name: str, *, tcp: Sequence[float]) -> Robot:
     return robot_of(shipped_chain(name, tcp=tcp))
 
 
-def _parse(urdf: Path) -> pin.Model:
+def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str]]:
+    """Return the whole tree, and mimic joints with the joint that each one follows."""
     try:
         with urdf.open("rb") as file:
             content = file.read(LARGEST_URDF + 1)
@@ -147,9 +184,12 @@ def _parse(urdf: Path) -> pin.Model:
     if len(content) > LARGEST_URDF:
         raise DataError(f"{urdf}: larger than {LARGEST_URDF} bytes, which no robot's URDF is")
     try:
-        _check_description(ElementTree.fromstring(text), urdf)
+        root = ElementTree.fromstring(text)
+        _check_description(root, urdf)
+        mimics = ((joint.get("name", ""), joint.find("mimic")) for joint in root.findall("joint"))
+        followers = {name: mimic.get("joint", "") for name, mimic in mimics if mimic is not None}
         with _captured_stderr() as printed:
-            return pin.buildModelFromXML(text)
+            return pin.buildModelFromXML(text), followers
     except ElementTree.ParseError as error:
         raise DataError(f"{urdf}: not a robot description (URDF): not XML: {error}") from error
     except (ValueError, RuntimeError) as error:
@@ -159,9 +199,7 @@ def _parse(urdf: Path) -> pin.Model:
 
 
 def _check_description(root: ElementTree.Element, urdf: Path) -> None:
-    """Refuse what the C++ parser follows until the stack ends, and what no model here has."""
-    if root.find(".//mimic") is not None:
-        raise DataError(f"{urdf}: has a mimic joint; only independent joints are supported")
+    """Refuse what the C++ parser follows until the stack ends."""
     level = [root]
     for _ in range(DEEPEST_XML):
         level = [child for element in level for child in element]
@@ -200,8 +238,8 @@ def joint_type_and_axis(model: pin.Model, joint: int) -> tuple[JointType, FloatA
     joint_model = model.joints[joint]
     if joint_model.nv != 1:
         raise DataError(
-            f"{model.name}: joint {model.names[joint]!r} has {joint_model.nv} degrees of freedom; "
-            "only revolute, continuous and prismatic joints are supported"
+            f"joint {model.names[joint]!r} has {joint_model.nv} degrees of freedom (valid: one; "
+            "revolute, continuous or prismatic)"
         )
     data = joint_model.createData()
     at_zero = np.zeros(joint_model.nq)
@@ -215,30 +253,117 @@ def joint_type_and_axis(model: pin.Model, joint: int) -> tuple[JointType, FloatA
 
 
 def _limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
-    """Return (n_joints,) lower and upper limits, infinite where there are none."""
+    """Return (n_joints,) lower and upper limits, infinite where there are none.
+
+    Exporters write 0..0 for limits of a revolute joint that nobody has set.
+    """
     lower, upper = [], []
     for joint in range(1, model.njoints):
         entry = model.joints[joint].idx_q
-        bounded = model.joints[joint].nq == 1
-        lower.append(model.lowerPositionLimit[entry] if bounded else -np.inf)
-        upper.append(model.upperPositionLimit[entry] if bounded else np.inf)
+        low, high = model.lowerPositionLimit[entry], model.upperPositionLimit[entry]
+        unset = low == high == 0.0 and joint_type_and_axis(model, joint)[0] == "revolute"
+        bounded = model.joints[joint].nq == 1 and not unset
+        lower.append(low if bounded else -np.inf)
+        upper.append(high if bounded else np.inf)
     return np.array(lower), np.array(upper)
 
 
-def _tip_placement(model: pin.Model, urdf: Path) -> pin.SE3:
-    """Return the pose of the last link in the last joint's frame."""
-    parents = {frame.parentFrame for frame in model.frames}
-    tips = [
-        frame
-        for index, frame in enumerate(model.frames)
-        if frame.parentJoint == model.njoints - 1
-        and frame.type == pin.FrameType.BODY
-        and index not in parents
-    ]
-    if len(tips) != 1:
-        names = ", ".join(frame.name for frame in tips)
-        raise DataError(
-            f"{urdf}: the last link is not unique ({names}); keep one of them, so that the "
-            "tool centre point has a frame"
+def _chosen_tip(
+    tree: pin.Model, followers: Mapping[str, str], urdf: Path, tip: str | None
+) -> tuple[pin.Frame, list[str]]:
+    """Return the frame of the tip, and a note where there was a choice.
+
+    Raises:
+        ConfigError: no link is called `tip`.
+    """
+    fingers, links = _fingers(tree), dict[int, pin.Frame]()
+    n_fixed, carries, carries_arm = dict[int, int](), set[int](), set[int]()
+    for index, frame in enumerate(tree.frames):
+        if frame.type == pin.FrameType.BODY:
+            joint = tree.frames[frame.parentFrame]
+            is_fixed = joint.type == pin.FrameType.FIXED_JOINT
+            links[index], n_fixed[index] = frame, is_fixed * (n_fixed.get(joint.parentFrame, 0) + 1)
+            carries.add(joint.parentFrame)
+            if frame.parentJoint not in fingers:
+                carries_arm.add(joint.parentFrame)
+
+    def worth(index: int) -> tuple[int, ...]:
+        name, joints = links[index].name, [*tree.supports[links[index].parentJoint]][1:]
+        n_usable = sum(
+            tree.joints[joint].nv == 1 and tree.names[joint] not in followers for joint in joints
         )
-    return tips[0].placement
+        usual = [number for number, end in enumerate(TIP_NAMES) if name.endswith(end)]
+        rank = min(usual, default=len(TIP_NAMES))
+        return n_usable, n_usable - len(joints), -rank, n_fixed[index], index
+
+    is_finger = {index: frame.parentJoint in fingers for index, frame in links.items()}
+    ends = [index for index in links if index not in (carries if is_finger[index] else carries_arm)]
+    ends.sort(key=lambda index: (not is_finger[index], *worth(index)), reverse=True)
+    tips = [links[index].name for index in ends if links[index].parentJoint]
+    if tip is None:
+        note = (
+            (
+                f"the chain of {worth(ends[0])[0]} joints to the link {tips[0]!r} is taken; --tip "
+                f"LINK takes another ({_listed(tips[1:])})"
+            )
+            if len(tips) > 1
+            else ""
+        )
+        return links[ends[0]], [note] if note else []
+    for frame in links.values():
+        if frame.name == tip:
+            return frame, []
+    names = dict.fromkeys([*tips, *(frame.name for frame in links.values())])
+    listed = _listed([*names], MOST_LISTED)
+    raise ConfigError(f"{urdf}: {unknown_name('link', tip, names, listed)}", "tip")
+
+
+def _fingers(tree: pin.Model) -> set[int]:
+    """Return the joints of hands and grippers.
+
+    A hand is a link on which several branches of moving joints begin, each with fewer joints than
+    the chain that carries them. A joint with a finger's name (`FINGER_NAMES`) is one, too, with all
+    that it carries.
+    """
+    height = [0] * tree.njoints
+    for joint in range(tree.njoints - 1, 0, -1):
+        parent = tree.parents[joint]
+        height[parent] = max(height[parent], height[joint] + 1)
+    found: set[int] = set()
+    for joint in range(1, tree.njoints):
+        parent = tree.parents[joint]
+        depth = len(tree.supports[parent]) - 1
+        is_hand = len(tree.children[parent]) > 1 and height[parent] < depth
+        is_named = depth > 0 and FINGER_NAMES.search(tree.names[joint])
+        if parent in found or is_hand or is_named:
+            found.add(joint)
+    return found
+
+
+def _locked_but(tree: pin.Model, path: Sequence[int]) -> tuple[pin.Model, str]:
+    """Return the chain of some joints, all others locked, and a note that names these.
+
+    They are locked at zero, or at the limit that is nearest to it.
+    """
+    others = [joint for joint in range(1, tree.njoints) if joint not in path]
+    if not others:
+        return tree, ""
+    at, nonzero = pin.neutral(tree), False
+    for joint in others:
+        entry = tree.joints[joint].idx_q
+        low, high = tree.lowerPositionLimit[entry], tree.upperPositionLimit[entry]
+        if tree.joints[joint].nq == 1 and not low <= 0.0 <= high and low <= high:
+            at[entry], nonzero = np.clip(0.0, low, high), True
+    place = "zero (or the nearest limit)" if nonzero else "zero"
+    names = [tree.names[joint] for joint in others]
+    note = (
+        f"{len(names)} joint{'s' * (len(names) > 1)} off the chain locked at {place}, "
+        f"{'its' if len(names) == 1 else 'their'} links' masses counted: {_listed(names)}"
+    )
+    return pin.buildReducedModel(tree, others, at), note
+
+
+def _listed(names: Sequence[str], most: int = MOST_NAMED) -> str:
+    """Return names with commas between, the first ones of many."""
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")

@@ -279,7 +279,7 @@ def _point(constants: TwinConstants, lower: FloatArray, upper: FloatArray) -> Fl
             joint.lost_motion_arcmin,
         )
         for sizes, joint in zip(GEAR_SIZES, constants.joint, strict=True)
-        if isinstance(joint.gear, int)
+        if isinstance(joint, JointTable) and isinstance(joint.gear, int)
     ]
     return np.clip(np.array(rows, dtype=np.float64).reshape(-1), lower, upper)
 

@@ -4,7 +4,8 @@
 
     name = "my_robot_twin"
     urdf = "my_robot.urdf"            # beside this file, or the name of a shipped robot
-    tcp_m = [0.0, 0.0, 0.1]           # frame of the URDF's last link
+    tip = "tool0"                     # last link of the chain; without it that of the longest chain
+    tcp_m = [0.0, 0.0, 0.1]           # frame of that link
     payload_kg = 5.0
     hook_m = [0.0, 0.05, 0.0]         # where the load pulls, from the TCP, last joint's frame
     clearance_m = 0.2                 # the default: of random poses, to the base column
@@ -14,6 +15,10 @@
     structure_Nm_per_rad = 5e5        # casing and link, in series with the gear
     tilting_ratio = 4.0               # bearing stiffness over the gear's middle slope K2
     lost_motion_arcmin = 1.0          # full width
+
+    [[joint]]                         # a prismatic one, such as a linear track
+    drive_N_per_m = 2e7               # stiffness along its axis
+    guide_Nm_per_rad = 5e6            # tilting stiffness of its guide, about both cross axes
 
 ``[noise]``, ``[scatter]`` and ``[errors]`` have defaults, see `Noise`, `Scatter` and `Errors`. A
 gear that is not in the catalogue:
@@ -34,8 +39,10 @@ tilting ratio of ``inf`` is rigid. Links bend where the file has their sections:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from importlib.resources import as_file, files
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -45,9 +52,11 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     ConfigDict,
+    Discriminator,
     Field,
     PrivateAttr,
     StrictInt,
+    Tag,
     ValidationError,
     model_validator,
 )
@@ -63,8 +72,15 @@ from stiff_datasets.robots.robot import (
     shipped_names,
 )
 from stiff_datasets.twin.beams import Beams, Tube
-from stiff_datasets.twin.springs import SOFTEST, STIFFEST, Gear, JointSprings, Positive
-from stiff_protocols.contract.errors import DataError, unknown_name
+from stiff_datasets.twin.springs import (
+    SOFTEST,
+    STIFFEST,
+    Gear,
+    JointSprings,
+    Positive,
+    SlideSprings,
+)
+from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.files import read_toml
 from stiff_protocols.contract.types import FloatArray, Robot
 
@@ -75,6 +91,9 @@ Modulus = Annotated[float, Ge(1e9), Le(1e12), Field(allow_inf_nan=False)]  # Pa;
 NotNegative = Annotated[float, Ge(0), Field(allow_inf_nan=False)]
 Length = Annotated[float, Ge(-LONGEST_TCP_M), Le(LONGEST_TCP_M)]  # m; mm would be larger
 Vector = tuple[Length, Length, Length]
+
+REVOLUTE, PRISMATIC = "revolute", "prismatic"
+SOFTEST_DRIVE, STIFFEST_DRIVE = 1e4, 1e12  # N/m
 
 ARCMIN = np.pi / 180.0 / 60.0  # rad
 LARGEST_LOST_MOTION = 60.0  # arcmin
@@ -140,6 +159,34 @@ class JointTable(_Table):
         return JointSprings(gear, self.structure_Nm_per_rad, (tilting, tilting), lost_motion)
 
 
+class SlideTable(_Table):
+    """The elasticity of one prismatic joint.
+
+    Attributes:
+        drive_N_per_m: along the axis.
+        guide_Nm_per_rad: tilting about the two cross axes.
+    """
+
+    drive_N_per_m: Annotated[float, _or_rigid(SOFTEST_DRIVE, STIFFEST_DRIVE)]
+    guide_Nm_per_rad: Annotated[float, _or_rigid(SOFTEST, STIFFEST)]
+
+    @cached_property
+    def springs(self) -> SlideSprings:
+        """The same in SI units."""
+        return SlideSprings(self.drive_N_per_m, (self.guide_Nm_per_rad, self.guide_Nm_per_rad))
+
+
+def _joint_kind(table: Any) -> str:
+    keys = table if isinstance(table, dict) else vars(table) if isinstance(table, _Table) else ()
+    return PRISMATIC if {*SlideTable.model_fields} & {*keys} else REVOLUTE
+
+
+AnyJoint = Annotated[
+    Annotated[JointTable, Tag(REVOLUTE)] | Annotated[SlideTable, Tag(PRISMATIC)],
+    Discriminator(_joint_kind),
+]
+
+
 class Noise(_Table):
     """Standard deviations of the instruments; the defaults are the source paper's data sheets.
 
@@ -161,7 +208,8 @@ class Scatter(_Table):
 
     Attributes:
         gear: of all three slopes of a gear together.
-        structure, tilting, lost_motion: of the constants of that name.
+        structure, tilting, lost_motion: of the constants of that name; `structure` and `tilting`
+            also of a prismatic joint's drive and guide.
         beams: of the modulus of the links' tubes, segment by segment.
     """
 
@@ -232,6 +280,7 @@ class TwinConstants(_Table):
     Attributes:
         name: of the twin; random numbers belong to it, so twins of two names share none.
         urdf: a file beside the TOML file, or the name of a shipped robot.
+        tip: last link of the chain in the URDF; None: that of the longest chain.
         tcp_m: tool centre point in the frame of the URDF's last link, m.
         payload_kg: no load is heavier.
         hook_m: lever from the TCP to where the load pulls, frame of the last joint, m.
@@ -244,11 +293,12 @@ class TwinConstants(_Table):
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
     urdf: str
+    tip: str | None = None
     tcp_m: Vector
     payload_kg: Positive
     hook_m: Vector
     clearance_m: Annotated[float, Ge(0), Le(LONGEST_TCP_M)] = CLEARANCE
-    joint: tuple[JointTable, ...]
+    joint: tuple[AnyJoint, ...]
     beams: BeamsTable | None = None
     noise: Noise = Noise()
     scatter: Scatter = Scatter()
@@ -256,7 +306,7 @@ class TwinConstants(_Table):
     _path: Path = PrivateAttr(default=Path())
 
     @property
-    def springs(self) -> tuple[JointSprings, ...]:
+    def springs(self) -> tuple[JointSprings | SlideSprings, ...]:
         """The elasticity of every joint, base to tip, SI units."""
         return tuple(joint.springs for joint in self.joint)
 
@@ -270,15 +320,23 @@ class TwinConstants(_Table):
             if self.urdf in shipped_names():
                 chain = shipped_chain(self.urdf, tcp=self.tcp_m)
             else:
-                chain = read_chain(self._path.parent / self.urdf, tcp=self.tcp_m)
-        except DataError as error:
+                file = self._path.parent / self.urdf
+                chain = read_chain(file, tcp=self.tcp_m, tip=self.tip)
+        except (ConfigError, DataError) as error:
             raise DataError(f"{self._path}: {error}") from error
         robot = robot_of(chain)
         kinds = robot.joint_types
-        if len(self.joint) != len(kinds) or "prismatic" in kinds:
+        tables = tuple(map(_joint_kind, self.joint))
+        if tables != kinds:
             raise DataError(
-                f"{self._path}: {len(self.joint)} tables [[joint]] for the joints of {self.urdf}: "
-                f"{', '.join(kinds)} (valid: one table a joint, all revolute)"
+                f"{self._path}: {len(tables)} tables [[joint]] for the joints of {self.urdf}: "
+                f"{_counted(tables)} for {_counted(kinds)} (valid: one table per joint, of its "
+                "kind, base to tip; a prismatic one has drive_N_per_m and guide_Nm_per_rad)"
+            )
+        if self.beams is not None and PRISMATIC in kinds:
+            raise DataError(
+                f"{self._path}: [beams] with a prismatic joint, whose links change their length "
+                "(valid: without [beams])"
             )
         if self.beams is not None and len(self.beams.segment) != len(kinds) + 1:
             raise DataError(
@@ -297,7 +355,14 @@ class TwinConstants(_Table):
         return robot_of(self.chain())
 
 
-def specimen_springs(constants: TwinConstants, specimen: int) -> tuple[JointSprings, ...]:
+def _counted(kinds: Sequence[str]) -> str:
+    """Return "1 prismatic, 6 revolute" of the kinds of joints, base to tip."""
+    return ", ".join(f"{len([*same])} {kind}" for kind, same in groupby(kinds)) or "none"
+
+
+def specimen_springs(
+    constants: TwinConstants, specimen: int
+) -> tuple[JointSprings | SlideSprings, ...]:
     """Return the joint springs of one robot of a type.
 
     Number 0 has the constants as they stand; the others differ from it by log-normal factors
@@ -306,18 +371,23 @@ def specimen_springs(constants: TwinConstants, specimen: int) -> tuple[JointSpri
     """
     if specimen == 0:
         return constants.springs
-    rng, scatter, drawn = stream("specimen", constants.name, specimen), constants.scatter, []
+    rng, scatter = stream("specimen", constants.name, specimen), constants.scatter
+    drawn: list[JointSprings | SlideSprings] = []
     tilting_twice = (scatter.tilting, scatter.tilting)
     deviations = (scatter.gear, scatter.structure, *tilting_twice, scatter.lost_motion)
     for joint in constants.springs:
         factors = np.exp(rng.normal(size=5) * deviations)
         gear, structure, *tilting, lost_motion = factors.tolist()
+        tilts = (joint.tilting[0] * tilting[0], joint.tilting[1] * tilting[1])
+        if isinstance(joint, SlideSprings):
+            drawn.append(SlideSprings(joint.drive * structure, tilts))
+            continue
         slopes = tuple(slope * gear for slope in joint.gear.slopes_Nm_per_rad)
         drawn.append(
             JointSprings(
                 gear=joint.gear.model_copy(update={"slopes_Nm_per_rad": slopes}),
                 structure=joint.structure * structure,
-                tilting=(joint.tilting[0] * tilting[0], joint.tilting[1] * tilting[1]),
+                tilting=tilts,
                 lost_motion=joint.lost_motion * lost_motion,
             )
         )
@@ -377,9 +447,9 @@ def _first_problem(error: ValidationError) -> str:
     path = [
         str(part + 1) if isinstance(part, int) else part
         for part in problem["loc"]
-        if not str(part).startswith(("int", "Gear", "function-"))
+        if not str(part).startswith(("int", "Gear", "function-", REVOLUTE))
     ]
-    where = ".".join(path)
+    where = ".".join(part for part in path if part != PRISMATIC)
     kind, about = problem["type"], problem.get("ctx", {})
     if kind == "missing":
         return f"{where} is missing"
@@ -390,7 +460,8 @@ def _first_problem(error: ValidationError) -> str:
         *above, name = path
         inner = next((word for word in reversed(above) if word in _TABLES), "")
         table = _TABLES.get(inner, TwinConstants)
-        return str(unknown_name(f"{'.'.join(above)} key".strip(), name, table.model_fields))
+        within = where.rpartition(".")[0]
+        return str(unknown_name(f"{within} key".strip(), name, table.model_fields))
     valid = _VALID[kind].format(**about) if kind in _VALID else problem["msg"]
     return f"{where}: {problem['input']!r} (valid: {valid})"
 
@@ -414,7 +485,13 @@ _VALID = {
 
 
 _TABLES: dict[str, type[BaseModel]] = {
-    **{"joint": JointTable, "gear": Gear, "noise": Noise, "scatter": Scatter},
+    **{
+        "joint": JointTable,
+        PRISMATIC: SlideTable,
+        "gear": Gear,
+        "noise": Noise,
+        "scatter": Scatter,
+    },
     **{"errors": Errors, "beams": BeamsTable, "segment": Tube},
 }
 

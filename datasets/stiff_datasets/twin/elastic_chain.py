@@ -1,11 +1,12 @@
 """Statics of a serial chain whose every joint also tilts: many samples at once.
 
-Each revolute joint has three elastic coordinates: torsion about its axis and two tilts across it.
-The turns are taken in that order, the joint's link follows them. Arrays hold one sample a column,
+Each joint has three elastic coordinates. Those of a revolute joint are the torsion about its axis
+and two tilts across it; those of a prismatic one the way along its axis and the two tilts. The
+motions are taken in that order, the joint's link follows them. Arrays hold one sample a column,
 and a joint's frame is written in a basis of its own (two cross axes, then the joint's axis), so
 that every turn mixes two columns of the rotation matrix and no others.
 
-SI: rad, N, N m, m.
+SI: rad, N, N m, m. The first coordinate of a prismatic joint is in m, its torque is a force in N.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, Robot
 
 
@@ -24,7 +24,7 @@ class Statics:
 
     Attributes:
         torque: (3 n_joints, n) torque of load and weight about every elastic axis, N m; a
-            joint's torsion first, then its two tilts.
+            joint's torsion first (N along a prismatic joint's axis), then its two tilts.
         tcp: (3, n) position of the TCP in the base frame, m.
     """
 
@@ -33,13 +33,10 @@ class Statics:
 
 
 class ElasticChain:
-    """A serial chain of revolute joints with three elastic coordinates a joint.
+    """A serial chain with three elastic coordinates per joint.
 
     Args:
         robot: rigid kinematics, masses and TCP.
-
-    Raises:
-        DataError: a joint is not revolute.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -47,7 +44,7 @@ class ElasticChain:
         bases = [_basis(robot, joint) for joint in range(robot.n_joints)]
         previous = [np.eye(3), *bases[:-1]]
         steps = [*zip(previous, robot.placements, bases, strict=True)]
-        self.n_joints = robot.n_joints
+        self.n_joints, self._turns = robot.n_joints, robot.turns
         self._turn = np.stack([b.T @ p[:3, :3] @ a for b, p, a in steps])  # (n_joints, 3, 3)
         self._offset = np.stack([b.T @ p[:3, 3] for b, p, _ in steps])  # (n_joints, 3) m
         centres = zip(bases, robot.centres_of_mass, strict=True)
@@ -59,8 +56,8 @@ class ElasticChain:
         """Return torques and TCP of the chain at `q`, deformed by `theta`, under `wrench`.
 
         Args:
-            q: (n_joints, n) commanded joint angles, rad.
-            theta: (3 n_joints, n) elastic coordinates, rad.
+            q: (n_joints, n) commanded joint positions, rad or m.
+            theta: (3 n_joints, n) elastic coordinates, rad or m.
             wrench: (6, n) load at the TCP, force [N] then torque [N m], base frame.
         """
         frame = np.repeat(np.eye(3)[:, :, None], q.shape[1], axis=2)  # (column, xyz, n)
@@ -75,7 +72,10 @@ class ElasticChain:
             for k, turned in enumerate((2, 0, 1)):  # torsion, then the tilts
                 row = 3 * joint + k
                 axes[row] = frame[turned]
-                _mix(frame, (turned + 1) % 3, (turned + 2) % 3, sine[row], cosine[row])
+                if k or self._turns[joint]:
+                    _mix(frame, (turned + 1) % 3, (turned + 2) % 3, sine[row], cosine[row])
+                else:
+                    arm[joint] = arm[joint] + angle[row] * frame[turned]
             centre.append(_along(self._centre[joint], frame))
         lever = _along(self._tcp, frame)
         torque = np.empty((len(axes), wrench.shape[1]))
@@ -86,15 +86,15 @@ class ElasticChain:
             force = force + weight
             rows = slice(3 * joint, 3 * joint + 3)
             torque[rows] = np.einsum("kcn,cn->kn", axes[rows], moment)
+            if not self._turns[joint]:
+                torque[3 * joint] = np.einsum("cn,cn->n", axes[3 * joint], force)
             moment = moment + _cross(arm[joint], force)
         return Statics(torque, tcp=sum(arm[1:], arm[0] + lever))
 
 
 def _basis(robot: Robot, joint: int) -> FloatArray:
     """Return (3, 3): columns two cross axes and the joint's axis, right-handed."""
-    kind, axis = robot.joint_types[joint], robot.axes[joint]
-    if kind != "revolute":
-        raise DataError(f"joint {robot.joint_names[joint]!r} is {kind}; the twin has no law for it")
+    axis = robot.axes[joint]
     first = np.linalg.svd(axis[None])[2][1]  # any direction across the axis
     return np.column_stack([first, np.cross(axis, first), axis])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -15,6 +16,7 @@ from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.twin.constants import TwinConstants, read_constants, shipped_constants
 from stiff_datasets.twin.effects import ALL_EFFECTS, NO_EFFECTS
 from stiff_datasets.twin.twin import TwinData
+from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.types import BenchmarkData
 
 POSES = 151  # as many as the source paper measured
@@ -44,6 +46,8 @@ class RobotTwin(TwinData):
             DataError: a file is missing or wrong, or a load is beyond the twin.
         """
         constants = read_constants(self.constants)
+        for note in constants.chain().notes:
+            warnings.warn(note, StiffBenchWarning, stacklevel=2)
         poses = random_poses(constants, self.poses, self.seed)
         return self.measured(constants, poses, self.loads, self.loads_per_pose)
 

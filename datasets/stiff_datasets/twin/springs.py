@@ -59,12 +59,26 @@ class JointSprings:
     lost_motion: float
 
 
+@dataclass(frozen=True)
+class SlideSprings:
+    """The elasticity of one prismatic joint, such as a linear track; it is linear.
+
+    Attributes:
+        drive: stiffness along the axis, N/m.
+        tilting: stiffness of the guide about the two cross axes, N m/rad; about the joint's axis
+            it is rigid.
+    """
+
+    drive: float
+    tilting: tuple[float, float]
+
+
 class SpringLaw:
     """theta = phi(tau) of all elastic coordinates; arrays are (3 n_joints, n).
 
     The torsion of a joint is piecewise linear in the torque (gear and structure in series) plus
     the lost motion, which saturates: half its width times tanh(tau / 4 % of the rated torque).
-    A tilt is linear.
+    A tilt is linear, and so is the drive of a prismatic joint, whose theta is in m and tau in N.
 
     Lost motion is either a curve or a hysteresis. With hysteresis the joint stands at a turning
     point when the load comes: from there the same curve runs at twice its size (Masing's rule),
@@ -74,7 +88,7 @@ class SpringLaw:
         springs: one entry a joint, base to tip.
     """
 
-    def __init__(self, springs: Sequence[JointSprings]) -> None:
+    def __init__(self, springs: Sequence[JointSprings | SlideSprings]) -> None:
         """Put the constants in columns, (3 n_joints, 1)."""
         rows = [row for joint in springs for row in _rows(joint)]
         columns = np.array(rows).T[:, :, None]
@@ -102,10 +116,16 @@ class SpringLaw:
         return np.asarray(np.copysign(bent, torque) + times * self._half_lost_motion * lost)
 
 
-def _rows(joint: JointSprings) -> list[tuple[float, ...]]:
-    """Return the constants of a joint's torsion and of its two tilts."""
+def _rows(joint: JointSprings | SlideSprings) -> list[tuple[float, ...]]:
+    """Return the constants of a joint's torsion, or drive, and of its two tilts."""
+    if isinstance(joint, SlideSprings):
+        return [_linear(stiffness) for stiffness in (joint.drive, *joint.tilting)]
     torsion = [1.0 / slope + 1.0 / joint.structure for slope in joint.gear.slopes_Nm_per_rad]
     lost = (joint.lost_motion / 2.0, LOST_MOTION_SHARE * joint.gear.rated_Nm)
-    linear = [([1.0 / tilting] * 3, (1.0, 2.0), (0.0, 1.0)) for tilting in joint.tilting]
-    parts = [(torsion, joint.gear.breakpoints_Nm, lost), *linear]
-    return [(*compliance, *breakpoints, *end) for compliance, breakpoints, end in parts]
+    tilts = [_linear(stiffness) for stiffness in joint.tilting]
+    return [(*torsion, *joint.gear.breakpoints_Nm, *lost), *tilts]
+
+
+def _linear(stiffness: float) -> tuple[float, ...]:
+    """Return the constants of a linear spring: one compliance, and breakpoints of no meaning."""
+    return (*(1.0 / stiffness,) * 3, 1.0, 2.0, 0.0, 1.0)

@@ -39,7 +39,7 @@ from stiff_datasets.twin.effects import (
     real_robot,
 )
 from stiff_datasets.twin.elastic_chain import ElasticChain
-from stiff_datasets.twin.springs import JointSprings, SpringLaw
+from stiff_datasets.twin.springs import JointSprings, SlideSprings, SpringLaw
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples
 
@@ -124,8 +124,10 @@ class TwinExperiment:
         return BenchmarkData(samples, self.constants.robot(), known, self.twin.readings)
 
     def logged_q(self, poses: Poses) -> FloatArray:
-        """Return (n, n_joints) joint angles [rad] as a log holds them, a row a load."""
-        logged = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
+        """Return (n, n_joints) joint positions [rad or m] as a log holds them, a row a load."""
+        angle = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
+        length = (poses.q * 1000.0).round(DECIMALS_DEG) / 1000.0
+        logged = np.where(self.twin.robot.turns, angle, length)
         return np.repeat(logged, self.loads_per_pose, axis=0)
 
     def wrenches(self, q: FloatArray, *, block: int = 0) -> FloatArray:
@@ -228,8 +230,9 @@ class Equilibrium:
     """The balance of springs, load and weight; elastic coordinates joint by joint.
 
     Attributes:
-        theta: (n, 3 n_joints) elastic coordinates, rad: torsion and two tilts a joint.
-        torque: (n, 3 n_joints) torque on the springs, N m.
+        theta: (n, 3 n_joints) elastic coordinates, rad: torsion and two tilts a joint; m along a
+            prismatic joint.
+        torque: (n, 3 n_joints) torque on the springs, N m, or N.
         tcp: (n, 3) TCP of the deformed robot, base frame, m.
     """
 
@@ -243,19 +246,18 @@ class DigitalTwin:
 
     Args:
         robot: rigid kinematics, masses and TCP.
-        springs: one entry a joint, base to tip.
+        springs: one entry a joint, base to tip, of the joint's kind.
         beams: links that bend; None: they are rigid.
         hysteresis: lost motion is taken up anew by every load, see `SpringLaw`.
 
     Raises:
-        DataError: the number of springs differs from the number of joints, or a joint is
-            not revolute.
+        DataError: the springs are not those of the robot's joints.
     """
 
     def __init__(
         self,
         robot: Robot,
-        springs: Sequence[JointSprings],
+        springs: Sequence[JointSprings | SlideSprings],
         *,
         beams: Beams | None = None,
         hysteresis: bool = False,
@@ -263,8 +265,14 @@ class DigitalTwin:
         """Build the elastic chain."""
         self.robot, self._beams, self._hysteresis = robot, beams, hysteresis
         self._chain = ElasticChain(robot)
-        if len(springs) != robot.n_joints:
-            raise DataError(f"{len(springs)} joint springs for {robot.n_joints} joints")
+        kinds = tuple(
+            "prismatic" if isinstance(one, SlideSprings) else "revolute" for one in springs
+        )
+        if kinds != robot.joint_types:
+            raise DataError(
+                f"{len(springs)} joint springs for {robot.n_joints} joints: {', '.join(kinds)} for "
+                f"{', '.join(robot.joint_types)}"
+            )
         self._law = SpringLaw(springs)
 
     def readings(self, q: FloatArray, wrench: FloatArray) -> FloatArray:

@@ -66,13 +66,15 @@ def said_by(error: BaseException) -> str:
         return f"{type(error).__name__}, whose message cannot be read"
 
 
-def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
+def unknown_name(kind: str, name: str, valid: Iterable[str], listed: str = "") -> ConfigError:
     """Return the error for a name that is not registered, with the nearest valid one.
 
     `kind` is what the name should have been, e.g. "model"; `valid` all names that would do.
+    `listed` is the text for them where they are too many for a message.
     """
     names = sorted(valid)
     lower = {one.lower(): one for one in names}
     near = difflib.get_close_matches(name.lower(), lower, n=1)
     hint = f"; did you mean {lower[near[0]]!r}?" if near else ""
-    return ConfigError(f"unknown {kind} {name!r}{hint} (valid: {', '.join(names) or 'none'})")
+    text = listed or ", ".join(names) or "none"
+    return ConfigError(f"unknown {kind} {name!r}{hint} (valid: {text})")

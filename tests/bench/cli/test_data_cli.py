@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import csv
+import os
 from importlib.resources import files
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from helpers.command_line import assert_refused, bench_here, started
+from helpers.made_robots import arm_lines, gripper_lines, tree_urdf
 from stiff_datasets.measured.measured import read_samples
+from stiff_datasets.measured.registered import registration
 
 ROBOTS = files("stiff_datasets") / "robots"
 FANUC_CSV = str(files("stiff_datasets") / "data" / "fanuc_r2000ic.csv")
@@ -247,3 +252,35 @@ def test_pose_errors_are_fetched_and_never_called_stiffness(tmp_path, home):
 def test_bad_words_are_refused_in_one_line(tmp_path, words, parts):
     assert_refused(bench_here("data", *words, cwd=tmp_path), *parts)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_description_with_a_gripper_is_planned_read_and_registered_with_one_note(tmp_path, home):
+    tree_urdf(tmp_path / "arm.urdf", arm_lines("base", "a", 6) + gripper_lines("a6"))
+    plan = ["data", "plan", "--urdf", "arm.urdf", "--payload", "3", "--poses", "8"]
+    done = bench_here(*plan, "--tcp", "0.1,0,0", "--output", "p.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    notes = [line for line in done.stderr.splitlines() if "note" in line]
+    assert len(notes) == 2 and "'hand_tcp'" in notes[0] and "to_left, to_right" in notes[1]
+    robot = ["--urdf", "arm.urdf", "--tip", "hand", "--tcp", "0.1,0,0.1"]
+    done = bench_here(*plan, *robot[2:], "--output", "q.csv", cwd=tmp_path)
+    assert "hand_tcp" not in done.stderr and "--tip hand --tcp 0.1," in done.stdout
+    assert (tmp_path / "p.csv").read_text() == (tmp_path / "q.csv").read_text()
+    table = pd.read_csv(tmp_path / "p.csv").assign(dx_mm=0.1, dy_mm=0.2, dz_mm=-0.3)
+    for name in ("a.csv", "b.csv"):
+        table.to_csv(tmp_path / name, index=False)
+    words = ["run", "--model", "mean", "--data", "a.csv", "--data", "b.csv", "--no-torque", *robot]
+    done = bench_here(*words, "--output", "r", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("note:") == 1
+    words = ["data", "register", "kr10-measured", "a.csv", "--no-torque"]
+    assert_refused(bench_here(*words, "--tip", "hand", cwd=tmp_path, env=home), "--tip hand")
+    assert bench_here(*words, *robot, cwd=tmp_path, env=home).returncode == 0
+    with mock.patch.dict(os.environ, home):
+        assert registration().tip == "hand"
+
+
+def test_an_unknown_tip_is_refused_with_the_links_that_there_are(tmp_path):
+    tree_urdf(tmp_path / "arm.urdf", arm_lines("base", "a", 6) + gripper_lines("a6"))
+    words = ["data", "plan", "--urdf", "arm.urdf", "--payload", "3", "--output", "p.csv"]
+    done = bench_here(*words, "--tip", "hand_tpc", cwd=tmp_path)
+    assert_refused(done, "--tip", "'hand_tpc'", "did you mean 'hand_tcp'", "(valid: hand_tcp, ")

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from helpers.made_robots import planar_arm
+from helpers.made_robots import planar_arm, track_lines, tree_urdf
 from helpers.made_samples import samples_with
 from stiff_datasets.measured.identifiability import identifiability, regressor
 from stiff_datasets.measured.load_file import Loads
@@ -29,11 +29,13 @@ from stiff_datasets.planning.plan import (
 )
 from stiff_datasets.planning.plan_gain import plan_gain, variance_gain
 from stiff_datasets.planning.reachable import (
+    CLEARANCE,
     LOWEST_HEIGHT,
     base_distance,
+    keeps_clear,
     lowest_height,
 )
-from stiff_datasets.robots.robot import robot_of, shipped_robot
+from stiff_datasets.robots.robot import load_robot, robot_of, shipped_robot
 from stiff_datasets.robots.shipped import named_robot
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 
@@ -257,9 +259,27 @@ def test_the_papers_plan_is_for_its_own_robot_and_a_tool_that_hits_nothing(name,
         paper_plan(named_robot(name).chain(tcp), 10.0, 0)
 
 
-def test_a_robot_without_an_elbow_is_refused():
-    with pytest.raises(ConfigError, match="planar has 2 joints; expected at least three"):
+def test_a_planar_pendulum_of_two_joints_is_planned_above_the_ground():
+    robot = planar_arm(2, (0.0, 1.0, 0.0))
+    plan = candidate_plan(robot, 50, seed=0, payload_kg=5.0)
+    tcp = robot.tcp_position(plan.q)
+    assert tcp[:, 2].min() >= LOWEST_HEIGHT
+    assert np.linalg.norm(tcp, axis=1).min() >= CLEARANCE
+    with pytest.raises(ConfigError, match=r"0 of .* poses of planar .* to the mounting plane"):
         candidate_plan(planar_arm(2, (0.0, 0.0, 1.0)), 10, seed=0, payload_kg=5.0)
+
+
+def test_an_arm_on_a_track_keeps_clear_of_its_own_cart_all_along_it(tmp_path):
+    robot = load_robot(tree_urdf(tmp_path / "track.urdf", track_lines()))
+    plan = candidate_plan(robot, 100, seed=0, payload_kg=5.0)
+    assert plan.q[:, 0].min() < 0.2 and plan.q[:, 0].max() > 3.8
+    columns = plan_table(plan, robot).columns
+    assert "q1_mm" in columns and "q7_deg" in columns
+    for cart in (0.0, 4.0):
+        q = np.column_stack([np.full(100, cart), plan.q[:, 1:]])
+        assert keeps_clear(robot, q, CLEARANCE).all()
+    low = np.array([[2.0, 0.0, np.pi, 0.0, 0.0, 0.0, 0.0]])  # folded back through the cart
+    assert not keeps_clear(robot, low, CLEARANCE).any()
 
 
 # ---- after a measurement ---------------------------------------------------------------------

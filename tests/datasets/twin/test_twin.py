@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from helpers.made_robots import track_lines, tree_urdf
 from helpers.pinocchio_twin import pinocchio_torque
 from stiff_datasets.planning.poses import paper_poses
-from stiff_datasets.robots.robot import load_robot
+from stiff_datasets.robots.robot import load_robot, read_chain, robot_of
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
-from stiff_datasets.twin.springs import Gear, JointSprings, SpringLaw
+from stiff_datasets.twin.springs import Gear, JointSprings, SlideSprings, SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 from stiff_models.physics.kinematics import jacobian
 from stiff_protocols.contract.errors import DataError
@@ -62,6 +63,32 @@ def test_torques_and_tcp_are_those_of_pinocchios_elastic_model(kr10_chain, twin,
         torque, tcp, _ = pinocchio_torque(kr10_chain, q[i], found.theta[i], wrench[i])
         np.testing.assert_allclose(found.torque[i], torque, atol=1e-10)
         np.testing.assert_allclose(found.tcp[i], tcp, atol=1e-14)
+
+
+@pytest.fixture()
+def track(tmp_path):
+    """A robot of seven joints, the first a track along x."""
+    return read_chain(tree_urdf(tmp_path / "track.urdf", track_lines()), tcp=(0.1, 0.0, 0.2))
+
+
+def test_a_robot_on_a_track_deforms_as_in_pinocchio(track, rng):
+    twin = DigitalTwin(robot_of(track), [SlideSprings(2e6, (3e5, 3e5)), *SPRINGS])
+    q = rng.uniform(-1.5, 1.5, size=(20, 7))
+    wrench = rng.normal(size=(20, 6)) * np.repeat([60.0, 6.0], 3)
+    found = twin.equilibrium(q, wrench)
+    for i in range(len(q)):
+        torque, tcp, _ = pinocchio_torque(track, q[i], found.theta[i], wrench[i])
+        np.testing.assert_allclose(found.torque[i], torque, atol=1e-10)
+        np.testing.assert_allclose(found.tcp[i], tcp, atol=1e-14)
+    np.testing.assert_allclose(found.theta[:, 0], wrench[:, 0] / 2e6, atol=1e-15)
+
+
+def test_a_drive_alone_gives_force_over_stiffness_along_the_track(track):
+    twin = DigitalTwin(robot_of(track), [SlideSprings(1e5, (STIFF, STIFF)), *[linear(1e10)] * 6])
+    moved = twin.readings(np.full((1, 7), 0.3), one(LOAD))
+    np.testing.assert_allclose(moved, one([LOAD[0] / 1e5, 0.0, 0.0]), atol=1e-6)
+    with pytest.raises(DataError, match="prismatic"):
+        DigitalTwin(robot_of(track), [linear(1e10)] * 7)
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,18 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from helpers.made_robots import track_lines, tree_urdf
 from stiff_datasets.robots.shipped import ROBOTS
 from stiff_datasets.twin.constants import (
     CATALOGUE,
     read_constants,
     shipped_constants,
     shipped_twins,
+    specimen_springs,
 )
 from stiff_datasets.twin.robot_twin import RobotTwin, Ur5Twin
-from stiff_protocols.contract.errors import DataError
+from stiff_datasets.twin.springs import SlideSprings
+from stiff_protocols.contract.errors import DataError, StiffBenchWarning
 
 JOINT = """
 [[joint]]
@@ -24,6 +27,14 @@ structure_Nm_per_rad = 1e5
 tilting_ratio = 4.0
 lost_motion_arcmin = 1.0
 """
+SLIDE = """
+[[joint]]
+drive_N_per_m = 2e7
+guide_Nm_per_rad = 5e6
+"""
+BEAMS = "[beams]\nmodulus_Pa = 7e10\npoisson = 0.3\n" + 8 * (
+    "[[beams.segment]]\nouter_m = 0.2\nwall_m = 0.01\n"
+)
 OWN_GEAR = "{slopes_Nm_per_rad = [1e6, 2e6, 2e6], breakpoints_Nm = [100, 300], rated_Nm = 900}"
 TOP = (
     'name = "t"\nurdf = "ur5"\ntcp_m = [0.0, 0.06, 0.08]\npayload_kg = 5.0\nhook_m = [0, 0.05, 0]\n'
@@ -60,6 +71,12 @@ def test_constants_are_converted_to_springs_in_si_units(tmp_path):
             TOP + JOINT + JOINT + "colour = 1\n",
             r"unknown joint.2 key 'colour' \(valid: gear, ",
         ),
+        (
+            TOP + SLIDE + SLIDE.replace("drive_N", "drive_kN"),
+            r"unknown joint.2 key 'drive_kN_per_m",
+        ),
+        (TOP + SLIDE.replace("5e6", "-1"), r"joint.1.guide_Nm_per_rad: -1: "),
+        (TOP + SLIDE + "gear = 25\n", r"unknown joint.1 key 'gear' \(valid: drive_N_per_m, guide"),
         (TOP.replace("5.0", "nan") + JOINT, r"payload_kg: nan \(valid: a finite number\)"),
         (
             TOP.replace("[0, 0.05, 0]", "[0, 50, 0]") + JOINT,
@@ -130,3 +147,41 @@ def test_shipped_twins_have_the_tool_and_payload_of_the_shipped_robot(name):
         robot.payload_kg,
     )
     assert len(constants.joint) == constants.robot().n_joints
+
+
+def on_a_track(tmp_path, joints, words=""):
+    tree_urdf(tmp_path / "track.urdf", track_lines() + "\na6 tool0 fixed\na6 camera fixed")
+    top = TOP.replace('"ur5"', '"track.urdf"') + words
+    return read_constants(write(tmp_path, top + joints))
+
+
+def test_a_track_has_a_drive_and_a_guide_and_its_scatter(tmp_path):
+    constants = on_a_track(tmp_path, SLIDE + 6 * JOINT, 'tip = "camera"\n')
+    assert constants.chain().notes == ()
+    slide, *_ = constants.springs
+    assert slide == SlideSprings(2e7, (5e6, 5e6))
+    other, *_ = specimen_springs(constants, 3)
+    assert 0.5 < other.drive / slide.drive < 2.0 and other.drive != slide.drive
+
+
+def test_a_twin_on_a_track_moves_along_it_and_records_millimetres(tmp_path):
+    constants = on_a_track(tmp_path, SLIDE + 6 * JOINT)
+    with pytest.warns(StiffBenchWarning, match="'tool0'"):
+        data = RobotTwin(constants=constants._path, poses=30).load()
+    cart = data.samples.q[:, 0]
+    assert cart.min() < 0.5 and cart.max() > 3.5
+    np.testing.assert_allclose(1000 * cart, (1000 * cart).round(4), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("joints", "words", "message"),
+    [
+        (7 * JOINT, "", "7 revolute for 1 prismatic, 6 revolute"),
+        (6 * JOINT + SLIDE, "", "6 revolute, 1 prismatic for 1 prismatic, 6 revolute"),
+        (SLIDE + 6 * JOINT, 'tip = "tol0"\n', "did you mean 'tool0'"),
+        (SLIDE + 6 * JOINT + BEAMS, "", r"\[beams\] with a prismatic joint"),
+    ],
+)
+def test_a_track_without_its_own_table_is_refused(tmp_path, joints, words, message):
+    with pytest.raises(DataError, match=rf"my\.toml: .*{message}"):
+        on_a_track(tmp_path, joints, words).chain()

@@ -1,0 +1,125 @@
+"""The serial chain of a description that is a tree: grippers, hands, two arms, wheels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from helpers.made_robots import arm_lines, gripper_lines, tree_urdf
+from stiff_datasets.robots.robot import read_chain, robot_of
+from stiff_protocols.contract.errors import ConfigError, DataError
+
+ARM = arm_lines("base", "a", 6)
+TORSO = "base torso prismatic z=0.5 limits=0..0.35"
+WHEELS = "\nbase wheel_l continuous axis=y\nbase wheel_r continuous axis=y"
+HAND = "a7 palm fixed\n" + "\n".join(
+    f"{link} {name}{i} revolute axis=y z=0.03"
+    for name in ("ring", "index")
+    for i, link in enumerate(["palm", f"{name}0", f"{name}1"])
+)
+MOBILE = (
+    f"{TORSO}\n{arm_lines('torso', 'a', 7)}\n{HAND}\ntorso head1 revolute\nhead1 head2 revolute"
+)
+
+
+def chain_of(tmp_path, joints, **options):
+    return read_chain(tree_urdf(tmp_path / "made.urdf", joints), **options)
+
+
+def names(chain):
+    return robot_of(chain).joint_names
+
+
+def arm_names(n):
+    return tuple(f"to_a{i + 1}" for i in range(n))
+
+
+@pytest.mark.parametrize(
+    ("joints", "expected", "tip"),
+    [
+        (ARM + gripper_lines("a6"), arm_names(6), "hand_tcp"),
+        (ARM + "\na6 ee_link fixed\na6 tool0 fixed", arm_names(6), "tool0"),
+        (ARM + "\na6 camera fixed\na6 hand fixed\nhand deeper fixed", arm_names(6), "deeper"),
+        (ARM + "\na6 tip1 fixed\na6 tip2 fixed", arm_names(6), "tip2"),
+        (ARM + "\na6 my_finger prismatic", arm_names(6), "a6"),
+        (MOBILE + WHEELS, ("to_torso", *arm_names(7)), "palm"),
+        (f"{arm_lines('base', 'b', 5)}\n{ARM}", arm_names(6), "a6"),
+        (ARM + "\nbase part floating", arm_names(6), "a6"),
+        (ARM + "\nbase puck planar", arm_names(6), "a6"),
+    ],
+    ids=["gripper", "ur", "deepest", "last", "one finger", "mobile", "two arms", "float", "planar"],
+)
+def test_the_longest_chain_without_fingers_is_taken_and_the_rest_is_noted(
+    tmp_path, joints, expected, tip
+):
+    chain = chain_of(tmp_path, joints)
+    assert names(chain) == expected
+    choice = chain.notes[0]
+    assert f"'{tip}'" in choice and "--tip LINK" in choice
+    assert all("made.urdf" in note for note in chain.notes)
+
+
+def test_a_given_tip_is_taken_without_a_note_about_the_choice(tmp_path):
+    (note,) = chain_of(tmp_path, MOBILE, tip="head2").notes
+    assert "locked at zero" in note and "to_a1" in note and "more" in note
+    assert names(chain_of(tmp_path, MOBILE, tip="index2"))[-3:] == (
+        *("to_index0", "to_index1", "to_index2"),
+    )
+    assert chain_of(tmp_path, ARM + "\na6 x fixed\na6 y fixed", tip="x").notes == ()
+
+
+def test_what_hangs_off_the_chain_is_part_of_its_links_as_in_pinocchio(tmp_path, rng):
+    chain = chain_of(tmp_path, MOBILE + WHEELS)
+    robot = robot_of(chain)
+    np.testing.assert_allclose(robot.masses, [3, 1, 1, 1, 1, 1, 1, 8])  # two in the head, seven
+    whole = pin.buildModelFromUrdf(str(tmp_path / "made.urdf"))
+    q = rng.uniform(0.0, 0.3, size=robot.n_joints)
+    at = pin.neutral(whole)
+    for name, value in zip(robot.joint_names, q, strict=True):
+        at[whole.joints[whole.getJointId(name)].idx_q] = value
+    data = whole.createData()
+    gravity = pin.computeGeneralizedGravity(whole, data, at)
+    rows = [whole.joints[whole.getJointId(name)].idx_v for name in robot.joint_names]
+    np.testing.assert_allclose(-robot.gravity_torque(q[None])[0], gravity[rows], atol=1e-12)
+    pin.framesForwardKinematics(whole, data, at)
+    palm = data.oMf[whole.getFrameId("palm")].translation
+    np.testing.assert_allclose(robot.tcp_position(q[None])[0], palm, atol=1e-12)
+
+
+def test_a_joint_off_the_chain_is_locked_inside_its_limits(tmp_path):
+    bent = ARM + "\na3 lamp revolute axis=y limits=0.5..1\nlamp bulb fixed x=1"
+    robot = robot_of(chain_of(tmp_path, bent))
+    straight = robot_of(chain_of(tmp_path, bent.replace("0.5..1", "-1..1")))
+    assert robot.centres_of_mass[2][2] < straight.centres_of_mass[2][2]
+
+
+@pytest.mark.parametrize(
+    ("joints", "tip", "error", "parts"),
+    [
+        (MOBILE, "head3", ConfigError, ["link 'head3'", "did you mean 'head2'", "palm"]),
+        (MOBILE, "base", DataError, ["no moving joint", "'base'"]),
+        (ARM + gripper_lines("a6"), "right", DataError, ["'to_right'", "mimic", "'to_left'"]),
+        (f"base b floating\n{arm_lines('b', 'a', 3)}", None, DataError, ["to_b", "6 degrees"]),
+        (f"base b planar\n{arm_lines('b', 'a', 3)}", None, DataError, ["to_b", "3 degrees"]),
+        (ARM + "\na6 b revolute mimic=to_a2\nb tool0 fixed", None, DataError, ["to_b", "mimic"]),
+    ],
+)
+def test_a_chain_that_cannot_be_one_is_refused_by_name(tmp_path, joints, tip, error, parts):
+    with pytest.raises(error) as refused:
+        chain_of(tmp_path, joints, tip=tip)
+    for part in parts:
+        assert part in str(refused.value)
+
+
+def test_a_long_list_of_links_is_cut_behind_the_tips(tmp_path):
+    many = MOBILE + "".join(f"\nbase lamp{i} fixed" for i in range(60))
+    with pytest.raises(ConfigError, match=r"\(valid: palm, .* and 5\d more\)"):
+        chain_of(tmp_path, many, tip="x")
+
+
+def test_limits_that_an_exporter_left_at_zero_are_none(tmp_path):
+    pendulum = "base one revolute axis=y limits=0..0\none two revolute axis=y limits=0..0"
+    chain = chain_of(tmp_path, pendulum)
+    assert np.isinf(robot_of(chain).lower).all() and np.isinf(robot_of(chain).upper).all()
+    assert "to_one, to_two" in chain.notes[0]
