@@ -11,10 +11,12 @@ import pandas as pd
 import pytest
 
 from helpers.made_samples import samples_with
+from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.measured.sample_files import sample_table
 from stiff_datasets.measured.validate import validate
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_models.physics.vjm import identify_joints, joint_deflection
+from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import Robot, Samples
 
 KR10_STIFFNESS = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])  # N m/rad
@@ -253,17 +255,30 @@ def test_every_error_is_listed_and_there_is_no_other_finding(fanucs):
     assert "  - row 4, column fx_N: 'abc', expected a finite number" in lines
 
 
-def test_a_plan_that_is_not_filled_in_has_one_error_a_column(fanucs):
-    table = sample_table(fanucs.samples, fanucs.robot)
-    table[["dx_mm", "dy_mm", "dz_mm"]] = np.nan
-    table.to_csv(fanucs.path, index=False)
-    report = validate(fanucs.path, fanucs.robot)
-    n = len(table)
-    for name, found in zip(("dx_mm", "dy_mm", "dz_mm"), report.errors, strict=True):
-        assert found.message == f"column {name}: '', expected a finite number"
-        assert found.rows == tuple(range(2, n + 2))
-    text = repr(report)
-    assert f"invalid, {3 * n} errors" in text and f"(rows 2-{n + 1})" in text
+@pytest.mark.parametrize("empty", [np.nan, 0.0])
+def test_a_plan_that_is_not_filled_in_is_one_error(fanucs, empty):
+    table = fanucs.table().assign(dx_mm=empty, dy_mm=empty, dz_mm=empty)
+    report = fanucs.report_of(table)
+    (found,) = report.errors
+    assert "not filled in yet: 43 of 43 rows have no deflections (rows 2-44)" in found.message
+    assert report.warnings == report.facts == ()
+    with pytest.raises(DataError, match=r"my\.csv: this plan is not filled in yet[^\n]*"):
+        read_samples(fanucs.path, fanucs.robot)
+
+
+def test_of_a_plan_that_is_filled_in_by_half_the_other_half_is_checked(fanucs):
+    table = fanucs.table().astype({"dx_mm": object})
+    table.loc[[3, *range(30, 43)], ["dx_mm", "dy_mm", "dz_mm"]] = np.nan
+    report = fanucs.report_of(table)
+    (found,) = report.warnings
+    assert "14 of 43 rows have no deflections (rows 5, 32-44)" in found.message
+    assert "29, 29 poses" in only(report.facts, "samples: ").message
+    with pytest.raises(DataError, match="14 of 43 rows have no deflections"):
+        read_samples(fanucs.path, fanucs.robot, no_torque=True)
+    table.loc[7, "fx_N"] = 5e6
+    report = fanucs.report_of(table)
+    assert (len(report.errors), report.errors[0].rows) == (1, (9,))
+    assert [found.message] == messages(report.warnings)
 
 
 def test_a_file_that_cannot_be_read_is_an_error_of_the_report(fanucs):
