@@ -17,10 +17,10 @@ from stiff_datasets.measured.data_checks import (
     Finding,
     duplicate_findings,
     fact,
+    find_outliers,
     outlier_findings,
     range_findings,
     repeat_findings,
-    residuals_and_outliers,
     warning,
 )
 from stiff_datasets.measured.diagnosis import (
@@ -219,10 +219,13 @@ def _spring_findings(
     unknown = [name for name, known in zip(names, found.known, strict=True) if not known]
     condition = "" if unknown else f", condition number {found.condition:.3g}"
     yield fact("identifiable", f"rank {found.rank} of {len(names)} joint springs{condition}")
-    residual_mm, odd = residuals_and_outliers(data)
-    odd &= best is None  # else every row is wrong
-    usual = data.take(~odd)
-    compliance = _identified(usual, pose[~odd]).compliance
+    outliers = find_outliers(data)
+    usual, usual_pose = data, pose
+    if not best:  # else every row is wrong
+        usual, usual_pose = data.take(~outliers.odd), pose[~outliers.odd]
+    residual = data.deflection - data.regressor() @ compliances(usual)
+    residual_mm = np.linalg.norm(residual, axis=1) * MM_PER_M
+    compliance = _identified(usual, usual_pose).compliance
     stiffness = {
         name: f"{name} {1.0 / each:.2g}" if each else f"{name} inf"
         for name, each in zip(names, compliance, strict=True)
@@ -246,7 +249,8 @@ def _spring_findings(
     worst = np.argsort(-residual_mm)[:LARGEST_SHOWN]
     listed = ", ".join(f"row {lines[i]} {residual_mm[i]:.3g}" for i in worst)
     yield fact("largest residuals", f"{listed} mm (median {np.median(residual_mm):.3g})")
-    yield from outlier_findings(lines, residual_mm, odd)
+    if not best:
+        yield from outlier_findings(lines, outliers)
 
 
 def _explains_little(given: Fit) -> bool:

@@ -11,10 +11,13 @@ import pandas as pd
 import pytest
 
 from helpers.made_samples import samples_with
+from stiff_datasets.measured.data_checks import find_outliers, outlier_findings
+from stiff_datasets.measured.hypotheses import reading
 from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.measured.sample_files import sample_table
 from stiff_datasets.measured.validate import validate
 from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.twin.robot_twin import ArmFamily
 from stiff_models.physics.vjm import identify_joints, joint_deflection
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import Robot, Samples
@@ -59,6 +62,11 @@ def turned(wrench, matrix):
     return np.concatenate(
         [(matrix @ part[..., None])[..., 0] for part in np.split(wrench, 2, 1)], 1
     )
+
+
+def read(measurement, deflection):
+    samples = measurement.samples
+    return reading(measurement.robot, samples.q, samples.wrench, deflection)
 
 
 def messages(findings):
@@ -132,10 +140,55 @@ def test_single_gross_errors_are_listed_with_row_and_size(measurement, factor):
     size = np.linalg.norm(deflection, axis=1)
     wrong = np.argsort(size)[len(size) // 2 :][[0, 3]]  # of usual size or more
     deflection[wrong] *= factor
-    found = only(measurement.report(deflection=deflection).warnings, "far from what joint springs")
+    found = only(measurement.report(deflection=deflection).warnings, "far from what springs")
     assert set(wrong + 2) <= set(found.rows)
     assert len(found.rows) <= 3
     assert all(f"row {row} by" in found.message for row in found.rows)
+
+
+SLIPS = {
+    "ten times too large": np.full(3, 10.0),
+    "of the opposite sign": np.full(3, -1.0),
+    "dz_mm ten times too large": np.array([1.0, 1.0, 10.0]),
+}
+
+
+@pytest.mark.parametrize(("slip", "factors"), SLIPS.items())
+@pytest.mark.parametrize("rank", [0, 10, -1])
+def test_a_slip_of_the_pen_in_a_small_a_usual_or_a_large_deflection_is_named(
+    measurement, slip, factors, rank
+):
+    deflection = measurement.samples.deflection.copy()
+    clear = np.abs(deflection[:, 2]) > 0.4 * np.linalg.norm(deflection, axis=1)
+    rows = np.flatnonzero(clear)
+    row = rows[np.argsort(np.linalg.norm(deflection[rows], axis=1))[rank]]
+    deflection[row] *= factors
+    (found,) = outlier_findings(
+        np.arange(len(deflection)), find_outliers(read(measurement, deflection))
+    )
+    assert found.rows == (row,)
+    assert rank == 0 or f"({slip}?)" in found.message  # small ones are hardly told from zero
+
+
+def test_a_small_deflection_ten_times_too_large_is_named_among_large_ones(tmp_path):
+    data = ArmFamily(robot=9).load()  # whose springs miss a deflection by 1.9 mm
+    samples, row = data.samples, 40
+    wrench, deflection = samples.wrench.copy(), samples.deflection.copy()
+    share = 0.262e-3 / np.linalg.norm(deflection[row])
+    wrench[row] *= share
+    deflection[row] *= 10.0 * share
+    measured = Measurement(samples, data.robot, tmp_path / "my.csv")
+    (found,) = measured.report(wrench=wrench, deflection=deflection).warnings
+    assert found.rows == (row + 2,)
+    assert "row 42 by 2.29 mm" in found.message
+
+
+@pytest.mark.parametrize("n", [10, 12, 20, 40])
+def test_clean_data_have_no_outliers_however_few_they_are(measurement, n):
+    deflection = measurement.samples.deflection
+    for seed in range(5):
+        rows = np.random.default_rng(seed).permutation(len(deflection))[:n]
+        assert not find_outliers(read(measurement, deflection).take(rows)).odd.any()
 
 
 def test_copies_of_a_row_of_its_deflection_or_of_the_whole_table_are_found(fanucs):
