@@ -11,9 +11,11 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_datasets.measured.hypotheses import Reading, compliances
+from stiff_datasets.measured.hypotheses import Reading, compliances, normal_equations
+from stiff_datasets.measured.identifiability import unit_deflections
 from stiff_datasets.measured.sample_checks import SAME_POSE
 from stiff_datasets.measured.sample_files import DEFLECTION_COLUMNS, MM_PER_M, file_units
+from stiff_protocols.contract.identification import RANK_TOLERANCE
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 
 LARGEST_FORCE_N = 5000.0
@@ -31,11 +33,37 @@ SAME_LOAD = 0.02
 """Loads of a pose that differ by less than this share, or by what sensors do, are repeats."""
 SENSOR_NOISE = np.repeat([0.5, 0.05], 3)
 """(6,) N, N m: differences that are no difference between loads."""
-MODEL_ERROR = 1.25
-"""Share of a deflection by which joint springs may miss it where nothing is wrong: the most in the
-FANUC measurement is 0.64, in ten specimens each of the shipped twins 1.14. A reading of the wrong
-sign misses by 2, one with the decimal point misplaced to the right by 9."""
+OUTLIER = 12.0
+"""Robust standard deviations above the median from which on an error is an outlier. The most in
+clean data of the shipped twins, the arms and the FANUC was 9, and 12 of 12 random poses."""
+MODEL_ERROR = 0.7
+"""Share of a deflection by which its prediction may miss it where nothing is wrong: the most in
+the FANUC measurement is 0.55, in shipped twins and arms 0.35. A reading of the wrong sign misses by
+2, one with the decimal point misplaced to the right by 9."""
+FACTORS = {
+    "ten times too large": 10.0,
+    "ten times too small": 0.1,
+    "of the opposite sign": -1.0,
+}
+SLIPS = {
+    **{what: np.full(3, factor) for what, factor in FACTORS.items()},
+    **{
+        f"{column} {what}": np.where(np.arange(3) == axis, factor, 1.0)
+        for axis, column in enumerate(DEFLECTION_COLUMNS)
+        for what, factor in FACTORS.items()
+    },
+}
+"""Slips of the pen -> (3,) factors of the deflections in the file."""
+LOST_MOTION = 0.05
+"""Share of a joint's largest torque up to which its lost motion is taken up."""
+RIDGE = 0.1
+"""Observations that the prior is worth, which holds unit coefficients of columns of unit size: it
+settles what samples do not, and takes nothing from what they do."""
+BLOCK = 10_000
+"""Rows whose springs are in memory at once."""
 FEWEST_FOR_OUTLIERS = 10
+MOST_OUTLIERS = 0.2
+"""Share of the rows; if more are far off, something is wrong with all of them."""
 FEWEST_REPEATS = 5
 LISTED = 10
 """So many outliers are listed at most."""
@@ -139,53 +167,168 @@ def repeat_findings(samples: Samples, robot: Robot, lines: IntArray) -> Iterator
         )
 
 
-def outlier_findings(lines: IntArray, residual_mm: FloatArray, odd: BoolArray) -> Iterator[Finding]:
-    """List the outliers of `residuals_and_outliers`, the largest first."""
-    rows = np.flatnonzero(odd)
+def outlier_findings(lines: IntArray, outliers: Outliers) -> Iterator[Finding]:
+    """List the outliers, the largest first, with the slip that explains each."""
+    rows = np.flatnonzero(outliers.odd)
     if not len(rows):
         return
-    rows = rows[np.argsort(-residual_mm[rows], kind="stable")]
-    sizes = ", ".join(f"row {lines[row]} by {residual_mm[row]:.3g}" for row in rows[:LISTED])
+    error_mm = outliers.error_mm
+    rows = rows[np.argsort(-error_mm[rows], kind="stable")]
+    listed = ", ".join(
+        f"row {lines[row]} by {error_mm[row]:.3g} mm"
+        + (f" ({outliers.slips[row]}?)" if row in outliers.slips else "")
+        for row in rows[:LISTED]
+    )
     more = f", and {len(rows) - LISTED} more rows" if len(rows) > LISTED else ""
     yield warning(
-        "deflection far from what joint springs explain (half of the rows are within "
-        f"{np.median(residual_mm):.2g} mm): {sizes} mm{more}",
+        "deflection far from what springs fitted to the other rows predict (half of the rows are "
+        f"within {np.median(error_mm):.2g} mm): {listed}{more}",
         lines[rows],
     )
 
 
-def residuals_and_outliers(data: Reading) -> tuple[FloatArray, BoolArray]:
-    """Return (n,) the length of each residual [mm], and whether it is an outlier.
+@dataclass(frozen=True, eq=False)
+class Outliers:
+    """Rows whose deflection the other rows do not predict.
 
-    An outlier's residual is far off as a share of the deflection, since a model's error grows with
-    the load, and more than `MODEL_ERROR` of the deflection. Joint springs are fitted again without
-    the outliers until they stay the same, so that a gross one does not hide others. Of the errors
-    planted in the FANUC measurement and in KR10 twins, a reading of the wrong sign and one ten
-    times too large are found; one ten times too small is not.
+    Attributes:
+        error_mm: (n,) distance of each deflection from its prediction, mm.
+        odd: (n,) whether a row is an outlier.
+        slips: outlier -> slip of the pen that explains its deflection.
     """
-    odd = np.zeros(len(data.q), dtype=bool)
-    matrix, residual_mm = data.regressor(), np.zeros(len(data.q))
+
+    error_mm: FloatArray
+    odd: BoolArray
+    slips: dict[int, str]
+
+
+def find_outliers(data: Reading) -> Outliers:
+    """Find the rows whose deflection is far from what springs fitted to the other rows predict.
+
+    The springs are those of the joints, three about the axes of every joint's frame, and the lost
+    motion of every joint. An error is divided by its standard error, relative to the noise, and by
+    the size of the deflection, because a model's error grows with the load. A row is an outlier if
+    this share lies `OUTLIER` robust standard deviations above the median, and if it is more than
+    `MODEL_ERROR` or one of `SLIPS` leaves a usual share. The springs are first fitted without the
+    fifth of the rows that joint springs explain worst, then without the outliers until they stay
+    the same: a gross outlier does not hide others.
+    """
+    n = len(data.q)
+    given_mm = data.deflection * MM_PER_M
+    left_mm = np.linalg.norm(given_mm - data.regressor() @ compliances(data) * MM_PER_M, axis=1)
+    odd = left_mm > np.quantile(left_mm, 1.0 - MOST_OUTLIERS)
     for _ in range(5):
-        predicted = matrix @ compliances(data.take(~odd))
-        residual_mm = np.linalg.norm(data.deflection - predicted, axis=1) * MM_PER_M
-        if len(odd) < FEWEST_FOR_OUTLIERS:
-            break
-        sizes = (np.linalg.norm(each, axis=1) for each in (predicted, data.deflection))
-        size_mm = np.minimum(*sizes) * MM_PER_M
-        size_mm = np.maximum(size_mm, np.median(size_mm))  # small ones are mostly noise
-        share = residual_mm / np.maximum(size_mm, NOISE_MM)
-        found = far_off(share) & (share > MODEL_ERROR) & (residual_mm > NOISE_MM)
-        if (found == odd).all() or found.sum() > len(odd) // 5:
+        predicted, root = _left_out(data, ~odd)
+        error_mm = given_mm - predicted * MM_PER_M  # (n, 3)
+        length_mm = np.linalg.norm(error_mm, axis=1)
+        size_mm = np.linalg.norm([given_mm, given_mm - error_mm], axis=2).min(axis=0)
+        size_mm = np.maximum(size_mm, max(np.median(size_mm), NOISE_MM))  # small ones are noise
+        root /= size_mm[:, None, None]
+        share = _lengths(root, error_mm)
+        middle, deviation = _middle_and_deviation(share[~odd])
+        usual = np.maximum(middle + FAR_OFF * deviation, NOISE_MM / size_mm)
+        far = (share > middle + OUTLIER * deviation) & (length_mm > NOISE_MM)
+        slips = {
+            int(row): slip
+            for row in np.flatnonzero(far)
+            if (slip := _slip(given_mm[row], error_mm[row], root[row], usual[row]))
+        }
+        found = far & (share > MODEL_ERROR)
+        found[[*slips]] = True
+        if n < FEWEST_FOR_OUTLIERS or found.sum() > MOST_OUTLIERS * n:
+            return Outliers(length_mm, np.zeros(n, dtype=bool), {})
+        if (found == odd).all():
             break
         odd = found
-    return residual_mm, odd
+    return Outliers(length_mm, found, slips)
+
+
+def _slip(given: FloatArray, error: FloatArray, root: FloatArray, usual: np.floating) -> str | None:
+    """Return which of `SLIPS` leaves a usual error of a deflection (3,), if one does.
+
+    A slip in numbers that would be as usual if they were zero says nothing.
+    """
+    factors = np.stack([*SLIPS.values()])  # (n_slips, 3)
+    none = np.where(factors == 1.0, given, 0.0)
+    corrected = np.stack([given / factors, none])  # (2, n_slips, 3)
+    left, left_by_none = _lengths(root, corrected - given + error)
+    left = np.where(left_by_none > usual, left, np.inf)
+    likeliest = int(np.argmin(left))
+    return [*SLIPS][likeliest] if left[likeliest] < usual else None
+
+
+def _lengths(root: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return (n,) the lengths of (n, 3) vectors after (n, 3, 3) matrices, or one for all."""
+    return np.asarray(np.linalg.norm((root @ vectors[..., None])[..., 0], axis=-1))
+
+
+def _left_out(data: Reading, fitted: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Predict each row by springs fitted to the others.
+
+    Args:
+        data: the samples.
+        fitted: (n,) rows that the springs are fitted to.
+
+    Returns:
+        (n, 3) predicted deflections, m, and (n, 3, 3) the inverse root of the covariance of their
+        errors, as a multiple of the noise's.
+    """
+    blocks = np.array_split(np.arange(len(fitted)), len(fitted) // BLOCK + 1)
+    load = (np.hstack([data.force, data.torque])[:, None] @ data.jacobian)[:, 0]
+    knee = LOST_MOTION * np.abs(load).max(axis=0) + 1e-9  # (n_joints,) N m
+    n_columns = 5 * data.q.shape[1]
+    gram, right = np.zeros((n_columns, n_columns)), np.zeros(n_columns)
+    for rows in blocks:
+        rows = rows[fitted[rows]]
+        matrix = _spring_and_lost_motion(data.take(rows), knee)
+        grams, rights = normal_equations(matrix, data.deflection[rows])
+        gram, right = gram + grams, right + rights
+    size = np.sqrt(np.diagonal(gram))
+    size = np.where(size > RANK_TOLERANCE * size.max(), size, np.inf)
+    weight = RIDGE / (3.0 * fitted.sum())
+    inverse = np.linalg.inv(gram / np.outer(size, size) + weight * np.eye(len(size)))
+    found = inverse @ (right / size)
+    predicted, roots = np.empty_like(data.deflection), np.empty((len(fitted), 3, 3))
+    for rows in blocks:
+        matrix = _spring_and_lost_motion(data.take(rows), knee) / size
+        own = matrix @ inverse @ matrix.swapaxes(1, 2)  # (n, 3, 3) share of a row in its own fit
+        inside = fitted[rows][:, None, None]
+        covariance = np.where(inside, np.linalg.inv(np.eye(3) - inside * own), np.eye(3) + own)
+        error = (data.deflection[rows] - matrix @ found)[..., None]
+        error = np.where(inside, covariance @ error, error)[..., 0]
+        predicted[rows] = data.deflection[rows] - error
+        roots[rows] = np.linalg.inv(np.linalg.cholesky(covariance))
+    return predicted, roots
+
+
+def _spring_and_lost_motion(data: Reading, knee: FloatArray) -> FloatArray:
+    """Return (n, 3, 5 n_joints) the deflections by springs and lost motions of unit size.
+
+    Lost motion goes with the arctangent of a joint's torque over its `knee` (n_joints,) [N m],
+    from the torque of the arm's own weight on.
+    """
+    poses, jacobian = data.robot.forward(data.q), data.jacobian
+    axes = poses.rotations.swapaxes(2, 3).reshape(len(jacobian), -1, 3)
+    levers = np.repeat(poses.points[:, -1:] - poses.points[:, :-1], 3, axis=1)
+    tilts = np.concatenate([np.cross(axes, levers), axes], axis=2).swapaxes(1, 2)
+    wrench = np.hstack([data.force, data.torque])
+    weight = data.robot.gravity_torque(data.q)
+    load = (wrench[:, None] @ jacobian)[:, 0]
+    lost = np.arctan((weight + load) / knee) - np.arctan(weight / knee)
+    parts = data.regressor(), unit_deflections(tilts, wrench), jacobian[:, :3] * lost[:, None]
+    return np.concatenate(parts, axis=2)
 
 
 def far_off(values: FloatArray) -> BoolArray:
     """Return which values lie far above the median, on the scale of the median deviation."""
-    middle = np.median(values)
-    deviation = 1.4826 * np.median(np.abs(values - middle))  # of normal values the standard one
-    return np.asarray(values - middle > FAR_OFF * deviation)
+    middle, deviation = _middle_and_deviation(values)
+    return np.asarray(values > middle + FAR_OFF * deviation)
+
+
+def _middle_and_deviation(values: FloatArray) -> tuple[float, float]:
+    """Return the median, and the standard deviation from it as outliers do not change it."""
+    middle = float(np.median(values))
+    return middle, 1.4826 * float(np.median(np.abs(values - middle)))  # of normal values
 
 
 def pose_numbers(samples: Samples, robot: Robot) -> IntArray:

@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from stiff_datasets.measured.identifiability import unit_deflections
 from stiff_datasets.measured.sample_files import DEG_PER_RAD
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
-from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, Robot
+from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, IntArray, Robot
 
 POINT_GAIN, GAIN, RARE_GAIN = 0.05, 0.1, 0.15
 """Shares by which a hypothesis must lower the RMS residual: another point of the torques, any
@@ -64,7 +64,7 @@ class Reading:
         """Return the same samples at other joint positions."""
         return reading(self.robot, q, np.hstack([self.force, self.torque]), self.deflection)
 
-    def take(self, rows: BoolArray) -> Reading:
+    def take(self, rows: BoolArray | IntArray) -> Reading:
         """Return some of the samples."""
         arrays = {name: value for name, value in vars(self).items() if name != "robot"}
         return Reading(self.robot, **{name: value[rows] for name, value in arrays.items()})

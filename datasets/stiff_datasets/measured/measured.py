@@ -79,6 +79,7 @@ def samples_of(path: Path, table: pd.DataFrame, robot: Robot, hint: str) -> Samp
 
 def _samples(checked: CheckedSamples, hint: str) -> Samples:
     """Return the samples, or raise for the first problem."""
-    if checked.samples is None or checked.problems:
-        raise problems_error(checked.sheet.path, checked.problems, hint)
+    if checked.samples is None or checked.problems or checked.unfilled:
+        problems = [checked.unfilled] if checked.unfilled else checked.problems
+        raise problems_error(checked.sheet.path, problems, hint)
     return checked.samples

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -39,6 +39,7 @@ LIMIT_SLACK = 1e-6
 
 NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
 
+RUNS_SHOWN = 10
 _SHOWN = 60
 """Characters of a wrong cell that a message shows."""
 
@@ -77,11 +78,14 @@ class CheckedSamples:
         problems: those of the whole file first, then by row.
         samples: a row each; None where a cell is no number or no name; to be used only without
             problems.
+        unfilled: the problem of a plan that is not filled in to the end; the other attributes are
+            of the rows that are filled in.
     """
 
     sheet: Sheet
     problems: Sequence[Problem]
     samples: Samples | None = None
+    unfilled: Problem | None = None
 
 
 def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> CheckedSamples:
@@ -100,8 +104,9 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
         return CheckedSamples(sheet, problems)
     columns, n = columns[len(ID_COLUMNS) :], robot.n_joints
     sheet, junk = _without_junk(filled(sheet, NO_TORQUE), columns)
+    sheet, unfilled = _without_unfilled(sheet)
     if sheet.cells.empty:
-        return CheckedSamples(sheet, junk)
+        return CheckedSamples(sheet, junk, unfilled=unfilled)
     numbers = sheet.numbers(columns)  # positions: deg, and mm of prismatic joints
     q_file, wrench, deflection_mm = np.split(numbers, [n, n + len(WRENCH_COLUMNS)], axis=1)
     sheet = replace(sheet, cells=_with_names(sheet.cells, q_file))
@@ -116,7 +121,7 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
     ]
     problems.sort(key=lambda problem: problem.row or 0)
     if unreadable:
-        return CheckedSamples(sheet, problems)
+        return CheckedSamples(sheet, problems, unfilled=unfilled)
     pose_id, load_id, group = (sheet.cells[name].to_numpy(dtype=str) for name in ID_COLUMNS)
     samples = Samples(
         q=q_file / file_units(robot),
@@ -126,7 +131,7 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
         load_id=load_id,
         group=group,
     )
-    return CheckedSamples(sheet, problems, samples)
+    return CheckedSamples(sheet, problems, samples, unfilled)
 
 
 def filled(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
@@ -214,6 +219,42 @@ def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[P
         problems.append(cell_problem(sheet, row, column, valid))
     rows = sheet.cells[~junk].reset_index(drop=True)
     return replace(sheet, cells=rows, lines=sheet.lines[~junk]), problems
+
+
+def _without_unfilled(sheet: Sheet) -> tuple[Sheet, Problem | None]:
+    """Set the rows of a plan apart whose deflections are still to be measured.
+
+    All three cells of such a row are empty. Where no row has a deflection, zeros are empty, too.
+    """
+    cells = sheet.cells[[*DEFLECTION_COLUMNS]]
+    blank = ((cells == "") | cells.isna()).all(axis=1).to_numpy()
+    zero = (sheet.numbers(DEFLECTION_COLUMNS) == 0.0).all(axis=1)
+    unfilled = blank | (zero & (blank | zero).all())
+    if not unfilled.any():
+        return sheet, None
+    names = ", ".join(sheet.headers.get(name, name) for name in DEFLECTION_COLUMNS)
+    step = f"fill in {names} there, or delete these rows"
+    if unfilled.all():
+        step = f"measure, fill in {names}, and replace the suggested wrench by the actual one"
+    missing = sheet.lines[unfilled]
+    where = f"row{'s' * (len(missing) > 1)} {row_ranges(missing)}"
+    count = f"{len(missing)} of {len(unfilled)} rows have no deflections ({where})"
+    problem = Problem(f"this plan is not filled in yet: {count}; {step}", "")
+    rows = sheet.cells[~unfilled].reset_index(drop=True)
+    return replace(sheet, cells=rows, lines=sheet.lines[~unfilled]), problem
+
+
+def row_ranges(rows: Iterable[int]) -> str:
+    """Return row numbers as text: those that follow each other as "2-152", the first ten runs."""
+    runs: list[list[int]] = []
+    for row in rows:
+        if runs and row == runs[-1][-1] + 1:
+            runs[-1][1:] = [row]
+        else:
+            runs.append([row])
+    listed = ", ".join("-".join(map(str, run)) for run in runs[:RUNS_SHOWN])
+    hidden = sum(run[-1] - run[0] + 1 for run in runs[RUNS_SHOWN:])
+    return listed + (f" and {hidden} more" if hidden else "")
 
 
 def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
 from typing import Literal
@@ -17,10 +17,10 @@ from stiff_datasets.measured.data_checks import (
     Finding,
     duplicate_findings,
     fact,
+    find_outliers,
     outlier_findings,
     range_findings,
     repeat_findings,
-    residuals_and_outliers,
     warning,
 )
 from stiff_datasets.measured.diagnosis import (
@@ -33,7 +33,7 @@ from stiff_datasets.measured.diagnosis import (
     softness,
 )
 from stiff_datasets.measured.hypotheses import Reading, compliances, reading
-from stiff_datasets.measured.sample_checks import LIMIT_SLACK, Problem, check_sheet
+from stiff_datasets.measured.sample_checks import LIMIT_SLACK, Problem, check_sheet, row_ranges
 from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns, read_sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.identification import Identified, identify, typical_joints
@@ -49,7 +49,6 @@ OTHER_UNITS = {
     1000.0: "the forces in kN or the deflections in micrometres",
 }
 """Error that makes a robot look so many times as compliant as it is."""
-ROWS_SHOWN = 10
 TIES_SHOWN = 2
 LARGEST_SHOWN = 5
 WIDTH = 100
@@ -104,14 +103,17 @@ def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> Validation
         message = str(error).removeprefix(f"{path}: ")
         return ValidationReport(path, (Finding("error", message),))
     samples, lines = checked.samples, checked.sheet.lines
+    unfilled = [warning(str(checked.unfilled))] if checked.unfilled else []
     errors = [*_error_findings(checked.problems)]
+    if samples is None and not errors:
+        errors, unfilled = [replace(each, level="error") for each in unfilled], []
     if samples is None or errors:
         if samples is not None:
             units = file_units(robot)
             beyond = np.maximum(robot.lower - samples.q, samples.q - robot.upper) * units
             likely = diagnose(samples, robot, joints_only=bool((beyond > LIMIT_SLACK).any()))
             errors += [Finding("error", _named(likely))] if likely.best else []
-        return ValidationReport(path, tuple(errors))
+        return ValidationReport(path, tuple(errors), tuple(unfilled))
     data = reading(robot, samples.q, samples.wrench, samples.deflection)
     no_torque = no_torque or card.no_torque
     torques_missing = not no_torque and not data.torque.any()
@@ -121,6 +123,7 @@ def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> Validation
     pose = np.asarray(np.unique(samples.pose_id, return_inverse=True)[1])
     unused = ", ".join(checked.sheet.unused)
     found = [
+        *unfilled,
         *([fact("columns not used", unused)] if unused else []),
         *_content_findings(samples, robot, no_torque),
         *_noise_findings(card),
@@ -216,10 +219,13 @@ def _spring_findings(
     unknown = [name for name, known in zip(names, found.known, strict=True) if not known]
     condition = "" if unknown else f", condition number {found.condition:.3g}"
     yield fact("identifiable", f"rank {found.rank} of {len(names)} joint springs{condition}")
-    residual_mm, odd = residuals_and_outliers(data)
-    odd &= best is None  # else every row is wrong
-    usual = data.take(~odd)
-    compliance = _identified(usual, pose[~odd]).compliance
+    outliers = find_outliers(data)
+    usual, usual_pose = data, pose
+    if not best:  # else every row is wrong
+        usual, usual_pose = data.take(~outliers.odd), pose[~outliers.odd]
+    residual = data.deflection - data.regressor() @ compliances(usual)
+    residual_mm = np.linalg.norm(residual, axis=1) * MM_PER_M
+    compliance = _identified(usual, usual_pose).compliance
     stiffness = {
         name: f"{name} {1.0 / each:.2g}" if each else f"{name} inf"
         for name, each in zip(names, compliance, strict=True)
@@ -243,7 +249,8 @@ def _spring_findings(
     worst = np.argsort(-residual_mm)[:LARGEST_SHOWN]
     listed = ", ".join(f"row {lines[i]} {residual_mm[i]:.3g}" for i in worst)
     yield fact("largest residuals", f"{listed} mm (median {np.median(residual_mm):.3g})")
-    yield from outlier_findings(lines, residual_mm, odd)
+    if not best:
+        yield from outlier_findings(lines, outliers)
 
 
 def _explains_little(given: Fit) -> bool:
@@ -310,16 +317,7 @@ def _rows(finding: Finding) -> str:
     rows = finding.rows
     if not rows or f"row {rows[0]}" in finding.message:
         return ""
-    runs: list[list[int]] = []
-    for row in rows:
-        if runs and row == runs[-1][-1] + 1:
-            runs[-1][1:] = [row]
-        else:
-            runs.append([row])
-    listed = ", ".join("-".join(map(str, run)) for run in runs[:ROWS_SHOWN])
-    hidden = len(rows) - sum(run[-1] - run[0] + 1 for run in runs[:ROWS_SHOWN])
-    more = f" and {hidden} more" if hidden else ""
-    return f" (row{'s' * (len(rows) > 1)} {listed}{more})"
+    return f" (row{'s' * (len(rows) > 1)} {row_ranges(rows)})"
 
 
 def _range(vectors: FloatArray) -> str:
