@@ -34,15 +34,15 @@ class Prepared:
         with drawing(STYLE):
             return self.paint()
 
-    def save(self, path: Path) -> None:
-        """Write it in the format that the file's suffix names.
+    def save(self, path: Path | str) -> None:
+        """Write it in the format that the file's suffix names: .png, .pdf or .svg.
 
         Raises:
             ConfigError: the suffix names none.
             StoreError: the file cannot be written.
         """
         with drawing(STYLE):
-            save_figure(self.paint(), path, DOTS_PER_INCH)
+            save_figure(self.paint(), Path(path), DOTS_PER_INCH)
 
     def _repr_png_(self) -> bytes:
         return self.picture("png")
