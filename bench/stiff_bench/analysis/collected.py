@@ -8,6 +8,7 @@ import operator
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
 from typing import Any, Self
 
@@ -95,6 +96,8 @@ class Case:
         competitors: by name, in the order of their names.
         newest_run: the latest of the runs that asked for its results and failures; a run's name
             begins with its time.
+        first_asked: place of its first cell in the order in which cells were asked for; infinite
+            where no run says so.
         cell: one of its cells; the options of data set and protocol are the same in all.
         left_out: which results do not count, and why.
         every: all results, those that do not count too.
@@ -104,6 +107,7 @@ class Case:
     slots: tuple[Slot, ...]
     competitors: Mapping[str, Competitor]
     newest_run: str
+    first_asked: float
     cell: Cell
     left_out: tuple[str, ...]
     every: tuple[CellResult, ...] = field(repr=False)
@@ -237,6 +241,7 @@ def _case(found: Sequence[CellResult], runs: Runs) -> Case:
         slots=tuple(sorted(slots)),
         competitors=competitors,
         newest_run=runs.run_of(in_order[0]),
+        first_asked=min(runs.first_asked.get(one.cell.key, inf) for one in found),
         cell=results[0].cell,
         left_out=tuple(left_out),
         every=tuple(found),

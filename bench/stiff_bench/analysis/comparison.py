@@ -20,6 +20,8 @@ from stiff_bench.analysis.collected import (
     test_share,
 )
 from stiff_bench.analysis.critical_difference import dataset_of, family_of
+from stiff_bench.analysis.ranking import scored_case
+from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import (
     Estimate,
     Question,
@@ -35,7 +37,7 @@ from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.units import first_few
-from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, DataError, StoreError, unknown_name
 from stiff_protocols.contract.record import Presentation
 from stiff_protocols.contract.types import AXES, FloatArray, IntArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
@@ -83,6 +85,18 @@ class Row:
 
 
 @dataclass(frozen=True)
+class AmongAll:
+    """The verdict on a pair as leaderboard and report page have it, p corrected for all pairs.
+
+    Attributes:
+        n_models: models that are compared there.
+    """
+
+    n_models: int
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
 class Comparison:
     """A and B in the case of this name.
 
@@ -93,6 +107,8 @@ class Comparison:
         n_poses: that were tested.
         rows: one for each of `ERRORS`.
         missing: what A or B lacks, or both of what was asked for, one line each.
+        among_all: the verdict among all models with results there; None: there are no others, or
+            A or B does not take part in their ranking.
     """
 
     name: CaseName
@@ -104,6 +120,7 @@ class Comparison:
     n_poses: int
     rows: tuple[Row, ...]
     missing: tuple[str, ...]
+    among_all: AmongAll | None
 
     def row(self, error: str) -> Row:
         """Return the row of one kind of error."""
@@ -198,7 +215,19 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
         n_poses=of_poses.n_tested,
         rows=tuple(_rows(paired, of_poses, share, question)),
         missing=tuple(_missing(case, a, b)),
+        among_all=_among_all(case, a, b, data, question),
     )
+
+
+def _among_all(case: Case, a: str, b: str, data: StoredData, question: Question) -> AmongAll | None:
+    try:
+        scored = scored_case(case, [*case.competitors], sort_key(NORM, None), data, question.seed)
+    except StoreError:  # two others share no split
+        return None
+    if len(scored.scores) < 3 or not {a, b} <= scored.scores.keys():
+        return None
+    verdicts = scored.verdicts([(a, b)], question)
+    return AmongAll(len(scored.scores), verdicts[0]) if verdicts else None
 
 
 def _rows(

@@ -62,8 +62,36 @@ def comparison_tables(report: ModelComparison) -> dict[str, Table]:
 def sentence(report: ModelComparison) -> str:
     """Return the result in one sentence, or more where some verdicts are of one training alone.
 
-    Among several cases those that select on the test part are counted apart.
+    Among several cases those that select on the test part are counted apart. Where the verdicts
+    among all models are others, they follow.
     """
+    return " ".join(filter(None, [_of_the_pair(report), _among_all(report)]))
+
+
+def _among_all(report: ModelComparison) -> str:
+    """Return the verdicts that leaderboard and report page show; "" where they are the same."""
+    fair = [one for one in report.comparisons if not one.selects_on_test]
+    shown = [(one, one.among_all) for one in fair or report.comparisons if one.among_all]
+    if all(one.row(NORM).verdict == among.verdict for one, among in shown):
+        return ""
+    source = ", as leaderboard and report page show"
+    if len(report.comparisons) == 1:
+        ((_, among),) = shown
+        n = among.n_models
+        verdict = {"a": f"{report.a} is better", "b": f"{report.b} is better"}
+        return (
+            f"Among all {n} models here{source} (p corrected for {n * (n - 1) // 2} pairs, Holm): "
+            f"{verdict.get(among.verdict, VERDICTS[among.verdict])}."
+        )
+    count = Counter(among.verdict for _, among in shown)
+    return (
+        f"Among all models of each comparison{source} (p corrected for all pairs, Holm): "
+        f"{_numbers_of(report, count)}."
+    )
+
+
+def _of_the_pair(report: ModelComparison) -> str:
+    """Return what the results say of A and B alone."""
     if len(report.comparisons) == 1:
         return _of_one(report, report.comparisons[0])
     fair = [one for one in report.comparisons if not one.selects_on_test]
@@ -83,10 +111,14 @@ def sentence(report: ModelComparison) -> str:
 
 def _counts(report: ModelComparison, found: Sequence[Comparison], kind: str) -> str:
     count = Counter(one.row(NORM).verdict for one in found)
+    return f"Of {counted(len(found), 'comparison')}{kind}: {_numbers_of(report, count)}."
+
+
+def _numbers_of(report: ModelComparison, count: Counter[Verdict]) -> str:
     return (
-        f"Of {counted(len(found), 'comparison')}{kind}: {report.a} better in {count['a']}, "
-        f"{report.b} better in {count['b']}, equivalent (within {_rope(report)}) in "
-        f"{count['equivalent']}, no significant difference in {count['open']}."
+        f"{report.a} better in {count['a']}, {report.b} better in {count['b']}, equivalent "
+        f"(within {_rope(report)}) in {count['equivalent']}, no significant difference in "
+        f"{count['open']}"
     )
 
 

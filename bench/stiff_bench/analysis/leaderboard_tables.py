@@ -19,7 +19,12 @@ from stiff_bench.analysis.leaderboard import (
     and_more,
     caveats_of,
 )
-from stiff_bench.analysis.ranking import ScoredCase, complete_models, times_like_best
+from stiff_bench.analysis.ranking import (
+    ScoredCase,
+    complete_models,
+    correction_text,
+    times_like_best,
+)
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import CaseName, grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
@@ -180,7 +185,8 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
             number = number_format(key.metric)
             columns.append(Column(heading, unit=unit, format=number, about=about))
             scores.append(_scores_of(section, members, key))
-        like = "" if key.is_cost else f"; {LIKE_BEST} no significant difference from the best"
+        like = f"; {LIKE_BEST} no significant difference from the best, "
+        like = "" if key.is_cost else like + correction_text(of_protocol)
         yield Table(
             title=f"{protocol} on {_datasets(one.name for one in of_protocol)}{apart} | "
             f"{key.text}{spread}",
@@ -195,11 +201,23 @@ def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
             ],
             notes=[
                 f"{BEST} best mean of the column{like}.",
+                *_few_splits(of_protocol),
                 *caveats_of(one.case for one in of_protocol),
             ],
             unit=unit,
             about=_about(section, "scores by protocol"),
         )
+
+
+FEW_SPLITS = 5
+"""With fewer, only very large differences are significant among several models."""
+
+
+def _few_splits(scored: Sequence[ScoredCase]) -> Iterator[str]:
+    fewest = min(len(one.slots) for one in scored)
+    if scored[0].key.is_cost or not 1 < fewest < FEW_SPLITS or scored[0].case.shown.pooled:
+        return
+    yield f"{fewest} splits show very large differences alone; --splits {FEW_SPLITS} shows more."
 
 
 def _scores_of(section: Section, scored: Sequence[ScoredCase], key: SortKey) -> dict[str, Quantity]:

@@ -1,4 +1,7 @@
-"""The ranks of models in one case: who takes part, with which scores, who is like the best."""
+"""The ranks of models in one case: who takes part, with which scores, and all verdicts on pairs.
+
+`ScoredCase.verdicts` is what leaderboard, report page and, of all models, compare say of a pair.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,13 @@ import numpy as np
 
 from stiff_bench.analysis.collected import Case, Competitor, test_share
 from stiff_bench.analysis.sort_key import SortKey
-from stiff_bench.analysis.verdict import Question, SharedErrors, Verdict, decide_pairs
+from stiff_bench.analysis.verdict import (
+    Question,
+    SharedErrors,
+    Verdict,
+    corrected_p_values,
+    decide_pairs,
+)
 from stiff_bench.store.names import CaseName, grouped
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
@@ -57,6 +66,56 @@ class ScoredCase:
     def ranking(self, models: tuple[str, ...]) -> Ranking:
         """Return the ranks of models that take part; they are computed once."""
         return self._rankings.setdefault(models, Ranking(self, models))
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """The models that take part, in the order of their names."""
+        return tuple(sorted(self.scores))
+
+    @cached_property
+    def errors(self) -> SharedErrors:
+        """What the verdicts are made from, a column for each of `models`."""
+        scores = np.column_stack([self.scores[model] for model in self.models])  # (J, m)
+        return SharedErrors(
+            of_splits=self.key.sign * scores if len(scores) > 1 else None,
+            test_share=test_share(self.results[self.models[0]], self.data),
+            of_poses=self._pose_errors(),
+            seed=self.seed,
+        )
+
+    def _pose_errors(self) -> PoseErrors | None:
+        """Return the models' errors on the poses of the data set; None: no mean over rows.
+
+        A pose that is not tested here has no rows, so that cases with different test poses of
+        one data set are drawn together.
+        """
+        if not self.key.resamples:
+            return None
+        first, *others = each = [pooled_prediction(self.results[one]) for one in self.models]
+        if not all(np.array_equal(first.rows, other.rows) for other in others):
+            raise DataError("only models that were tested on the same rows can be compared")
+        errors = np.column_stack([self.key.of_rows(prediction) for prediction in each])  # (n, m)
+        return pose_errors(self.data.samples.pose_id, errors, first.rows)
+
+    @cached_property
+    def _p_values(self) -> FloatArray | None:
+        """(m, m) p-values of all pairs of `models`, corrected for one another."""
+        return corrected_p_values(self.errors)
+
+    def verdicts(
+        self, pairs: Sequence[tuple[str, str]], question: Question | None = None
+    ) -> list[Verdict] | None:
+        """Return the verdicts on pairs of models that take part, corrected for all their pairs.
+
+        None: no test applies. Without a question a difference of `ROPE_M` makes none in practice.
+        """
+        if self.key.is_cost or self._p_values is None:
+            return None
+        place = {model: column for column, model in enumerate(self.models)}
+        columns = [(place[a], place[b]) for a, b in pairs]
+        p_values = [float(self._p_values[of_pair]) for of_pair in columns]
+        asked = question or Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
+        return decide_pairs(self.errors, columns, asked, p_values)
 
     def mean(self, model: str) -> float:
         """Return a model's mean over the splits, in the metric's unit."""
@@ -175,57 +234,34 @@ class Ranking:
         """(m,) whether a model has the best score, alone or with others."""
         return np.asarray(self.ranks == self.ranks.min())
 
-    @cached_property
-    def errors(self) -> SharedErrors:
-        """What the verdicts are made from, a column a model."""
-        scored = self.scored
-        scores = np.column_stack([scored.scores[model] for model in self.models])  # (J, m)
-        return SharedErrors(
-            of_splits=scored.key.sign * scores if len(scores) > 1 else None,
-            test_share=test_share(scored.results[self.models[0]], scored.data),
-            of_poses=self._pose_errors(),
-            seed=scored.seed,
-        )
-
-    def _pose_errors(self) -> PoseErrors | None:
-        """Return the models' errors on the poses of the data set; None: no mean over rows.
-
-        A pose that is not tested here has no rows, so that cases with different test poses of
-        one data set are drawn together.
-        """
-        key = self.scored.key
-        if not key.resamples:
+    @property
+    def drawn(self) -> FloatArray | None:
+        """The (B, m) means on draws of the poses; None where the metric cannot be resampled."""
+        drawn = self.scored.errors.drawn
+        if drawn is None:
             return None
-        first, *others = found = [pooled_prediction(self.scored.results[m]) for m in self.models]
-        if not all(np.array_equal(first.rows, other.rows) for other in others):
-            raise DataError("only models that were tested on the same rows can be compared")
-        errors = np.column_stack([key.of_rows(prediction) for prediction in found])  # (n, m)
-        return pose_errors(self.scored.data.samples.pose_id, errors, first.rows)
+        return np.asarray(drawn[:, [self.scored.models.index(model) for model in self.models]])
 
     @cached_property
     def like_best(self) -> BoolArray | None:
-        """(m,) whether a model is not found worse than the best; None: no test applies.
-
-        It is the verdict on the best and the model, corrected for all models (Holm).
-        """
+        """(m,) whether a model is not found worse than the best; None: no test applies."""
         best = int(np.argmax(self.is_best))
         others = [index for index in range(len(self.models)) if index != best]
-        verdicts = self.verdicts([(best, other) for other in others], correct=True)
+        verdicts = self.scored.verdicts([(self.models[best], self.models[one]) for one in others])
         if verdicts is None:
             return None
         like = np.ones(len(self.models), dtype=np.bool_)
         like[others] = [verdict != "a" for verdict in verdicts]
         return like
 
-    def verdicts(
-        self, pairs: Sequence[tuple[int, int]], *, correct: bool = False
-    ) -> list[Verdict] | None:
-        """Return the verdicts on pairs of models, see `decide_pairs`; None: no test applies."""
-        key = self.scored.key
-        if key.is_cost:
-            return None
-        rope = ROPE_M if key.metric.unit == "m" else 0.0
-        return decide_pairs(self.errors, pairs, Question(rope), correct=correct)
+
+def correction_text(cases: Sequence[ScoredCase]) -> str:
+    """Return how the verdicts on pairs of models are corrected in some cases, for people."""
+    counts = {len(one.models) * (len(one.models) - 1) // 2 for one in cases}
+    if counts == {1}:
+        return "one pair, p needs no correction"
+    number = f"{counts.pop()} " if len(counts) == 1 else ""
+    return f"p corrected for all {number}pairs of models in a comparison (Holm)"
 
 
 def times_like_best(rankings: Sequence[Ranking]) -> FloatArray | None:

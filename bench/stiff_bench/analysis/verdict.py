@@ -21,6 +21,7 @@ from stiff_protocols.scoring.paired import (
     ROPE_M,
     Posterior,
     corrected_t,
+    corrected_t_p_values,
     holm,
     wilcoxon_signed_rank,
 )
@@ -173,19 +174,47 @@ def _over_poses(drawn: FloatArray, p_values: Sequence[float], question: Question
 
 
 def decide_pairs(
-    errors: SharedErrors, pairs: Sequence[tuple[int, int]], question: Question, *, correct: bool
+    errors: SharedErrors,
+    pairs: Sequence[tuple[int, int]],
+    question: Question,
+    p_values: Sequence[float] | None = None,
 ) -> list[Verdict] | None:
     """Return the verdicts on k pairs; None where no test applies: one value, no poses behind it.
 
-    Where asked to, the p-values are corrected for the other pairs (Holm); the draws are not: among
-    many models Holm would ask for rarer events than they hold.
+    Args:
+        errors: of the columns.
+        pairs: columns of A and of B.
+        question: what is asked of each pair.
+        p_values: k corrected ones of the first test; None: each pair is asked alone. The draws are
+            not corrected: among many models Holm would ask for rarer events than they hold.
     """
-    found = estimates(errors, pairs, question)
-    if not found:
+    results = estimates(errors, pairs, question)
+    if not results:
         return None
-    if correct:
-        found[0] = corrected(found[0])
-    return [decide(of_pair, question.confidence) for of_pair in zip(*found, strict=True)]
+    if p_values is not None:
+        first = zip(results[0], p_values, strict=True)
+        results[0] = [replace(result, p_value=p_value) for result, p_value in first]
+    return [decide(of_pair, question.confidence) for of_pair in zip(*results, strict=True)]
+
+
+def corrected_p_values(errors: SharedErrors) -> FloatArray | None:
+    """Return the (m, m) p-values of the first test, corrected for all pairs of m columns (Holm).
+
+    None where no test applies.
+    """
+    if errors.of_splits is not None:
+        a, b = upper = np.triu_indices(errors.of_splits.shape[1], k=1)
+        differences = errors.of_splits[:, a] - errors.of_splits[:, b]
+        p_values = corrected_t_p_values(differences, errors.test_share)
+    elif (of_poses := errors.of_poses) is not None:
+        upper = np.triu_indices(of_poses.totals.shape[1], k=1)
+        pairs = zip(*(one.tolist() for one in upper), strict=True)
+        p_values = np.array([wilcoxon_signed_rank(of_poses.differences(a, b)) for a, b in pairs])
+    else:
+        return None
+    matrix = np.zeros((1 + upper[1].max(initial=0),) * 2)
+    matrix[upper] = holm(p_values)
+    return matrix + matrix.T
 
 
 def rank_difference(outcome: OverDatasets, a: int, b: int) -> Estimate:

@@ -26,7 +26,7 @@ def figure(
     datasets: Sequence[str] = (),
     protocols: Sequence[str] = (),
 ) -> Prepared:
-    """Return a figure, which a notebook shows and `save` writes, with its caption.
+    """Return a figure with its caption; a notebook shows it, and `save("my.png")` writes it.
 
     Args:
         name: "scores", "regression", "errors", "losses", "sweep", "freezing", "learning-curves",
@@ -35,7 +35,8 @@ def figure(
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
             paper's figures `bench reproduce`.
         models: names, or keys that stand for all variants; none: those that it is clear with.
-        datasets: the same; none: the data set and protocol with most models.
+        datasets: the same; none: measured data, then the data set with most models, then the one
+            that was asked for first.
         protocols: the same.
 
     Raises:

@@ -88,6 +88,21 @@ class Results:
             return self.finished.results
         return tuple(read_results(self.folder))
 
+    @property
+    def _counting(self) -> Sequence[CellResult]:
+        """The results that a table is made of, in its order."""
+        if self.finished is not None:
+            return self.cells
+        from stiff_bench.analysis.collected import StoredResults
+        from stiff_bench.analysis.leaderboard import in_order
+
+        return [
+            result
+            for case in sorted(StoredResults.read(self.folder).cases, key=in_order)
+            for model in case.competitors.values()
+            for result in (*model.done.values(), *model.failures.values())
+        ]
+
     def frame(self) -> DataFrame:
         """Return every metric as tidy data: a row a metric, axis and split, in printed units.
 
@@ -126,11 +141,14 @@ class Results:
                 the usual ones: mae, stde and me, of tool paths norm, norm-p95, norm-max, removed.
             verbose: with the numbers that the fits report, such as stiffnesses, beneath.
 
+        Of results that contradict each other in a folder, those of the newest run count.
+
         Raises:
             ConfigError: there is no such metric.
+            StoreError: the folder holds no results, or damaged ones.
         """
         shown = [metric(key) for key in metrics or self.metrics]
-        tables = build_tables(self.cells, shown)
+        tables = build_tables(self._counting, shown)
         if verbose:
             tables = [replace(one, notes=[*one.notes, *one.details]) for one in tables]
         return Tables(lambda: tables, partial(render, tables, command=self.command))

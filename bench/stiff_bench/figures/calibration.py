@@ -57,7 +57,7 @@ def gather(source: FigureSource) -> Prepared:
         f"narrow. A point a coverage (`bench run --coverage`, such as {LEVELS}). {compared.setting}"
     )
     paint = partial(calibration_figure, pd.DataFrame(held))
-    return Prepared("Coverage of the intervals", caption, paint)
+    return Prepared("Coverage of the intervals", caption, paint, compared.subtitle)
 
 
 def _held(splits: Sequence[Sequence[CellResult]]) -> pd.Series:

@@ -10,7 +10,7 @@ from typing import Literal, TypeVar
 
 from matplotlib.figure import Figure
 
-from stiff_bench.figures.style import DOTS_PER_INCH, STYLE
+from stiff_bench.figures.style import DOTS_PER_INCH, STYLE, add_subtitle
 from stiff_bench.tables.picture_file import drawing, save_figure, write_picture
 from stiff_protocols.contract.errors import StiffBenchError
 
@@ -23,26 +23,34 @@ class Prepared:
         title: what it shows, in a few words.
         caption: plain text: data, protocol, splits, seed, and what bands and marks mean.
         paint: makes the matplotlib figure, inside the journal's style.
+        subtitle: data set and protocol, drawn above the panels; "" where these name them.
     """
 
     title: str
     caption: str
     paint: Callable[[], Figure]
+    subtitle: str = ""
 
     def draw(self) -> Figure:
         """Return the figure."""
         with drawing(STYLE):
-            return self.paint()
+            return self._painted()
 
-    def save(self, path: Path) -> None:
-        """Write it in the format that the file's suffix names.
+    def _painted(self) -> Figure:
+        figure = self.paint()
+        if self.subtitle:
+            add_subtitle(figure, self.subtitle)
+        return figure
+
+    def save(self, path: Path | str) -> None:
+        """Write it in the format that the file's suffix names: .png, .pdf or .svg.
 
         Raises:
             ConfigError: the suffix names none.
             StoreError: the file cannot be written.
         """
         with drawing(STYLE):
-            save_figure(self.paint(), path, DOTS_PER_INCH)
+            save_figure(self._painted(), Path(path), DOTS_PER_INCH)
 
     def _repr_png_(self) -> bytes:
         return self.picture("png")
@@ -51,7 +59,7 @@ class Prepared:
         """Return what `save` writes into a file of a kind."""
         held = io.BytesIO()
         with drawing(STYLE):
-            write_picture(self.paint(), held, f".{kind}", DOTS_PER_INCH)
+            write_picture(self._painted(), held, f".{kind}", DOTS_PER_INCH)
         return held.getvalue()
 
 

@@ -49,7 +49,7 @@ def learning_figure(panels: Mapping[str, pd.DataFrame], names: Sequence[str]) ->
     for name, look in zip(names, style.looks(len(names)), strict=True):
         grid[0].plot([], [], color=look.color, marker=look.marker, label=style.short(name))
     style.name_panels(grid)
-    style.share_legend(figure, grid[:1], below=True, ncols=n_columns)
+    style.share_legend(figure, grid[:1], ncols=n_columns)
     return figure
 
 

@@ -55,7 +55,7 @@ def losses_figure(curves: Sequence[LossCurve]) -> Figure:
         for line, part in (("-", "training"), (DASHED, "validation")):
             panels[0].plot([], [], color=style.REFERENCE_COLOR, ls=line, label=f"{part} part")
     style.name_panels(panels)
-    style.share_legend(figure, panels, below=True, ncols=4 if len(panels) > 1 else 2)
+    style.share_legend(figure, panels, ncols=4 if len(panels) > 1 else 2)
     return figure
 
 
@@ -109,4 +109,4 @@ def gather(source: FigureSource) -> Prepared:
         "Loss on standardised outputs, first split with curves of all models; ring: least "
         f"validation loss. {compared.setting}"
     )
-    return Prepared("Loss curves", caption, partial(losses_figure, curves))
+    return Prepared("Loss curves", caption, partial(losses_figure, curves), compared.subtitle)

@@ -72,7 +72,7 @@ def _painted(found: Compensation, interval: Interval | None) -> Figure:
     along.set_ylim(bottom=0.0)
     means = f"Mean {size_before.mean():.3g} mm before, {size_after.mean():.1g} mm after"
     along.set_title(f"(b) {means}", loc="left")
-    share_legend(figure, [space, along], below=True)
+    share_legend(figure, [space, along])
     return figure
 
 

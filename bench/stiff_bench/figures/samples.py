@@ -103,7 +103,7 @@ def regression(source: FigureSource) -> Prepared:
         f"{LINES_NOTE}"
     )
     title = "Predicted against true deflection"
-    return Prepared(title, caption, partial(regression_figure, series))
+    return Prepared(title, caption, partial(regression_figure, series), compared.subtitle)
 
 
 def errors_by_row(tested: Prediction) -> pd.DataFrame:
@@ -146,7 +146,8 @@ def sample_errors(source: FigureSource) -> Prepared:
         "over the splits that test it (left; lines: means), and its cumulative distribution "
         f"(right). {compared.setting}"
     )
-    return Prepared("Error of every test sample", caption, partial(errors_figure, models))
+    paint = partial(errors_figure, models)
+    return Prepared("Error of every test sample", caption, paint, compared.subtitle)
 
 
 def workspace_figure(models: Mapping[str, WorkspaceErrors]) -> Figure:
@@ -201,4 +202,5 @@ def workspace(source: FigureSource) -> Prepared:
         f"{len(models[compared.models[0]].error)} tested poses, base frame; the colour scale ends "
         f"at the {percent(TOP_SHARE)} quantile. {compared.setting}"
     )
-    return Prepared("Error over the workspace", caption, partial(workspace_figure, models))
+    paint = partial(workspace_figure, models)
+    return Prepared("Error over the workspace", caption, paint, compared.subtitle)

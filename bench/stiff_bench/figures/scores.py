@@ -50,4 +50,4 @@ def gather(source: FigureSource) -> Prepared:
         f"{compared.setting}"
     )
     paint = partial(scores_figure, errors.sort_values("mean", kind="stable"))
-    return Prepared("Mean error by model", caption, paint)
+    return Prepared("Mean error by model", caption, paint, compared.subtitle)

@@ -16,13 +16,14 @@ from stiff_bench.analysis.collected import (
     stands_for,
 )
 from stiff_bench.analysis.leaderboard import of_newest_data
-from stiff_bench.store.names import grouped
+from stiff_bench.store.names import grouped, natural_key
 from stiff_bench.store.newest import Slot
 from stiff_bench.tables import metric_table
 from stiff_bench.tables.metric_table import mark_of, pooled_prediction
-from stiff_bench.tables.units import counted
+from stiff_bench.tables.units import counted, first_few
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import Prediction
 from stiff_protocols.scoring.metrics import norm_errors
@@ -59,12 +60,10 @@ def marks_in(cases: Iterable[Case], models: Collection[str]) -> str:
     )
 
 
-def setting(case: Case, models: Collection[str], n_splits: Collection[int]) -> str:
-    """Return data, protocol, splits and seed of some models, and what must be read with them."""
-    name, splits = case.name, between(n_splits, "split")
-    of_case = metric_table.setting(case.shown, name.condition, splits, name.seed, after_data=", ")
-    paths = " Of tool paths: error without correction as deflection, removed error as prediction."
-    return f"{of_case}.{marks_in([case], models)}{paths * case.has_paths}"
+def subtitle(case: Case) -> str:
+    """Return which data set, protocol and condition a picture shows."""
+    about = f"{case.name.dataset} ({kind_label(case.shown.kind, case.shown.task)})"
+    return ", ".join(filter(None, [about, case.name.protocol, case.name.condition]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +108,21 @@ class FigureSource:
         tests = tuple(case for case in newest if not case.shown.reports_training)
         return tests or newest
 
+    @cached_property
+    def _as_asked(self) -> list[Case]:
+        """The newest cases: data sets in the order of asking, newest runs first within each."""
+        newest_first = sorted(self.newest, key=lambda one: one.newest_run, reverse=True)
+        first_asked = {
+            dataset: min(one.first_asked for one in cases)
+            for dataset, cases in grouped(newest_first, lambda one: one.name.dataset).items()
+        }
+
+        def place(one: Case) -> tuple[object, ...]:
+            dataset = one.name.dataset
+            return first_asked[dataset], natural_key(dataset)
+
+        return sorted(newest_first, key=place)
+
     def names(self, cases: Sequence[Case]) -> list[str]:
         """Return the models asked for, or all, that have a result in these cases.
 
@@ -122,36 +136,54 @@ class FigureSource:
         done = {name for one in cases for name, found in one.competitors.items() if found.done}
         return [name for name in (asked or known) if name in done]
 
+    def setting(self, case: Case, models: Collection[str], n_splits: Collection[int]) -> str:
+        """Return data, protocol, splits and seed of some models, and what must be read with them.
+
+        Other data sets, whose figures can be asked for, are named.
+        """
+        name, splits = case.name, between(n_splits, "split")
+        of_case = metric_table.setting(
+            case.shown, name.condition, splits, name.seed, after_data=", "
+        )
+        paths = (
+            " Of tool paths: error without correction as deflection, removed error as prediction."
+        )
+        others = dict.fromkeys(one.name.dataset for one in self._as_asked)
+        others.pop(name.dataset, None)
+        more = f" Other data sets (`--dataset`): {first_few([*others])}." if others else ""
+        return f"{of_case}.{marks_in([case], models)}{paths * case.has_paths}{more}"
+
     def results(self, case: Case, has: Has) -> list[CellResult]:
         """Return the results of a case, of the models asked for, that have what is shown."""
         each = (one for name in self.names([case]) for one in case.results(name))
         return [one for one in each if has(one)]
 
     def case(self, has: Has, needs: str, *, most_first: bool = False) -> Case:
-        """Return the case to draw: fair before others, then the one with most models.
+        """Return the case to draw: fair before others, then measured, then with most models.
 
-        `needs` says what its results must have, with the command that makes it. With `most_first`
-        it is the one with most models, fair or not.
+        Of equal ones it is of the data set that was asked for first. `needs` says what its results
+        must have, with the command that makes it. With `most_first` it is the one with most models,
+        fair and measured or not.
 
         Raises:
             StoreError: no case has such a result of the models asked for.
         """
         models = self.names(self.newest)
 
-        def n_found(one: Case) -> int:
+        def n_models(one: Case) -> int:
             there = [name for name in models if name in one.competitors]
             return sum(any(map(has, one.results(name))) for name in there)
 
-        def preference(one: Case) -> tuple[int, bool, bool, int, int, int, str]:
-            n = n_found(one)
+        def preference(one: Case) -> tuple[int, bool, bool, bool, int, int]:
+            n = n_models(one)
             fair = not one.shown.selects_on_test
+            is_measured = one.shown.kind == "measured"
             whole = not one.name.condition  # not one of many sizes or directions
-            plain = -len(one.name.dataset)  # "kr10-twin" before its specimens
             first = n if most_first else min(n, 1)
-            return first, fair, whole, n, len(one.slots), plain, one.newest_run
+            return first, fair, is_measured, whole, n, len(one.slots)
 
-        best = max(self.newest, key=preference)
-        if not n_found(best):
+        best = max(self._as_asked, key=preference)  # the first of equal ones
+        if not n_models(best):
             of = f" of {', '.join(self.models)}" if self.models else ""
             raise StoreError(f"{self.folder}: no result{of} has {needs}", "results")
         return best
@@ -177,7 +209,7 @@ class FigureSource:
                 f"{what}; as many splits of each make them",
                 "results",
             )
-        about = setting(case, names, [len(slots)])
+        about = self.setting(case, names, [len(slots)])
         if len(names) < len(able):
             about += f" Best {len(names)} of {len(able)} models, and {REFERENCE_MODEL} in any case."
         dataset = case.name.dataset
@@ -201,6 +233,11 @@ class Compared:
     models: tuple[str, ...]
     slots: tuple[Slot, ...]
     setting: str
+
+    @property
+    def subtitle(self) -> str:
+        """Which data set, protocol and condition it is."""
+        return subtitle(self.case)
 
     @property
     def tested(self) -> dict[str, Prediction]:

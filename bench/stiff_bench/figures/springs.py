@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource, setting
+from stiff_bench.figures.source import FigureSource, subtitle
 from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import robot_of_results
@@ -91,10 +91,10 @@ def gather(source: FigureSource) -> Prepared:
         f"Deflection of each joint against the torque on it, as {model} identified it (thin: each "
         f"split, thick: median), for both signs alike; dashed: {REFERENCE_MODEL}. Shaded: torques "
         f"({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the samples stay below; a "
-        f"panel ends at the largest. {setting(case, [model], [len(results)])}"
+        f"panel ends at the largest. {source.setting(case, [model], [len(results)])}"
     )
     paint = partial(springs_figure, stored, np.abs(torque), results, linear)
-    return Prepared("Torque and deflection of each joint", caption, paint)
+    return Prepared("Torque and deflection of each joint", caption, paint, subtitle(case))
 
 
 def _stiffness(data: StoredData, joint: int, segment: str = "") -> str:

@@ -105,6 +105,14 @@ def new_panels(n: int, row_inch: float, legend_inch: float) -> tuple[Figure, lis
     return figure, panels[:n]
 
 
+def add_subtitle(figure: Figure, text: str) -> None:
+    """Write a line above all panels, and make the figure as much higher as the line is."""
+    width, height = figure.get_size_inches()
+    letters = int(width * SUBTITLE_LETTERS_PER_INCH)
+    figure.set_size_inches(width, height + SUBTITLE_INCH)
+    figure.suptitle(short(text, letters), x=0.01, ha="left", fontsize=SUBTITLE_POINTS)
+
+
 def name_panels(panels: Sequence[Axes]) -> None:
     """Write (a), (b), ... before the titles of panels where there are several."""
     for number, axes in enumerate(panels if len(panels) > 1 else ()):
@@ -112,17 +120,16 @@ def name_panels(panels: Sequence[Axes]) -> None:
         axes.set_title(f"({letter}) {axes.get_title(loc='left')}".rstrip(), loc="left")
 
 
-def share_legend(
-    figure: Figure, panels: Iterable[Axes], *, below: bool = False, ncols: int = 4, **spacing: Any
-) -> None:
-    """Draw one legend for all panels above or below them, each name once."""
+def share_legend(figure: Figure, panels: Iterable[Axes], *, ncols: int = 4, **spacing: Any) -> None:
+    """Draw one legend for all panels below them, each name once."""
     handles: dict[str, Any] = {}
     for axes in panels:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    place: Any = f"outside {'lower' if below else 'upper'} center"
+    place: Any = "outside lower center"
     figure.legend(list(handles.values()), list(handles), loc=place, ncols=ncols, **spacing)
 
 
+SUBTITLE_POINTS, SUBTITLE_INCH, SUBTITLE_LETTERS_PER_INCH = 7.5, 0.18, 17.0
 FINE_STEPS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
 """Of a logarithmic axis that is often less than a decade."""
 

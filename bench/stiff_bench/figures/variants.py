@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from stiff_bench.figures import style
 from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource, setting
+from stiff_bench.figures.source import FigureSource, subtitle
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
 from stiff_bench.tables.metric_table import pooled_prediction
@@ -135,14 +135,15 @@ def freezing(source: FigureSource) -> Prepared:
     caption = (
         f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning trains "
         "(numbered from the input; out: the output layer). Symbol: mean over splits; ticks: "
-        f"splits. {setting(case, names, [len(slots)])}{fewer}"
+        f"splits. {source.setting(case, names, [len(slots)])}{fewer}"
     )
     errors = strategies(one for one in results if slot_of(one) in slots)
     linear = case.competitors[REFERENCE_MODEL].done if REFERENCE_MODEL in case.competitors else {}
     of_linear = [
         mean_absolute_error_mm(linear[slot]) for slot in sorted(slots) if slots <= linear.keys()
     ]
-    return Prepared("Freeze strategies", caption, partial(freezing_figure, errors, of_linear))
+    paint = partial(freezing_figure, errors, of_linear)
+    return Prepared("Freeze strategies", caption, paint, subtitle(case))
 
 
 FEWEST_NETWORKS = 4  # networks of one kind that make a sweep
@@ -217,7 +218,7 @@ def sweep(source: FigureSource) -> Prepared:
     caption = (
         f"Mean absolute error of {model} on the test part (30 %) of the simulated pre-training "
         "data, all axes together. Bands: range over the splits. "
-        f"{setting(case, names, n_splits.tolist())}"
+        f"{source.setting(case, names, n_splits.tolist())}"
     )
     title = "Error over depth and width of a network"
-    return Prepared(title, caption, partial(sweep_figure, errors))
+    return Prepared(title, caption, partial(sweep_figure, errors), subtitle(case))

@@ -138,7 +138,7 @@ def _draw_strategies(
     style.plain_numbers(left.xaxis)
     style.plain_numbers(left.yaxis, style.FINE_STEPS)
     if left.lines:
-        style.share_legend(figure, [left], below=True)
+        style.share_legend(figure, [left])
     variants.draw_strategies(right, errors, linear)
     style.name_panels([left, right])
     return figure
@@ -223,7 +223,7 @@ def _draw_networks(
     for axes, title in zip(panels, (*QUANTITIES, "pre-training"), strict=True):
         axes.set_title(title, loc="left")
     style.name_panels(panels)
-    style.share_legend(figure, [legend], below=True, ncols=6)
+    style.share_legend(figure, [legend], ncols=6)
     return figure
 
 

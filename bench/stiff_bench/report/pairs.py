@@ -1,4 +1,7 @@
-"""All pairs of a leaderboard's models: in how many cases is one better than the other?"""
+"""All pairs of a leaderboard's models: in how many cases is one better than the other?
+
+The verdicts are those of the leaderboard's "tied with best".
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from collections import Counter
 from itertools import permutations
 
 from stiff_bench.analysis.leaderboard import Leaderboard, Section
+from stiff_bench.analysis.ranking import correction_text
 from stiff_bench.analysis.verdict import Verdict
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 
@@ -16,10 +20,7 @@ MOST_MODELS = 40
 
 
 def pair_table(section: Section, board: Leaderboard) -> Table:
-    """Return a row and a column for each model, with verdicts on the splits that all have.
-
-    They are those of `bench compare`, which leaves out the splits that one of its two lacks alone.
-    """
+    """Return a row and a column for each model, with verdicts on the splits that all have."""
     counts, n_left_out = _counts(section)
     models = [name for name in section.models if any(name in pair for pair in counts)]
     numbers = [str(number) for number in range(1, len(models) + 1)]
@@ -30,7 +31,10 @@ def pair_table(section: Section, board: Leaderboard) -> Table:
         ]
         for number, row in zip(numbers, models, strict=True)
     ]
-    notes = ["5 : 1 in a row: better than the column's model in 5 comparisons, worse in 1."]
+    notes = [
+        "5 : 1 in a row: better than the column's model in 5 comparisons, worse in 1; "
+        f"{correction_text(section.cases)}."
+    ]
     if len(section.models) > MOST_MODELS:
         notes.append(
             f"The first {MOST_MODELS} of {len(section.models)} models; --model names others."
@@ -56,14 +60,13 @@ def _counts(section: Section) -> tuple[dict[tuple[str, str], Counter[Verdict]], 
     counts: dict[tuple[str, str], Counter[Verdict]] = {}
     shown, left = section.models[:MOST_MODELS], MOST_PAIRS
     for number, scored in enumerate(section.cases):
-        models = tuple(sorted(name for name in shown if name in scored.scores))
-        pairs = list(permutations(range(len(models)), 2))
+        pairs = list(permutations((name for name in shown if name in scored.scores), 2))
         left -= len(pairs) // 2
         if left < 0:
             return counts, len(section.cases) - number
-        verdicts = scored.ranking(models).verdicts(pairs) if pairs else None
-        for (a, b), verdict in zip(pairs, verdicts or (), strict=False):
-            counts.setdefault((models[a], models[b]), Counter())[verdict] += 1
+        verdicts = scored.verdicts(pairs) if pairs else None
+        for pair, verdict in zip(pairs, verdicts or (), strict=False):
+            counts.setdefault(pair, Counter())[verdict] += 1
     return counts, 0
 
 

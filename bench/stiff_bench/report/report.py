@@ -21,6 +21,7 @@ from stiff_bench.analysis.leaderboard import (
     caveats_of,
 )
 from stiff_bench.analysis.leaderboard_tables import section_tables
+from stiff_bench.analysis.ranking import correction_text
 from stiff_bench.analysis.sort_key import SortKey, sort_key
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.source import FigureSource
@@ -105,7 +106,10 @@ def blocks_of(stored: StoredResults, choice: Selection, key: SortKey) -> list[Bl
 
 
 def _verdict(board: Leaderboard) -> str:
-    """Return which model is best, and which are not significantly worse."""
+    """Return which model is best, and which are not significantly worse.
+
+    Whether models differ is what `ScoredCase.verdicts` says, as in all tables of the page.
+    """
     section, key = board.sections[0], board.key
     if not section.ranked:
         return "No ranking: no two models have all results."
@@ -124,19 +128,17 @@ def _verdict(board: Leaderboard) -> str:
         )
     if key.is_cost or not others:
         return text
-    alike = [
-        one.name
-        for one in others
-        if one.within_cd or (one.within_cd is None and one.like_best == n_cases)
-    ]
-    if alike:
-        return f"{text} No significant difference from it: {first_few(alike)}."
-    if n_cases == 1:
-        worse = all(one.like_best == 0 for one in others)  # None: no test applies
-    else:
-        worse = all(one.within_cd is False for one in others)
-    losers = "All others are" if len(others) > 1 else f"{others[0].name} is"
-    return f"{text} {losers} significantly worse." if worse else text
+    correction = correction_text(section.cases)
+    if alike := [one.name for one in others if one.like_best == n_cases]:
+        who = "No significant difference from it"
+        if n_cases > 1:
+            who = "Tied with the best in every comparison"
+        return f"{text} {who} ({correction}): {first_few(alike)}."
+    if all(one.like_best == 0 for one in others):  # None: no test applies
+        losers = "All others are" if len(others) > 1 else f"{others[0].name} is"
+        than = " than the best in every comparison" if n_cases > 1 else ""
+        return f"{text} {losers} significantly worse{than} ({correction})."
+    return text
 
 
 def _summary(verdict: str, asked: Asked, data_of: Callable[[str], StoredData]) -> Block:

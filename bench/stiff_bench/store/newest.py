@@ -27,19 +27,22 @@ def slot_of(result: CellResult) -> Slot:
 
 @dataclass(frozen=True)
 class Runs:
-    """Which run a result is of.
+    """Which run a result is of, and when it was first asked for.
 
     Attributes:
         newest: key of a cell -> the newest run that was asked for it.
+        first_asked: key of a cell -> its place among all cells in the order of asking.
     """
 
     newest: Mapping[str, str]
+    first_asked: Mapping[str, int]
 
     @classmethod
     def of(cls, manifests: Iterable[RunManifest]) -> Runs:
         """Return what a folder's manifests say."""
         in_order = sorted(manifests, key=lambda run: run.run_id)
-        return cls({key: run.run_id for run in in_order for key in run.cells})
+        newest = {key: run.run_id for run in in_order for key in run.cells}
+        return cls(newest, {key: place for place, key in enumerate(newest)})
 
     def run_of(self, result: CellResult) -> str:
         """Return the newest run that was asked for a result, or made it."""

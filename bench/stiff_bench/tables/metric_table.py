@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from operator import attrgetter
 
 import numpy as np
@@ -18,7 +19,6 @@ from stiff_bench.tables.published import MARK, NOTE, published_errors
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_models.catalog import REFERENCE_MODEL
-from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.plugin import STIFFNESS, kind_label
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import AXES, KNOWN, Interval, Prediction
@@ -38,21 +38,31 @@ deviation where there is one split, or one value over all splits together."""
 def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:
     """Return a table for each data set, protocol and condition, in the results' order.
 
+    Models on different data, pre-training data, splits or coverage stand in tables of their own.
     Where no metrics are asked for, they are the usual ones, or those of tool paths.
-
-    Raises:
-        StoreError: rows of different data or splits would meet in one table.
     """
     groups = grouped(results, lambda r: (r.shown.dataset, r.shown.protocol, r.cell.condition))
-    return [_table(group, tuple(metrics)) for group in groups.values()]
+    return [
+        _table(dict(models), tuple(metrics))
+        for group in groups.values()
+        for models in grouped(
+            grouped(group, lambda result: result.shown.model).items(),
+            lambda model: _tested_on(model[1]),
+        ).values()
+    ]
 
 
-def _table(group: list[CellResult], metrics: tuple[Metric, ...]) -> Table:
+def _tested_on(results: Sequence[CellResult]) -> frozenset[object]:
+    """Return what models must share to stand in one table, in whichever order it was stored."""
+    identity = attrgetter("data_sha256", "source_sha256", "split_sha256", "coverage")
+    return frozenset(identity(result.cell) for result in results)
+
+
+def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -> Table:
+    group = list(chain.from_iterable(by_model.values()))
     cell, shown = group[0].cell, group[0].shown
     usual = PATH_METRICS if shown.measured_sha256 else USUAL_METRICS
     metrics = metrics or tuple(METRICS[key] for key in usual)
-    by_model = grouped(group, lambda result: result.shown.model)
-    _refuse_mixed(by_model)
     beside = _beside_models(by_model)
     reference = {name: beside.pop(name) for name in [REFERENCE_MODEL] if name in beside}
     by_model = reference | by_model | beside  # what only a simulation knows comes last
@@ -184,18 +194,6 @@ def _places(metrics: Sequence[Metric]) -> list[tuple[Metric, str]]:
 def number_format(metric: Metric) -> str:
     """Return how its values are written, as printed."""
     return f".{DECIMALS[PRINTED[metric.unit][0]]}f"
-
-
-def _refuse_mixed(by_model: Mapping[str, Sequence[CellResult]]) -> None:
-    identity = attrgetter("data_sha256", "source_sha256", "split_sha256", "coverage")
-    identities = {
-        tuple(identity(result.cell) for result in results) for results in by_model.values()
-    }
-    if len(identities) > 1:
-        raise StoreError(
-            "rows of different data, different sources, different splits or different coverage "
-            "cannot stand in one table"
-        )
 
 
 def _of_model(

@@ -8,7 +8,6 @@ into account; the plain t test does not, and finds differences between equal mod
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -129,11 +128,29 @@ def corrected_t(differences: ArrayLike, test_share: float) -> CorrectedT:
     if n_splits < 2:
         there = "there is 1" if n_splits else "there are none"
         raise DataError(f"the corrected t test needs at least 2 splits, {there}")
-    if np.ptp(values) == 0.0:  # the mean of equal numbers may be off by its rounding
-        return CorrectedT(float(values[0]), 0.0, n_splits - 1, test_share)
-    factor = 1.0 / n_splits + test_share / (1.0 - test_share)
-    scale = math.sqrt(factor) * float(values.std(ddof=1))
-    return CorrectedT(float(values.mean()), scale, n_splits - 1, test_share)
+    mean, scale = _mean_and_scale(values, test_share)
+    return CorrectedT(float(mean), float(scale), n_splits - 1, test_share)
+
+
+def _mean_and_scale(differences: FloatArray, test_share: float) -> tuple[FloatArray, FloatArray]:
+    """Return mean and scale of the corrected t of (J, ...) differences, both (...), m."""
+    factor = 1.0 / len(differences) + test_share / (1.0 - test_share)
+    scale = np.sqrt(factor) * differences.std(axis=0, ddof=1)
+    # the mean of equal numbers may be off by its rounding
+    are_equal = np.ptp(differences, axis=0) == 0.0
+    mean = np.where(are_equal, differences[0], differences.mean(axis=0))
+    return mean, np.where(are_equal, 0.0, scale)
+
+
+def corrected_t_p_values(differences: FloatArray, test_share: float) -> FloatArray:
+    """Return the (k,) p-values of the corrected t tests of k columns of (J, k) differences [m].
+
+    They are those of `corrected_t`, thousands at once; there are at least two splits.
+    """
+    mean, scale = _mean_and_scale(differences, test_share)
+    without_spread = np.where(mean == 0.0, 0.0, -np.inf)
+    t_values = np.divide(-np.abs(mean), scale, out=without_spread, where=scale > 0.0)
+    return np.asarray(2.0 * special.stdtr(len(differences) - 1, t_values))
 
 
 def wilcoxon_signed_rank(differences: ArrayLike) -> float:

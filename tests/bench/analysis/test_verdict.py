@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from stiff_bench.analysis.verdict import (
     Estimate,
     Question,
     SharedErrors,
+    corrected_p_values,
     decide,
     decide_pairs,
     estimates,
@@ -59,24 +62,27 @@ def errors_of(rng, *means, n_splits=5):
 @pytest.mark.parametrize("n_splits", [1, 5])
 def test_a_pair_the_other_way_round_has_the_other_verdict(rng, n_splits):
     errors = errors_of(rng, 1e-4, 2e-4, n_splits=n_splits)
-    assert decide_pairs(errors, [(0, 1), (1, 0)], Question(), correct=False) == ["a", "b"]
+    assert decide_pairs(errors, [(0, 1), (1, 0)], Question()) == ["a", "b"]
 
 
 def test_a_level_that_the_test_of_the_pair_just_meets_decides(rng):
-    """Corrected t over splits, Wilcoxon over the poses of one split; Holm where it is asked for."""
-    pairs = [(0, 1), (0, 2), (0, 3)]
+    """Corrected t over splits, Wilcoxon over the poses of one split; Holm over all pairs."""
+    pairs = [*combinations(range(4), 2)]
+    a, b = np.transpose(pairs)
     for n_splits in (1, 5):
         errors = errors_of(rng, 1e-4, 1.2e-4, 1.3e-4, 1.25e-4, n_splits=n_splits)
         if n_splits > 1:
-            differences = errors.of_splits[:, [0]] - errors.of_splits[:, 1:]
+            differences = errors.of_splits[:, a] - errors.of_splits[:, b]
             p_values = [corrected_t(column, 0.2).p_value for column in differences.T]
         else:
             totals = errors.of_poses.totals
-            p_values = [wilcoxon_signed_rank(totals[:, 0] - totals[:, b]) for _, b in pairs]
-        for correct, expected in ((False, p_values), (True, holm(p_values).tolist())):
-            for number, p_value in enumerate(expected):
+            p_values = [wilcoxon_signed_rank(totals[:, i] - totals[:, j]) for i, j in pairs]
+        together = corrected_p_values(errors)[a, b]
+        assert together == pytest.approx(holm(p_values), rel=1e-12)
+        for given, expected in ((None, p_values), (together, together.tolist())):
+            for number, p_value in enumerate(expected[:3]):
                 verdicts = [
-                    decide_pairs(errors, pairs, Question(0.0, 1.0 - level), correct=correct)
+                    decide_pairs(errors, pairs, Question(0.0, 1.0 - level), given)
                     for level in (0.99 * p_value, 1.01 * p_value)
                 ]
                 assert verdicts[0][number] == "open"
@@ -108,7 +114,8 @@ def test_a_value_that_is_no_mean_over_rows_is_decided_by_its_splits_alone():
     of_splits = np.array([[1.0, 2.0], [1.1, 2.2], [0.9, 2.1]])
     for values, verdicts in ((of_splits, ["a"]), (None, None)):
         errors = SharedErrors(values, 0.2, None)
-        assert decide_pairs(errors, [(0, 1)], Question(rope=0.0), correct=True) == verdicts
+        assert decide_pairs(errors, [(0, 1)], Question(rope=0.0)) == verdicts
+        assert (corrected_p_values(errors) is None) == (verdicts is None)
 
 
 def test_mean_ranks_differ_from_the_critical_difference_on_if_friedman_finds_any():

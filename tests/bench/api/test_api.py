@@ -214,6 +214,14 @@ def test_kept_results_are_read_again_and_not_computed_again(twin, tmp_path):
     np.testing.assert_array_equal(frames[0]["value"], frames[1]["value"])
 
 
+def test_opened_results_show_the_rows_of_the_run_that_made_them(twin, tmp_path):
+    made = sb.evaluate(["vjm", "knn", "zero"], twin, splits=3, output=tmp_path)
+    opened = sb.open_results(tmp_path)
+    (ours,), (read,) = (found.table().tables for found in (made, opened))
+    assert sorted(ours.texts()) == sorted(read.texts())
+    assert "knn" in repr(opened) and "<table" in opened._repr_html_()
+
+
 def test_what_there_is_is_a_table_and_what_it_is_a_text():
     for listed, key in (
         (sb.list_models(), "vjm"),
@@ -255,6 +263,8 @@ def test_results_are_merged_and_drawn(twin, tmp_path):
     drawn = sb.figure("errors", results, models=["vjm"])
     assert "kr10-twin@specimen=3" in drawn.caption
     assert drawn._repr_png_().startswith(b"\x89PNG")
+    drawn.save(str(tmp_path / "errors.svg"))
+    assert "<svg" in (tmp_path / "errors.svg").read_text()
     with pytest.raises(StiffBenchError, match="no result"):
         sb.paper_table(9, results)
 

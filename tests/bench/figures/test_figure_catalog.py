@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from helpers.figure_results import CURVE, compared, learned, ranked, with_fields
-from helpers.made_results import TWINS
+from helpers.made_results import TWINS, MadeResults
 from stiff_bench.figures import losses
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.figure import can_be_drawn
@@ -90,6 +90,28 @@ def test_an_unknown_model_and_models_without_a_common_split_are_refused(tmp_path
     made.add("later", [0.0, 0.0, 0.1], failed=[0, 1])
     with pytest.raises(StoreError, match="no split on which all have a result"):
         drawn("errors", FigureSource.of(tmp_path, models=["later", "gp"]))
+
+
+def test_measured_data_are_drawn_first_else_what_was_asked_for_first(tmp_path):
+    made = MadeResults(tmp_path)
+    in_order = [made.add("vjm", [0.1, 0.2], dataset) for dataset in ("z-first-asked", "b", "a")]
+    made.add_run("run-1", [key for keys in in_order for key in keys])
+    source = FigureSource.of(tmp_path)
+    assert source.compared(1).case.name.dataset == "z-first-asked"
+    assert "Other data sets (`--dataset`): b, a." in caption_of("errors", source)
+    asked = FigureSource.of(tmp_path, datasets=["a"])
+    assert asked.compared(1).case.name.dataset == "a" and "Other" not in caption_of("errors", asked)
+    made.add("vjm", [0.1], "measured-last", kind="measured")
+    made.add("gp", [0.1], "b")
+    assert FigureSource.of(tmp_path).compared(1).case.name.dataset == "measured-last"
+
+
+@pytest.mark.parametrize("name", ["scores", "regression", "errors", "workspace"])
+def test_a_picture_of_one_data_set_has_its_name_above(tmp_path, name):
+    compared(tmp_path)
+    source = FigureSource.of(tmp_path)
+    assert "twin (simulated), holdout" in drawn(name, source).get_suptitle()
+    assert "twin (simulated), holdout" in FIGURES[name](source).picture("svg").decode()
 
 
 def test_a_fair_protocol_comes_before_one_that_picks_on_the_test_part(tmp_path):

@@ -69,8 +69,8 @@ def test_the_page_opens_with_who_is_first_on_which_data(results):
 @pytest.mark.parametrize(
     ("metric", "n_splits", "claim"),
     [
-        ("norm", 5, " All others are significantly worse."),
-        ("norm-p95", 5, " All others are significantly worse."),
+        ("norm", 5, " All others are significantly worse"),
+        ("norm-p95", 5, " All others are significantly worse"),
         ("norm-p95", 1, ""),  # one value each: no test applies
     ],
 )
@@ -81,7 +81,8 @@ def test_the_page_calls_no_model_worse_where_no_test_was_made(tmp_path, metric, 
         made.add(model, [factor * error for error in errors], TWINS[0])
     verdict, *_ = blocks_of(made.folder, metric=metric)["Summary"].texts
     *_, after_the_value = verdict.partition(" mm.")
-    assert verdict.startswith("vjm has the smallest") and after_the_value == claim
+    assert verdict.startswith("vjm has the smallest")
+    assert after_the_value.partition(" (")[0] == claim
 
 
 def test_identified_stiffnesses_stand_with_the_data(results):

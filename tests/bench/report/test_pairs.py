@@ -1,10 +1,11 @@
-"""All pairs of a leaderboard's models have the verdicts of `bench compare`."""
+"""All places that judge a pair of models have one verdict, corrected for all pairs."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+import stiffbench as sb
 from helpers.compared_results import case_in, fifths, spread, steady, store_results
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.comparison import NORM, compare
@@ -13,6 +14,7 @@ from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import Question, estimates
 from stiff_bench.report.page import page_table
 from stiff_bench.report.pairs import pair_table
+from stiff_bench.report.report import Selection, blocks_of
 
 MODELS = {
     "good": spread(1e-5, 2e-6, seed=1),
@@ -37,7 +39,9 @@ def pairs_of(folder):
     [(5, {}), (1, {}), (5, {"pooled": True})],
     ids=["splits", "one", "pooled"],
 )
-def test_every_pair_has_the_verdict_of_compare_and_its_mirror_image(tmp_path, n_splits, shown):
+def test_every_pair_has_the_verdict_that_compare_has_among_all_and_its_mirror_image(
+    tmp_path, n_splits, shown
+):
     tests = fifths(5)[:n_splits]
     folder = store_results(tmp_path, MODELS, tests=tests, **shown)
     case, data = case_in(folder)
@@ -45,7 +49,7 @@ def test_every_pair_has_the_verdict_of_compare_and_its_mirror_image(tmp_path, n_
     for a in MODELS:
         for b in MODELS:
             if a != b:
-                verdict = compare(case, a, b, data, Question()).row(NORM).verdict
+                verdict = compare(case, a, b, data, Question()).among_all.verdict
                 assert cells[a][b] == WON[verdict]
     assert cells["good"]["bad"] == "1 : 0" and cells["good"]["good"] == "-"
     styles = {cell.style for row in page.rows for cell in row[1:]}
@@ -58,13 +62,32 @@ def test_compare_and_leaderboard_judge_a_pair_by_the_same_numbers(tmp_path, n_sp
     folder = store_results(tmp_path, MODELS, tests=fifths(5)[:n_splits])
     case, data = case_in(folder)
     board = build_leaderboard(StoredResults.read(folder), key=sort_key("norm", None), seed=3)
-    ranking = board.sections[0].cases[0].ranking(("alike", "bad"))
+    (scored,) = board.sections[0].cases
+    assert scored.models[:2] == ("alike", "bad")
     row = compare(case, "alike", "bad", data, Question(seed=3)).row(NORM)
     shown = [one for one in (row.over_splits, row.over_poses) if one is not None]
-    found = [of_pair for (of_pair,) in estimates(ranking.errors, [(0, 1)], Question())]
+    found = [of_pair for (of_pair,) in estimates(scored.errors, [(0, 1)], Question())]
     for one, other in zip(found, shown, strict=True):
         assert (one.low, one.high) == pytest.approx((other.low, other.high), rel=1e-9)
         assert one.posterior.a_better == pytest.approx(other.posterior.a_better, rel=1e-9)
+
+
+def test_a_page_has_one_verdict_on_a_pair_and_compare_says_where_its_own_is_another(tmp_path):
+    """Asked alone, the pair a and b differs; among 15 pairs it does not."""
+    models = {name: steady(4e-4, 5e-4, 9e-4) for name in ("c", "d", "e", "f")}
+    models |= {"a": steady(1.0e-4, 1.2e-4, 1.0e-4), "b": steady(2.0e-4, 2.6e-4, 2.4e-4)}
+    folder = store_results(tmp_path, models, tests=fifths(5)[:3])
+    cells, _ = pairs_of(folder)
+    board = build_leaderboard(StoredResults.read(folder), key=sort_key("norm", None))
+    tied = {one.name: one.like_best for one in board.sections[0].ranked}
+    assert {name: cells["a"][name] for name in "bcdef"} == {
+        name: "0 : 0" if tied[name] else "1 : 0" for name in "bcdef"
+    }
+    summary, *_ = blocks_of(StoredResults.read(folder), Selection(), board.key)[0].texts
+    assert tied["b"] and "b" in summary.partition("Holm)")[2]
+    alone, _, among_all = sb.open_results(folder).compare("a", "b").text.partition("Among all 6")
+    assert "a is better than b" in alone and "15 pairs" in among_all
+    assert "no significant difference" in among_all.partition("\n")[0]
 
 
 def test_a_model_without_a_result_has_no_pairs(tmp_path):

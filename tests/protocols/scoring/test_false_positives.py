@@ -168,7 +168,8 @@ def fits_that_start_anew(rng, rows):
 def verdicts_on(a, b, rows):
     """Return a verdict for each of the (data sets, splits, tested poses) errors of A and of B.
 
-    It is that of compare, leaderboard and report alike; each data set is a pair of its own.
+    It is that of compare, and before its correction of leaderboard and report; each data set is a
+    pair of its own.
     """
     both = np.concatenate([a, b])  # (columns, splits, tested poses)
     errors = SharedErrors(
@@ -177,7 +178,7 @@ def verdicts_on(a, b, rows):
         of_poses=pose_errors(np.arange(N_POSES), both.reshape(len(both), -1).T, rows.ravel()),
     )
     pairs = [(column, len(a) + column) for column in range(len(a))]
-    return decide_pairs(errors, pairs, Question(), correct=False)
+    return decide_pairs(errors, pairs, Question())
 
 
 @pytest.mark.slow
