@@ -63,6 +63,8 @@ def test_a_registered_file_is_read_with_the_shipped_robot_and_its_tcp(csv, kr10)
             "sha256": sha256(csv.read_bytes()).hexdigest(),
             "urdf_sha256": "",
             "no_torque": False,
+            "sheet": "",
+            "pose_tolerance": 0.05,
         }
     }
 
