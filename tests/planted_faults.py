@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.hypotheses import reading
 from stiff_datasets.measured.sample_files import (
     DEFLECTION_COLUMNS,
@@ -46,7 +47,7 @@ class Clean:
 
     def report(self, path, table=None, **options) -> ValidationReport:
         write_table(path, [self.table if table is None else table])
-        return validate(path, self.robot, **options)
+        return validate(path, self.robot, FileOptions(**options))
 
     @functools.cached_property
     def kinematics(self):

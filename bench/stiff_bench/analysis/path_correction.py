@@ -94,6 +94,7 @@ class PathOptions:
     iterations: int
     on_failure: Literal["stop", "keep"]
     coverage: float | None
+    sheet: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +217,7 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
     """
     robot = model.robot
     refuse_redundant(robot)
-    sheet, n_points = overview(file, BLOCK)
+    sheet, n_points = overview(file, BLOCK, how.sheet)
     read = partial(
         path_table,
         robot=robot,
@@ -231,7 +232,7 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
     seed = _seed(about, robot, how.start)
     work = _Correction(file, model, how, read, about, n_points, seen)
     blocks: list[_Block] = []
-    with display(), closing(read_sheets(file, BLOCK)) as sheets:
+    with display(), closing(read_sheets(file, BLOCK, how.sheet)) as sheets:
         write_table(output, work.tables(sheets, seed, blocks))
     lines, found = np.concatenate([one.lines for one in blocks]), [one.found for one in blocks]
     whole, interval = Compensation.joined(found), None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +22,8 @@ from stiff_bench.plan.words import (
     measured_file,
     own_file,
 )
-from stiff_protocols.contract.errors import ConfigError
+from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.files import make_folder
 from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
@@ -55,25 +57,56 @@ class Dataset:
     choice: Choice[DatasetInfo]
 
     @classmethod
-    def from_samples(cls, samples: Samples, robot: Robot, *, name: str = "own-data") -> Dataset:
+    def from_samples(
+        cls,
+        samples: Samples,
+        robot: Robot,
+        *,
+        name: str = "own-data",
+        pose_tolerance: float = POSE_TOLERANCE,
+    ) -> Dataset:
         """Return a data set of arrays (SI units, see `Samples`).
+
+        A `StiffBenchWarning` names poses of different `pose_id` whose joint positions differ by no
+        more than `pose_tolerance` (deg, and mm of prismatic joints): a split may part them.
 
         Raises:
             DataError: samples and robot have different numbers of joints.
         """
-        return cls(held_data(BenchmarkData(samples, robot), name))
+        from stiff_datasets.measured.measured import near_poses
+
+        dataset = cls(held_data(BenchmarkData(samples, robot), name))
+        if near := near_poses(samples, robot, pose_tolerance):
+            warnings.warn(f"{name}: {near}", StiffBenchWarning, stacklevel=2)
+        return dataset
 
     @classmethod
-    def from_frame(cls, frame: DataFrame, robot: Robot, *, name: str = "own-data") -> Dataset:
+    def from_frame(
+        cls,
+        frame: DataFrame,
+        robot: Robot,
+        *,
+        name: str = "own-data",
+        no_torque: bool = False,
+        pose_tolerance: float = POSE_TOLERANCE,
+    ) -> Dataset:
         """Return a data set of a table with the columns of a file (deg, N, N m, mm).
+
+        Args:
+            frame: the table.
+            robot: that was measured.
+            name: of the data set in tables.
+            no_torque: no torques were measured: their columns may be missing, or zero.
+            pose_tolerance: see `read_samples`.
 
         Raises:
             DataError: a column is missing, or a value cannot be; the message names row and column.
         """
         from stiff_datasets.measured.measured import samples_of
 
-        samples = samples_of(Path(name), frame, robot, "no data set was made")
-        return cls.from_samples(samples, robot, name=name)
+        options = FileOptions(no_torque, None, pose_tolerance)
+        samples = samples_of(Path(name), frame, robot, "no data set was made", options)
+        return cls(held_data(BenchmarkData(samples, robot), name))
 
     @property
     def name(self) -> str:
@@ -152,6 +185,8 @@ def read_samples(
     tcp: Sequence[float] | None = None,
     tip: str | None = None,
     no_torque: bool = False,
+    sheet: str | None = None,
+    pose_tolerance: float = POSE_TOLERANCE,
 ) -> Dataset:
     """Read a file of measured samples.
 
@@ -163,9 +198,14 @@ def read_samples(
             the origin with `urdf`.
         tip: last link of the chain in `urdf`; None: that of the longest chain.
         no_torque: no torques were measured: their columns may be missing, or zero.
+        sheet: of an Excel file; None: the only one that holds a table.
+        pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one
+            pose, deg, and mm of prismatic joints; poses of two names that differ by no more are
+            warned of.
 
     Raises:
-        ConfigError: there is no robot, or there are two.
+        ConfigError: there is no robot, or there are two; or the file has no such sheet, or several
+            with tables and none is named.
         DataError: a file cannot be read, or a value cannot be; the message names row and column.
     """
     if isinstance(robot, Robot):
@@ -178,7 +218,8 @@ def read_samples(
         if (urdf is None) == (robot is None):
             raise ConfigError("give the robot: one of urdf=... and robot=...")
         known = RobotWords(robot, urdf, tcp, tip).read()[0]
-    dataset = Dataset(measured_file(Path(file), known, no_torque=no_torque))
+    options = FileOptions(no_torque, sheet, pose_tolerance)
+    dataset = Dataset(measured_file(Path(file), known, options))
     dataset.data  # noqa: B018
     return dataset
 
@@ -188,6 +229,8 @@ def dataset_of_words(
     *,
     settings: Sequence[str],
     no_torque: bool,
+    sheet: str | None,
+    pose_tolerance: float,
     robot: str | None,
     urdf: Path | None,
     tcp: Sequence[float] | None,
@@ -199,13 +242,14 @@ def dataset_of_words(
         ConfigError: the key or an option is unknown, or the robot of the file is not named.
     """
     path, words = Path(key), RobotWords(robot, urdf, tcp, tip)
+    options = FileOptions(no_torque, sheet, pose_tolerance)
     if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
         if settings:
             raise ConfigError(f"--set {settings[0]!r}: the file {key} has no options")
-        return Dataset(own_file(path, words, no_torque))
-    if words.given or no_torque or path.is_file():
+        return Dataset(own_file(path, words, options))
+    if words.given or options != DEFAULTS or path.is_file():
         raise ConfigError(
             f"{key}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
-            "--robot, --urdf, --tip, --tcp or --no-torque)"
+            "--robot, --urdf, --tip, --tcp, --no-torque, --sheet or --pose-tolerance)"
         )
     return Dataset(chosen_dataset(key, settings, registry()))

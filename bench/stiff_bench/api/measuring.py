@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
@@ -16,6 +16,7 @@ from stiff_bench.plan.words import RobotWords, measured_file
 from stiff_bench.run.progress import display
 from stiff_datasets.measured import registered, ur5_pose_error
 from stiff_datasets.measured import validate as validation
+from stiff_datasets.measured.file_options import POSE_TOLERANCE, FileOptions
 from stiff_datasets.planning.design import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.robots.shipped import DEFAULT_ROBOT as DEFAULT_ROBOT
@@ -50,6 +51,8 @@ def plan_poses(
     model: str | None = None,
     workspace: Path | str | None = None,
     no_torque: bool = False,
+    sheet: str | None = None,
+    pose_tolerance: float = POSE_TOLERANCE,
 ) -> Text:
     """Write a measurement plan to fill in, and return what it gains over random plans.
 
@@ -75,6 +78,9 @@ def plan_poses(
         workspace: file of poses and wrenches where predictions are to be good, with `after`; None:
             all that the robot can reach.
         no_torque: no torques were measured in `after`.
+        sheet: of `after`, an Excel file; None: the only one that holds a table.
+        pose_tolerance: rows of `after` without `pose_id` whose joint positions differ by no more
+            are of one pose, deg and mm.
 
     Raises:
         ConfigError: an argument is wrong, or the payload is unknown.
@@ -83,8 +89,15 @@ def plan_poses(
     """
     output, words = Path(output), RobotWords(robot, urdf, tcp, tip)
     check_plan_file(output)
+    options = FileOptions(no_torque, sheet, pose_tolerance)
     if after is None:
-        given = {"model": model, "workspace": workspace, "no-torque": no_torque or None}
+        given = {
+            "model": model,
+            "workspace": workspace,
+            "no-torque": no_torque or None,
+            "sheet": sheet,
+            "pose-tolerance": None if pose_tolerance == POSE_TOLERANCE else pose_tolerance,
+        }
         for name, value in given.items():
             if value is not None:
                 raise ConfigError(
@@ -100,7 +113,7 @@ def plan_poses(
             found = pose_plans.first_plan(arm, chain if words.is_papers else None, how)
         measured, curve = None, []
     else:
-        file = measured_file(Path(after), arm, no_torque=no_torque)
+        file = measured_file(Path(after), arm, options)
         fitted = model_choice(model or REFERENCE_MODEL, {})
         measured = pose_plans.Measured(str(after), loaded(file).samples, arm, fitted)
         with display():
@@ -118,6 +131,8 @@ def validate(
     tcp: Sequence[float] | None = None,
     tip: str | None = None,
     no_torque: bool = False,
+    sheet: str | None = None,
+    pose_tolerance: float = POSE_TOLERANCE,
 ) -> validation.ValidationReport:
     """Check a measured file and name the likeliest mistake in it.
 
@@ -129,6 +144,9 @@ def validate(
             the origin with `urdf`.
         tip: last link of the chain in `urdf`; None: that of the longest chain.
         no_torque: no torques were measured: their columns may be missing, or zero.
+        sheet: of an Excel file; None: the only one that holds a table.
+        pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one
+            pose, deg and mm; poses of two names that differ by no more are suspicious.
 
     Returns:
         A report that prints itself; its `verdict` is "ok", "suspicious" or "invalid".
@@ -138,7 +156,8 @@ def validate(
         DataError: the URDF cannot be read.
     """
     measured = RobotWords(robot, urdf, tcp, tip).read()[0]
-    return validation.validate(Path(file), measured, no_torque=no_torque)
+    options = FileOptions(no_torque, sheet, pose_tolerance)
+    return validation.validate(Path(file), measured, options)
 
 
 def simulate(
@@ -210,14 +229,17 @@ def register(
     urdf: Path | None,
     tcp: Sequence[float] | None,
     tip: str | None,
-    no_torque: bool,
+    **stated: Any,
 ) -> str:
-    """Register a measurement and return what is odd in it and what to do with it."""
+    """Register a measurement and return what is odd in it and what to do with it.
+
+    `stated` is of `FileOptions`.
+    """
     RobotWords(None, urdf, tcp, tip)  # a tip without a URDF is refused before anything is written
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
     x, y, z = default if tcp is None else tcp
-    place = registered.register(key, csv, urdf, (x, y, z), tip, no_torque=no_torque)
-    report = validate(csv, urdf=urdf, tcp=tcp, tip=tip, no_torque=no_torque)
+    place = registered.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
+    report = validate(csv, urdf=urdf, tcp=tcp, tip=tip, **stated)
     odd = [f"warning: {finding.message}" for finding in report.warnings]
     done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
     return "\n".join([*odd, done])

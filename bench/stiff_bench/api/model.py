@@ -186,7 +186,12 @@ class Model:
         return training_range
 
     def predict_file(
-        self, loads: Path | str, output: Path | str, *, coverage: float | None = None
+        self,
+        loads: Path | str,
+        output: Path | str,
+        *,
+        coverage: float | None = None,
+        sheet: str | None = None,
     ) -> int:
         """Predict the deflections of a file's rows, write them, and return how many rows it has.
 
@@ -199,6 +204,7 @@ class Model:
             loads: a file of poses and wrenches, in the columns of a measurement.
             output: a new file: the same rows with ``dx_mm, dy_mm, dz_mm``.
             coverage: of intervals that are written, too (0..1); None: none are.
+            sheet: of an Excel file of loads; None: the only one that holds a table.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -214,7 +220,7 @@ class Model:
         model, interval = self.fitted, None
         self.check_coverage(coverage)
         with blamed_on(self.file, but=StiffBenchError):  # which is of the loads
-            table = read_loads(Path(loads), model.robot_)
+            table = read_loads(Path(loads), model.robot_, sheet)
         for oddity in table.oddities:
             say(f"warning: {oddity}")
         with blamed_on(self.file):

@@ -84,6 +84,7 @@ def compensate_path(
     iterations: int = MAX_ITERATIONS,
     on_failure: Literal["stop", "keep"] = "stop",
     coverage: float | None = None,
+    sheet: str | None = None,
     figure: Path | str | None = None,
 ) -> CorrectedPath:
     """Correct a path for the deflection that a model predicts, and write the commands.
@@ -107,6 +108,7 @@ def compensate_path(
         on_failure: "stop" with an error at a point that cannot be corrected, or "keep" it
             uncorrected and warn.
         coverage: of intervals that are written, too (0..1); None: none are.
+        sheet: of an Excel file; None: the only one that holds a table.
         figure: a new picture of the path and its errors.
 
     Raises:
@@ -148,6 +150,7 @@ def compensate_path(
             iterations=iterations,
             on_failure=on_failure,
             coverage=coverage,
+            sheet=sheet,
         ),
     )
     if figure is not None:

@@ -23,6 +23,7 @@ from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.render import render
+from stiff_datasets.measured.file_options import FileOptions
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import check_new_file
 
@@ -84,6 +85,8 @@ def run_of_words(
     settings: Sequence[str],
     data: Sequence[Path],
     no_torque: bool,
+    sheet: str | None,
+    pose_tolerance: float,
     robot: str | None,
     urdf: Path | None,
     tcp: Sequence[float] | None,
@@ -109,7 +112,7 @@ def run_of_words(
         protocols=protocols,
         settings=settings,
         data=data,
-        no_torque=no_torque,
+        options=FileOptions(no_torque, sheet, pose_tolerance),
         robot=RobotWords(robot, urdf, tcp, tip),
     )
     plan = plan_run(
@@ -134,6 +137,8 @@ def model_and_data(
     settings: Sequence[str],
     data: Sequence[Path],
     no_torque: bool,
+    sheet: str | None,
+    pose_tolerance: float,
     robot: str | None,
     urdf: Path | None,
     tcp: Sequence[float] | None,
@@ -154,7 +159,7 @@ def model_and_data(
         datasets=datasets,
         settings=settings,
         data=data,
-        no_torque=no_torque,
+        options=FileOptions(no_torque, sheet, pose_tolerance),
         robot=RobotWords(robot, urdf, tcp, tip),
     )
     plan = plan_run(asked, registry(), output=output, device=device)

@@ -11,7 +11,7 @@ from stiff_bench.cli.options import (
     FILE,
     FiniteRange,
     WholeRange,
-    no_torque_option,
+    file_options,
     output_option,
     plugin_option,
     robot_options,
@@ -31,7 +31,7 @@ def data() -> None:
 @data.command()
 @click.argument("key", metavar="KEY|FILE")
 @robot_options
-@no_torque_option
+@file_options
 @click.option(
     "--output",
     type=FILE,
@@ -102,7 +102,7 @@ def info(key: str, output: Path, **words: Any) -> None:
     help="Poses and wrenches where predictions are to be good, with --after.  [default: all that "
     "the robot can reach]",
 )
-@no_torque_option
+@file_options
 @plugin_option
 @seed_option
 @output_option("FILE.csv")
@@ -119,17 +119,17 @@ def plan(**words: Any) -> None:
 @data.command()
 @click.argument("file", type=FILE)
 @robot_options
-@no_torque_option
-def validate(file: Path, no_torque: bool, **robot: Any) -> int:
+@file_options
+def validate(file: Path, **words: Any) -> int:
     """Check a measured file and name the likeliest mistake in it.
 
     Exit status: 0 ok; 1 suspicious, the report says why; 2 invalid, no command can use the file.
     """
     from stiff_bench.api import measuring
 
-    report = measuring.validate(file, no_torque=no_torque, **robot)
+    report = measuring.validate(file, **words)
     print_text(repr(report))
-    if all(word is None for word in robot.values()):
+    if all(words[name] is None for name in ("robot", "urdf", "tcp")):
         print_text(f"Robot: {measuring.DEFAULT_ROBOT}, the default (--robot, --urdf).")
     return ("ok", "suspicious", "invalid").index(report.verdict)
 
@@ -188,7 +188,7 @@ def fetch(key: str, source: Path | None) -> None:
 @click.argument("key", type=click.Choice(["kr10-measured"]), metavar="KEY")
 @click.argument("file", type=FILE)
 @urdf_options
-@no_torque_option
+@file_options
 def register(key: str, file: Path, **words: Any) -> None:
     """Register your own measurement as a named data set.
 

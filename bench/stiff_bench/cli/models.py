@@ -18,6 +18,7 @@ from stiff_bench.cli.options import (
     seed_option,
     settings_option,
     several_keys,
+    sheet_option,
 )
 from stiff_bench.console import print_text, warnings_said
 
@@ -64,8 +65,9 @@ def fit(output: Path, seed: int, **words: Any) -> None:
     "FILE.csv", "New file: the same rows with dx_mm, dy_mm, dz_mm; - for standard output."
 )
 @coverage_options("Add prediction intervals of this coverage, of each axis.")
+@sheet_option
 @plugin_option
-def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> None:
+def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
     """Predict the deflections of a file of poses and wrenches.
 
     The column extrapolates names what is unlike the training samples: joints, pose-gap, load or
@@ -78,11 +80,11 @@ def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> N
         with TemporaryDirectory() as folder:
             rows_file = Path(folder) / "rows.csv"
             with warnings_said():
-                found.predict_file(loads, rows_file, coverage=coverage)
+                found.predict_file(loads, rows_file, **words)
             click.echo(rows_file.read_text(encoding="utf-8"), nl=False)
         return
     with warnings_said():
-        rows = found.predict_file(loads, output, coverage=coverage)
+        rows = found.predict_file(loads, output, **words)
     number = "1 row" if rows == 1 else f"{rows} rows"
     print_text(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
 

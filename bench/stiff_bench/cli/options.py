@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from stiff_bench.api import RESULTS
+from stiff_bench.api import LARGEST_POSE_TOLERANCE, POSE_TOLERANCE, RESULTS
 from stiff_bench.api.process import pinned
 from stiff_protocols.contract.errors import ConfigError
 
@@ -178,10 +178,26 @@ def output_option(metavar: str, text: str = "A new file.") -> Callable[[Command]
     return click.option("--output", type=FILE, required=True, metavar=metavar, help=text)
 
 
-no_torque_option = click.option(
-    "--no-torque",
-    is_flag=True,
-    help="No torques were measured: the columns tx_Nm.. may be missing, or zero.",
+sheet_option = click.option(
+    "--sheet",
+    metavar="NAME",
+    help="Sheet of an Excel file.  [default: the only one that holds a table]",
+)
+file_options = together(
+    click.option(
+        "--no-torque",
+        is_flag=True,
+        help="No torques were measured: the columns tx_Nm.. may be missing, or zero.",
+    ),
+    sheet_option,
+    click.option(
+        "--pose-tolerance",
+        type=FiniteRange(0, LARGEST_POSE_TOLERANCE),
+        default=POSE_TOLERANCE,
+        metavar="DEG",
+        help="Largest difference of the joint positions of one pose, in deg (mm of prismatic "
+        "joints): rows without pose_id are grouped by it.",
+    ),
 )
 
 
@@ -289,7 +305,7 @@ data_options = together(
         help="Your own measurement (.csv, .xlsx or .parquet), with --urdf or --robot; may be "
         "repeated.",
     ),
-    no_torque_option,
+    file_options,
     robot_options,
 )
 

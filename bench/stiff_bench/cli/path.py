@@ -18,6 +18,7 @@ from stiff_bench.cli.options import (
     picture,
     plugin_option,
     robot_options,
+    sheet_option,
 )
 from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import print_text, warnings_said
@@ -69,6 +70,7 @@ def example(**words: Any) -> None:
 @click.option(
     "--path", "points", type=FILE, required=True, metavar="FILE", help="Points of the tool."
 )
+@sheet_option
 @output_option("FILE.csv", "New file: commanded poses and joint angles, predicted errors.")
 @click.option(
     "--tool",

@@ -17,6 +17,7 @@ from stiff_bench.plan.options import Choice, Chosen, options_of, parse_option
 from stiff_bench.plan.registry import EVERY_MODEL, Kind, Registry
 from stiff_bench.store.names import split_word
 from stiff_datasets.catalog import MEASURED_FILE
+from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.robots.robot import ChainModel, read_chain, robot_of
 from stiff_datasets.robots.shipped import DEFAULT_ROBOT, named_robot
 from stiff_protocols.contract.errors import ConfigError, unknown_name
@@ -192,7 +193,7 @@ def choices(
     protocols: Sequence[str] = (),
     settings: Sequence[str] = (),
     data: Sequence[Path] = (),
-    no_torque: bool = False,
+    options: FileOptions = DEFAULTS,
     robot: RobotWords = NO_ROBOT,
 ) -> Chosen:
     """Return what is chosen by the options of these names.
@@ -209,8 +210,10 @@ def choices(
         raise ConfigError(
             "--robot, --urdf, --tip and --tcp describe the robot of --data; give it too"
         )
-    if not data and no_torque:
-        raise ConfigError("--no-torque is of files without torques; give --data too")
+    if not data and options != DEFAULTS:
+        raise ConfigError(
+            "--no-torque, --sheet and --pose-tolerance describe the file of --data; give it too"
+        )
     every = [key for word in models for key in (registry.models if word == EVERY_MODEL else [word])]
     if not data and not datasets:
         datasets = [DEFAULT_DATASET]
@@ -222,11 +225,11 @@ def choices(
             why = f"something else in this run is called {path.name!r}"
             raise ConfigError(f"--data {path}: {why}; give a file once, or rename it")
         keys.add(path.name)
-        found["dataset"].append(own_file(path, robot, no_torque))
+        found["dataset"].append(own_file(path, robot, options))
     return Chosen(found["model"], found["dataset"], found["protocol"])
 
 
-def own_file(data: Path, robot: RobotWords, no_torque: bool) -> Choice[DatasetInfo]:
+def own_file(data: Path, robot: RobotWords, options: FileOptions) -> Choice[DatasetInfo]:
     """Return the data set that stands for the user's own file.
 
     Raises:
@@ -234,12 +237,12 @@ def own_file(data: Path, robot: RobotWords, no_torque: bool) -> Choice[DatasetIn
     """
     if robot.urdf is None and robot.robot is None:
         raise ConfigError(f"{data}: needs its robot too: --urdf FILE.urdf or --robot NAME")
-    return measured_file(data, robot.read()[0], no_torque=no_torque)
+    return measured_file(data, robot.read()[0], options)
 
 
-def measured_file(path: Path, robot: Robot, *, no_torque: bool = False) -> Choice[DatasetInfo]:
+def measured_file(path: Path, robot: Robot, options: FileOptions) -> Choice[DatasetInfo]:
     """Return the data set of a file of measured samples, which has the file's name."""
-    context = {"csv": path, "robot": robot, "no_torque": no_torque}
+    context = {"csv": path, "robot": robot, "options": options}
     return replace(Choice.of(replace(MEASURED_FILE, key=path.name)), context=context)
 
 

@@ -11,9 +11,10 @@ from typing import Literal
 
 import numpy as np
 
+from stiff_datasets.measured.file_options import POSE_TOLERANCE
 from stiff_datasets.measured.hypotheses import Reading, compliances, normal_equations
 from stiff_datasets.measured.identifiability import unit_deflections
-from stiff_datasets.measured.sample_checks import SAME_POSE
+from stiff_datasets.measured.sample_checks import linked_rows
 from stiff_datasets.measured.sample_files import DEFLECTION_COLUMNS, MM_PER_M, file_units
 from stiff_protocols.contract.identification import RANK_TOLERANCE
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
@@ -94,19 +95,14 @@ def fact(name: str, value: str) -> Finding:
     return Finding("fact", f"{name}: {value}")
 
 
-def duplicate_findings(samples: Samples, robot: Robot, lines: IntArray) -> Iterator[Finding]:
-    """Find poses that have two names, samples that stand twice and deflections that were copied."""
-    poses, names = pose_numbers(samples, robot), samples.pose_id
-    first_names = names[np.unique(poses, return_index=True)[1]][poses]
-    renamed = np.flatnonzero(names != first_names)
-    if len(renamed):
-        name, first_name = (str(each[renamed[0]]) for each in (names, first_names))
-        yield warning(
-            f"the joint angles of a pose stand under another pose_id too ({name!r} is "
-            f"{first_name!r}); a split by pose would put one measurement on both sides",
-            lines[renamed],
-        )
-    again = _repeats_of_earlier_rows(np.column_stack([poses, samples.wrench]))
+def duplicate_findings(samples: Samples, near_poses: str, lines: IntArray) -> Iterator[Finding]:
+    """Find poses that have two names, samples that stand twice and deflections that were copied.
+
+    `near_poses` describes the poses of two names (see `sample_checks.CheckedSamples`).
+    """
+    if near_poses:
+        yield warning(near_poses)
+    again = _repeats_of_earlier_rows(np.column_stack([samples.q, samples.wrench]))
     again = again[samples.wrench[again].any(axis=1)]
     if len(again):
         yield warning(
@@ -331,15 +327,9 @@ def _middle_and_deviation(values: FloatArray) -> tuple[float, float]:
     return middle, 1.4826 * float(np.median(np.abs(values - middle)))  # of normal values
 
 
-def pose_numbers(samples: Samples, robot: Robot) -> IntArray:
-    """Return (n,) a number for each row, the same where the joint angles are."""
-    steps = np.round(samples.q * file_units(robot) / SAME_POSE)
-    return np.asarray(np.unique(steps, axis=0, return_inverse=True)[1].reshape(-1))
-
-
 def repeated_rows(samples: Samples, robot: Robot) -> list[IntArray]:
     """Return the rows of each load that was measured more than once at the same pose."""
-    poses = pose_numbers(samples, robot)
+    poses = linked_rows(samples.q * file_units(robot), POSE_TOLERANCE)
     groups = []
     for pose in np.flatnonzero(np.bincount(poses) > 1):
         left = np.flatnonzero(poses == pose)

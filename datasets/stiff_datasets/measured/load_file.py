@@ -64,18 +64,20 @@ class LoadTable(Loads):
     oddities: tuple[str, ...]
 
 
-def read_loads(path: Path, robot: Robot) -> LoadTable:
+def read_loads(path: Path, robot: Robot, sheet_name: str | None = None) -> LoadTable:
     """Read a file of loads at poses.
 
     Args:
-        path: the file; Parquet if it ends in .parquet, else CSV.
+        path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
         robot: gives the number and the kinds of joints, and their limits.
+        sheet_name: of an Excel file; None: the only one that holds a table.
 
     Raises:
+        ConfigError: the file has no such sheet, or several with tables and none is named.
         DataError: the file is unreadable, empty or wrongly headed, or a value is none; the message
             names file, row (1 is the header of a CSV file), column, value and what is valid.
     """
-    sheet = read_sheet(path).recognised(all_columns(robot))
+    sheet = read_sheet(path, sheet_name).recognised(all_columns(robot))
     problems = table_problems(sheet, all_columns(robot), (*ID_COLUMNS, *DEFLECTION_COLUMNS))
     if problems:
         raise problems_error(path, problems, "")

@@ -140,14 +140,15 @@ def tool_of(robot: Robot, tool: Sequence[float] | None) -> FloatArray:
     return np.asarray(robot.flange @ pose)
 
 
-def overview(path: Path, rows: int) -> tuple[Sheet, int]:
+def overview(path: Path, rows: int, sheet_name: str | None = None) -> tuple[Sheet, int]:
     """Return the first block of a file with some rows of the others, and how many rows it has.
 
     Args:
         path: the file; Parquet if it ends in .parquet, else CSV.
         rows: of a block.
+        sheet_name: of an Excel file; None: the only one that holds a table.
     """
-    blocks = read_sheets(path, rows)
+    blocks = read_sheets(path, rows, sheet_name)
     first = next(blocks)
     cells, lines, n = [first.cells], [first.lines], len(first.cells)
     for block in blocks:

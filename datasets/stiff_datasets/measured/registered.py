@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import platformdirs
 
+from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_protocols.contract import files
-from stiff_protocols.contract.errors import DataError, StoreError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, DataError, StoreError, unknown_name
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import read_toml, written_whole
 
@@ -73,7 +74,7 @@ class Registration:
         tcp: (3,) tool centre point in the frame of the URDF's last link, m.
         sha256: of the CSV as it was registered.
         urdf_sha256: of the URDF; "" where it is the shipped robot.
-        no_torque: torques were not measured; their columns may be missing.
+        options: what is not in the CSV.
         tip: last link of the chain in the URDF; None: that of the longest chain.
     """
 
@@ -82,7 +83,7 @@ class Registration:
     tcp: tuple[float, float, float]
     sha256: str
     urdf_sha256: str
-    no_torque: bool = False
+    options: FileOptions = DEFAULTS
     tip: str | None = None
 
     def read(self) -> BenchmarkData:
@@ -98,7 +99,7 @@ class Registration:
             robot = load_robot(self.urdf, tcp=self.tcp, tip=self.tip)
         else:
             robot = shipped_robot(SHIPPED_ROBOT, tcp=self.tcp)
-        return MeasuredData(csv=self.csv, robot=robot, no_torque=self.no_torque).load()
+        return MeasuredData(csv=self.csv, robot=robot, options=self.options).load()
 
 
 def registry_file() -> Path:
@@ -112,8 +113,7 @@ def register(
     urdf: Path | None,
     tcp: tuple[float, float, float],
     tip: str | None = None,
-    *,
-    no_torque: bool = False,
+    options: FileOptions = DEFAULTS,
 ) -> Path:
     """Register a measurement after reading it, and return the file that holds every registration.
 
@@ -136,16 +136,21 @@ def register(
     tables = _tables(path)
     csv, urdf = csv.absolute(), urdf.absolute() if urdf else None
     of_urdf = _sha256(urdf) if urdf else ""
-    entry = Registration(csv, urdf, tcp, _sha256(csv), of_urdf, no_torque, tip)
+    entry = Registration(csv, urdf, tcp, _sha256(csv), of_urdf, options, tip)
     if SIMULATED_GROUP in entry.read().samples.group:
         raise DataError(
             f"{csv}: has rows of the group {SIMULATED_GROUP!r}, written by a simulation"
         )
-    tables[key] = vars(entry) | {
+    tables[key] = {
         "csv": str(csv),
         "urdf": str(urdf or ""),  # empty: the shipped robot
         "tcp": [float(length) for length in tcp],
         "tip": tip or "",
+        "sha256": entry.sha256,
+        "urdf_sha256": of_urdf,
+        "no_torque": options.no_torque,
+        "sheet": options.sheet or "",  # empty: the only one that holds a table
+        "pose_tolerance": options.pose_tolerance,
     }
     make_folder(path.parent)
     with written_whole(path) as temporary:
@@ -173,13 +178,28 @@ def registration() -> Registration | None:
         } if all(abs(length) < _LONGEST_M for length in (x, y, z)):
             tcp = (float(x), float(y), float(z))
             place = Path(urdf) if urdf else None
-            no_torque = table.get("no_torque", False) is True
-            tip = table.get("tip") or None
-            return Registration(Path(csv), place, tcp, checksum, of_urdf, no_torque, tip)
+            options, tip = _options(path, table), table.get("tip") or None
+            return Registration(Path(csv), place, tcp, checksum, of_urdf, options, tip)
     raise DataError(
         f"{path}: table [{KR10_MEASURED}] is {table!r}, expected csv, urdf (empty: the shipped "
         "robot), tcp (three lengths in m), sha256 and urdf_sha256; register again: " + COMMAND
     )
+
+
+def _options(path: Path, table: dict[str, Any]) -> FileOptions:
+    """Return the options of a registration; an older one has fewer."""
+    tolerance = table.get("pose_tolerance", POSE_TOLERANCE)
+    try:
+        return FileOptions(
+            no_torque=table.get("no_torque", False) is True,
+            sheet=str(table.get("sheet", "")) or None,
+            pose_tolerance=float(tolerance),
+        )
+    except (TypeError, ValueError, ConfigError) as error:
+        raise DataError(
+            f"{path}: table [{KR10_MEASURED}]: pose_tolerance {tolerance!r}: {error}; register "
+            f"again: {COMMAND}"
+        ) from error
 
 
 def missing() -> str:

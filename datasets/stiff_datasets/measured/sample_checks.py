@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,12 +11,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.sample_files import (
+    DECIMALS,
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
+    LOADED_COLUMNS,
     LONGEST_CELL,
     MM_PER_M,
     TORQUE_COLUMNS,
+    UNLOADED_COLUMNS,
     WRENCH_COLUMNS,
     Sheet,
     all_columns,
@@ -23,7 +28,7 @@ from stiff_datasets.measured.sample_files import (
     joint_columns,
 )
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, TextArray
 
 LARGEST_DEFLECTION_MM = 50.0
 """No industrial robot deflects so far under a load it may carry."""
@@ -32,11 +37,20 @@ SMALLEST_DEFLECTION_MM = 0.01
 LARGEST_NUMBER = 1e6
 """N, N m, deg or mm; no load of a robot is larger, nor a position of a joint without limits."""
 FULL_TURN_RAD = 2.0 * np.pi
-SAME_POSE = 1e-3
-"""deg or mm; joint positions of one pose may differ by the rounding of a log."""
 LIMIT_SLACK = 1e-6
 """deg or mm; a limit may have been written with rounding."""
 
+WIDE = 4.0
+"""Tolerances that a pose spans whose rows form a chain."""
+SAME_POSITION = 0.2
+"""Share by which positions of a tool may miss those of the robot's description."""
+FEWEST_FOR_PLACE = 5
+FAR_FROM_ORIGIN = 5.0
+"""Mean of positions over their spread; deflections differ more in direction and size."""
+
+POSITIONS_TEXT = (
+    f"{','.join(UNLOADED_COLUMNS)} (unloaded) and {','.join(LOADED_COLUMNS)} (loaded position)"
+)
 NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
 
 RUNS_SHOWN = 10
@@ -80,44 +94,50 @@ class CheckedSamples:
             problems.
         unfilled: the problem of a plan that is not filled in to the end; the other attributes are
             of the rows that are filled in.
+        near_poses: which poses of different `pose_id` lie within the tolerance; "" for none.
     """
 
     sheet: Sheet
     problems: Sequence[Problem]
     samples: Samples | None = None
     unfilled: Problem | None = None
+    near_poses: str = ""
 
 
-def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> CheckedSamples:
+def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> CheckedSamples:
     """Check the cells of a file and turn them into samples.
 
     Args:
         sheet: the cells.
         robot: the robot that was measured; gives the number of joints and their limits.
-        no_torque: torques were not measured; their columns may be missing, and are zero then.
+        options: without torques, these are zero; rows within the tolerance are one pose, where
+            the file does not name them.
     """
     columns = all_columns(robot)
-    sheet = sheet.recognised(columns)
-    optional = (*ID_COLUMNS, *(TORQUE_COLUMNS if no_torque else ()))
+    sheet, columns = _with_positions(sheet, columns)
+    optional = (*ID_COLUMNS, *(TORQUE_COLUMNS if options.no_torque else ()))
     problems = table_problems(sheet, columns, optional) or [*_long_names(sheet)]
     if problems:
         return CheckedSamples(sheet, problems)
     columns, n = columns[len(ID_COLUMNS) :], robot.n_joints
     sheet, junk = _without_junk(filled(sheet, NO_TORQUE), columns)
-    sheet, unfilled = _without_unfilled(sheet)
+    sheet, unfilled = _without_unfilled(sheet, columns[n + len(WRENCH_COLUMNS) :])
     if sheet.cells.empty:
         return CheckedSamples(sheet, junk, unfilled=unfilled)
     numbers = sheet.numbers(columns)  # positions: deg, and mm of prismatic joints
-    q_file, wrench, deflection_mm = np.split(numbers, [n, n + len(WRENCH_COLUMNS)], axis=1)
-    sheet = replace(sheet, cells=_with_names(sheet.cells, q_file))
+    q_file, wrench, measured_mm = np.split(numbers, [n, n + len(WRENCH_COLUMNS)], axis=1)
+    near = linked_rows(q_file, options.pose_tolerance)
+    reach = pose_reach(robot, options.pose_tolerance)
+    sheet = _with_names(sheet, near, f"{reach}{_chain_text(q_file, near, options)}")
     unreadable = [*junk, *_id_problems(sheet), *number_problems(sheet, columns, numbers)]
+    sheet, deflection_mm = _deflections(sheet, measured_mm)
     problems = [
         *unreadable,
         *wrench_problems(sheet, wrench),
         *radian_problems(q_file, robot),
         *limit_problems(sheet, q_file, robot),
-        *_deflection_problems(sheet, deflection_mm),
-        *_pose_problems(sheet, q_file, robot),
+        *_deflection_problems(sheet, deflection_mm, q_file, robot),
+        *_pose_problems(sheet, q_file, robot, near),
     ]
     problems.sort(key=lambda problem: problem.row or 0)
     if unreadable:
@@ -131,7 +151,8 @@ def check_sheet(sheet: Sheet, robot: Robot, *, no_torque: bool = False) -> Check
         load_id=load_id,
         group=group,
     )
-    return CheckedSamples(sheet, problems, samples, unfilled)
+    near_poses = near_poses_text(pose_id, near, sheet.lines, reach)
+    return CheckedSamples(sheet, problems, samples, unfilled, near_poses)
 
 
 def filled(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
@@ -140,17 +161,145 @@ def filled(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
     return replace(sheet, cells=sheet.cells.assign(**absent))
 
 
-def _with_names(cells: pd.DataFrame, q_file: FloatArray) -> pd.DataFrame:
-    """Return the cells with names of poses, loads and groups, where a file has none.
+def _with_positions(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, tuple[str, ...]]:
+    """Return the recognised sheet and its columns.
 
-    Rows with the same joint positions (n, n_joints), deg or mm, are one pose.
+    The columns are both positions of the TCP in place of `DEFLECTION_COLUMNS`, where the file has
+    loaded positions and no deflections.
     """
+    others = tuple(name for name in columns if name not in DEFLECTION_COLUMNS)
+    positions = (*UNLOADED_COLUMNS, *LOADED_COLUMNS)
+    found = {*sheet.recognised((*columns, *positions)).cells}
+    if found & {*LOADED_COLUMNS} and not found & {*DEFLECTION_COLUMNS}:
+        columns = (*others, *positions)
+    return sheet.recognised(columns), columns
+
+
+def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArray]:
+    """Return the sheet with deflections, and (n, 3) these in mm.
+
+    Args:
+        sheet: the cells.
+        measured_mm: (n, 3) deflections, or (n, 6) unloaded and loaded positions of the TCP.
+    """
+    if measured_mm.shape[1] == len(DEFLECTION_COLUMNS):
+        return sheet, measured_mm
+    unloaded, loaded = np.split(measured_mm, 2, axis=1)
+    deflection_mm = np.round(loaded - unloaded, DECIMALS)  # positions are known to 1e-13 of them
+    parts = (DEFLECTION_COLUMNS, LOADED_COLUMNS, UNLOADED_COLUMNS)
+    names = {
+        column: " - ".join(sheet.headers.get(position, position) for position in positions)
+        for column, *positions in zip(*parts, strict=True)
+    }
+    note = f"deflections are {', '.join(names.values())}"
+    cells = sheet.cells.assign(**dict(zip(DEFLECTION_COLUMNS, deflection_mm.T, strict=True)))
+    headers = {**sheet.headers, **names}
+    return replace(sheet, cells=cells, headers=headers, notes=(*sheet.notes, note)), deflection_mm
+
+
+def pose_reach(robot: Robot, tolerance: float) -> str:
+    """Return a tolerance with the units of the robot's joints: "0.05 deg and mm"."""
+    units = {column.rpartition("_")[2]: "" for column in joint_columns(robot)}
+    return f"{tolerance:g} {' and '.join(units)}"
+
+
+def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
+    """Number the poses of rows: linked are two that differ by the tolerance at most in each joint.
+
+    Rows are of one pose where a chain of linked rows connects them. This does not depend on the
+    order of the rows, and no grid has an edge between them.
+
+    Args:
+        q_file: (n, n_joints) joint positions, deg, and mm of prismatic joints.
+        tolerance: deg and mm.
+
+    Returns:
+        (n,) number of each row's pose, in the order in which poses come first.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+    from scipy.spatial.distance import cdist
+
+    reach = tolerance + LIMIT_SLACK
+    q_file = np.nan_to_num(q_file)
+    cells = pd.DataFrame(np.floor(q_file / reach))  # all rows of a cell are linked
+    cell = cells.groupby([*cells], sort=False).ngroup().to_numpy()
+    ends = np.cumsum(np.bincount(cell))
+    rows = np.split(np.argsort(cell, kind="stable"), ends[:-1])
+    beside = cKDTree(cells.drop_duplicates()).query_pairs(1.5, p=np.inf, output_type="ndarray")
+    linked = [
+        (a, b)
+        for a, b in beside.tolist()
+        if cdist(q_file[rows[a]], q_file[rows[b]], "chebyshev").min() <= reach
+    ]
+    a, b = np.array(linked, dtype=np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(rows), len(rows)))
+    return np.asarray(connected_components(graph, directed=False)[1][cell], dtype=np.int64)
+
+
+def _chain_text(q_file: FloatArray, near: IntArray, options: FileOptions) -> str:
+    """Say how wide the widest pose is where chains of rows make it wide; else ""."""
+    of_pose = pd.DataFrame(q_file).groupby(near)
+    widest = float(np.nan_to_num((of_pose.max() - of_pose.min()).to_numpy()).max())
+    if widest <= WIDE * options.pose_tolerance:
+        return ""
+    return f"; the widest spans {widest:.2g}, as near rows form a chain"
+
+
+def near_poses_text(pose_id: TextArray, near: IntArray, lines: IntArray, reach: str) -> str:
+    """Describe poses that lie within the tolerance of each other under different names.
+
+    Args:
+        pose_id: (n,) names.
+        near: (n,) numbers of `linked_rows`.
+        lines: (n,) row numbers, for the message.
+        reach: the tolerance with its units.
+
+    Returns:
+        One line with an example and what to do; "" where there are none.
+    """
+    named = pd.DataFrame({"name": pose_id, "near": near, "line": lines})
+    named = named.drop_duplicates(["name", "near"])
+    several = named[named.duplicated("near", keep=False)]
+    if several.empty:
+        return ""
+    pair = several[several["near"] == several["near"].iloc[0]].iloc[:2]
+    example = " and ".join(f"{name!r} (row {line})" for name, _, line in pair.to_numpy())
+    return (
+        f"{several['name'].nunique()} pose_ids name {_poses(several['near'])} within {reach}, such "
+        f"as {example}; a split may put one pose on both sides: give its rows one pose_id, or "
+        "leave the column out"
+    )
+
+
+def _poses(near: Iterable[int]) -> str:
+    number = len({*near})
+    return "1 pose" if number == 1 else f"{number} poses"
+
+
+def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
+    """Return the sheet with names of poses, loads and groups, where a file has none.
+
+    Args:
+        sheet: the cells.
+        near: (n,) the pose of each row.
+        reach: the tolerance of poses with its units.
+    """
+    cells, notes = sheet.cells, sheet.notes
     if "pose_id" not in cells:
-        poses = pd.factorize(pd.Series(map(tuple, np.round(q_file / SAME_POSE))))[0]
-        cells = cells.assign(pose_id=[f"P{pose + 1}" for pose in poses])
+        cells = cells.assign(pose_id=[f"P{pose + 1}" for pose in near])
+        notes += (f"no pose_id: {len(near)} rows grouped into {_poses(near)} within {reach}",)
+        if "load_id" in cells:  # which may name the load alone
+            again = cells.groupby(["pose_id", "load_id"]).cumcount() + 1
+            load = cells["load_id"]
+            cells = cells.assign(
+                load_id=load.where(again == 1, load + " (" + again.astype(str) + ")")
+            )
     if "load_id" not in cells:
         cells = cells.assign(load_id=(cells.groupby("pose_id").cumcount() + 1).astype(str))
-    return cells if "group" in cells else cells.assign(group="all")
+    cells = cells if "group" in cells else cells.assign(group="all")
+    return replace(sheet, cells=cells, notes=notes)
 
 
 def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
@@ -187,6 +336,8 @@ def table_problems(
         may_miss = f"; optional: {', '.join(optional)}" if optional else ""
         if missing and set(missing) <= set(TORQUE_COLUMNS):
             may_miss = "; say no-torque if none were measured"
+        elif {*DEFLECTION_COLUMNS} <= {*missing}:
+            may_miss += f"; in place of dx_mm..: {POSITIONS_TEXT}"
         return [
             Problem(_shortened(f"header: {'; '.join(parts)}", 500), ",".join(columns) + may_miss)
         ]
@@ -221,18 +372,19 @@ def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[P
     return replace(sheet, cells=rows, lines=sheet.lines[~junk]), problems
 
 
-def _without_unfilled(sheet: Sheet) -> tuple[Sheet, Problem | None]:
+def _without_unfilled(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, Problem | None]:
     """Set the rows of a plan apart whose deflections are still to be measured.
 
-    All three cells of such a row are empty. Where no row has a deflection, zeros are empty, too.
+    All cells of such a row in `columns`, deflections or positions, are empty. Where no row has any,
+    zeros are empty, too.
     """
-    cells = sheet.cells[[*DEFLECTION_COLUMNS]]
+    cells = sheet.cells[[*columns]]
     blank = ((cells == "") | cells.isna()).all(axis=1).to_numpy()
-    zero = (sheet.numbers(DEFLECTION_COLUMNS) == 0.0).all(axis=1)
+    zero = (sheet.numbers(columns) == 0.0).all(axis=1)
     unfilled = blank | (zero & (blank | zero).all())
     if not unfilled.any():
         return sheet, None
-    names = ", ".join(sheet.headers.get(name, name) for name in DEFLECTION_COLUMNS)
+    names = ", ".join(sheet.headers.get(name, name) for name in columns)
     step = f"fill in {names} there, or delete these rows"
     if unfilled.all():
         step = f"measure, fill in {names}, and replace the suggested wrench by the actual one"
@@ -359,8 +511,21 @@ def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[P
     return range_problems(sheet, columns, q_file, lower - LIMIT_SLACK, upper + LIMIT_SLACK, valid)
 
 
-def _deflection_problems(sheet: Sheet, deflection_mm: FloatArray) -> Iterator[Problem]:
+def _deflection_problems(
+    sheet: Sheet, deflection_mm: FloatArray, q_file: FloatArray, robot: Robot
+) -> Iterator[Problem]:
     size = np.abs(deflection_mm)
+    known = np.isfinite(deflection_mm).all(axis=1) & np.isfinite(q_file).all(axis=1)
+    far = known & (size.max(axis=1) > LARGEST_DEFLECTION_MM)
+    if far.sum() > 0.5 * len(size):
+        tcp = robot.forward(q_file[known] / file_units(robot)).points[:, -1]
+        if _are_positions(deflection_mm[known], tcp * MM_PER_M):
+            yield Problem(
+                "dx_mm.. look like absolute positions of the TCP; subtract the unloaded position "
+                f"from the loaded one, or give both: {POSITIONS_TEXT}",
+                "",
+            )
+            return
     if len(size) >= 5 and (size.max(axis=1) > LARGEST_DEFLECTION_MM).mean() > 0.5:
         yield Problem(
             f"half of the deflections exceed {LARGEST_DEFLECTION_MM:g} mm; the columns dx_mm.. are "
@@ -379,14 +544,45 @@ def _deflection_problems(sheet: Sheet, deflection_mm: FloatArray) -> Iterator[Pr
         )
 
 
-def _pose_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
-    """A pose's rows must have the same joint angles, or a split by pose would mean nothing."""
+def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:
+    """Whether (n, 3) values, mm, are positions of the TCP and no deflections.
+
+    They are near (n, 3) `tcp`, mm in the base frame; or they are in another frame, as `tcp` turned
+    and shifted; or they are spread as `tcp` is, far from the origin.
+    """
+    from scipy.spatial.transform import Rotation
+
+    if np.linalg.norm(values - tcp) < SAME_POSITION * np.linalg.norm(tcp):
+        return True
+    if len(np.unique(tcp.round(), axis=0)) < FEWEST_FOR_PLACE:
+        return False
+    middle = values.mean(axis=0)
+    about_middle, tcp_about_middle = values - middle, tcp - tcp.mean(axis=0)
+    with warnings.catch_warnings():  # of poses on one line
+        warnings.simplefilter("ignore", UserWarning)
+        _, distance = Rotation.align_vectors(about_middle, tcp_about_middle)
+    spread, tcp_spread = (
+        np.linalg.norm(each) / np.sqrt(len(each)) for each in (about_middle, tcp_about_middle)
+    )
+    is_far = np.linalg.norm(middle) > FAR_FROM_ORIGIN * spread
+    is_as_wide = 0.5 < spread / tcp_spread < 2.0
+    return bool(distance < SAME_POSITION * np.linalg.norm(tcp_about_middle) or is_far & is_as_wide)
+
+
+def _pose_problems(
+    sheet: Sheet, q_file: FloatArray, robot: Robot, near: IntArray
+) -> Iterator[Problem]:
+    """Yield the rows whose joint angles are not those of their pose, within the tolerance.
+
+    A split by pose would mean nothing. `near` has the (n,) numbers of `linked_rows`.
+    """
     poses, _ = pd.factorize(sheet.cells["pose_id"])
     _, first_rows = np.unique(poses, return_index=True)
     first = first_rows[poses]  # (n,) the first row of each row's pose
     away = np.abs(q_file - q_file[first])
-    for row in np.flatnonzero((away > SAME_POSE).any(axis=1)):
-        column = joint_columns(robot)[int(np.nanargmax(away[row]))]
+    known = np.isfinite(away).all(axis=1)
+    for row in np.flatnonzero((near != near[first]) & known):
+        column = joint_columns(robot)[int(np.argmax(away[row]))]
         yield cell_problem(
             sheet,
             row,

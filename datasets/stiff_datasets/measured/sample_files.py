@@ -3,9 +3,10 @@
 Columns, one row a load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, fx_N, fy_N, fz_N,
 tx_Nm, ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` where joint 2 is prismatic). The wrench
 acts at the TCP; wrench and deflection are expressed in the robot base frame; a deflection is the
-loaded minus the unloaded position. Other names and units that people write are understood
-(`recognised`), as are semicolons or tabs with decimal commas, titles above the header, and lines
-that begin with ``#``.
+loaded minus the unloaded position. In place of it a file may have both positions of the TCP,
+``x0_mm .. z0_mm`` (unloaded) and ``x1_mm .. z1_mm`` (loaded). Other names and units that people
+write are understood (`recognised`), as are a row of units below the header, semicolons or tabs with
+decimal commas, titles above the header, and lines that begin with ``#``.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiff_protocols.contract.errors import ConfigError, DataError
+from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Robot, Samples
@@ -38,6 +39,9 @@ SIMULATED_GROUP = "simulated"
 WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
 TORQUE_COLUMNS = WRENCH_COLUMNS[3:]
 DEFLECTION_COLUMNS = ("dx_mm", "dy_mm", "dz_mm")
+UNLOADED_COLUMNS = ("x0_mm", "y0_mm", "z0_mm")
+LOADED_COLUMNS = ("x1_mm", "y1_mm", "z1_mm")
+"""Positions of the TCP in place of its deflection."""
 MM_PER_M = 1000.0
 DEG_PER_RAD = 180.0 / np.pi
 
@@ -53,30 +57,48 @@ LONGEST_CELL = 100
 LONGEST_LINE = 20_000
 """Characters; a line of 500,000 commas takes pandas seconds."""
 
+_JOINT_WORDS = (
+    *("joint", "jointangle", "jointposition", "axis", "axisangle", "angle"),
+    *("gelenk", "gelenkwinkel", "achse", "achswinkel", "achsenwinkel", "achsstellung", "winkel"),
+)
+_FORCE_WORDS = ("force", "kraft")
+_TORQUE_WORDS = ("torque", "moment", "drehmoment")
+_DEFLECTION_WORDS = (
+    *("deflection", "displacement", "deformation"),
+    *("auslenkung", "verformung", "verschiebung", "verlagerung"),
+)
 ALIASES = {
     "pose": "pose_id",
     "load": "load_id",
     **{
         f"{name}{i}": f"q{i}"
-        for name in ("a", "j", "joint", "axis", "achse", "theta", "θ")
+        for word in ("", *_JOINT_WORDS)
+        for name in (word, *(f"{word}{letter}" for letter in ("a", "j", "q", "theta", "θ")))
+        if name not in ("", "q")
         for i in range(1, 10)
     },
-    **{f"{name}{axis}": f"f{axis}" for name in ("force", "kraft") for axis in "xyz"},
     **{
-        f"{name}{axis}": f"t{axis}"
-        for name in ("m", "torque", "moment", "drehmoment")
+        f"{name}{axis}": f"{kind}{axis}"
+        for kind, letters, words in (
+            ("f", ("f",), _FORCE_WORDS),
+            ("t", ("t", "m"), _TORQUE_WORDS),
+            ("d", ("d", "u", "delta", "δ"), _DEFLECTION_WORDS),
+        )
+        for name in (*letters, *words, *(f"{word}{letter}" for word in words for letter in letters))
+        if name != kind
         for axis in "xyz"
     },
     **{
-        f"{name}{axis}": f"d{axis}"
-        for name in (
-            *("u", "delta", "δ", "deflection", "displacement"),
-            *("auslenkung", "verformung", "verschiebung"),
+        name: f"{axis}{number}"
+        for number, words in enumerate(
+            (("unloaded", "unbelastet", "ohnelast"), ("loaded", "belastet", "mitlast"))
         )
+        for word in words
         for axis in "xyz"
+        for name in (f"{axis}{word}", f"{word}{axis}")
     },
 }
-"""What people call a column, in lower case, without its unit, blanks and underscores."""
+"""What people call a column, in lower case, without its unit, blanks, hyphens and underscores."""
 UNITS = {
     "deg": {"deg": 1.0, "degrees": 1.0, "grad": 1.0, "°": 1.0, "rad": DEG_PER_RAD},
     "mm": {"mm": 1.0, "m": MM_PER_M, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "micron": 1e-3},
@@ -89,13 +111,19 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+", re.ASCII)
 """A number with thousands separators and decimals; 1.234 alone may be either."""
 _MAYBE_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}", re.ASCII)
-_NAMES = {*ID_COLUMNS, *(f"{kind}{axis}" for kind in "ftd" for axis in "xyz")} | {
-    f"q{i}" for i in range(1, 10)
+_NAMES = {
+    *ID_COLUMNS,
+    *(f"{kind}{axis}" for kind in "ftd" for axis in "xyz"),
+    *(f"{axis}{number}" for axis in "xyz" for number in "01"),
+    *(f"q{i}" for i in range(1, 10)),
 }
 _HEADER_NAMES, _TITLE_ROWS = 3, 20
 """A row with so many names of columns is the header, if it is among the first so many."""
-_DECIMALS = 10
+DECIMALS = 10
 """Numbers are written with so few decimals where that reads back as the same SI number."""
+_NO_UNIT = re.compile(r"[-\u2013\u2014]*")
+_UNITS_IN_ROW = 3
+"""A row below the header that has so many units and no number states the units of the columns."""
 _Row = tuple[int, list[Any]]  # its number in the file, and its cells
 
 
@@ -113,6 +141,7 @@ class Sheet:
         headers: column -> its name in the file, where that is another.
         unused: names of columns that are not ours.
         odd_units: those of them that are ours but for their unit -> the units that are valid.
+        notes: how the file was understood, where that is not plain from its header.
     """
 
     path: Path
@@ -123,11 +152,13 @@ class Sheet:
     headers: Mapping[str, str] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
     odd_units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def oddities(self) -> list[str]:
-        """One line that names the columns that are not used, if any."""
-        return [f"{self.path}: columns not used: {', '.join(self.unused)}"] if self.unused else []
+        """The notes, and one line that names the columns that are not used, if any."""
+        unused = [f"columns not used: {', '.join(self.unused)}"] if self.unused else []
+        return [f"{self.path}: {line}" for line in (*self.notes, *unused)]
 
     def numbers(self, columns: tuple[str, ...]) -> FloatArray:
         """Return (n, len(columns)) the cells in our units, NaN where a cell is no finite number.
@@ -198,30 +229,40 @@ def _split(header: str) -> tuple[str, str]:
     unit = rf"[\[(]\s*(.*?)\s*[\])]|(?:/\s*|\s+in\s+|[\s_])({known})"
     match = re.fullmatch(rf"(.+?)[\s_]*(?:{unit})?", text)
     name, bracketed, bare = match.groups() if match else (text, None, None)
-    name = re.sub(r"[\s_]", "", name)
+    name = re.sub(r"[\s_-]", "", name)
     name = {"poseid": "pose_id", "loadid": "load_id"}.get(name, name)
     return ALIASES.get(name, name), bracketed or bare or ""
 
 
-def read_sheet(path: Path) -> Sheet:
-    """Read a CSV, Excel (its first sheet) or Parquet file as it is.
+def read_sheet(path: Path, sheet: str | None = None) -> Sheet:
+    """Read a CSV, Excel or Parquet file as it is.
+
+    Args:
+        path: the file.
+        sheet: name of the Excel file's sheet; None: the only one that holds a table.
 
     Raises:
         DataError: the file cannot be read, is empty, or is no table.
-        ConfigError: the package that reads Excel or Parquet is not installed.
+        ConfigError: the package that reads Excel or Parquet is not installed; or the file has no
+            such sheet, or several sheets with tables and none is named.
     """
-    (sheet,) = read_sheets(path, sys.maxsize)
-    return sheet
+    (found,) = read_sheets(path, sys.maxsize, sheet)
+    return found
 
 
-def read_sheets(path: Path, rows: int) -> Generator[Sheet]:
+def read_sheets(path: Path, rows: int, sheet: str | None = None) -> Generator[Sheet]:
     """Yield a file in blocks of so many rows, at least one; errors as of `read_sheet`.
 
     CSV and Parquet are read as far as the blocks were taken, Excel at once.
     """
-    readers = {PARQUET: _read_parquet, EXCEL: _read_excel}
+    suffix = path.suffix.lower()
+    if sheet is not None and suffix != EXCEL:
+        raise ConfigError(f"{sheet!r}: {path} has no sheets (valid: an {EXCEL} file)", "sheet")
     try:
-        yield from readers.get(path.suffix.lower(), _read_csv)(path, rows)
+        if suffix == EXCEL:
+            yield from _read_excel(path, rows, sheet)
+        else:
+            yield from (_read_parquet if suffix == PARQUET else _read_csv)(path, rows)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
 
@@ -330,7 +371,7 @@ def _csv_blocks(path: Path, lines: Iterator[tuple[int, str]], rows: int) -> Iter
     head = head[1:] if told else head
     if not head:
         raise DataError(f"{path}: the file is empty")
-    first = _header(re.split(r"[,;\t]", line.replace('"', "")) for _, line in head)
+    first = _header(re.split(r"[,;\t]", line.replace('"', "")) for _, line in head) or 0
     separator = told[1] if told else max(",;\t", key=head[first][1].count)
     table = _csv_rows(path, itertools.chain(head[first:], lines), separator)
     yield from _sheets(path, table, rows, "." if separator == "," else ",")
@@ -365,45 +406,118 @@ def _sheets(path: Path, table: Iterator[_Row], rows: int, decimal: str) -> Itera
     """Yield the rows below the first, the header, in blocks of so many, at least one."""
     _, header = next(table)
     names = [str(name) or f"column {i + 1}" for i, name in enumerate(header)]
+    second = [*itertools.islice(table, 1)]
+    notes: tuple[str, ...] = ()
+    if second and (units := _units_row(second[0][1])):
+        number, _ = second.pop()
+        names = _with_units(path, names, units, number)
+        notes = (f"row {number} states the units of the columns",)
+    table = itertools.chain(second, table)
     block = [*itertools.islice(table, rows)]
     while True:
         cells = pd.DataFrame([row for _, row in block], columns=names, dtype=object)
         kept = (np.array(header, dtype=object) != "") | (cells != "").any().to_numpy()
         numbers = np.array([number for number, _ in block], dtype=np.int64)
-        yield Sheet(path, _named(cells.loc[:, kept]), numbers, decimal=decimal)
+        yield Sheet(path, _named(cells.loc[:, kept]), numbers, decimal=decimal, notes=notes)
         block = [*itertools.islice(table, rows)]
         if not block:
             return
 
 
-def _read_excel(path: Path, rows: int) -> Iterator[Sheet]:
+def _units_row(cells: Sequence[Any]) -> list[str] | None:
+    """Return the unit of each column, "" for none, if the row below a header states them."""
+    texts = [str(cell).strip() for cell in cells]
+    if any(_NUMBER.fullmatch(text.replace(",", ".")) for text in texts):
+        return None
+    units = [
+        "" if _NO_UNIT.fullmatch(text) else _split(f"? [{text.strip('[]()')}]")[1] for text in texts
+    ]
+    known = sum(any(unit in of_ours for of_ours in UNITS.values()) for unit in units)
+    return units if known >= _UNITS_IN_ROW else None
+
+
+def _with_units(path: Path, names: list[str], units: list[str], number: int) -> list[str]:
+    """Return the names of columns with the units of row `number`, where they state none.
+
+    Raises:
+        DataError: a name states another unit than the row.
+    """
+    result = []
+    for name, unit in zip(names, units, strict=True):
+        usual, stated = _split(name)
+        same = any(of.get(unit) == of.get(stated) is not None for of in UNITS.values())
+        if stated and unit and unit != stated and usual in _NAMES and not same:
+            raise DataError(f"{path}: row {number}: unit {unit!r} of the column {name!r}")
+        needed = unit and not stated and usual not in ID_COLUMNS
+        result.append(f"{name} [{unit}]" if needed else name)
+    return result
+
+
+def _read_excel(path: Path, rows: int, sheet: str | None) -> Iterator[Sheet]:
     require(f"{path}: Excel", "openpyxl")
     import openpyxl
 
-    table: list[_Row] = []
     try:
         with zipfile.ZipFile(path) as parts:
             size = sum(part.file_size for part in parts.infolist())
         if size > LARGEST_EXCEL:
             raise ValueError(f"{size} bytes unpacked (valid: at most {LARGEST_EXCEL})")
         with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
-            found = book.worksheets[0].iter_rows(max_col=MOST_COLUMNS, values_only=True)
-            for number, row in enumerate(found, start=1):
-                cells = ["" if cell is None else cell for cell in row]
-                cells = [cell.strip() if isinstance(cell, str) else cell for cell in cells]
-                if any(cell != "" for cell in cells) and not str(cells[0]).startswith("#"):
-                    table.append((number, cells + [""] * (MOST_COLUMNS - len(cells))))
-    except OSError:
+            sheets = {each.title: each for each in book.worksheets}
+            title = _sheet_title(path, sheets, sheet)
+            table = [*_excel_rows(sheets[title])]
+    except (OSError, StiffBenchError):
         raise
     except zipfile.BadZipFile as error:
         raise DataError(f"{path}: not an Excel table (valid: .xlsx, or 'CSV UTF-8')") from error
     except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
         reason = " ".join(str(error).split())
         raise DataError(f"{path}: not an Excel table: {reason}") from error
-    if not table:
-        raise DataError(f"{path}: the first sheet is empty")
-    first = _header([*map(str, cells)] for _, cells in table)
-    yield from _sheets(path, iter(table[first:]), rows, ",")
+    first = _header(_texts(table)) or 0
+    notes = (f"sheet {title!r} read",) if sheet is None and title != next(iter(sheets)) else ()
+    for block in _sheets(path, iter(table[first:]), rows, ","):
+        yield replace(block, notes=(*notes, *block.notes))
+
+
+def _sheet_title(path: Path, sheets: Mapping[str, Any], asked: str | None) -> str:
+    """Return the name of the sheet to read: the one that is asked for, else the only table.
+
+    Raises:
+        ConfigError: there is no such sheet, or none is asked for and several hold a table.
+        DataError: the sheet is empty.
+    """
+    if asked is not None and asked not in sheets:
+        valid = ", ".join(map(repr, sheets))
+        raise ConfigError(f"{asked!r}: no sheet of {path} (valid: {valid})", "sheet")
+    candidates = sheets if asked is None else {asked: sheets[asked]}
+    heads = {
+        title: [*itertools.islice(_excel_rows(each), _TITLE_ROWS)]
+        for title, each in candidates.items()
+    }
+    filled = [title for title, head in heads.items() if head]
+    if not filled:
+        which = "every sheet" if asked is None else f"the sheet {asked!r}"
+        raise DataError(f"{path}: {which} is empty")
+    tables = [title for title in filled if _header(_texts(heads[title])) is not None]
+    if len(tables) > 1:
+        valid = ", ".join(map(repr, tables))
+        why = f"is needed: {path} holds tables on {len(tables)} sheets (valid: {valid})"
+        raise ConfigError(why, "sheet")
+    return (tables or filled)[0]
+
+
+def _excel_rows(worksheet: Any) -> Iterator[_Row]:
+    """Yield the rows of a sheet that hold more than blanks or a remark."""
+    found = worksheet.iter_rows(max_col=MOST_COLUMNS, values_only=True)
+    for number, row in enumerate(found, start=1):
+        cells = ["" if cell is None else cell for cell in row]
+        cells = [cell.strip() if isinstance(cell, str) else cell for cell in cells]
+        if any(cell != "" for cell in cells) and not str(cells[0]).startswith("#"):
+            yield number, cells + [""] * (MOST_COLUMNS - len(cells))
+
+
+def _texts(table: Iterable[_Row]) -> Iterator[list[str]]:
+    return ([*map(str, cells)] for _, cells in table)
 
 
 def _read_parquet(path: Path, rows: int) -> Iterator[Sheet]:
@@ -444,13 +558,16 @@ def _named(cells: pd.DataFrame) -> pd.DataFrame:
     return cells
 
 
-def _header(rows: Iterable[Sequence[str]]) -> int:
-    """Return which row is the header: the first with names of columns, below a title, if any."""
+def _header(rows: Iterable[Sequence[str]]) -> int | None:
+    """Return which row is the header: the first with names of columns, below a title, if any.
+
+    None: no row has any.
+    """
     for i, row in enumerate(itertools.islice(rows, _TITLE_ROWS)):
         names = (_split(cell)[0] for cell in row if len(cell) <= LONGEST_CELL)
         if sum(name in _NAMES for name in names) >= _HEADER_NAMES:
             return i
-    return 0
+    return None
 
 
 def _numbers(cells: pd.Series, decimal: str) -> list[float]:
@@ -488,7 +605,7 @@ def in_file_units(values: FloatArray, unit: float) -> FloatArray:
             np.nextafter(result, np.inf),
             np.nextafter(result, -np.inf),
             result,
-            np.round(result, _DECIMALS),
+            np.round(result, DECIMALS),
         )
     for candidate in candidates:  # the best last
         result = np.where(candidate / unit == values, candidate, result)

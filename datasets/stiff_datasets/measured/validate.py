@@ -32,6 +32,7 @@ from stiff_datasets.measured.diagnosis import (
     diagnose,
     softness,
 )
+from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.hypotheses import Reading, compliances, reading
 from stiff_datasets.measured.sample_checks import LIMIT_SLACK, Problem, check_sheet, row_ranges
 from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns, read_sheet
@@ -88,17 +89,21 @@ class ValidationReport:
         return "\n".join(lines)
 
 
-def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> ValidationReport:
+def validate(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> ValidationReport:
     """Check a file of measured samples.
 
     Args:
-        path: the file; Parquet if it ends in .parquet, else CSV.
+        path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
         robot: that was measured.
-        no_torque: no torques were measured; a data card FILE.md beside the file may say so, too.
+        options: what is not in the file; a data card FILE.md beside it may say, too, that no
+            torques were measured.
+
+    Raises:
+        ConfigError: the file has no such sheet, or several with tables and none is asked for.
     """
     try:
         card = read_card(path)
-        checked = check_sheet(read_sheet(path), robot, no_torque=no_torque)
+        checked = check_sheet(read_sheet(path, options.sheet), robot, options)
     except DataError as error:
         message = str(error).removeprefix(f"{path}: ")
         return ValidationReport(path, (Finding("error", message),))
@@ -115,7 +120,7 @@ def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> Validation
             errors += [Finding("error", _named(likely))] if likely.best else []
         return ValidationReport(path, tuple(errors), tuple(unfilled))
     data = reading(robot, samples.q, samples.wrench, samples.deflection)
-    no_torque = no_torque or card.no_torque
+    no_torque = options.no_torque or card.no_torque
     torques_missing = not no_torque and not data.torque.any()
     diagnosis = diagnose(samples, robot, may_fit=not torques_missing)
     if torques_missing and not _explains_little(diagnosis.given):
@@ -124,10 +129,11 @@ def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> Validation
     unused = ", ".join(checked.sheet.unused)
     found = [
         *unfilled,
+        *(fact("read as", note) for note in checked.sheet.notes),
         *([fact("columns not used", unused)] if unused else []),
         *_content_findings(samples, robot, no_torque),
         *_noise_findings(card),
-        *duplicate_findings(samples, robot, lines),
+        *duplicate_findings(samples, checked.near_poses, lines),
         *range_findings(samples, lines),
         *repeat_findings(samples, robot, lines),
         *(_spring_findings(data, pose, diagnosis, lines) if data.regressor().any() else ()),

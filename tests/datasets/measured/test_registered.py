@@ -64,6 +64,8 @@ def test_a_registered_file_is_read_with_the_shipped_robot_and_its_tcp(csv, kr10)
             "urdf_sha256": "",
             "no_torque": False,
             "tip": "",
+            "sheet": "",
+            "pose_tolerance": 0.05,
         }
     }
 

@@ -1,0 +1,36 @@
+"""What a user states about a file of samples: torques, sheet, tolerance of poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stiff_protocols.contract.errors import ConfigError
+
+POSE_TOLERANCE = 0.05
+"""deg and mm; encoders and controllers come back to a pose within less, and no plan has poses so
+near each other."""
+LARGEST_POSE_TOLERANCE = 10.0
+
+
+@dataclass(frozen=True)
+class FileOptions:
+    """What a user states about a file of samples.
+
+    Attributes:
+        no_torque: torques were not measured; their columns may be missing.
+        sheet: name of the Excel file's sheet; None: the only one that holds a table.
+        pose_tolerance: deg, and mm of prismatic joints; rows whose joint positions differ by no
+            more are of one pose.
+    """
+
+    no_torque: bool = False
+    sheet: str | None = None
+    pose_tolerance: float = POSE_TOLERANCE
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.pose_tolerance <= LARGEST_POSE_TOLERANCE:
+            valid = f"valid: from 0 to {LARGEST_POSE_TOLERANCE:g}, in deg and mm"
+            raise ConfigError(f"{self.pose_tolerance:g} ({valid})", "pose-tolerance")
+
+
+DEFAULTS = FileOptions()

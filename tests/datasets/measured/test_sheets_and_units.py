@@ -1,0 +1,249 @@
+"""Files as they come: several sheets, a row of units, positions in place of deflections, names."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import stiffbench as sb
+from helpers.command_line import assert_refused, bench_here
+from stiff_datasets.measured.file_options import FileOptions
+from stiff_datasets.measured.load_file import read_loads
+from stiff_datasets.measured.measured import read_samples
+from stiff_datasets.measured.sample_files import sample_table
+from stiff_datasets.measured.validate import validate
+from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchWarning
+
+JOINTS = [f"q{i}_deg" for i in range(1, 7)]
+DEFLECTIONS = ["dx_mm", "dy_mm", "dz_mm"]
+ROBOT = ["--robot", "kr10-r1100-2"]
+
+
+@pytest.fixture(scope="module")
+def table(twin):
+    return sample_table(twin.samples, twin.robot).iloc[:30].round(4)
+
+
+@pytest.fixture(scope="module")
+def tcp_mm(table, kr10):
+    """(30, 3) positions of the TCP."""
+    return 1000.0 * kr10.forward(np.deg2rad(table[JOINTS].to_numpy())).points[:, -1]
+
+
+@pytest.fixture()
+def book(tmp_path, table):
+    """A function that writes an Excel file with these rows on its sheets; 0: a note."""
+    pytest.importorskip("openpyxl")
+
+    def write(**sheets):
+        path = tmp_path / "my.xlsx"
+        with pd.ExcelWriter(path) as writer:
+            for name, n_rows in sheets.items():
+                rows = table.iloc[:n_rows] if n_rows else pd.DataFrame({"measured by": ["Ada"]})
+                rows.to_excel(writer, sheet_name=name, index=False)
+        return path
+
+    return write
+
+
+def test_a_sheet_is_asked_for_where_two_hold_tables(book, kr10, tmp_path):
+    path = book(Monday=20, Tuesday=10, Notes=0)
+    for call in (read_samples, validate, read_loads):
+        with pytest.raises(ConfigError, match=r"sheet is needed: .*'Monday', 'Tuesday'\)$"):
+            call(path, kr10)
+    assert len(read_samples(path, kr10, FileOptions(sheet="Tuesday"))) == 10
+    assert len(sb.read_samples(path, robot="kr10-r1100-2", sheet="Monday")) == 20
+    assert sb.validate(path, sheet="Monday").verdict != "invalid"
+    words = ["--data", "my.xlsx", *ROBOT, "--model", "vjm", "--output", "vjm.stiff"]
+    assert_refused(bench_here("fit", *words, cwd=tmp_path), "--sheet is needed", "'Tuesday'")
+    fitted = bench_here("fit", *words, "--sheet", "Monday", cwd=tmp_path)
+    assert fitted.returncode == 0, fitted.stderr
+    words = ["predict", "--model", "vjm.stiff", "--input", "my.xlsx", "--output", "out.csv"]
+    assert_refused(bench_here(*words, cwd=tmp_path), "--sheet is needed")
+    done = bench_here(*words, "--sheet", "Tuesday", cwd=tmp_path)
+    assert "10 rows predicted" in done.stdout, done.stderr
+
+
+def test_the_only_sheet_with_a_table_is_read_and_named(book, kr10):
+    path = book(Notes=0, Data=12)
+    with pytest.warns(StiffBenchWarning, match="sheet 'Data' read"):
+        assert len(read_samples(path, kr10)) == 12
+
+
+def test_a_sheet_that_is_not_there_is_refused_with_those_that_are(book, kr10, table, tmp_path):
+    path = book(Monday=5, Notes=0)
+    with pytest.raises(ConfigError, match=r"'Friday': no sheet of .*'Monday', 'Notes'\)$"):
+        read_samples(path, kr10, FileOptions(sheet="Friday"))
+    table.to_csv(tmp_path / "my.csv", index=False)
+    words = ["data", "validate", "my.csv", "--sheet", "Monday"]
+    assert_refused(bench_here(*words, cwd=tmp_path), "--sheet 'Monday'", "my.csv has no sheets")
+    assert_refused(
+        bench_here("run", "--model", "vjm", "--sheet", "Monday", cwd=tmp_path), "--sheet", "--data"
+    )
+
+
+def with_units_row(table, units, names):
+    """The lines of a file that has its units in the second row."""
+    rows = table.copy()
+    rows[DEFLECTIONS] *= {"mm": 1.0, "um": 1000.0}[units[-1].strip("[]")]
+    rows.columns = names
+    header, *lines = rows.to_csv(index=False).splitlines()
+    return "\n".join([header, ",".join(units), *lines])
+
+
+BARE = [name.rpartition("_")[0] for name in [*JOINTS, "fx_N", "fy_N", "fz_N"]]
+BARE = ["pose_id", "load_id", "group", *BARE, "tx", "ty", "tz", "dx", "dy", "dz"]
+DEG_N_NM = [*["deg"] * 6, *["N"] * 3, *["N·m"] * 3]
+
+
+@pytest.mark.parametrize(
+    ("units", "names"),
+    [
+        (["-", "-", "-", *DEG_N_NM, "um", "um", "um"], BARE),
+        ([*[""] * 3, *(f"[{unit}]" for unit in DEG_N_NM), "[um]", "[um]", "[um]"], BARE),
+        (["-", "", "-", *DEG_N_NM, "mm", "mm", "mm"], None),
+    ],
+    ids=["bare", "bracketed", "beside names with units"],
+)
+def test_a_row_of_units_below_the_header_is_used(tmp_path, kr10, table, units, names):
+    path = tmp_path / "my.csv"
+    path.write_text(with_units_row(table, units, names or list(table.columns)))
+    with pytest.warns(StiffBenchWarning, match="row 2 states the units"):
+        samples = read_samples(path, kr10)
+    wanted = table[DEFLECTIONS].to_numpy() / 1000.0
+    np.testing.assert_allclose(samples.deflection, wanted, rtol=1e-12)
+    path.write_text(path.read_text().replace("\nP", "\nQ").replace(",0.0,", ",x,", 1))
+    with pytest.raises(DataError, match="row 3, column"):  # rows are still counted as in an editor
+        read_samples(path, kr10)
+
+
+@pytest.mark.parametrize(
+    ("units", "names", "message"),
+    [
+        ([*["-"] * 3, *DEG_N_NM, "um", "um", "um"], None, r"row 2: unit 'um' of .*'dx_mm'"),
+        ([*["-"] * 3, *DEG_N_NM, "um", "um", "inch"], BARE, r"unit of 'dz \[inch\]' \(valid: mm"),
+    ],
+    ids=["another than the name's", "unknown"],
+)
+def test_a_row_of_units_that_cannot_be_used_is_refused(
+    tmp_path, kr10, table, units, names, message
+):
+    path = tmp_path / "my.csv"
+    last = units[-1]
+    text = with_units_row(table, [*units[:-1], "um"], names or list(table.columns))
+    path.write_text(text.replace("um,um,um", f"um,um,{last}"))
+    with pytest.raises(DataError, match=message):
+        read_samples(path, kr10)
+
+
+def with_positions(table, tcp_mm, unit="mm", names="{axis}{number}_{unit}"):
+    """The table with the positions without and under load in place of the deflections."""
+    scale = {"mm": 1.0, "m": 1e-3}[unit]
+    rows = table.drop(columns=DEFLECTIONS)
+    before = tcp_mm.round(3)
+    for number, positions in enumerate((before, before + table[DEFLECTIONS].to_numpy())):
+        for i, axis in enumerate("xyz"):
+            name = names.format(axis=axis, number=number, unit=unit)
+            rows[name] = (scale * positions[:, i]).round(8)
+    return rows
+
+
+@pytest.mark.parametrize("unit", ["mm", "m"])
+def test_positions_without_and_under_load_give_the_deflection(tmp_path, kr10, table, tcp_mm, unit):
+    path = tmp_path / "my.csv"
+    with_positions(table, tcp_mm, unit).to_csv(path, index=False)
+    with pytest.warns(StiffBenchWarning, match=rf"deflections are x1_{unit} - x0_{unit}, "):
+        samples = read_samples(path, kr10)
+    wanted = table[DEFLECTIONS].to_numpy() / 1000.0
+    np.testing.assert_allclose(samples.deflection, wanted, rtol=0, atol=1e-12)
+    assert "deflections are" in repr(validate(path, kr10))
+
+
+def test_positions_that_are_not_whole_are_named(tmp_path, kr10, table, tcp_mm):
+    path, rows = tmp_path / "my.csv", with_positions(table, tcp_mm)
+    for wrong, message in (
+        (rows.drop(columns=["x0_mm", "y0_mm", "z0_mm"]), "missing x0_mm, y0_mm, z0_mm"),
+        (rows.astype({"y1_mm": str}).replace({"y1_mm": {rows.y1_mm.astype(str)[3]: "?"}}), "'?'"),
+        (rows.assign(z1_mm=rows.z1_mm + 60.0 * (rows.index == 0)), r"row 2, column z1_mm - z0_mm"),
+        (table.drop(columns=DEFLECTIONS), r"missing dx_mm.*x1_mm"),
+    ):
+        wrong.to_csv(path, index=False)
+        with pytest.raises(DataError, match=message.replace("?", r"\?")):
+            read_samples(path, kr10)
+
+
+@pytest.mark.parametrize("frame", ["base", "tracker", "one row"])
+def test_positions_in_the_columns_of_deflections_are_refused_with_what_to_do(
+    tmp_path, kr10, table, tcp_mm, frame
+):
+    turn = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, 0.8], [-0.8, 0.0, 0.6]])
+    positions = tcp_mm @ turn.T + [2500.0, -300.0, 80.0] if frame == "tracker" else tcp_mm
+    rows = table.copy()
+    rows[DEFLECTIONS] += positions
+    rows.iloc[: 1 if frame == "one row" else None].to_csv(tmp_path / "my.csv", index=False)
+    with pytest.raises(DataError, match=r"absolute positions.*subtract.*x0_mm.*x1_mm"):
+        read_samples(tmp_path / "my.csv", kr10)
+
+
+@pytest.mark.parametrize("which", ["twin", "fanuc"])
+def test_micrometres_are_not_taken_for_positions(request, tmp_path, which):
+    data = request.getfixturevalue(which)
+    rows = sample_table(data.samples, data.robot)
+    rows[DEFLECTIONS] *= 1000.0
+    rows.to_csv(tmp_path / "my.csv", index=False)
+    (error,) = validate(tmp_path / "my.csv", data.robot).errors
+    assert "micrometres" in error.message
+
+
+@pytest.mark.parametrize(
+    "joint",
+    [
+        *(
+            "Gelenk {} [Grad]",
+            "Achswinkel A{} (°)",
+            "Gelenkwinkel_{}",
+            "Achse {}",
+            "Achse A{} [deg]",
+        ),
+        *(
+            "joint angle {}",
+            "Joint-Position {} / deg",
+            "axis angle {} (degrees)",
+            "Winkel q{} in °",
+        ),
+    ],
+)
+def test_joints_are_found_under_the_names_people_give_them(tmp_path, kr10, table, joint):
+    rows = table.rename(columns={f"q{i}_deg": joint.format(i) for i in range(1, 7)})
+    rows.to_csv(tmp_path / "my.csv", index=False)
+    samples = read_samples(tmp_path / "my.csv", kr10)
+    np.testing.assert_allclose(np.rad2deg(samples.q), table[JOINTS], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("force", "torque", "deflection"),
+    [
+        ("Kraft {} [N]", "Moment {} [Nm]", "Auslenkung {} [mm]"),
+        ("Kraft F{} (N)", "Drehmoment M{} (Nm)", "Verlagerung d{} (mm)"),
+        ("force {}", "torque T{}", "deformation {}"),
+    ],
+)
+def test_loads_are_found_under_the_names_people_give_them(
+    tmp_path, kr10, table, force, torque, deflection
+):
+    kinds = {"f{}_N": force, "t{}_Nm": torque, "d{}_mm": deflection}
+    names = {ours.format(a): theirs.format(a) for ours, theirs in kinds.items() for a in "xyz"}
+    table.rename(columns=names).to_csv(tmp_path / "my.csv", index=False)
+    samples = read_samples(tmp_path / "my.csv", kr10)
+    np.testing.assert_allclose(samples.wrench[:, 5], table["tz_Nm"])
+    np.testing.assert_allclose(samples.deflection[:, 0] * 1000.0, table["dx_mm"], rtol=1e-12)
+
+
+def test_positions_are_found_under_words_for_loaded_and_unloaded(tmp_path, kr10, table, tcp_mm):
+    rows = with_positions(table, tcp_mm)
+    words = {"0": "unbelastet", "1": "belastet"}
+    names = {f"{a}{n}_mm": f"{a} {word} [mm]" for a in "xyz" for n, word in words.items()}
+    rows.rename(columns=names).to_csv(tmp_path / "my.csv", index=False)
+    with pytest.warns(StiffBenchWarning, match=r"x belastet \[mm\] - x unbelastet \[mm\]"):
+        read_samples(tmp_path / "my.csv", kr10)
