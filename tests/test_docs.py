@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import os
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -15,6 +16,7 @@ from pathlib import Path
 import click
 import pytest
 
+from helpers.command_line import bench_here
 from helpers.run_requests import planned
 from stiff_bench.cli.main import bench
 from stiff_bench.plan.cells import cell_tasks
@@ -53,8 +55,51 @@ def test_a_model_of_the_page_keeps_the_contract_and_can_be_run(key, fanuc, tmp_p
     assert bool(result.diagnostics) == (key == "bagged-ridge")
 
 
+PAGES = (TOP / "README.md", *sorted(DOCS.rglob("*.md")))
+SCRIPT = re.compile(r"^```py(?:thon)?\n(?!>>>)(.*?)^```", re.MULTILINE | re.DOTALL)
+"""A Python block that prints nothing beneath its lines; docs/python.md is a doctest."""
+BLOCKS = {
+    page.relative_to(TOP).as_posix(): blocks
+    for page in PAGES
+    if (blocks := SCRIPT.findall(page.read_text("utf-8")))
+}
+MADE_BY = {
+    "docs/how-to/deploy.md": ["fit --model vjm --dataset kr10-twin --output kr10.stiff"],
+    "docs/how-to/correct-a-path.md": [
+        "fit --model vjm --dataset kr10-twin --output kr10.stiff",
+        "path example --output square.csv",
+    ],
+    "docs/running.md": ["run --model zero --splits 1"],
+}
+"""Commands of the page that make what its Python blocks read."""
+MINUTES = {"docs/findings.md"}
+"""Pages whose block fits the paper's networks: its names are checked, it is not run."""
+
+
+def test_every_name_in_a_python_block_is_defined(tmp_path):
+    for page, blocks in BLOCKS.items():
+        (tmp_path / f"{page.replace('/', '_')}.py").write_text("\n".join(blocks), encoding="utf-8")
+    command = [sys.executable, "-m", "ruff", "check", "--isolated", "--select", "F821", "."]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
 @pytest.mark.slow
-def test_the_page_on_python_prints_what_it_says():
+@pytest.mark.filterwarnings("default::stiff_protocols.contract.errors.StiffBenchWarning")
+@pytest.mark.parametrize("page", sorted(BLOCKS.keys() - MINUTES))
+def test_the_python_blocks_of_a_page_run_as_they_stand(page, tmp_path, monkeypatch):
+    for words in MADE_BY.get(page, ()):
+        assert bench_here(*shlex.split(words), cwd=tmp_path).returncode == 0
+    monkeypatch.chdir(tmp_path)
+    has_cluster = find_spec("dask_jobqueue") is not None
+    blocks = [block for block in BLOCKS[page] if has_cluster or "dask_jobqueue" not in block]
+    (tmp_path / "page.py").write_text("\n".join(blocks), encoding="utf-8")
+    runpy.run_path("page.py", run_name="page")  # a main guard's block would start a cluster
+
+
+@pytest.mark.slow
+def test_the_page_on_python_prints_what_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # it saves a picture
     page, flags = str(DOCS / "python.md"), doctest.NORMALIZE_WHITESPACE
     found = doctest.testfile(page, module_relative=False, optionflags=flags)
     assert found.attempted > 20
@@ -73,8 +118,7 @@ def test_every_metric_and_protocol_is_defined():
 
 
 def test_every_command_of_the_docs_has_its_options():
-    pages = (TOP / "README.md", *sorted(DOCS.rglob("*.md")))
-    lines = [(page.name, line) for page in pages for line in _shell(page)]
+    lines = [(page.name, line) for page in PAGES for line in _shell(page)]
     commands = [(page, line) for page, line in lines if line.startswith("bench ")]
     assert len(commands) > 50  # that they are found at all
     assert [one for one in commands if _unknown(one[1])] == []

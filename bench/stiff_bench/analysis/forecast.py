@@ -2,16 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import timedelta
+from itertools import takewhile, zip_longest
 from pathlib import Path
 
 from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.execution import COUNTING, Rerun
+from stiff_bench.run.execution import COUNTING, Execution, Rerun
+from stiff_bench.run.isolate import TIMED_OUT
+from stiff_bench.run.progress import Display
 from stiff_bench.store.database import mean_seconds, stored_statuses
+from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import Column, Quantity, Table
-from stiff_bench.tables.units import counted
+from stiff_bench.tables.units import counted, first_few
+
+LONGEST_FIT_S, LONGEST_S = 10.0, 30.0
+"""Seconds after which the timing of one fit is stopped, and after which no other is started."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What one fit took that was timed for the plan.
+
+    Attributes:
+        seconds: of fit and predictions; what it had taken when it was stopped.
+        was_stopped: it takes longer than that.
+        failure: why it gave no result; "" where it did.
+    """
+
+    seconds: float
+    was_stopped: bool = False
+    failure: str = ""
+
+
+Timings = Mapping[tuple[str, str], Timing]
+"""(model, data set) -> the fit that was timed."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +50,11 @@ class Forecast:
         model: key with the options that differ from their defaults.
         n_cells: in all.
         n_cached: whose results are there.
-        n_unknown: how many of the others take a time that nobody knows.
+        n_unknown: how many of the others take a time that is not known.
         seconds: expected time of the others whose time is known, one after another, s.
+        n_timed: how many of the others have the time of a fit that was timed for the plan.
+        is_lower_bound: a timing was stopped, so that they take longer than `seconds`.
+        failure: why a fit that was timed gave no result; "" where it did.
     """
 
     model: str
@@ -31,65 +62,175 @@ class Forecast:
     n_cached: int
     n_unknown: int
     seconds: float
+    n_timed: int = 0
+    is_lower_bound: bool = False
+    failure: str = ""
 
 
-def forecast(tasks: Iterable[CellTask], output: Path, *, rerun: Rerun) -> list[Forecast]:
+def untimed_fits(tasks: Iterable[CellTask], output: Path, *, rerun: Rerun) -> list[CellTask]:
+    """Return a fit to time for each model and data set whose model has no stored fit.
+
+    It is the missing one that learns from the fewest rows. Each model comes once before any comes
+    with its second data set.
+    """
+    statuses, means = stored_statuses(output), mean_seconds(output)
+    smallest: dict[tuple[str, str], CellTask] = {}
+    for task in tasks:
+        place = task.shown.model, task.shown.dataset
+        is_cached = statuses.get(task.cell.key) in COUNTING[rerun]
+        if is_cached or task.shown.model in means:
+            continue
+        if place not in smallest or len(task.split.train) < len(smallest[place].split.train):
+            smallest[place] = task
+    of_models = grouped(smallest.values(), lambda task: task.shown.model).values()
+    return [task for row in zip_longest(*of_models) for task in row if task is not None]
+
+
+class _Silent(Display):
+    def show(self, line: str) -> None:
+        """Show nothing: failures stand in the plan."""
+
+
+def time_fits(tasks: Sequence[CellTask], execution: Execution) -> Timings:
+    """Return what some fits take, of as many as `LONGEST_S` allow; nothing is stored.
+
+    Args:
+        tasks: to be timed.
+        execution: stops each after `LONGEST_FIT_S`.
+    """
+    display, timed = _Silent(), dict[tuple[str, str], Timing]()
+    display.begin(tasks, 0, {}, 1)
+    end = time.monotonic() + LONGEST_S
+
+    def started() -> Iterator[CellTask]:
+        yield from takewhile(lambda _: time.monotonic() < end, tasks)
+
+    with closing(execution.results(started(), "plan", display)) as ended:
+        for result in ended:
+            place = result.shown.model, result.shown.dataset
+            if result.cost is not None:
+                timed[place] = Timing(result.cost.fit_s + result.cost.predict_s)
+            elif result.cause == TIMED_OUT:
+                timed[place] = Timing(LONGEST_FIT_S, was_stopped=True)
+            else:
+                timed[place] = Timing(0.0, failure=result.why_none)
+    return timed
+
+
+def forecast(
+    tasks: Iterable[CellTask], output: Path, *, rerun: Rerun, timed: Timings | None = None
+) -> list[Forecast]:
     """Return what a run would compute of each model, in the order of the tasks, and "all" last.
 
     Nothing is computed or written; the folder of the results need not be there. Times are means of
-    the stored fits of the same models.
+    the stored fits of the same models, else those of fits that were timed on the same data set, or
+    on another one.
 
     Raises:
         StiffBenchError: a data set cannot be loaded or divided, or the stored results not read.
     """
     statuses, means = stored_statuses(output), mean_seconds(output)
     cached = {key for key, status in statuses.items() if status in COUNTING[rerun]}
-    is_cached: dict[str, list[bool]] = {}
+    is_cached: dict[str, dict[str, list[bool]]] = {}
     for task in tasks:
-        is_cached.setdefault(task.shown.model, []).append(task.cell.key in cached)
-    found = []
-    for name, of_model in is_cached.items():
-        n_missing = of_model.count(False)
-        n_unknown = 0 if name in means else n_missing
-        seconds = n_missing * means.get(name, 0.0)
-        found.append(Forecast(name, len(of_model), sum(of_model), n_unknown, seconds))
-    totals = (
-        sum(getattr(one, number) for one in found)
-        for number in ("n_cells", "n_cached", "n_unknown", "seconds")
+        of_model = is_cached.setdefault(task.shown.model, {})
+        of_model.setdefault(task.shown.dataset, []).append(task.cell.key in cached)
+    found = [
+        _of_model(
+            model,
+            of_datasets,
+            means.get(model),
+            {place[1]: one for place, one in (timed or {}).items() if place[0] == model},
+        )
+        for model, of_datasets in is_cached.items()
+    ]
+    total = Forecast(
+        "all",
+        n_cells=sum(one.n_cells for one in found),
+        n_cached=sum(one.n_cached for one in found),
+        n_unknown=sum(one.n_unknown for one in found),
+        seconds=sum(one.seconds for one in found),
+        n_timed=sum(one.n_timed for one in found),
+        is_lower_bound=any(one.is_lower_bound for one in found),
     )
-    return [*found, Forecast("all", *totals)]
+    return [*found, total]
+
+
+def _of_model(
+    model: str,
+    of_datasets: Mapping[str, Sequence[bool]],
+    mean_s: float | None,
+    timed: Mapping[str, Timing],
+) -> Forecast:
+    """Return what is missing of one model on each data set, and how long that takes."""
+    n_missing = {dataset: list(found).count(False) for dataset, found in of_datasets.items()}
+    n_cells, total = sum(map(len, of_datasets.values())), sum(n_missing.values())
+    counts = model, n_cells, n_cells - total
+    if mean_s is not None:
+        return Forecast(*counts, 0, total * mean_s)
+    failure = next((one.failure for one in timed.values() if one.failure), "")
+    known = {dataset: one for dataset, one in timed.items() if not one.failure}
+    if not known:
+        return Forecast(*counts, total, 0.0, failure=failure)
+    usual_s = sum(one.seconds for one in known.values()) / len(known)
+    each_s = {one: known[one].seconds if one in known else usual_s for one in n_missing}
+    seconds = sum(n * each_s[dataset] for dataset, n in n_missing.items())
+    was_stopped = any(one.was_stopped for one in known.values())
+    return Forecast(*counts, 0, seconds, total, was_stopped, failure)
 
 
 def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:
     """Return the numbers of cells by model, and of all together."""
+    *models, _ = found
+    timed = [one.model for one in models if one.n_timed]
+    stopped = [one.model for one in models if one.is_lower_bound]
+    notes = ["time: h:min:s in sequence, from the mean of the model's stored fits"]
+    if timed:
+        notes.append(
+            f"timed now, one fit on the smallest split, not stored: {first_few(timed)}; larger "
+            "splits take longer"
+        )
+    if stopped:
+        which = first_few(stopped)
+        notes.append(f"more than: a fit was stopped after {LONGEST_FIT_S:g} s: {which}")
+    notes += [
+        f"{one.model}: the timed fit gave no result: {one.failure}" for one in models if one.failure
+    ]
     return Table(
         title="Fits to compute",
         columns=[
             Column("model", "text"),
             *(Column(name) for name in ("fits", "cached", "to compute")),
-            Column("time", unit="s", format=lambda time: _clock(time.value or 0.0)),
+            Column("time", unit="s", format=_time_text),
         ],
         rows=[
             [
                 *(one.model, one.n_cells, one.n_cached, one.n_cells - one.n_cached),
-                Quantity(status="unknown") if one.n_unknown else one.seconds,
+                Quantity(status="unknown")
+                if one.n_unknown
+                else Quantity(one.seconds, status="more than" * one.is_lower_bound),
             ]
             for one in found
         ],
-        notes=("time: h:min:s in sequence, from the mean of the model's stored fits",),
+        notes=notes,
         about={"jobs": jobs},
     )
+
+
+def _time_text(found: Quantity) -> str:
+    return f"{found.status} {_clock(found.value or 0.0)}".strip()
 
 
 def forecast_line(total: Forecast, jobs: int) -> str:
     """Return e.g. "40 fits, 10 cached, 30 to compute; about 0:02:30 with 2 jobs"."""
     n_missing = total.n_cells - total.n_cached
     cells = f"{counted(total.n_cells, 'fit')}, {total.n_cached} cached, {n_missing} to compute"
-    time = f"about {_clock(total.seconds / jobs)} with {counted(jobs, 'job')}"
+    about = "more than" if total.is_lower_bound else "about"
+    duration = f"{about} {_clock(total.seconds / jobs)} with {counted(jobs, 'job')}"
     if not total.n_unknown:
-        return f"{cells}; {time}"
+        return f"{cells}; {duration}"
     unknown = f"{counted(total.n_unknown, 'fit')} of models without a stored fit"
-    return f"{cells}; {f'{time}, and' if total.seconds else 'time unknown:'} {unknown}"
+    return f"{cells}; {f'{duration}, and' if total.seconds else 'time unknown:'} {unknown}"
 
 
 def _clock(seconds: float) -> str:

@@ -9,6 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.tables import Text
 from stiff_bench.plan.options import Choice, check_option
@@ -22,6 +24,7 @@ from stiff_bench.plan.words import (
     measured_file,
     own_file,
 )
+from stiff_bench.tables.units import counted
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.files import make_folder
@@ -152,6 +155,23 @@ class Dataset:
         save_picture(data, title, picture, quantity)
         return Text(dataset_info(info, data, picture, options))
 
+    def __getitem__(self, rows: slice | int | Sequence[int] | Sequence[bool] | Any) -> Dataset:
+        """Return the data set of some samples: a slice, row numbers or a mask, as NumPy has it.
+
+        It keeps kind and caveats; its name says that it is a part. Rows of one pose belong
+        together: a part that holds only some of them makes a test on the others easier than it is.
+
+        Raises:
+            IndexError: there is no such row, or the mask has another length.
+        """
+        data = self.data
+        chosen = np.atleast_1d(np.arange(len(data.samples))[rows])
+        known = {name: values[chosen] for name, values in data.known.items()}
+        part = replace(data, samples=data.samples.take(chosen), known=known)
+        text = _slice_text(rows) if isinstance(rows, slice) else counted(len(chosen), "row")
+        info = replace(self.choice.info, published="", card="")
+        return Dataset(held_data(part, f"{self.name}[{text}]", info))
+
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.samples)
@@ -159,6 +179,33 @@ class Dataset:
     def __repr__(self) -> str:
         """Name it, its samples and its robot."""
         return f"Dataset {self.name} ({self.choice.info.label})\n{self.samples!r}\n{self.robot!r}"
+
+
+def _slice_text(rows: slice) -> str:
+    """Return a slice as it is written, such as "10:40"."""
+    start, stop, step = (
+        "" if one is None else str(one) for one in (rows.start, rows.stop, rows.step)
+    )
+    return f"{start}:{stop}" + (f":{step}" if step else "")
+
+
+def check_dataset(data: object) -> None:
+    """See that something is a data set.
+
+    Raises:
+        ConfigError: it is a table, samples or a name; the message says how a data set is made.
+    """
+    if isinstance(data, Dataset | BenchmarkData):
+        return
+    robot = "robot: Robot.from_urdf(file, tcp=...) or Robot.shipped(name)"
+    hints = {
+        "DataFrame": f"Dataset.from_frame(frame, robot) makes one; {robot}",
+        "Samples": f"Dataset.from_samples(samples, robot) makes one; {robot}",
+        "str": f"load_dataset({data!r}) loads a shipped one, read_samples(file, ...) a file",
+    }
+    kind = type(data).__name__
+    hint = hints.get(kind, "load_dataset, read_samples and Dataset.from_frame make one")
+    raise ConfigError(f"{kind} is not a data set: {hint}")
 
 
 def load_dataset(name: str, **options: Any) -> Dataset:

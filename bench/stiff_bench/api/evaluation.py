@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stiff_bench.api.catalog import registry
-from stiff_bench.api.data import Dataset, choice_of
+from stiff_bench.api.data import Dataset, check_dataset, choice_of
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.api.process import pinned
 from stiff_bench.api.results import Results
@@ -74,9 +74,11 @@ def evaluate(
             "use_plugin(file)"
         )
     data = [
-        one if isinstance(one, Dataset) else Dataset(choice_of("dataset", one, {}))
+        Dataset(choice_of("dataset", one, {})) if isinstance(one, str) else one
         for one in _listed(datasets)
     ]
+    for one in data:
+        check_dataset(one)
     names = [choice_of("protocol", one, {}) for one in _listed(protocol)]
     folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
     plan = plan_run(

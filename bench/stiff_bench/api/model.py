@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from stiff_bench.api.catalog import registry
-from stiff_bench.api.data import Dataset, choice_of
+from stiff_bench.api.data import Dataset, check_dataset, choice_of
 from stiff_bench.api.results import metric_line
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
@@ -94,9 +94,11 @@ class Model:
             seed: of the model, and of the poses that choose the epoch.
 
         Raises:
-            ConfigError: the model cannot be used here, or not for this robot.
+            ConfigError: the model cannot be used here, or not for this robot, or `data` is no data
+                set, such as a DataFrame.
             ModelError: the samples cannot be fitted.
         """
+        check_dataset(data)
         with display():
             self.fitted, self.note = whole_fit(self.choice, data.samples, data.robot, seed=seed)
         self.data = (data.data if isinstance(data, Dataset) else data), seed
@@ -291,9 +293,11 @@ class Model:
 
         Raises:
             NotFittedError: `fit` was not called.
+            ConfigError: `data` is no data set.
         """
         from pandas import DataFrame
 
+        check_dataset(data)
         samples = data.samples
         predicted = self.predict(samples.q, samples.wrench)
         prediction = Prediction(np.arange(len(samples)), predicted, samples.deflection)

@@ -8,7 +8,16 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.analysis.forecast import forecast, forecast_line, forecast_table
+from stiff_bench.analysis.forecast import (
+    LONGEST_FIT_S,
+    LONGEST_S,
+    Timings,
+    forecast,
+    forecast_line,
+    forecast_table,
+    time_fits,
+    untimed_fits,
+)
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.data import Dataset
 from stiff_bench.api.model import Model
@@ -23,6 +32,7 @@ from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.render import render
+from stiff_bench.tables.units import counted
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import check_new_file
@@ -52,11 +62,26 @@ class Run:
     def forecast(self) -> Tables:
         """Return what would be computed of each model, and how long all takes, in a sentence.
 
+        One fit is timed of each model and data set whose model has no stored fit, not on a cluster.
+
         Raises:
             StiffBenchError: the data cannot be loaded or divided.
         """
-        plan, jobs = self.plans[0], self.execution.at_once
-        found = forecast(self.tasks, plan.output, rerun=self.execution.rerun)
+        plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
+        untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
+        timed: Timings = {}
+        facts = self.execution.facts
+        if untimed and not facts["dask"]:
+            n_models = len({task.shown.model for task in untimed})
+            say(
+                f"timing a fit of {counted(n_models, 'model')} without a stored one, for at most "
+                f"{LONGEST_S + LONGEST_FIT_S:g} s"
+            )
+            alone = chosen_execution(
+                plan, registry(), threads=int(facts["threads"]), timeout=LONGEST_FIT_S
+            )
+            timed = time_fits(untimed, alone)
+        found = forecast(self.tasks, plan.output, rerun=rerun, timed=timed)
         tables = [forecast_table(found, jobs)]
         text_as = partial(render, tables, command=plan.command)
         return Tables(lambda: tables, text_as, forecast_line(found[-1], jobs))

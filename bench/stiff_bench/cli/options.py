@@ -370,6 +370,7 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
             "--plan",
             "plan_only",
             is_flag=True,
-            help="Only print how many fits are missing and how long they would take.",
+            help="Only print how many fits are missing and how long they would take; a fit of each "
+            "model without a stored one is timed.",
         ),
     )

@@ -257,7 +257,11 @@ class HeldData:
         return self.data
 
 
-def held_data(data: BenchmarkData, name: str) -> Choice[DatasetInfo]:
-    """Return the data set of this name that is in memory."""
-    info = DatasetInfo(key=name, target=HeldData, kind="user's data", summary="samples from memory")
-    return Choice(info, HeldData, {}, {"data": data})
+OWN_DATA = DatasetInfo(
+    key="own-data", target=HeldData, kind="user's data", summary="samples from memory"
+)
+
+
+def held_data(data: BenchmarkData, name: str, info: DatasetInfo = OWN_DATA) -> Choice[DatasetInfo]:
+    """Return the data set of this name that is in memory; `info` says what it is."""
+    return Choice(replace(info, key=name, target=HeldData), HeldData, {}, {"data": data})

@@ -214,6 +214,47 @@ def test_kept_results_are_read_again_and_not_computed_again(twin, tmp_path):
     np.testing.assert_array_equal(frames[0]["value"], frames[1]["value"])
 
 
+@pytest.mark.parametrize(
+    ("rows", "expected", "name"),
+    [
+        (slice(2, 5), [2, 3, 4], "[2:5]"),
+        (slice(None, None, 50), [0, 50, 100, 150], "[::50]"),
+        ([4, 1], [4, 1], "[2 rows]"),
+        (np.arange(151) < 2, [0, 1], "[2 rows]"),
+        (-1, [150], "[1 row]"),
+    ],
+)
+def test_rows_of_a_data_set_are_a_data_set_of_its_kind(twin, rows, expected, name):
+    part = twin[rows]
+    assert part.name == twin.name + name
+    np.testing.assert_array_equal(part.samples.q, twin.samples.q[expected])
+    np.testing.assert_array_equal(part.samples.pose_id, twin.samples.pose_id[expected])
+    assert part.choice.info.kind == "simulated" and part.choice.info.caveats
+    assert {len(known) for known in part.data.known.values()} == {len(expected)}
+
+
+@pytest.mark.parametrize("rows", [151, [0, 999], [True, False], "all"])
+def test_rows_that_a_data_set_does_not_have_are_refused(twin, rows):
+    with pytest.raises(IndexError):
+        twin[rows]
+
+
+def test_what_is_no_data_set_is_refused_with_how_to_make_one(twin):
+    model = sb.make_model("zero")
+    for given, remedy in (
+        (twin.frame(), r"Dataset\.from_frame\(frame, robot\)"),
+        (twin.samples, r"Dataset\.from_samples\(samples, robot\)"),
+        ("kr10-twin", r"load_dataset\('kr10-twin'\)"),
+        (3, "read_samples"),
+    ):
+        with pytest.raises(ConfigError, match=remedy):
+            model.fit(given)
+    with pytest.raises(ConfigError, match="from_frame"):
+        sb.evaluate("zero", twin.frame())
+    with pytest.raises(ConfigError, match="from_frame"):
+        sb.make_model("zero").fit(twin).score(twin.frame())
+
+
 def test_opened_results_show_the_rows_of_the_run_that_made_them(twin, tmp_path):
     made = sb.evaluate(["vjm", "knn", "zero"], twin, splits=3, output=tmp_path)
     opened = sb.open_results(tmp_path)

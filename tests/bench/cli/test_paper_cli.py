@@ -86,6 +86,7 @@ def small(monkeypatch):
         )
 
     monkeypatch.setattr(study, "paper_study", small_study)
+    monkeypatch.setattr("stiff_bench.analysis.forecast.LONGEST_S", 0.0)  # a plan times no fit
 
 
 def called(*words):
