@@ -284,7 +284,7 @@ def held_positions(
     _check_number_held(robot, hold)
     for name, number in _numbers(robot, hold).items():
         value, unit = hold[name], _unit(robot, number)
-        low, high = (each[number] * units[number] for each in (robot.lower, robot.upper))
+        low, high = units[number] * robot.lower[number], units[number] * robot.upper[number]
         if value is None:
             if start is None:
                 raise ConfigError(f"{name}: at which value? {name}=VALUE, in {unit}", "hold")

@@ -51,12 +51,12 @@ def example_path(
         robot: name of a shipped robot; None, without `urdf`: the KR10.
         urdf: of another robot.
         tcp: (3,) tool centre point in the frame of the last link, m.
-        tip: last link of the chain in `urdf`; None: that of the longest chain.
+        tip: last link of the chain in `urdf`; None: the end of the longest chain.
         hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
             which it is held.
 
     Raises:
-        ConfigError: there is no such shape, robot or joint, or the load or a held joint is needed.
+        ConfigError: the shape, robot or joint is unknown, or the load or a held joint is needed.
         DataError: no place was found where the robot can drive the path.
         StoreError: the file cannot be written, or exists.
     """

@@ -7,7 +7,7 @@ robot.
 
 Prismatic joints at the base (a track, a lift) carry the whole arm: its joints are counted from the
 first one that turns, and its base column stands below the carriage. With fewer than three joints
-behind them, the TCP alone is checked.
+behind them, only the TCP is checked.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def keeps_clear(robot: Robot, q: FloatArray, clearance: float) -> BoolArray:
     """Return (n,) whether poses (n, n_joints) keep `clearance` [m] to the base and the height."""
     points, slides = robot.forward(q).points, robot.n_slides
     clear = lowest_height(points, slides) >= LOWEST_HEIGHT
-    if slides < robot.n_joints:  # else there is no arm that could reach its own base
+    if slides < robot.n_joints:  # otherwise nothing turns towards the base
         clear &= base_distance(points, slides) >= clearance
     return np.asarray(clear)
 

@@ -27,7 +27,7 @@ def drivable_path(
 ) -> ToolPath:
     """Return a horizontal path, the tool pointing down; arguments as `shaped`.
 
-    Held joints are those of `free_joints`. Prismatic ones at the base carry the path with the arm.
+    `held` is as in `free_joints`. Prismatic ones at the base carry the path with the arm.
     Of four turns of the tool that can be driven, it takes the one that turns the last joint least.
 
     Raises:
@@ -50,9 +50,11 @@ def drivable_path(
                 driven.append((float(np.abs(found.q[:, -1]).max()), path))
         if driven:
             return min(driven, key=lambda one: one[0])[1]
-    why = "" if robot.n_joints >= 6 else f", with {robot.n_joints} joints of the six that it takes"
+    reason = (
+        "" if robot.n_joints >= 6 else f", with {robot.n_joints} joints of the six that it takes"
+    )
     way_out = "a smaller size" + " or other values of the held joints" * (robot.n_joints > 6)
     raise DataError(
-        f"{robot.name} has no place for a {shape} of {1000.0 * size:g} mm in front of it{why}; try "
-        f"{way_out}"
+        f"{robot.name} has no place for a {shape} of {1000.0 * size:g} mm in front of it{reason}; "
+        f"try {way_out}"
     )

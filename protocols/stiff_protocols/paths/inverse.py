@@ -100,7 +100,7 @@ def joint_number(robot: Robot, name: str) -> int:
     """Return the number, from 0, of a joint that is called by its name or as in J1, q1 or 1.
 
     Raises:
-        ConfigError: there is no such joint.
+        ConfigError: the robot does not have this joint.
     """
     if name in robot.joint_names:
         return robot.joint_names.index(name)
@@ -131,8 +131,8 @@ class Branch:
         cls, robot: Robot, some: ToolPath, near: FloatArray | None, held: FloatArray | None = None
     ) -> Branch:
         """Return the one that `follow` chooses by some points of the whole path."""
-        found = follow(robot, some.position, some.rotation, near=near, held=held)
-        return cls(robot, held, found.q[0])
+        begin = follow(robot, some.position, some.rotation, near=near, held=held).q[0]
+        return cls(robot, held, begin)
 
     def driven(self, path: ToolPath, q: FloatArray | None = None) -> Followed:
         """Return the next points' joint positions, by `judged` where `q` has them, else `follow`.
