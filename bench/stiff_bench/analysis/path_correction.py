@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -37,7 +37,7 @@ from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
 from stiff_protocols.paths.compensation import Compensation, compensate
-from stiff_protocols.paths.inverse import Branch, refuse_redundant
+from stiff_protocols.paths.inverse import Branch, joint_number
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -95,6 +95,7 @@ class PathOptions:
     on_failure: Literal["stop", "keep"]
     coverage: float | None
     sheet: str | None = None
+    hold: Mapping[str, float | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +147,7 @@ class _Correction:
         read: makes a table of a sheet.
         about: what is known of the whole file.
         n_points: in the file.
+        held: as of `inverse.free_joints`.
         seen: of the blocks so far, what lies beyond the training range.
     """
 
@@ -155,6 +157,7 @@ class _Correction:
     read: Callable[..., PathTable]
     about: PathTable
     n_points: int
+    held: FloatArray
     seen: RowsBeyond
 
     def tables(
@@ -162,9 +165,10 @@ class _Correction:
     ) -> Iterator[DataFrame]:
         """Correct block after block, append each to `done`, and yield its rows of the output."""
         robot, known, how = self.model.robot, self.model.training_range, self.how
-        branch = Branch(robot, seed)
+        branch = Branch(robot, self.held, seed)
         if seed is None and self.about.q is None:
-            branch = Branch.along(robot, self.about.some, 0.5 * (known.lower + known.upper))
+            near = 0.5 * (known.lower + known.upper)
+            branch = Branch.along(robot, self.about.some, near, self.held)
         for sheet in sheets:
             table = self.read(sheet, about=self.about)
             driven, wrench = branch.driven(table.path, table.q), table.path.wrench
@@ -175,6 +179,7 @@ class _Correction:
                 robot,
                 table.path,
                 driven.q,
+                held=self.held,
                 tolerance_m=how.tolerance / MM_PER_M,
                 max_iterations=how.iterations,
             )
@@ -202,8 +207,11 @@ class _Correction:
             self.about.pose_columns,
         )
         number = int((~found.converged).sum())
-        points = f"{number} of {self.n_points} points"
-        return f"{self.file}: {points} cannot be corrected, first {problem}"
+        points, robot = f"{number} of {self.n_points} points", self.model.robot
+        text = f"{self.file}: {points} cannot be corrected, first {problem}"
+        if robot.n_joints < 6:
+            text += f"; {robot.name} has {robot.n_joints} joints, too few for every pose of a tool"
+        return text
 
 
 def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions) -> CorrectedPath:
@@ -216,7 +224,8 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
         StoreError: the output cannot be written.
     """
     robot = model.robot
-    refuse_redundant(robot)
+    seed = _seed(robot, how.start)
+    _check_number_held(robot, how.hold)
     sheet, n_points = overview(file, BLOCK, how.sheet)
     read = partial(
         path_table,
@@ -229,8 +238,13 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
     about, seen = read(sheet), RowsBeyond(model.training_range, robot)
     for oddity in about.oddities:
         say(f"warning: {oddity}")
-    seed = _seed(about, robot, how.start)
-    work = _Correction(file, model, how, read, about, n_points, seen)
+    if about.q is not None and seed is not None:
+        raise ConfigError("the path has joint angles, which choose the configuration", "start")
+    if about.q is None:
+        held = held_positions(robot, how.hold, seed)
+    else:
+        held = _held_as_in(robot, how.hold, about.q[0])
+    work = _Correction(file, model, how, read, about, n_points, held, seen)
     blocks: list[_Block] = []
     with display(), closing(read_sheets(file, BLOCK, how.sheet)) as sheets:
         write_table(output, work.tables(sheets, seed, blocks))
@@ -254,12 +268,86 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
     return CorrectedPath(about.path.name, whole, interval)
 
 
-def _seed(about: PathTable, robot: Robot, start: Sequence[float] | None) -> FloatArray | None:
-    """Return the (n_joints,) joint positions, rad or m, that were asked for to begin with."""
+def held_positions(
+    robot: Robot, hold: Mapping[str, float | None], start: FloatArray | None = None
+) -> FloatArray:
+    """Return (n_joints,) rad or m at which joints are held along a path, NaN for the others.
+
+    Args:
+        robot: whose joints these are.
+        hold: joint by name or number -> deg or mm; None: where `start` has it.
+        start: (n_joints,) rad or m.
+
+    Raises:
+        ConfigError: other than six joints of a larger robot are left, a joint is unknown or named
+            twice, or a value is missing or beyond the joint's limits.
+    """
+    held, units = np.full(robot.n_joints, np.nan), file_units(robot)
+    _check_number_held(robot, hold)
+    for name, number in _numbers(robot, hold).items():
+        value, unit = hold[name], _unit(robot, number)
+        low, high = units[number] * robot.lower[number], units[number] * robot.upper[number]
+        if value is None:
+            if start is None:
+                raise ConfigError(f"{name}: at which value? {name}=VALUE, in {unit}", "hold")
+            held[number] = start[number]
+        elif low <= value <= high:
+            held[number] = value / units[number]
+        else:
+            raise ConfigError(f"{name}={value:g} (valid: {low:g}..{high:g} {unit})", "hold")
+    return held
+
+
+def _held_as_in(robot: Robot, hold: Mapping[str, float | None], q: FloatArray) -> FloatArray:
+    """Return `held_positions` of a path that has the joint positions, the first of them `q`."""
+    for name, value in hold.items():
+        if value is not None:
+            raise ConfigError(
+                f"{name}={value:g}: the path has joint angles, which say where the joint is held "
+                f"(valid: {name} without a value)",
+                "hold",
+            )
+    return held_positions(robot, hold, q)
+
+
+def _check_number_held(robot: Robot, hold: Mapping[str, float | None]) -> None:
+    """Refuse more or fewer held joints than a robot has beyond six."""
+    spare = max(robot.n_joints - 6, 0)
+    if len(_numbers(robot, hold)) == spare:
+        return
+    has = f"{robot.name} has {robot.n_joints} joints, of which a pose of the tool determines"
+    if not spare:
+        raise ConfigError(f"{', '.join(hold)}: {has} all: none can be held", "hold")
+    joints = ", ".join(
+        f"{name} [{_unit(robot, number)}]" for number, name in enumerate(robot.joint_names)
+    )
+    text = f"{has} six: hold {spare}, not {len(hold)}, of {joints}, each by JOINT=VALUE"
+    raise ConfigError(text, "hold")
+
+
+def _numbers(robot: Robot, hold: Mapping[str, float | None]) -> dict[str, int]:
+    """Return the number of each joint that is held, from 0.
+
+    Raises:
+        ConfigError: a joint is unknown, or named twice.
+    """
+    try:
+        numbers = {name: joint_number(robot, name) for name in hold}
+    except ConfigError as error:
+        raise ConfigError(str(error), "hold") from error
+    if len({*numbers.values()}) < len(numbers):
+        raise ConfigError(f"{', '.join(hold)}: name each joint once", "hold")
+    return numbers
+
+
+def _unit(robot: Robot, number: int) -> str:
+    return "deg" if robot.turns[number] else "mm"
+
+
+def _seed(robot: Robot, start: Sequence[float] | None) -> FloatArray | None:
+    """Return the (n_joints,) joint positions, rad or m, that a user gave to begin with."""
     if start is None:
         return None
-    if about.q is not None:
-        raise ConfigError("the path has joint angles, which choose the configuration", "start")
     if len(start) != robot.n_joints:
         raise ConfigError(
             f"{len(start)} joint positions (valid: the {robot.n_joints} of {robot.name})", "start"

@@ -243,7 +243,7 @@ def read_samples(
         robot: in its place, the name of a shipped robot, or a `Robot`.
         tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
             the origin with `urdf`.
-        tip: last link of the chain in `urdf`; None: that of the longest chain.
+        tip: last link of the chain in `urdf`; None: the end of the longest chain.
         no_torque: no torques were measured: their columns may be missing, or zero.
         sheet: of an Excel file; None: the only one that holds a table.
         pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one

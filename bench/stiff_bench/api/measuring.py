@@ -70,7 +70,7 @@ def plan_poses(
         urdf: of another robot.
         tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
             the origin with `urdf`.
-        tip: last link of the chain in `urdf`; None: that of the longest chain.
+        tip: last link of the chain in `urdf`; None: the end of the longest chain.
         after: file of the poses that are measured already; the plan goes on from them, and their
             learning curve says what more poses would gain. None: there are none.
         model: that will be fitted to all poses, with `after`; None: "vjm". The poses are chosen
@@ -142,7 +142,7 @@ def validate(
         urdf: of another robot.
         tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
             the origin with `urdf`.
-        tip: last link of the chain in `urdf`; None: that of the longest chain.
+        tip: last link of the chain in `urdf`; None: the end of the longest chain.
         no_torque: no torques were measured: their columns may be missing, or zero.
         sheet: of an Excel file; None: the only one that holds a table.
         pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -12,6 +12,7 @@ from stiff_bench.analysis.path_correction import (
     PathModel,
     PathOptions,
     corrected_path,
+    held_positions,
 )
 from stiff_bench.api.model import Model, blamed_on
 from stiff_bench.plan.words import RobotWords
@@ -37,6 +38,7 @@ def example_path(
     urdf: Path | str | None = None,
     tcp: Sequence[float] | None = None,
     tip: str | None = None,
+    hold: Mapping[str, float | None] | None = None,
 ) -> str:
     """Write a path in front of a robot that it can drive, and return what was written.
 
@@ -49,10 +51,12 @@ def example_path(
         robot: name of a shipped robot; None, without `urdf`: the KR10.
         urdf: of another robot.
         tcp: (3,) tool centre point in the frame of the last link, m.
-        tip: last link of the chain in `urdf`; None: that of the longest chain.
+        tip: last link of the chain in `urdf`; None: the end of the longest chain.
+        hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
+            which it is held.
 
     Raises:
-        ConfigError: there is no such shape or robot, or the load is needed.
+        ConfigError: the shape, robot or joint is unknown, or the load or a held joint is needed.
         DataError: no place was found where the robot can drive the path.
         StoreError: the file cannot be written, or exists.
     """
@@ -65,7 +69,8 @@ def example_path(
         if payload is None:
             raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
         load = (0.0, 0.0, -0.25 * payload * STANDARD_GRAVITY, 0.0, 0.0, 0.0)
-    path = drivable_path(arm, shape, size / MM_PER_M, points, wrench=load)
+    held = held_positions(arm, hold or {})
+    path = drivable_path(arm, shape, size / MM_PER_M, points, wrench=load, held=held)
     write_path(output, path, tool_of(arm, None))
     return f"{output}: {shape} of {points} points for {arm.name}, base frame"
 
@@ -80,6 +85,7 @@ def compensate_path(
     load: Sequence[float] | None = None,
     load_frame: LoadFrame = "base",
     start: Sequence[float] | None = None,
+    hold: Mapping[str, float | None] | None = None,
     tolerance: float = MM_PER_M * TOLERANCE_M,
     iterations: int = MAX_ITERATIONS,
     on_failure: Literal["stop", "keep"] = "stop",
@@ -103,6 +109,9 @@ def compensate_path(
         load_frame: "base" or "tool", in which loads are expressed.
         start: (n_joints,) joint positions near the first point, deg or mm, which choose the
             configuration; None: the one that is nearest to the training poses.
+        hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
+            which it is held along the path; None: where `start` or the path's own joint angles have
+            it.
         tolerance: remaining predicted error at which a point is done, mm.
         iterations: predictions of a point at most.
         on_failure: "stop" with an error at a point that cannot be corrected, or "keep" it
@@ -151,6 +160,7 @@ def compensate_path(
             on_failure=on_failure,
             coverage=coverage,
             sheet=sheet,
+            hold=hold or {},
         ),
     )
     if figure is not None:

@@ -30,8 +30,8 @@ class Robot(contract.Robot, metaclass=_EveryRobot):
         Args:
             file: URDF.
             tcp: (3,) tool centre point in the frame of the last link, m.
-            tip: last link of the chain; None: that of the longest one, which is printed where the
-                description leaves a choice.
+            tip: last link of the chain; None: the end of the longest one, which is printed where
+                the description leaves a choice.
 
         Raises:
             ConfigError: no link is called `tip`.

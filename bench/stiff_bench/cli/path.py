@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,33 @@ load_option = click.option(
 )
 
 
+def _held(
+    _: click.Context, parameter: click.Parameter, words: tuple[str, ...]
+) -> dict[str, float | None]:
+    """Return the value of each joint that is held, deg or mm, by the name that was typed."""
+    held: dict[str, float | None] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        try:
+            held[name] = float(text) if equals else None
+        except ValueError:
+            held[name] = math.nan
+        if not name or not math.isfinite(held[name] or 0.0):
+            expected = "JOINT=VALUE with a number in deg or mm"
+            raise click.BadParameter(f"{word!r}: expected {expected}", param=parameter)
+    return held
+
+
+hold_option = click.option(
+    "--hold",
+    multiple=True,
+    callback=_held,
+    metavar="JOINT=VALUE",
+    help="Of a robot with more than six joints: hold one, by its name or number (rail, J3, 3), at "
+    "this value, deg or mm; may be repeated.",
+)
+
+
 @click.group(cls=Commands)
 def path() -> None:
     """Correct tool paths for the deflection under load."""
@@ -53,6 +81,7 @@ def path() -> None:
 )
 @click.option("--points", type=WholeRange(2, 1_000_000), default=401, help="Number of points.")
 @load_option
+@hold_option
 @robot_options
 @output_option("FILE.csv")
 def example(**words: Any) -> None:
@@ -99,6 +128,7 @@ def example(**words: Any) -> None:
     help="Joint angles near the first point, deg: they choose the configuration.  [default: the "
     "one nearest to the model's training poses]",
 )
+@hold_option
 @click.option(
     "--tolerance",
     type=Millimetres(1e-5, 10),

@@ -75,7 +75,7 @@ class Registration:
         sha256: of the CSV as it was registered.
         urdf_sha256: of the URDF; "" where it is the shipped robot.
         options: what is not in the CSV.
-        tip: last link of the chain in the URDF; None: that of the longest chain.
+        tip: last link of the chain in the URDF; None: the end of the longest chain.
     """
 
     csv: Path

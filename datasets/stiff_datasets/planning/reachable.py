@@ -1,12 +1,13 @@
 """Poses a robot can take: inside its joint limits, clear of its own base and of the ground.
 
-Both distances are checked for centre lines from the elbow (joint 3) on: the straight lines between
-joint origins, and on to the tool centre point (TCP). Nothing else is checked: neither the shape of
-links and tool, nor the upper arm, nor what stands around the robot.
+Both distances are checked for centre lines from the elbow on (joint 3, of an arm of seven joints
+joint 4): the straight lines between joint origins, and on to the tool centre point (TCP). Nothing
+else is checked: neither the shape of links and tool, nor the upper arm, nor what stands around the
+robot.
 
 Prismatic joints at the base (a track, a lift) carry the whole arm: its joints are counted from the
 first one that turns, and its base column stands below the carriage. With fewer than three joints
-behind them, the TCP alone is checked.
+behind them, only the TCP is checked.
 """
 
 from __future__ import annotations
@@ -64,15 +65,15 @@ def reachable_poses(
 
 def keeps_clear(robot: Robot, q: FloatArray, clearance: float) -> BoolArray:
     """Return (n,) whether poses (n, n_joints) keep `clearance` [m] to the base and the height."""
-    points, slides = robot.forward(q).points, int(np.argmax([*robot.turns, True]))
+    points, slides = robot.forward(q).points, robot.n_slides
     clear = lowest_height(points, slides) >= LOWEST_HEIGHT
-    if slides < robot.n_joints:  # else there is no arm that could reach its own base
+    if slides < robot.n_joints:  # otherwise nothing turns towards the base
         clear &= base_distance(points, slides) >= clearance
     return np.asarray(clear)
 
 
 def base_distance(points: FloatArray, slides: int = 0) -> FloatArray:
-    """Return (n,) smallest distance [m] of the arm from joint 3 on to the base column.
+    """Return (n,) smallest distance [m] of the arm from the elbow on to the base column.
 
     The column is the segment to joint 2 (of a shorter arm joint 1) from the base frame's origin, or
     from below the carriage.
@@ -82,18 +83,24 @@ def base_distance(points: FloatArray, slides: int = 0) -> FloatArray:
         slides: number of prismatic joints at the base, from behind which joints are counted.
     """
     foot = points[:, slides - 1 : slides] * (1.0, 1.0, 0.0) if slides else np.zeros((1, 1, 3))
-    arm = points[:, slides:]
-    if arm.shape[1] > 3:
-        top, begin, end = arm[:, 1:2], arm[:, 2:-1], arm[:, 3:]
+    elbow = _elbow(points, slides)
+    if elbow < points.shape[1] - 1:
+        top, begin, end = points[:, [slides + 1]], points[:, elbow:-1], points[:, elbow + 1 :]
     else:
-        top, begin, end = arm[:, :1], arm[:, -1:], arm[:, -1:]
+        top, begin, end = points[:, [slides]], points[:, -1:], points[:, -1:]
     return np.asarray(_segment_distance(begin, end, foot, top).min(axis=1))
 
 
 def lowest_height(points: FloatArray, slides: int = 0) -> FloatArray:
-    """Return (n,) lowest height [m] of the arm from joint 3 on; arguments as `base_distance`."""
-    first = min(slides + 2, points.shape[1] - 1)
-    return np.asarray(points[:, first:, 2].min(axis=1))
+    """Return (n,) lowest height [m] of the arm from the elbow on; arguments as `base_distance`."""
+    return np.asarray(points[:, _elbow(points, slides) :, 2].min(axis=1))
+
+
+def _elbow(points: FloatArray, slides: int) -> int:
+    """Return the number of the point that the checked part of the arm begins with."""
+    last = int(points.shape[1]) - 1
+    spare = max(last - slides - 6, 0)  # a seventh joint turns the upper arm about itself
+    return min(slides + 2 + spare, last)
 
 
 def _segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:

@@ -68,7 +68,7 @@ def read_chain(
     Args:
         urdf: the file; its meshes are not needed.
         tcp: (3,) tool centre point in the frame of the tip, m.
-        tip: last link of the chain; None: that of the longest one, see the top of this module.
+        tip: last link of the chain; None: the end of the longest one, see the top of this module.
 
     Raises:
         ConfigError: no link is called `tip`.
@@ -112,8 +112,8 @@ def read_chain(
             f"each within +-{LONGEST_TCP_M:g}"
         )
     flange = model.frames[model.getFrameId(frame.name, pin.FrameType.BODY)].placement
-    said = tuple(f"{urdf}: {note}" for note in notes)
-    chain = ChainModel(model, model.name, flange.act(offset), flange, said)
+    note_texts = tuple(f"{urdf.name}: {note}" for note in notes)
+    chain = ChainModel(model, model.name, flange.act(offset), flange, note_texts)
     try:
         robot_of(chain)  # Pinocchio takes what no robot has: NaN, an axis without direction
     except DataError as error:
@@ -329,38 +329,38 @@ def _fingers(tree: pin.Model) -> set[int]:
     for joint in range(tree.njoints - 1, 0, -1):
         parent = tree.parents[joint]
         height[parent] = max(height[parent], height[joint] + 1)
-    found: set[int] = set()
+    fingers = set[int]()
     for joint in range(1, tree.njoints):
         parent = tree.parents[joint]
         depth = len(tree.supports[parent]) - 1
         is_hand = len(tree.children[parent]) > 1 and height[parent] < depth
         is_named = depth > 0 and FINGER_NAMES.search(tree.names[joint])
-        if parent in found or is_hand or is_named:
-            found.add(joint)
-    return found
+        if parent in fingers or is_hand or is_named:
+            fingers.add(joint)
+    return fingers
 
 
 def _locked_but(tree: pin.Model, path: Sequence[int]) -> tuple[pin.Model, str]:
-    """Return the chain of some joints, all others locked, and a note that names these.
+    """Return the chain of some joints, all locked_joints locked, and a note that names these.
 
     They are locked at zero, or at the limit that is nearest to it.
     """
-    others = [joint for joint in range(1, tree.njoints) if joint not in path]
-    if not others:
+    locked_joints = [joint for joint in range(1, tree.njoints) if joint not in path]
+    if not locked_joints:
         return tree, ""
     at, nonzero = pin.neutral(tree), False
-    for joint in others:
+    for joint in locked_joints:
         entry = tree.joints[joint].idx_q
         low, high = tree.lowerPositionLimit[entry], tree.upperPositionLimit[entry]
         if tree.joints[joint].nq == 1 and not low <= 0.0 <= high and low <= high:
             at[entry], nonzero = np.clip(0.0, low, high), True
     place = "zero (or the nearest limit)" if nonzero else "zero"
-    names = [tree.names[joint] for joint in others]
+    names = [tree.names[joint] for joint in locked_joints]
     note = (
         f"{len(names)} joint{'s' * (len(names) > 1)} off the chain locked at {place}, "
         f"{'its' if len(names) == 1 else 'their'} links' masses counted: {_listed(names)}"
     )
-    return pin.buildReducedModel(tree, others, at), note
+    return pin.buildReducedModel(tree, locked_joints, at), note
 
 
 def _listed(names: Sequence[str], most: int = MOST_NAMED) -> str:

@@ -4,7 +4,7 @@
 
     name = "my_robot_twin"
     urdf = "my_robot.urdf"            # beside this file, or the name of a shipped robot
-    tip = "tool0"                     # last link of the chain; without it that of the longest chain
+    tip = "tool0"                     # last link of the chain; default: the longest chain's end
     tcp_m = [0.0, 0.0, 0.1]           # frame of that link
     payload_kg = 5.0
     hook_m = [0.0, 0.05, 0.0]         # where the load pulls, from the TCP, last joint's frame
@@ -280,7 +280,7 @@ class TwinConstants(_Table):
     Attributes:
         name: of the twin; random numbers belong to it, so twins of two names share none.
         urdf: a file beside the TOML file, or the name of a shipped robot.
-        tip: last link of the chain in the URDF; None: that of the longest chain.
+        tip: last link of the chain in the URDF; None: the end of the longest chain.
         tcp_m: tool centre point in the frame of the URDF's last link, m.
         payload_kg: no load is heavier.
         hook_m: lever from the TCP to where the load pulls, frame of the last joint, m.

@@ -1,7 +1,7 @@
 """Statics of a serial chain whose every joint also tilts: many samples at once.
 
 Each joint has three elastic coordinates. Those of a revolute joint are the torsion about its axis
-and two tilts across it; those of a prismatic one the way along its axis and the two tilts. The
+and two tilts across it; a prismatic one has the way along its axis and the same two tilts. The
 motions are taken in that order, the joint's link follows them. Arrays hold one sample a column,
 and a joint's frame is written in a basis of its own (two cross axes, then the joint's axis), so
 that every turn mixes two columns of the rotation matrix and no others.

@@ -251,7 +251,7 @@ class DigitalTwin:
         hysteresis: lost motion is taken up anew by every load, see `SpringLaw`.
 
     Raises:
-        DataError: the springs are not those of the robot's joints.
+        DataError: the springs do not match the robot's joints.
     """
 
     def __init__(
@@ -266,7 +266,7 @@ class DigitalTwin:
         self.robot, self._beams, self._hysteresis = robot, beams, hysteresis
         self._chain = ElasticChain(robot)
         kinds = tuple(
-            "prismatic" if isinstance(one, SlideSprings) else "revolute" for one in springs
+            "prismatic" if isinstance(joint, SlideSprings) else "revolute" for joint in springs
         )
         if kinds != robot.joint_types:
             raise DataError(

@@ -130,6 +130,18 @@ class Robot:
         return np.array([kind == "revolute" for kind in self.joint_types])
 
     @property
+    def n_slides(self) -> int:
+        """Number of prismatic joints at the base, such as a track or a lift: they carry the arm."""
+        return int(np.argmax([*self.turns, True]))
+
+    def arm_base(self, points: FloatArray) -> FloatArray:
+        """Return the (n, 3) places to which the `n_slides` joints carry the arm, base frame, m.
+
+        Without such joints they are the base frame's origin. Args: `points` as of `ChainPoses`.
+        """
+        return points[:, self.n_slides - 1] if self.n_slides else np.zeros((len(points), 3))
+
+    @property
     def tcp_on_flange(self) -> FloatArray:
         """(3,) tool centre point in the frame of the robot description's last link, m.
 
@@ -215,7 +227,11 @@ class Robot:
         return np.concatenate([translation, np.where(turns, axes, 0.0)]).transpose(2, 0, 1)
 
     def inverse(
-        self, position: FloatArray, rotation: FloatArray, seed: FloatArray
+        self,
+        position: FloatArray,
+        rotation: FloatArray,
+        seed: FloatArray,
+        free: BoolArray | None = None,
     ) -> tuple[FloatArray, BoolArray]:
         """Return joint positions at which the TCP has each pose, and whether it reaches it.
 
@@ -227,6 +243,7 @@ class Robot:
             position: (n, 3) of the TCP, base frame, m.
             rotation: (n, 3, 3) of the last joint's frame.
             seed: (n, n_joints) where to begin, rad or m.
+            free: (n_joints,) whether each joint may move; the others stay at the seed. None: all.
 
         Raises:
             DataError: the shapes do not fit, or a number is not finite.
@@ -235,6 +252,7 @@ class Robot:
 
         position = frozen_array(position, "position", (len(seed), 3))
         rotation = frozen_array(rotation, "rotation", (len(seed), 3, 3))
+        free = np.ones(self.n_joints, dtype=bool) if free is None else free
         q, reached = np.array(seed, dtype=np.float64), np.zeros(len(seed), dtype=bool)
         rows, left = np.arange(len(q)), np.full((STEPS, len(q)), np.inf)
         for step in range(STEPS):
@@ -252,13 +270,16 @@ class Robot:
             if not len(rows):
                 break
             jacobian = self.jacobian_at(ChainPoses(stands.points[on], stands.rotations[on]))
+            if not free.all():
+                jacobian = jacobian[:, :, free]
             jacobian[:, :3] /= LENGTH
             transposed = jacobian.transpose(0, 2, 1)
             damping = 0.5 * np.einsum("ni,ni->n", error, error) + 1e-14
-            normal = transposed @ jacobian + damping[:, None, None] * np.eye(self.n_joints)
+            normal = transposed @ jacobian + damping[:, None, None] * np.eye(free.sum())
             turned = np.linalg.solve(normal, transposed @ error[..., None])[..., 0]
             largest = np.abs(turned).max(axis=1, keepdims=True)
-            q[rows] += turned * np.minimum(1.0, LARGEST_TURN / np.maximum(largest, LARGEST_TURN))
+            turned *= np.minimum(1.0, LARGEST_TURN / np.maximum(largest, LARGEST_TURN))
+            q[np.ix_(rows, free)] += turned
         return q, reached
 
     def gravity_torque(self, q: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray, Tex
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.types import Deflection
-from stiff_protocols.paths.inverse import refuse_redundant
+from stiff_protocols.paths.inverse import free_joints
 from stiff_protocols.paths.path import ToolPath
 
 TOLERANCE_M, MAX_ITERATIONS = 1e-6, 20
@@ -73,6 +73,7 @@ def compensate(
     path: ToolPath,
     q: FloatArray,
     *,
+    held: FloatArray | None = None,
     tolerance_m: float = TOLERANCE_M,
     max_iterations: int = MAX_ITERATIONS,
 ) -> Compensation:
@@ -82,21 +83,23 @@ def compensate(
 
     Args:
         predict: deflections of a model.
-        robot: of up to six joints.
+        robot: of any number of joints.
         path: what is wanted, under its loads.
         q: (n, n_joints) joint positions at the points of the path, rad or m (`inverse.follow`).
+        held: see `inverse.free_joints`; a held joint stays where `q` has it.
         tolerance_m: remaining distance to the wanted point at which a row is done, m.
         max_iterations: predictions of a row at most.
 
     Raises:
-        DataError: the robot is redundant, or `predict` returns another shape or no finite number.
+        DataError: more than six joints move, or `predict` returns another shape or a number that is
+            not finite.
         ConfigError: the tolerance or the number of iterations is not above zero.
     """
     if not (tolerance_m > 0.0 and max_iterations > 0):
         raise ConfigError(
             f"tolerance {tolerance_m:g} m, {max_iterations} iterations (valid: above 0)"
         )
-    refuse_redundant(robot)
+    free = free_joints(robot, held)
     n = len(path)
     wanted = frozen_array(robot.checked_positions(q), "q", (n, robot.n_joints))
     command, position = wanted.copy(), path.position.copy()
@@ -123,7 +126,9 @@ def compensate(
         if not len(rows) or iteration == max_iterations - 1:
             break
         position[rows] += off
-        command[rows], reached = robot.inverse(position[rows], path.rotation[rows], command[rows])
+        command[rows], reached = robot.inverse(
+            position[rows], path.rotation[rows], command[rows], free
+        )
         problem[rows[~reached]] = OUT_OF_REACH
         rows = rows[reached]
     beyond = (command < np.minimum(robot.lower, wanted)) | (

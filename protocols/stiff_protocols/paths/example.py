@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from stiff_protocols.contract.arrays import FloatArray
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.paths.inverse import evenly_spaced, follow
@@ -16,16 +17,25 @@ PLACES = ((0.6, 0.4), (0.5, 0.3), (0.7, 0.4), (0.5, 0.6), (0.4, 0.3))
 
 
 def drivable_path(
-    robot: Robot, shape: str, size: float, n_points: int, *, wrench: ArrayLike
+    robot: Robot,
+    shape: str,
+    size: float,
+    n_points: int,
+    *,
+    wrench: ArrayLike,
+    held: FloatArray | None = None,
 ) -> ToolPath:
     """Return a horizontal path, the tool pointing down; arguments as `shaped`.
 
+    `held` is as in `free_joints`. Prismatic ones at the base carry the path with the arm.
     Of four turns of the tool that can be driven, it takes the one that turns the last joint least.
 
     Raises:
         DataError: no place was found where the robot can drive the path.
     """
-    reach = np.linalg.norm(robot.placements[1:, :3, 3], axis=1).sum()
+    reach = np.linalg.norm(robot.placements[robot.n_slides + 1 :, :3, 3], axis=1).sum()
+    stands = robot.forward(np.zeros((1, robot.n_joints)) if held is None else np.nan_to_num([held]))
+    (base,) = robot.arm_base(stands.points)
     outwards = robot.axes[-1] * (-1.0 if robot.axes[-1] @ robot.tcp < 0.0 else 1.0)
     down, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [outwards])  # where the last joint points
     some = evenly_spaced(n_points)
@@ -33,14 +43,18 @@ def drivable_path(
         driven: list[tuple[float, ToolPath]] = []
         for angle in (0.0, 90.0, 180.0, 270.0):
             turned = (Rotation.from_euler("z", angle, degrees=True) * down).as_matrix()
-            centre = (x * reach, 0.0, z * reach)
+            centre = base + reach * np.array([x, 0.0, z])
             path = shaped(shape, centre, size, n_points, rotation=turned, wrench=wrench)
-            found = follow(robot, path.position[some], path.rotation[some])
+            found = follow(robot, path.position[some], path.rotation[some], held=held)
             if found.ok.all():
                 driven.append((float(np.abs(found.q[:, -1]).max()), path))
         if driven:
             return min(driven, key=lambda one: one[0])[1]
+    reason = (
+        "" if robot.n_joints >= 6 else f", with {robot.n_joints} joints of the six that it takes"
+    )
+    way_out = "a smaller size" + " or other values of the held joints" * (robot.n_joints > 6)
     raise DataError(
-        f"{robot.name} has no place for a {shape} of {1000.0 * size:g} mm in front of it; try a "
-        "smaller size"
+        f"{robot.name} has no place for a {shape} of {1000.0 * size:g} mm in front of it{reason}; "
+        f"try {way_out}"
     )

@@ -7,12 +7,13 @@ interpolates the joint positions between them.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import DataError, unknown_name
 from stiff_protocols.contract.robot import LENGTH, Robot
 from stiff_protocols.paths.path import ToolPath
 
@@ -75,16 +76,38 @@ class Followed:
         return Followed(*(getattr(self, each.name)[rows] for each in fields(self)))
 
 
-def refuse_redundant(robot: Robot) -> None:
-    """Refuse a robot for which a pose of the tool does not say where the joints are.
+def free_joints(robot: Robot, held: FloatArray | None = None) -> BoolArray:
+    """Return (n_joints,) which joints move along a path, where a pose of the tool determines them.
+
+    Args:
+        robot: of any number of joints.
+        held: (n_joints,) rad or m at which joints are held, NaN for a joint that moves; None: all
+            move.
 
     Raises:
-        DataError: it has more than six joints.
+        DataError: more than six joints move.
     """
-    if robot.n_joints > 6:
+    free = np.ones(robot.n_joints, dtype=bool) if held is None else np.isnan(held)
+    if free.sum() > 6:
         raise DataError(
-            f"robot {robot.name!r} is redundant: {robot.n_joints} joints (valid: at most 6)"
+            f"robot {robot.name!r} is redundant: {free.sum()} joints move (valid: at most 6; hold "
+            "the others)"
         )
+    return free
+
+
+def joint_number(robot: Robot, name: str) -> int:
+    """Return the number, from 0, of a joint that is called by its name or as in J1, q1 or 1.
+
+    Raises:
+        ConfigError: the robot does not have this joint.
+    """
+    if name in robot.joint_names:
+        return robot.joint_names.index(name)
+    number = re.fullmatch(r"[AJQajq]?([1-9]\d?)", name)
+    if number is None or int(number[1]) > robot.n_joints:
+        raise unknown_name("joint", name, robot.joint_names)
+    return int(number[1]) - 1
 
 
 @dataclass
@@ -92,19 +115,24 @@ class Branch:
     """Joint positions along a path that comes in blocks, on one continuous branch.
 
     Attributes:
-        robot: of up to six joints.
+        robot: of any number of joints.
+        held: see `free_joints`.
         q: (n_joints,) joint positions near the next point, rad or m; None: nothing is known yet.
         last: position and rotation of the last point, (1, 3) and (1, 3, 3); None: there is none.
     """
 
     robot: Robot
+    held: FloatArray | None = None
     q: FloatArray | None = None
     last: tuple[FloatArray, FloatArray] | None = None
 
     @classmethod
-    def along(cls, robot: Robot, some: ToolPath, near: FloatArray | None) -> Branch:
+    def along(
+        cls, robot: Robot, some: ToolPath, near: FloatArray | None, held: FloatArray | None = None
+    ) -> Branch:
         """Return the one that `follow` chooses by some points of the whole path."""
-        return cls(robot, follow(robot, some.position, some.rotation, near=near).q[0])
+        begin = follow(robot, some.position, some.rotation, near=near, held=held).q[0]
+        return cls(robot, held, begin)
 
     def driven(self, path: ToolPath, q: FloatArray | None = None) -> Followed:
         """Return the next points' joint positions, by `judged` where `q` has them, else `follow`.
@@ -117,40 +145,41 @@ class Branch:
             rotation = np.concatenate([self.last[1], rotation])
             q = None if q is None else np.vstack([self.q, q])
         if q is None:
-            found = follow(self.robot, position, rotation, self.q)
+            found = follow(self.robot, position, rotation, self.q, held=self.held)
         else:
-            found = judged(self.robot, q)
+            found = judged(self.robot, q, self.held)
         self.q, self.last = found.q[-1], (position[-1:], rotation[-1:])
         return found.take(slice(int(before), None))
 
 
-def is_singular(robot: Robot, q: FloatArray) -> BoolArray:
-    """Return (n,) whether the Jacobian is near the loss of its rank."""
-    return np.asarray(np.linalg.cond(_even(robot.jacobian(q))) > SINGULAR)
+def is_singular(robot: Robot, q: FloatArray, free: BoolArray) -> BoolArray:
+    """Return (n,) whether the Jacobian of the `free` joints is near the loss of its rank."""
+    return np.asarray(np.linalg.cond(_even(robot.jacobian(q)[:, :, free])) > SINGULAR)
 
 
-def judged(robot: Robot, q: FloatArray) -> Followed:
+def judged(robot: Robot, q: FloatArray, held: FloatArray | None = None) -> Followed:
     """Return what can be said of joint positions (n, n_joints) that are given, rad or m.
 
     Between two rows the joints move in proportion. Where that passes a singularity, a part of the
     arm flips, even where two parts flip at once, which the sign of the determinant does not show.
     """
-    found = _described(robot, q, np.ones(len(q), dtype=bool))
+    free = free_joints(robot, held)
+    found = _described(robot, q, np.ones(len(q), dtype=bool), free)
     flips, clear = found.flips.copy(), ~found.singular
     far = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > JUMP
     for row in np.flatnonzero(far & clear[1:] & clear[:-1]):
         turn = q[row + 1] - q[row]
         n = int(np.abs(turn).max() / SHORT_TURN) + 1
         between = q[row] + np.arange(1, 2 * n)[:, None] / (2 * n) * turn  # the middle is one
-        flips[row + 1] |= is_singular(robot, between).any()
+        flips[row + 1] |= is_singular(robot, between, free).any()
     return replace(found, flips=flips)
 
 
-def _described(robot: Robot, q: FloatArray, reached: BoolArray) -> Followed:
+def _described(robot: Robot, q: FloatArray, reached: BoolArray, free: BoolArray) -> Followed:
     """Return what joint positions (n, n_joints) say by themselves."""
-    jacobian = _even(robot.jacobian(q))
+    jacobian = _even(robot.jacobian(q)[:, :, free])
     flips = np.zeros(len(q), dtype=bool)
-    if robot.n_joints == 6:  # the sign is that of shoulder, elbow and wrist together
+    if free.sum() == 6:  # the sign is that of shoulder, elbow and wrist together
         sign = np.sign(np.linalg.det(jacobian))
         flips[1:] = sign[1:] * sign[:-1] < 0.0
     beyond = (q < robot.lower - LIMIT_SLACK) | (q > robot.upper + LIMIT_SLACK)
@@ -164,28 +193,30 @@ def follow(
     start: FloatArray | None = None,
     *,
     near: FloatArray | None = None,
+    held: FloatArray | None = None,
 ) -> Followed:
     """Return joint positions along a path, on one continuous branch.
 
     Args:
-        robot: of up to six joints.
+        robot: of any number of joints.
         position: (n, 3) of the TCP, base frame, m, in the order of the path.
         rotation: (n, 3, 3) of the last joint's frame.
         start: (n_joints,) joint positions near the first point, which choose the configuration;
             None: of all configurations that are found, the one that can be driven furthest, and of
             several the nearest to `near`.
         near: (n_joints,) rad or m; None: the middle of the joints' limits.
+        held: see `free_joints`.
 
     Raises:
-        DataError: the robot has more than six joints: it has a choice at every point.
+        DataError: more than six joints move: they have a choice at every point.
     """
-    refuse_redundant(robot)
+    free, held = free_joints(robot, held), np.full(robot.n_joints, np.nan) if held is None else held
     if start is None:
-        starts = _configurations(robot, position[0], rotation[0])
+        starts = _configurations(robot, position[0], rotation[0], held)
     else:
-        starts = robot.checked_positions(np.atleast_2d(start))
-    near = _middle(robot) if near is None else near
-    seeds, breaks = _marched(robot, position, rotation, starts)
+        starts = np.where(free, robot.checked_positions(np.atleast_2d(start)), held)
+    near = np.where(free, _middle(robot) if near is None else near, held)
+    seeds, breaks = _marched(robot, position, rotation, starts, free)
 
     def driven(branch: int, rows: IntArray) -> Followed:
         return _driven(
@@ -194,6 +225,7 @@ def follow(
             rotation[rows],
             seeds[branch][rows],
             breaks[branch][rows],
+            free,
             near=near if start is None else None,
         )
 
@@ -222,7 +254,9 @@ def _even(jacobian: FloatArray) -> FloatArray:
     return np.concatenate([jacobian[:, :3] / LENGTH, jacobian[:, 3:]], axis=1)
 
 
-def _configurations(robot: Robot, position: FloatArray, rotation: FloatArray) -> FloatArray:
+def _configurations(
+    robot: Robot, position: FloatArray, rotation: FloatArray, held: FloatArray
+) -> FloatArray:
     """Return (m, n_joints) the different joint positions at which the TCP has one pose.
 
     The nearest where none is reached. Turns of 360 deg are not different.
@@ -230,14 +264,16 @@ def _configurations(robot: Robot, position: FloatArray, rotation: FloatArray) ->
     turns = robot.turns
     lower = np.where(turns, -np.pi, np.clip(robot.lower, -2.0, 2.0))
     upper = np.where(turns, np.pi, np.clip(robot.upper, -2.0, 2.0))
+    free = np.isnan(held)
     seeds = np.random.default_rng(0).uniform(lower, upper, size=(STARTS, robot.n_joints))
+    seeds = np.where(free, seeds, held)
     poses = (np.tile(position, (STARTS, 1)), np.tile(rotation, (STARTS, 1, 1)))
-    q, reached = robot.inverse(*poses, seeds)
+    q, reached = robot.inverse(*poses, seeds, free)
     if not reached.any():
         away = np.linalg.norm(robot.tcp_position(q) - position, axis=1)
         return q[[np.argmin(away)]]
     different: list[FloatArray] = []
-    for each in np.where(turns, (q[reached] + np.pi) % (2.0 * np.pi) - np.pi, q[reached]):
+    for each in np.where(turns & free, (q[reached] + np.pi) % (2.0 * np.pi) - np.pi, q[reached]):
         others = [
             np.where(turns, np.sin(0.5 * (each - other)), each - other) for other in different
         ]
@@ -247,7 +283,11 @@ def _configurations(robot: Robot, position: FloatArray, rotation: FloatArray) ->
 
 
 def _marched(
-    robot: Robot, position: FloatArray, rotation: FloatArray, starts: FloatArray
+    robot: Robot,
+    position: FloatArray,
+    rotation: FloatArray,
+    starts: FloatArray,
+    free: BoolArray,
 ) -> tuple[FloatArray, BoolArray]:
     """Return seeds (m, n, n_joints) of each start's branch, and (m, n) where it breaks.
 
@@ -271,13 +311,13 @@ def _marched(
         return np.tile(point, (m, 1)), np.tile(turn([where]).as_matrix(), (m, 1, 1))
 
     begin = np.repeat(position[:1], m, axis=0), np.repeat(rotation[:1], m, axis=0)
-    first, _ = robot.inverse(*begin, starts)
+    first, _ = robot.inverse(*begin, starts, free)
     places, branch = [0.0], [first]
     breaks, broken = np.zeros((m, len(place)), dtype=bool), np.zeros(m, dtype=bool)
     here, stride = 0.0, 1.0
     while here < place[-1]:
         there = min(here + stride, place[-1])
-        q, reached = robot.inverse(*at(there), branch[-1])
+        q, reached = robot.inverse(*at(there), branch[-1], free)
         bad = ~reached | (np.abs(q - branch[-1]).max(axis=1) > JUMP)
         if (bad & ~broken).any() and stride > SHORTEST:
             stride *= 0.5
@@ -293,7 +333,7 @@ def _marched(
     some = np.unique(np.searchsorted(place, regular))
     if 2 * len(some) < len(place):
         for i, along in enumerate(seeds):
-            q, reached = robot.inverse(position[some], rotation[some], along[some])
+            q, reached = robot.inverse(position[some], rotation[some], along[some], free)
             kept = reached & (np.abs(q - along[some]).max(axis=1) < JUMP)
             seeds[i] = _between(place, place[some], np.where(kept[:, None], q, along[some]))
     return np.array(seeds), breaks
@@ -310,16 +350,17 @@ def _driven(
     rotation: FloatArray,
     seeds: FloatArray,
     breaks: BoolArray,
+    free: BoolArray,
     *,
     near: FloatArray | None,
 ) -> Followed:
     """Return the branch of (n, n_joints) seeds; by turns of 360 deg next to `near`, if given."""
-    q, reached = robot.inverse(position, rotation, seeds)
+    q, reached = robot.inverse(position, rotation, seeds, free)
     away = np.abs(np.diff(q - seeds, axis=0)).max(axis=1, initial=0.0) > JUMP
     flips = breaks | np.r_[False, away & reached[1:] & reached[:-1]]
     if near is not None:
-        q = q + _turns_to(near, robot, q)
-    found = _described(robot, q, reached)
+        q = q + np.where(free, _turns_to(near, robot, q), 0.0)
+    found = _described(robot, q, reached, free)
     return replace(found, flips=flips | found.flips)
 
 
@@ -327,7 +368,7 @@ def _middle(robot: Robot) -> FloatArray:
     """Return the (n_joints,) middle of the limits; zero for a joint without."""
     bounded = np.isfinite(robot.lower) & np.isfinite(robot.upper)
     middle = np.zeros(robot.n_joints)
-    middle[bounded] = 0.5 * (robot.lower + robot.upper)[bounded]
+    middle[bounded] = 0.5 * (robot.lower[bounded] + robot.upper[bounded])
     return middle
 
 

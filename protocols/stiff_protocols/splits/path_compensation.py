@@ -22,20 +22,21 @@ from stiff_protocols.contract.types import (
     Split,
 )
 from stiff_protocols.paths.compensation import compensate
-from stiff_protocols.paths.inverse import is_singular
+from stiff_protocols.paths.inverse import free_joints, is_singular, joint_number
 from stiff_protocols.paths.path import ToolPath, shaped
 from stiff_protocols.splits.generators import LazySplits
 from stiff_protocols.splits.random_splits import Holdout
 
 PARTS = ("near", "middle", "far")
-"""Thirds of the measured poses, by the distance of the TCP from the base's z axis."""
+"""Thirds of the measured poses, by the distance of the TCP from the base's z axis; of an arm on a
+track from that through its carriage."""
 DRIVEN = ("line", "square", "circle")
 LOADS = {"down": (0, 0, -1), "x": (1, 0, 0), "y": (0, 1, 0), "oblique": (1, 1, -1)}
 """Directions of the process force, base frame."""
 FORCE = 0.8
 """Process force, of the largest measured one: inside the payload."""
 SIZE = 0.1
-"""Edge, diameter or length, of the largest distance of a measured TCP from the base's z axis."""
+"""Edge, diameter or length, of the largest such distance of a measured TCP."""
 POINTS = 20
 """Of a path: an even number, so that the middle of a line, a measured pose, is none of them."""
 MARGIN_RAD = 0.05
@@ -52,7 +53,32 @@ class PathCompensation(Holdout):
 
     Models learn from the training side of `holdout`'s divisions of the measured poses; the test
     side is left out.
+
+    Attributes:
+        hold: joints of a robot with more than six that keep the value of the measured pose along a
+            path, by names or numbers, separated by commas.
     """
+
+    hold: str = ""
+
+    added_later = ("hold",)
+
+    def held(self, robot: Robot) -> FloatArray:
+        """Return (n_joints,) 0 for each joint that is held, NaN for the others.
+
+        Raises:
+            ConfigError: other than six joints are left, or a name is unknown.
+        """
+        names = [name.strip() for name in self.hold.split(",") if name.strip()]
+        held = np.full(robot.n_joints, np.nan)
+        held[[joint_number(robot, name) for name in names]] = 0.0
+        if np.isnan(held).sum() != 6:
+            raise ConfigError(
+                f"robot {robot.name!r} has {robot.n_joints} joints of which {len(names)} are held "
+                "(valid: 6 that move, for the position and the orientation of the tool; "
+                f"path-compensation@hold=JOINT,... holds others: {', '.join(robot.joint_names)})"
+            )
+        return held
 
     def with_paths(self, data: BenchmarkData) -> BenchmarkData:
         """Return the data with the points of 36 paths behind the samples.
@@ -61,7 +87,7 @@ class PathCompensation(Holdout):
         pose whose orientation is held.
 
         Raises:
-            ConfigError: the robot cannot be asked again, has other than six joints, or no path of
+            ConfigError: the robot cannot be asked again, other than six joints move, or no path of
                 a part can be driven.
         """
         if data.under_load is None:
@@ -69,14 +95,10 @@ class PathCompensation(Holdout):
                 "a measured robot cannot be asked how it moves with corrected commands (valid: "
                 "simulated data sets, such as kr10-twin)"
             )
-        if data.robot.n_joints != 6:
-            raise ConfigError(
-                f"robot {data.robot.name!r} has {data.robot.n_joints} joints (valid: 6, which hold "
-                "the position and the orientation of the tool)"
-            )
+        held = self.held(data.robot)
         if (data.samples.group == PATH_GROUP).any():
             raise ConfigError(f"its samples have the group {PATH_GROUP!r}, which paths are given")
-        samples = Samples.together(data.samples, _points(data))
+        samples = Samples.together(data.samples, _points(data, held))
         found = replace(data, samples=samples, known={})
         rows = np.arange(len(data.samples), len(samples))
         oracle = samples.deflection.copy()
@@ -91,7 +113,7 @@ class PathCompensation(Holdout):
         robot, q, wrench = data.robot, data.samples.q[rows], data.samples.wrench[rows]
         wanted = robot.forward(q)
         path = ToolPath(PATH_GROUP, wanted.points[:, -1], wanted.rotation, wrench)
-        found = compensate(predict, robot, path, q)
+        found = compensate(predict, robot, path, q, held=self.held(robot))
         if n_left := int((~found.converged).sum()):
             why = ", ".join(np.unique(found.problem[~found.converged]))
             warnings.warn(
@@ -119,16 +141,19 @@ class PathCompensation(Holdout):
         )
 
 
-def _points(data: BenchmarkData) -> Samples:
+def _points(data: BenchmarkData, held: FloatArray) -> Samples:
     """Return the points of all paths; their deflection is the true one without correction."""
     assert data.under_load is not None
     samples, robot = data.samples, data.robot
     force = FORCE * float(np.linalg.norm(samples.wrench[:, :3], axis=1).max())
     poses = samples.q[np.sort(np.unique(samples.pose_id, return_index=True)[1])]
     poses = poses[np.random.default_rng(0).permutation(len(poses))]  # a plan's neighbours are alike
-    reach = np.hypot(*robot.tcp_position(poses)[:, :2].T)
+    points = robot.forward(poses).points
+    reach = np.hypot(*(points[:, -1] - robot.arm_base(points))[:, :2].T)
     size = SIZE * float(reach.max())
-    _, is_place = _driven(robot, ["square"] * len(poses), poses, size)  # the others lie inside
+    _, is_place = _driven(
+        robot, ["square"] * len(poses), poses, size, held
+    )  # the others lie inside
     edges = np.quantile(reach, np.arange(1, len(PARTS)) / len(PARTS))
     part_of_pose = np.searchsorted(edges, reach)
     names, shapes, starts, wrench = [], [], [], []
@@ -146,7 +171,7 @@ def _points(data: BenchmarkData) -> Samples:
             starts.append(places[k % len(places)])
             direction = np.array(LOADS[load]) / np.linalg.norm(LOADS[load])
             wrench.append(np.r_[force * direction, np.zeros(3)])
-    angles, driven = _driven(robot, shapes, np.array(starts), size)
+    angles, driven = _driven(robot, shapes, np.array(starts), size, held)
     if not driven.all():
         path, _ = names[int(np.argmin(driven))]
         raise ConfigError(f"robot {robot.name!r} cannot drive the path {path!r}")
@@ -164,11 +189,12 @@ def _points(data: BenchmarkData) -> Samples:
 
 
 def _driven(
-    robot: Robot, shapes: Sequence[str], starts: FloatArray, size: float
+    robot: Robot, shapes: Sequence[str], starts: FloatArray, size: float, held: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Return (k POINTS, 6) rad along k paths, and (k,) whether each can be driven.
+    """Return (k POINTS, n_joints) rad along k paths, and (k,) whether each can be driven.
 
-    They are of one size [m], about the poses `starts` (k, 6) rad, whose orientation is held.
+    They are of one size [m], about the poses `starts` (k, n_joints) rad, whose orientation and held
+    joints are kept.
     """
     stands = robot.forward(starts)
     centres, rotations = stands.points[:, -1], stands.rotation
@@ -178,8 +204,10 @@ def _driven(
     ]
     seeds = np.repeat(starts, POINTS, axis=0)
     position, rotation = np.concatenate(outlines), np.repeat(rotations, POINTS, axis=0)
-    q, reached = robot.inverse(position, rotation, seeds)
-    ok = reached & ~is_singular(robot, q)
+    free = free_joints(robot, held)
+    q, reached = robot.inverse(position, rotation, seeds, free)
+    ok = reached & ~is_singular(robot, q, free)
     ok &= (np.abs(q - seeds) < SAME_BRANCH_RAD).all(axis=1)
-    ok &= (np.minimum(q - robot.lower, robot.upper - q) > MARGIN_RAD).all(axis=1)
+    margin = np.minimum(q - robot.lower, robot.upper - q)[:, free]
+    ok &= (margin > MARGIN_RAD).all(axis=1)
     return q, np.asarray(ok.reshape(-1, POINTS).all(axis=1))

@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import stiffbench as sb
 from helpers.command_line import assert_refused, bench_here
+from helpers.made_robots import track_lines, tree_urdf
+from helpers.made_samples import samples_with
 from stiff_bench.analysis.path_correction import CorrectedPath
 from stiff_bench.api.path import compensate_path, example_path
 from stiff_datasets.measured.path_file import path_table, tool_of
@@ -446,3 +448,83 @@ def test_the_page_on_paths_can_be_followed_to_the_end(tmp_path, monkeypatch):
     with pytest.warns(UserWarning, match="q6"):
         exec("".join(python), names)
     assert len(pd.read_csv("commands.csv")) == len(names["corrected"].found.q) == 401
+
+
+# ---- more than six joints --------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def track(tmp_path_factory):
+    """An arm on a track: its URDF, and the file of a model that is fitted to joint springs."""
+    folder = tmp_path_factory.mktemp("track")
+    robot = sb.Robot.from_urdf(tree_urdf(folder / "track.urdf", track_lines()), tcp=(0.1, 0, 0.1))
+    rng = np.random.default_rng(0)
+    q = rng.uniform(robot.lower, robot.upper, size=(60, 7))
+    wrench = rng.normal(size=(60, 6)) * np.repeat([50.0, 5.0], 3)
+    jacobian, compliance = robot.jacobian(q), np.array([1e-6, *[2e-5] * 6])
+    torque = np.einsum("nij,ni->nj", jacobian, wrench)
+    deflection = np.einsum("nij,nj->ni", jacobian[:, :3], compliance * torque)
+    data = sb.Dataset.from_samples(samples_with(q, wrench, deflection), robot)
+    sb.make_model("vjm").fit(data).save(folder / "track.stiff")
+    return folder
+
+
+def example_on(track, *words):
+    words = ["--urdf", track / "track.urdf", "--tcp", "0.1,0,0.1", "--load", LOAD, *words]
+    return ["path", "example", "--points", "9", "--size", "100", *words, "--output", "e.csv"]
+
+
+def compensate_on(track, path, *words):
+    words = ["--model", track / "track.stiff", "--path", path, *words, "--output", "c.csv"]
+    return ["path", "compensate", *words]
+
+
+def test_a_track_is_held_along_a_path_that_lies_before_it(track, tmp_path):
+    where = 3000.0
+    hold = ("--hold", f"to_cart={where}")
+    assert bench_here(*example_on(track, *hold), cwd=tmp_path).returncode == 0
+    done = bench_here(*compensate_on(track, "e.csv", *hold), cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(tmp_path / "c.csv")
+    assert (table["q1_mm"] == where).all() and (table["error_after_mm"] < 1e-3).all()
+    assert (table["x_mm"] > where).all()
+    (tmp_path / "c.csv").unlink()
+    start = ",".join(str(value) for value in table.filter(regex=r"^q\d").iloc[0])
+    kept = bench_here(*compensate_on(track, "e.csv", "--hold", "1", "--start", start), cwd=tmp_path)
+    assert kept.returncode == 0, kept.stderr
+    np.testing.assert_allclose(pd.read_csv(tmp_path / "c.csv")["q3_deg"], table["q3_deg"])
+    joints = table.filter(regex=r"^(q\d|f[xyz]_)").assign(q1_mm=np.linspace(0, 90, 9))
+    joints.to_csv(tmp_path / "j.csv", index=False)
+    (tmp_path / "c.csv").unlink()
+    done = bench_here(*compensate_on(track, "j.csv", "--hold", "to_cart"), cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_allclose(pd.read_csv(tmp_path / "c.csv")["q1_mm"], joints["q1_mm"])
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        ([], ["--hold", "to_cart [mm]", "to_a6 [deg]", "hold 1, not 0"]),
+        (["--hold", "1=5", "--hold", "J3=0"], ["--hold", "hold 1, not 2"]),
+        (["--hold", "1=5", "--hold", "to_cart=0"], ["--hold 1, to_cart", "once"]),
+        (["--hold", "to_cart"], ["--hold to_cart", "mm"]),
+        (["--hold", "to_cart=5000"], ["--hold to_cart=5000", "0..4000 mm"]),
+        (["--hold", "to_crt=5"], ["--hold", "'to_crt'", "did you mean 'to_cart'"]),
+        (["--hold", "to_cart=nan"], ["--hold", "'to_cart=nan'", "JOINT=VALUE"]),
+        (["--hold", "=5"], ["--hold", "'=5'", "JOINT=VALUE"]),
+    ],
+)
+def test_what_is_held_wrongly_is_refused_by_name(track, tmp_path, words, parts):
+    assert_refused(bench_here(*example_on(track, *words), cwd=tmp_path), *parts)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_joint_of_six_is_held_and_a_file_of_joint_angles_has_its_own_values(
+    track, vjm, tmp_path, corrected
+):
+    with pytest.raises(ConfigError, match=r"hold A1: .* 6 joints.*none can be held"):
+        corrected(f"{HEADER}\n{ROW}\n", hold={"A1": 0.0})
+    names = ",".join(["q1_mm", *(f"q{i}_deg" for i in range(2, 8)), *FORCE])
+    (tmp_path / "j.csv").write_text(f"{names}\n500,0,40,40,10,40,0,0,0,-40\n")
+    done = bench_here(*compensate_on(track, "j.csv", "--hold", "to_cart=500"), cwd=tmp_path)
+    assert_refused(done, "--hold to_cart=500", "without a value")

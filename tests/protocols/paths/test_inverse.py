@@ -9,9 +9,9 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from helpers.made_robots import random_chain
-from stiff_protocols.contract.errors import DataError
-from stiff_protocols.paths.inverse import follow, judged
+from helpers.made_robots import random_chain, seven_joint_arm
+from stiff_protocols.contract.errors import ConfigError, DataError
+from stiff_protocols.paths.inverse import follow, joint_number, judged
 from stiff_protocols.paths.path import SHAPES, ToolPath, shaped
 
 LOAD = (0.0, 0.0, -85.0, 0.0, 0.0, 0.0)
@@ -186,6 +186,54 @@ def test_given_joint_angles_are_in_one_configuration_only_where_no_part_flips(kr
 def test_given_joint_angles_far_apart_in_one_configuration_are_no_flip(kr10):
     away = np.array([2.5, 0.3, -0.4, 0.5, -0.3, 3.0])
     assert not judged(kr10, np.stack([READY - 0.5 * away, READY, READY + 0.5 * away])).flips.any()
+
+
+BENT = np.radians([0.0, 30.0, 20.0, 70.0, 10.0, 50.0, 0.0])
+
+
+@pytest.mark.parametrize("start", [None, BENT], ids=["found", "given"])
+@pytest.mark.parametrize("joint", [0, 2, 6])
+def test_a_joint_of_a_redundant_arm_is_held_along_the_path(joint, start):
+    arm, held = seven_joint_arm(), np.full(7, np.nan)
+    held[joint] = BENT[joint]
+    (centre,), (rotation,) = tool_at(arm, BENT)
+    path = shaped("square", centre, 0.1, 41, rotation=rotation, wrench=LOAD)
+    found = follow(arm, path.position, path.rotation, start, held=held)
+    assert found.ok.all()
+    np.testing.assert_array_equal(found.q[:, joint], BENT[joint])
+    position, turned = tool_at(arm, found.q)
+    np.testing.assert_allclose(position, path.position, atol=1e-8)
+    np.testing.assert_allclose(turned, path.rotation, atol=1e-7)
+
+
+def test_a_held_joint_makes_the_arm_singular_where_the_others_are(kr10):
+    straight = np.append(np.zeros(5), 0.3)
+    track = replace(
+        random_chain(np.random.default_rng(0), ("prismatic", *kr10.joint_types)),
+        placements=np.concatenate([np.eye(4)[None], kr10.placements]),
+        axes=np.concatenate([[[1.0, 0.0, 0.0]], kr10.axes]),
+        tcp=kr10.tcp,
+    )
+    q = np.array([[0.5, *straight], [0.5, *READY]])
+    held = np.array([0.0, *[np.nan] * 6])
+    np.testing.assert_array_equal(judged(track, q, held).singular, judged(kr10, q[:, 1:]).singular)
+
+
+def test_an_arm_without_limits_is_followed(kr10):
+    endless = replace(kr10, lower=np.full(6, -np.inf), upper=np.full(6, np.inf))
+    path = path_of(kr10)
+    assert follow(endless, path.position, path.rotation).ok.all()
+
+
+@pytest.mark.parametrize(
+    ("name", "number"), [("A3", 2), ("J3", 2), ("q1", 0), ("6", 5), ("A7", None), ("wrist", None)]
+)
+def test_a_joint_is_called_by_its_name_or_number(kr10, name, number):
+    if number is None:
+        with pytest.raises(ConfigError, match=rf"joint '{name}'.*valid: A1, "):
+            joint_number(kr10, name)
+    else:
+        assert joint_number(kr10, name) == number
 
 
 def test_a_robot_with_a_choice_at_every_point_and_a_path_without_points_are_refused(rng):

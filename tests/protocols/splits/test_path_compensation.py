@@ -119,6 +119,44 @@ def test_points_whose_correction_does_not_converge_keep_their_command_with_a_war
     assert kept.any()
 
 
+def on_a_track(twin):
+    """The twin's robot on a track of 4 m, measured at the same poses along it."""
+    arm, slide = twin.robot, np.eye(4)[None]
+    track = replace(
+        arm,
+        joint_names=("rail", *arm.joint_names),
+        joint_types=("prismatic", *arm.joint_types),
+        placements=np.concatenate([slide, arm.placements]),
+        axes=np.concatenate([[[0.0, 1.0, 0.0]], arm.axes]),
+        lower=np.append(0.0, arm.lower),
+        upper=np.append(4.0, arm.upper),
+        masses=np.append(0.0, arm.masses),
+        centres_of_mass=np.concatenate([np.zeros((1, 3)), arm.centres_of_mass]),
+    )
+    q = np.column_stack([np.linspace(0.0, 4.0, len(twin.samples)), twin.samples.q])
+    samples = samples_with(q, twin.samples.wrench, twin.samples.deflection)
+    under_load = lambda q, wrench: twin.under_load(q[:, 1:], wrench)  # noqa: E731
+    return BenchmarkData(samples, track, under_load=under_load)
+
+
+def test_an_arm_on_a_track_is_corrected_with_its_cart_held_where_the_poses_have_it(twin):
+    protocol = PathCompensation(hold="rail")
+    data = protocol.with_paths(on_a_track(twin))
+    rows = np.flatnonzero(data.samples.group == PATH_GROUP)
+    carts = data.samples.q[rows, 0].reshape(36, -1)
+    assert np.ptp(carts, axis=1).max() == 0.0 and np.ptp(carts) > 2.0
+    few = rows[::29]
+    q = protocol.commanded(data.under_load, data, few)
+    np.testing.assert_array_equal(q[:, 0], data.samples.q[few, 0])
+    assert np.linalg.norm(left(data, few, q), axis=1).max() <= 1.01 * TOLERANCE_M
+
+
+@pytest.mark.parametrize("hold", ["", "rail,A1", "wagon"])
+def test_other_than_six_moving_joints_are_refused(twin, hold):
+    with pytest.raises(ConfigError, match=r"rail"):
+        PathCompensation(hold=hold).with_paths(on_a_track(twin))
+
+
 def test_a_robot_that_cannot_be_asked_or_turned_is_refused(twin, fanuc):
     with pytest.raises(ConfigError, match="measured robot cannot be asked"):
         PROTOCOL.with_paths(fanuc)
