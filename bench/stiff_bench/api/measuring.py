@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -31,7 +32,7 @@ from stiff_datasets.twin.constants import (
 from stiff_datasets.twin.effects import parse_effects
 from stiff_datasets.twin.twin import TwinExperiment
 from stiff_models.catalog import REFERENCE_MODEL
-from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 
 
 def plan_poses(
@@ -238,8 +239,12 @@ def register(
     RobotWords(None, urdf, tcp, tip)  # a tip without a URDF is refused before anything is written
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
     x, y, z = default if tcp is None else tcp
-    place = registered.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", StiffBenchWarning)
+        place = registered.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
     report = validate(csv, urdf=urdf, tcp=tcp, tip=tip, **stated)
-    odd = [f"warning: {finding.message}" for finding in report.warnings]
+    read = [str(warning.message).removeprefix(f"{csv.absolute()}: ") for warning in caught]
+    messages = dict.fromkeys([*read, *(finding.message for finding in report.warnings)])
+    odd = [f"warning: {message}" for message in messages]
     done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
     return "\n".join([*odd, done])

@@ -1,4 +1,4 @@
-"""What a user states about a file of samples: torques, sheet, tolerance of poses."""
+"""Options of a file of samples: torques, sheet, tolerance of poses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST_POSE_TOLERANCE = 10.0
 
 @dataclass(frozen=True)
 class FileOptions:
-    """What a user states about a file of samples.
+    """Statements of a user about a file of samples.
 
     Attributes:
         no_torque: torques were not measured; their columns may be missing.

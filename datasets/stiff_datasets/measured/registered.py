@@ -66,7 +66,7 @@ _LONGEST_M = 1e3
 
 @dataclass(frozen=True)
 class Registration:
-    """What is registered.
+    """Registered files.
 
     Attributes:
         csv: the samples, in the schema of `stiff_datasets.measured.measured`.
@@ -117,7 +117,7 @@ def register(
 ) -> Path:
     """Register a measurement after reading it, and return the file that holds every registration.
 
-    An earlier one is replaced. Arguments but for the key as the attributes of `Registration`.
+    An earlier one is replaced. Arguments except the key are the attributes of `Registration`.
 
     Raises:
         ConfigError: nothing can be registered under the key, or tomli-w is not installed.
@@ -222,9 +222,9 @@ class Kr10Measured:
         """
         entry = _present()
         for path, registered in ((entry.csv, entry.sha256), (entry.urdf, entry.urdf_sha256)):
-            if path is not None and (found := _sha256(path)) != registered:
+            if path is not None and (checksum := _sha256(path)) != registered:
                 raise DataError(
-                    f"{path}: sha256 {found}, registered {registered}: the file has changed; "
+                    f"{path}: sha256 {checksum}, registered {registered}: the file has changed; "
                     f"register it again: {COMMAND}"
                 )
         return entry.read()
@@ -248,8 +248,8 @@ def _sha256(path: Path) -> str:
 
 
 def _tables(path: Path) -> dict[str, Any]:
-    """Return every table of the file; none where there is no file."""
+    """Return every table of the file; none without a file."""
     try:
         return read_toml(path) if path.exists() else {}
     except DataError as error:
-        raise DataError(f"{error}; mend or delete the file") from error
+        raise DataError(f"{error}; correct or delete the file") from error

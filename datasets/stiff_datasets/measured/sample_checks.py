@@ -1,4 +1,4 @@
-"""What a table of measured samples must be before it is believed: every problem of a file."""
+"""Checks of a table of measured samples: every problem of a file."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ LIMIT_SLACK = 1e-6
 WIDE = 4.0
 """Tolerances that a pose spans whose rows form a chain."""
 SAME_POSITION = 0.2
-"""Share by which positions of a tool may miss those of the robot's description."""
+"""Share by which positions of a tool may differ from the robot description's."""
 FEWEST_FOR_PLACE = 5
 FAR_FROM_ORIGIN = 5.0
 """Mean of positions over their spread; deflections differ more in direction and size."""
@@ -167,11 +167,10 @@ def _with_positions(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, tupl
     The columns are both positions of the TCP in place of `DEFLECTION_COLUMNS`, where the file has
     loaded positions and no deflections.
     """
-    others = tuple(name for name in columns if name not in DEFLECTION_COLUMNS)
     positions = (*UNLOADED_COLUMNS, *LOADED_COLUMNS)
-    found = {*sheet.recognised((*columns, *positions)).cells}
-    if found & {*LOADED_COLUMNS} and not found & {*DEFLECTION_COLUMNS}:
-        columns = (*others, *positions)
+    file_columns = {*sheet.recognised((*columns, *positions)).cells}
+    if file_columns & {*LOADED_COLUMNS} and not file_columns & {*DEFLECTION_COLUMNS}:
+        columns = (*(name for name in columns if name not in DEFLECTION_COLUMNS), *positions)
     return sheet.recognised(columns), columns
 
 
@@ -303,9 +302,9 @@ def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
 
 
 def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
-    """Return the error that names the first problem, and how many there are beside it."""
-    first, *others = sorted(problems, key=lambda problem: problem.row or 0)
-    more = f" (and {len(others)} more; {hint})" if others else ""
+    """Return the error that names the first problem, and how many more there are."""
+    first, *further = sorted(problems, key=lambda problem: problem.row or 0)
+    more = f" (and {len(further)} more; {hint})" if further else ""
     return DataError(f"{path}: {first}{more}")
 
 
@@ -319,11 +318,11 @@ def table_problems(
         columns: every column that a file may have, in the usual order.
         optional: those that may be missing.
     """
-    found = list(sheet.cells.columns)
+    file_columns = list(sheet.cells.columns)
     if sum(map(_is_number, sheet.unused)) > len(columns) / 2:
         return [Problem("no header: the first row holds numbers", ",".join(columns))]
-    missing = [name for name in columns if name not in (*found, *optional)]
-    repeated = sorted({name for name in found if found.count(name) > 1})
+    missing = [name for name in columns if name not in (*file_columns, *optional)]
+    repeated = sorted({name for name in file_columns if file_columns.count(name) > 1})
     parts = [f"missing {', '.join(missing)}"] if missing else []
     parts += [f"repeated {', '.join(repeated)}"] if repeated else []
     if parts:
@@ -331,8 +330,8 @@ def table_problems(
             f"unit of {name!r} (valid: {', '.join(units)})"
             for name, units in sheet.odd_units.items()
         ]
-        others = [name for name in sheet.unused if name not in sheet.odd_units]
-        parts += [f"columns not used: {', '.join(others)}"] if missing and others else []
+        unused = [name for name in sheet.unused if name not in sheet.odd_units]
+        parts += [f"columns not used: {', '.join(unused)}"] if missing and unused else []
         may_miss = f"; optional: {', '.join(optional)}" if optional else ""
         if missing and set(missing) <= set(TORQUE_COLUMNS):
             may_miss = "; say no-torque if none were measured"
@@ -353,7 +352,7 @@ def _is_number(name: str) -> bool:
 
 
 def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[Problem]]:
-    """Set rows apart that are no data: one problem a row, not one a cell.
+    """Set rows apart that hold no data: one problem per row, not per cell.
 
     Such a row is half empty, or has no number in any of `columns`; not where no row has one.
     """
@@ -515,11 +514,11 @@ def _deflection_problems(
     sheet: Sheet, deflection_mm: FloatArray, q_file: FloatArray, robot: Robot
 ) -> Iterator[Problem]:
     size = np.abs(deflection_mm)
-    known = np.isfinite(deflection_mm).all(axis=1) & np.isfinite(q_file).all(axis=1)
-    far = known & (size.max(axis=1) > LARGEST_DEFLECTION_MM)
+    readable = np.isfinite(deflection_mm).all(axis=1) & np.isfinite(q_file).all(axis=1)
+    far = readable & (size.max(axis=1) > LARGEST_DEFLECTION_MM)
     if far.sum() > 0.5 * len(size):
-        tcp = robot.forward(q_file[known] / file_units(robot)).points[:, -1]
-        if _are_positions(deflection_mm[known], tcp * MM_PER_M):
+        tcp = robot.forward(q_file[readable] / file_units(robot)).points[:, -1]
+        if _are_positions(deflection_mm[readable], tcp * MM_PER_M):
             yield Problem(
                 "dx_mm.. look like absolute positions of the TCP; subtract the unloaded position "
                 f"from the loaded one, or give both: {POSITIONS_TEXT}",
@@ -545,7 +544,7 @@ def _deflection_problems(
 
 
 def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:
-    """Whether (n, 3) values, mm, are positions of the TCP and no deflections.
+    """Say if (n, 3) values, mm, are positions of the TCP, not deflections.
 
     They are near (n, 3) `tcp`, mm in the base frame; or they are in another frame, as `tcp` turned
     and shifted; or they are spread as `tcp` is, far from the origin.
@@ -562,7 +561,8 @@ def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:
         warnings.simplefilter("ignore", UserWarning)
         _, distance = Rotation.align_vectors(about_middle, tcp_about_middle)
     spread, tcp_spread = (
-        np.linalg.norm(each) / np.sqrt(len(each)) for each in (about_middle, tcp_about_middle)
+        np.linalg.norm(offsets) / np.sqrt(len(offsets))
+        for offsets in (about_middle, tcp_about_middle)
     )
     is_far = np.linalg.norm(middle) > FAR_FROM_ORIGIN * spread
     is_as_wide = 0.5 < spread / tcp_spread < 2.0
@@ -572,7 +572,7 @@ def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:
 def _pose_problems(
     sheet: Sheet, q_file: FloatArray, robot: Robot, near: IntArray
 ) -> Iterator[Problem]:
-    """Yield the rows whose joint angles are not those of their pose, within the tolerance.
+    """Yield the rows whose joint angles differ from their pose's by more than the tolerance.
 
     A split by pose would mean nothing. `near` has the (n,) numbers of `linked_rows`.
     """
@@ -580,8 +580,8 @@ def _pose_problems(
     _, first_rows = np.unique(poses, return_index=True)
     first = first_rows[poses]  # (n,) the first row of each row's pose
     away = np.abs(q_file - q_file[first])
-    known = np.isfinite(away).all(axis=1)
-    for row in np.flatnonzero((near != near[first]) & known):
+    readable = np.isfinite(away).all(axis=1)
+    for row in np.flatnonzero((near != near[first]) & readable):
         column = joint_columns(robot)[int(np.argmax(away[row]))]
         yield cell_problem(
             sheet,

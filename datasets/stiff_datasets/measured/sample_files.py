@@ -51,7 +51,7 @@ LARGEST_EXCEL = 2**28
 """Bytes, unpacked."""
 
 MOST_COLUMNS = 100
-"""No robot has so many joints."""
+"""More than any robot's joints need."""
 LONGEST_CELL = 100
 """Characters of a name or a number; an array of names is as wide as its longest."""
 LONGEST_LINE = 20_000
@@ -118,12 +118,12 @@ _NAMES = {
     *(f"q{i}" for i in range(1, 10)),
 }
 _HEADER_NAMES, _TITLE_ROWS = 3, 20
-"""A row with so many names of columns is the header, if it is among the first so many."""
+"""The header is the first row with three names of columns, among the first twenty rows."""
 DECIMALS = 10
 """Numbers are written with so few decimals where that reads back as the same SI number."""
 _NO_UNIT = re.compile(r"[-\u2013\u2014]*")
 _UNITS_IN_ROW = 3
-"""A row below the header that has so many units and no number states the units of the columns."""
+"""Fewest units of a row below the header that states the units of the columns."""
 _Row = tuple[int, list[Any]]  # its number in the file, and its cells
 
 
@@ -243,15 +243,15 @@ def read_sheet(path: Path, sheet: str | None = None) -> Sheet:
 
     Raises:
         DataError: the file cannot be read, is empty, or is no table.
-        ConfigError: the package that reads Excel or Parquet is not installed; or the file has no
-            such sheet, or several sheets with tables and none is named.
+        ConfigError: the package that reads Excel or Parquet is not installed; or the file has
+            other sheets, or several sheets with tables and none is named.
     """
-    (found,) = read_sheets(path, sys.maxsize, sheet)
-    return found
+    (whole_file,) = read_sheets(path, sys.maxsize, sheet)
+    return whole_file
 
 
 def read_sheets(path: Path, rows: int, sheet: str | None = None) -> Generator[Sheet]:
-    """Yield a file in blocks of so many rows, at least one; errors as of `read_sheet`.
+    """Yield a file in blocks of `rows`, at least one; errors as in `read_sheet`.
 
     CSV and Parquet are read as far as the blocks were taken, Excel at once.
     """
@@ -296,7 +296,7 @@ def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
 
 def sheet_of(path: Path, table: pd.DataFrame) -> Sheet:
     """Return the sheet of a table that stands for the file `path`."""
-    cells = table.astype(object)
+    cells = _named(table.astype(object).rename(columns=str), strip=False)
     first = 1 if path.suffix == PARQUET else 2
     return Sheet(path, cells, np.arange(len(cells), dtype=np.int64) + first)
 
@@ -403,7 +403,7 @@ def _csv_rows(path: Path, lines: Iterator[tuple[int, str]], separator: str) -> I
 
 
 def _sheets(path: Path, table: Iterator[_Row], rows: int, decimal: str) -> Iterator[Sheet]:
-    """Yield the rows below the first, the header, in blocks of so many, at least one."""
+    """Yield the rows below the header, the first row, in blocks of `rows`, at least one."""
     _, header = next(table)
     names = [str(name) or f"column {i + 1}" for i, name in enumerate(header)]
     second = [*itertools.islice(table, 1)]
@@ -432,8 +432,8 @@ def _units_row(cells: Sequence[Any]) -> list[str] | None:
     units = [
         "" if _NO_UNIT.fullmatch(text) else _split(f"? [{text.strip('[]()')}]")[1] for text in texts
     ]
-    known = sum(any(unit in of_ours for of_ours in UNITS.values()) for unit in units)
-    return units if known >= _UNITS_IN_ROW else None
+    n_known = sum(any(unit in of_ours for of_ours in UNITS.values()) for unit in units)
+    return units if n_known >= _UNITS_IN_ROW else None
 
 
 def _with_units(path: Path, names: list[str], units: list[str], number: int) -> list[str]:
@@ -463,7 +463,7 @@ def _read_excel(path: Path, rows: int, sheet: str | None) -> Iterator[Sheet]:
         if size > LARGEST_EXCEL:
             raise ValueError(f"{size} bytes unpacked (valid: at most {LARGEST_EXCEL})")
         with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
-            sheets = {each.title: each for each in book.worksheets}
+            sheets = {worksheet.title: worksheet for worksheet in book.worksheets}
             title = _sheet_title(path, sheets, sheet)
             table = [*_excel_rows(sheets[title])]
     except (OSError, StiffBenchError):
@@ -479,37 +479,37 @@ def _read_excel(path: Path, rows: int, sheet: str | None) -> Iterator[Sheet]:
         yield replace(block, notes=(*notes, *block.notes))
 
 
-def _sheet_title(path: Path, sheets: Mapping[str, Any], asked: str | None) -> str:
-    """Return the name of the sheet to read: the one that is asked for, else the only table.
+def _sheet_title(path: Path, sheets: Mapping[str, Any], sheet: str | None) -> str:
+    """Return the name of the sheet to read: `sheet`, else the only one with a table.
 
     Raises:
-        ConfigError: there is no such sheet, or none is asked for and several hold a table.
+        ConfigError: the file has another sheet, or none is asked for and several hold a table.
         DataError: the sheet is empty.
     """
-    if asked is not None and asked not in sheets:
+    if sheet is not None and sheet not in sheets:
         valid = ", ".join(map(repr, sheets))
-        raise ConfigError(f"{asked!r}: no sheet of {path} (valid: {valid})", "sheet")
-    candidates = sheets if asked is None else {asked: sheets[asked]}
+        raise ConfigError(f"{sheet!r}: no sheet of {path} (valid: {valid})", "sheet")
+    candidates = sheets if sheet is None else {sheet: sheets[sheet]}
     heads = {
-        title: [*itertools.islice(_excel_rows(each), _TITLE_ROWS)]
-        for title, each in candidates.items()
+        title: [*itertools.islice(_excel_rows(worksheet), _TITLE_ROWS)]
+        for title, worksheet in candidates.items()
     }
     filled = [title for title, head in heads.items() if head]
     if not filled:
-        which = "every sheet" if asked is None else f"the sheet {asked!r}"
+        which = "every sheet" if sheet is None else f"the sheet {sheet!r}"
         raise DataError(f"{path}: {which} is empty")
     tables = [title for title in filled if _header(_texts(heads[title])) is not None]
     if len(tables) > 1:
         valid = ", ".join(map(repr, tables))
-        why = f"is needed: {path} holds tables on {len(tables)} sheets (valid: {valid})"
-        raise ConfigError(why, "sheet")
+        reason = f"is needed: {path} holds tables on {len(tables)} sheets (valid: {valid})"
+        raise ConfigError(reason, "sheet")
     return (tables or filled)[0]
 
 
 def _excel_rows(worksheet: Any) -> Iterator[_Row]:
     """Yield the rows of a sheet that hold more than blanks or a remark."""
-    found = worksheet.iter_rows(max_col=MOST_COLUMNS, values_only=True)
-    for number, row in enumerate(found, start=1):
+    rows = worksheet.iter_rows(max_col=MOST_COLUMNS, values_only=True)
+    for number, row in enumerate(rows, start=1):
         cells = ["" if cell is None else cell for cell in row]
         cells = [cell.strip() if isinstance(cell, str) else cell for cell in cells]
         if any(cell != "" for cell in cells) and not str(cells[0]).startswith("#"):
@@ -549,12 +549,14 @@ def _read_parquet(path: Path, rows: int) -> Iterator[Sheet]:
         raise DataError(f"{path}: not a Parquet table: {reason}") from error
 
 
-def _named(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return the cells with text in the columns of names, where a file may hold numbers."""
-    for header in cells.columns:
+def _named(cells: pd.DataFrame, *, strip: bool = True) -> pd.DataFrame:
+    """Return the cells with text in the columns of names, which may hold numbers."""
+    for i, header in enumerate(cells.columns):
         if _split(header)[0] in ID_COLUMNS:
-            names = cells[header].where(cells[header].notna(), "")
-            cells[header] = pd.Series([str(name).strip() for name in names], dtype=object)
+            column = cells.iloc[:, i]
+            names = [*map(str, column.where(column.notna(), ""))]
+            names = [name.strip() for name in names] if strip else names
+            cells.isetitem(i, np.array(names, dtype=object))
     return cells
 
 

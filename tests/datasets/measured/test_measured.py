@@ -174,6 +174,7 @@ def test_a_file_of_forces_alone_is_read_where_that_is_said(tmp_path, kr10):
         ([HEADER.replace(",tz_Nm", ""), GOOD.replace(",2,0,", ",2,")], "tz_Nm.*no-torque"),
         ([HEADER + ",Dx [mm]", GOOD + ",1"], "repeated dx_mm"),
         ([HEADER + ",dx_mm", GOOD + ",1"], "repeated dx_mm"),
+        ([HEADER + ",pose_id", GOOD + ",P2"], "repeated pose_id"),
         (
             ["some words"],
             r"header: missing q1_deg.*; columns not used: some words \(valid: pose_id,",

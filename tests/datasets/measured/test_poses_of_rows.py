@@ -157,3 +157,6 @@ def test_tables_and_arrays_in_memory_are_looked_at_too(repeats, kr10):
     with pytest.warns(StiffBenchWarning, match=r"mine: 450 pose_ids .*\(row 0\)"):
         sb.Dataset.from_samples(replace(grouped.samples, pose_id=names), kr10, name="mine")
     sb.Dataset.from_samples(grouped.samples, kr10)  # and no warning
+    counted = repeats.assign(pose_id=grouped.samples.pose_id, load_id=np.arange(len(repeats)))
+    of_numbers = sb.Dataset.from_frame(counted.iloc[::-1], kr10)
+    assert of_numbers.samples.load_id.tolist() == counted["load_id"].astype(str).tolist()[::-1]

@@ -165,7 +165,7 @@ def test_a_damaged_file_of_registrations_is_one_clear_error(csv, text, message):
     assert "\n" not in str(caught.value)
     assert missing() == str(caught.value)
     if "not TOML" in message:  # and is never overwritten
-        with pytest.raises(DataError, match=r"not TOML.*mend or delete"):
+        with pytest.raises(DataError, match=r"not TOML.*correct or delete"):
             register(KEY, csv, None, TCP)
         assert registry_file().read_bytes() == before
 
