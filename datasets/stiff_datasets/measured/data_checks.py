@@ -389,6 +389,13 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
     return min(changes, key=lambda change: change.rms, default=None)
 
 
+def left_out_rms(data: Reading, odd: BoolArray) -> float:
+    """Return the RMS error [m] of rows that are left out, if nothing changed; not of outliers."""
+    usual = data.take(~odd)
+    every = np.ones(len(usual.q), dtype=bool)
+    return _left_out(usual, every, np.ones((len(usual.q), 1))).rms
+
+
 def _likeliest_jump(data: Reading, given: LeftOut) -> int:
     """Return from which row on an offset explains the most of what `given` leaves.
 

@@ -21,6 +21,7 @@ from stiff_datasets.measured.data_checks import (
     fact,
     find_change,
     find_outliers,
+    left_out_rms,
     outlier_findings,
     range_findings,
     repeat_findings,
@@ -129,7 +130,7 @@ def validate(path: Path, robot: Robot, *, no_torque: bool = False) -> Validation
     no_torque = no_torque or card.no_torque
     torques_missing = not no_torque and not data.torque.any()
     diagnosis = diagnose(samples, robot, may_fit=not torques_missing)
-    change = _change_that_no_mistake_explains(data, lines, diagnosis)
+    change = _likely_change(data, lines, diagnosis)
     if change:
         deflection = samples.deflection - change.offset
         data = replace(data, deflection=deflection)
@@ -177,17 +178,14 @@ def _likely_cause(checked: CheckedSamples, robot: Robot) -> str:
     return _unit_message(data, compliances(data))
 
 
-def _change_that_no_mistake_explains(
-    data: Reading, lines: IntArray, diagnosis: Diagnosis
-) -> Change | None:
-    """Find a drift or a jump that is there, too, once the mistake of the diagnosis is undone."""
+def _likely_change(data: Reading, lines: IntArray, diagnosis: Diagnosis) -> Change | None:
+    """Find a drift or a jump that explains more than the mistake of the diagnosis."""
     if not data.regressor().any():
         return None
     change = find_change(data, lines, find_outliers(data).odd)
     if change and diagnosis.best:
         undone = diagnosis.best.reading
-        left = find_change(undone, np.arange(len(undone.q)), find_outliers(undone).odd)
-        return change if left else None
+        return change if change.rms < left_out_rms(undone, find_outliers(undone).odd) else None
     return change
 
 
