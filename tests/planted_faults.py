@@ -141,6 +141,42 @@ def rows_ten_times(*rows: int) -> Change:
     return change
 
 
+def one_row_ten_times(rank: int) -> Change:
+    """Of the smallest deflection (0), or of the largest (-1)."""
+
+    def change(data: Clean) -> pd.DataFrame:
+        size = np.linalg.norm(data.table[MOVED], axis=1)
+        return rows_ten_times(int(np.argsort(size)[rank]))(data)
+
+    return change
+
+
+def off_by(millimetres: float, course: Callable[[np.ndarray], np.ndarray]) -> Change:
+    """dz off by so much times what a course makes of the share of rows before a row."""
+
+    def change(data: Clean) -> pd.DataFrame:
+        share = np.linspace(0.0, 1.0, len(data.table))
+        return replaced(
+            data, ["dz_mm"], data.table[["dz_mm"]] + millimetres * course(share)[:, None]
+        )
+
+    return change
+
+
+def clipped(data: Clean) -> pd.DataFrame:
+    """A force sensor that reaches its limit in every eighth row."""
+    limit = data.table["fz_N"].quantile(0.875)
+    return replaced(data, ["fz_N"], data.table[["fz_N"]].clip(upper=limit))
+
+
+def on_a_rail(data: Clean) -> pd.DataFrame:
+    return data.table.assign(E1=np.linspace(0.0, 1500.0, len(data.table)))
+
+
+def without_deflections(data: Clean) -> pd.DataFrame:
+    return data.table.assign(**dict.fromkeys(MOVED, ""))
+
+
 def unchanged(data: Clean) -> pd.DataFrame:
     """Wrench and deflection are those of a TCP that the validator is not told: see `WRONG_TCP`."""
     return data.table
@@ -226,6 +262,16 @@ FAULTS: dict[str, tuple[Change, str]] = {
         rows_ten_times(10, 25, 40),
         "(?=.*row 12 by)(?=.*row 27 by)(?=.*row 42 by)",
     ),
+    "the smallest deflection ten times too large": (one_row_ten_times(0), "far from .* row .* by"),
+    "the largest deflection ten times too large": (one_row_ten_times(-1), "far from .* row .* by"),
+    "dz drifts by 0.6 mm": (off_by(0.6, lambda share: share), "had drifted by .* row 2 "),
+    "dz jumps by 0.6 mm half-way": (off_by(0.6, lambda share: share > 0.5), "had jumped by"),
+    "force clipped at a limit of the sensor": (clipped, "fz_N is exactly"),
+    "deflection in 1/10 mm": (scaled(MOVED, 10.0), "deflections in .*1/10 mm"),
+    "deflection in 1/100 mm": (scaled(MOVED, 100.0), "deflections in .*1/100 mm"),
+    "deflection in 0.001 inch": (scaled(MOVED, 1000.0 / 25.4), "deflections in .*0.001 inch"),
+    "an external axis that moves": (on_a_rail, "E1 looks like an axis that moved"),
+    "a plan that is not filled in": (without_deflections, "not filled in yet"),
 }
 OF_TORQUE = {
     name for name, (change, _) in FAULTS.items() if name.startswith("torque") or "torques" in name

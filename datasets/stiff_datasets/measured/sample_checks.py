@@ -32,6 +32,10 @@ from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples,
 
 LARGEST_DEFLECTION_MM = 50.0
 """No industrial robot deflects so far under a load it may carry."""
+USUAL_DEFLECTION_MM = 0.1, 10.0
+"""Median of a measurement, with a margin of four: 0.6 to 2.6 mm in the shipped data sets."""
+SMALL_UNITS = {"1/10 mm": 10.0, "0.001 inch": 1000.0 / 25.4, "1/100 mm": 100.0, "micrometres": 1e3}
+"""Units of instruments -> how many of them are 1 mm."""
 SMALLEST_DEFLECTION_MM = 0.01
 """What trackers repeat; a file that never exceeds it holds metres, not millimetres."""
 LARGEST_NUMBER = 1e6
@@ -528,7 +532,7 @@ def _deflection_problems(
     if len(size) >= 5 and (size.max(axis=1) > LARGEST_DEFLECTION_MM).mean() > 0.5:
         yield Problem(
             f"half of the deflections exceed {LARGEST_DEFLECTION_MM:g} mm; the columns dx_mm.. are "
-            "in mm, these look like micrometres",
+            f"in mm, these look like {_likely_units(size)}",
             "",
         )
         return
@@ -541,6 +545,15 @@ def _deflection_problems(
             "columns dx_mm.. are in mm, these look like metres",
             "",
         )
+
+
+def _likely_units(size: FloatArray) -> str:
+    """Return the units, but for mm, in which deflections of (n, 3) `size` are of a usual size."""
+    middle = float(np.nanmedian(np.linalg.norm(size, axis=1)))
+    low, high = USUAL_DEFLECTION_MM
+    likely = [name for name, factor in SMALL_UNITS.items() if low < middle / factor < high]
+    *others, last = likely or SMALL_UNITS
+    return f"{', '.join(others)} or {last}" if others else last
 
 
 def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:

@@ -14,10 +14,14 @@ import numpy as np
 from stiff_datasets.measured.data_card import DataCard, read_card
 from stiff_datasets.measured.data_checks import (
     FEWEST_SAMPLES,
+    Change,
     Finding,
     duplicate_findings,
+    external_axis_findings,
     fact,
+    find_change,
     find_outliers,
+    left_out_rms,
     outlier_findings,
     range_findings,
     repeat_findings,
@@ -34,7 +38,15 @@ from stiff_datasets.measured.diagnosis import (
 )
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.hypotheses import Reading, compliances, reading
-from stiff_datasets.measured.sample_checks import LIMIT_SLACK, Problem, check_sheet, row_ranges
+from stiff_datasets.measured.sample_checks import (
+    LIMIT_SLACK,
+    SMALL_UNITS,
+    USUAL_DEFLECTION_MM,
+    CheckedSamples,
+    Problem,
+    check_sheet,
+    row_ranges,
+)
 from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns, read_sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.identification import Identified, identify, typical_joints
@@ -43,13 +55,15 @@ from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 EXPLAINS_LITTLE = 0.85
 """Share of the squared deflection; the data sets that are shipped have 0.93 and more."""
-OTHER_UNITS = {
-    1 / 1000: "the deflections in m",
-    1 / 16: "the deflections in cm or inch",
-    STANDARD_GRAVITY: "the forces and torques in kg and kg m",
-    1000.0: "the forces in kN or the deflections in micrometres",
+LOAD_UNITS = {
+    "the forces and torques in kg and kg m": STANDARD_GRAVITY,
+    "the forces in kN": 1000.0,
 }
-"""Error that makes a robot look so many times as compliant as it is."""
+DEFLECTION_UNITS = {"m": 1 / 1000, "inch": 1 / 25.4, "cm": 1 / 10, **SMALL_UNITS}
+"""Units in which a file may be -> how many times as compliant as it is they make a robot look."""
+SAME_UNIT = 2.2
+"""Units within this factor of the one that fits best are named, too: the shipped robots are 0.6 to
+1.9 times as compliant as `softness` takes for usual."""
 TIES_SHOWN = 2
 LARGEST_SHOWN = 5
 WIDTH = 100
@@ -103,7 +117,8 @@ def validate(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Valid
     """
     try:
         card = read_card(path)
-        checked = check_sheet(read_sheet(path, options.sheet), robot, options)
+        sheet = read_sheet(path, options.sheet)
+        checked = check_sheet(sheet, robot, options)
     except DataError as error:
         message = str(error).removeprefix(f"{path}: ")
         return ValidationReport(path, (Finding("error", message),))
@@ -113,16 +128,19 @@ def validate(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Valid
     if samples is None and not errors:
         errors, unfilled = [replace(each, level="error") for each in unfilled], []
     if samples is None or errors:
-        if samples is not None:
-            units = file_units(robot)
-            beyond = np.maximum(robot.lower - samples.q, samples.q - robot.upper) * units
-            likely = diagnose(samples, robot, joints_only=bool((beyond > LIMIT_SLACK).any()))
-            errors += [Finding("error", _named(likely))] if likely.best else []
+        if message := _likely_cause(checked, robot):
+            errors.append(Finding("error", message))
         return ValidationReport(path, tuple(errors), tuple(unfilled))
     data = reading(robot, samples.q, samples.wrench, samples.deflection)
     no_torque = options.no_torque or card.no_torque
     torques_missing = not no_torque and not data.torque.any()
     diagnosis = diagnose(samples, robot, may_fit=not torques_missing)
+    change = _likely_change(data, lines, diagnosis)
+    if change:
+        deflection = samples.deflection - change.offset
+        data = replace(data, deflection=deflection)
+        undone = replace(samples, deflection=deflection)
+        diagnosis = diagnose(undone, robot, may_fit=not torques_missing)
     if torques_missing and not _explains_little(diagnosis.given):
         diagnosis = Diagnosis(diagnosis.given)  # that is mistake enough
     pose = np.asarray(np.unique(samples.pose_id, return_inverse=True)[1])
@@ -131,11 +149,13 @@ def validate(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Valid
         *unfilled,
         *(fact("read as", note) for note in checked.sheet.notes),
         *([fact("columns not used", unused)] if unused else []),
+        *external_axis_findings(sheet, checked.sheet.unused, robot, lines),
         *_content_findings(samples, robot, no_torque),
         *_noise_findings(card),
         *duplicate_findings(samples, checked.near_poses, lines),
         *range_findings(samples, lines),
         *repeat_findings(samples, robot, lines),
+        *([warning(change.text, change.rows)] if change else []),
         *(_spring_findings(data, pose, diagnosis, lines) if data.regressor().any() else ()),
     ]
     return ValidationReport(
@@ -143,6 +163,36 @@ def validate(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Valid
         warnings=tuple(each for each in found if each.level == "warning"),
         facts=tuple(each for each in found if each.level == "fact"),
     )
+
+
+def _likely_cause(checked: CheckedSamples, robot: Robot) -> str:
+    """Return a mistake that would explain the errors of a file, "" for none."""
+    samples, lines = checked.samples, checked.sheet.lines
+    if samples is None:
+        return ""
+    beyond = np.maximum(robot.lower - samples.q, samples.q - robot.upper) * file_units(robot)
+    joints_only = bool((beyond > LIMIT_SLACK).any())
+    likely = diagnose(samples, robot, joints_only=joints_only)
+    if likely.best:
+        return _named(likely)
+    wrong = [problem.row for problem in checked.problems if problem.row is not None]
+    right = np.flatnonzero(~np.isin(lines, wrong))
+    if joints_only or not len(right):
+        return ""
+    some = samples.take(right)
+    data = reading(robot, some.q, some.wrench, some.deflection)
+    return _unit_message(data, compliances(data))
+
+
+def _likely_change(data: Reading, lines: IntArray, diagnosis: Diagnosis) -> Change | None:
+    """Find a drift or a jump that explains more than the mistake of the diagnosis."""
+    if not data.regressor().any():
+        return None
+    change = find_change(data, lines, find_outliers(data).odd)
+    if change and diagnosis.best:
+        undone = diagnosis.best.reading
+        return change if change.rms < left_out_rms(undone, find_outliers(undone).odd) else None
+    return change
 
 
 def _error_findings(problems: Sequence[Problem]) -> Iterator[Finding]:
@@ -251,7 +301,8 @@ def _spring_findings(
             )
         if rigid.any():
             yield warning(f"infinite or negative stiffness: {', '.join(compress(names, rigid))}")
-        yield from _unit_findings(data, compliance)
+        if message := _unit_message(data, compliance):
+            yield warning(message)
     worst = np.argsort(-residual_mm)[:LARGEST_SHOWN]
     listed = ", ".join(f"row {lines[i]} {residual_mm[i]:.3g}" for i in worst)
     yield fact("largest residuals", f"{listed} mm (median {np.median(residual_mm):.3g})")
@@ -276,15 +327,30 @@ def _named(diagnosis: Diagnosis) -> str:
     )
 
 
-def _unit_findings(data: Reading, compliance: FloatArray) -> Iterator[Finding]:
-    """Compare the stiffnesses with what is usual: a wrong unit scales them all alike."""
+def _unit_message(data: Reading, compliance: FloatArray) -> str:
+    """Compare the stiffnesses with what is usual: a wrong unit scales them all alike.
+
+    "" if they are usual, or if nothing says what is.
+    """
     factor = softness(data, compliance)
-    if factor > 0.0 and not 1.0 / UNUSUAL < factor < UNUSUAL:
-        likely = OTHER_UNITS[min(OTHER_UNITS, key=lambda unit: abs(np.log(unit / factor)))]
-        yield warning(
-            f"the joints look {max(factor, 1 / factor):.2g} times as "
-            f"{'compliant' if factor > 1 else 'stiff'} as is usual for such an arm; are {likely}?"
-        )
+    if factor == 0.0 or 1.0 / UNUSUAL < factor < UNUSUAL:
+        return ""
+    size_mm = float(np.median(np.linalg.norm(data.deflection, axis=1))) * MM_PER_M
+    low, high = USUAL_DEFLECTION_MM
+    loads = LOAD_UNITS if low < size_mm < high else {}
+    lengths = {name: n for name, n in DEFLECTION_UNITS.items() if low < size_mm / n < high}
+    units = loads | lengths
+    likely = sorted(units, key=lambda name: abs(np.log(units[name] / factor)))
+    near = [name for name in likely if 1 / SAME_UNIT < units[name] / factor < SAME_UNIT]
+    near = near or likely[:2]
+    parts = [name for name in near if name in loads]
+    in_lengths = " or ".join(name for name in near if name in lengths)
+    parts += [f"the deflections in {in_lengths}"] if in_lengths else []
+    named = ", or ".join(parts) or "the units right"
+    return (
+        f"the joints look {float(f'{max(factor, 1 / factor):.2g}'):g} times as "
+        f"{'compliant' if factor > 1 else 'stiff'} as is usual for such an arm; are {named}?"
+    )
 
 
 def _verdict(report: ValidationReport) -> str:

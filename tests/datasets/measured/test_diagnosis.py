@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from planted_faults import (
     FAULTS,
     FORCE,
+    JOINTS,
     MOVED,
     OF_TORQUE,
     TORQUE,
     TWINS,
     WRONG_TCP,
     added,
+    both,
     clean,
     outcome,
+    rows_ten_times,
     scaled,
 )
+from stiff_datasets.measured.data_checks import find_change, find_outliers
+from stiff_datasets.measured.hypotheses import reading
 
 QUICK = ["wrench of opposite sign", "forces in kg", "joint 3 off by -90 deg", *WRONG_TCP]
 """One of each kind: the wrench, a unit, the joints, free numbers."""
@@ -28,6 +35,63 @@ SOMETIMES = {"torque about the flange", "tool of 1 kg not tared"}
 def not_named(faults, data, folder):
     found = {fault: outcome(fault, data, folder / "my.csv") for fault in faults}
     return {fault: what for fault, what in found.items() if what != "named"}
+
+
+IN_THE_FILE = [
+    "force clipped at a limit of the sensor",
+    "deflection in 1/100 mm",
+    "an external axis that moves",
+]
+
+
+@pytest.mark.parametrize("fault", IN_THE_FILE)
+def test_a_limit_of_a_sensor_a_unit_of_an_instrument_and_one_more_axis_are_named(fault, tmp_path):
+    assert not_named([fault], clean("ur5-twin", 1), tmp_path) == {}
+
+
+DRIFT, JUMP = "dz drifts by 0.6 mm", "dz jumps by 0.6 mm half-way"
+
+
+@pytest.mark.parametrize(
+    ("source", "fault", "words", "rows"),
+    [
+        ("kr10-twin", DRIFT, "had drifted by .* from row 2 to row 152", ()),
+        ("ur5-twin", JUMP, "had jumped by .* at row 78", tuple(range(78, 153))),
+        ("kr10-twin", "tool of 2.5 kg not tared", "weight of a tool", ()),
+    ],
+)
+def test_a_drift_or_a_jump_is_no_tool_and_a_tool_is_neither(source, fault, words, rows, tmp_path):
+    data = clean(source, 1)
+    (found,) = data.report(tmp_path / "my.csv", FAULTS[fault][0](data)).warnings
+    assert re.search(words, found.message)
+    assert found.rows == rows
+
+
+def test_a_drift_is_named_beside_a_mistake_of_all_rows_and_an_outlier_beside_a_drift(tmp_path):
+    data = clean("ur5-twin", 1)
+    drifting, _ = FAULTS[DRIFT]
+    turned_over = both(drifting, scaled(FORCE + TORQUE, -1.0))(data)
+    first, second = data.report(tmp_path / "my.csv", turned_over).warnings
+    assert "had drifted by" in first.message and "opposite sign" in second.message
+    with_outlier = both(drifting, rows_ten_times(40))(data)
+    first, second = data.report(tmp_path / "my.csv", with_outlier).warnings
+    assert "had drifted by" in first.message and second.rows == (42,)
+
+
+@pytest.mark.parametrize("source", [*TWINS, "FANUC"])
+@pytest.mark.parametrize("n", [151, 40, 20])
+def test_clean_rows_neither_drift_nor_jump(source, n):
+    data = clean(source, 4)
+    for seed in range(3):
+        rows = np.sort(np.random.default_rng(seed).permutation(len(data.table))[:n])
+        columns = data.table.iloc[rows]
+        read = reading(
+            data.robot,
+            np.deg2rad(columns[JOINTS].to_numpy()),
+            columns[FORCE + TORQUE].to_numpy(),
+            columns[MOVED].to_numpy() / 1000.0,
+        )
+        assert find_change(read, rows, find_outliers(read).odd) is None
 
 
 @pytest.mark.parametrize("fault", QUICK)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,11 +12,16 @@ import pandas as pd
 import pytest
 
 from helpers.made_samples import samples_with
-from stiff_datasets.measured.data_checks import find_outliers, outlier_findings
+from stiff_datasets.measured.data_checks import (
+    external_axis_findings,
+    find_outliers,
+    outlier_findings,
+    range_findings,
+)
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.hypotheses import reading
 from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.sample_files import sample_table
+from stiff_datasets.measured.sample_files import sample_table, sheet_of
 from stiff_datasets.measured.validate import validate
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_datasets.twin.robot_twin import ArmFamily
@@ -235,6 +241,66 @@ def test_legal_but_odd_rows_are_named(fanucs, row, changes, words):
 )
 def test_forces_in_another_unit_and_no_forces_are_noticed(fanucs, factor, words):
     assert only(fanucs.report(wrench=fanucs.samples.wrench * factor).warnings, words)
+
+
+def limits(samples, wrench):
+    """Findings of a limit of a sensor; row numbers from 0."""
+    changed = dataclasses.replace(samples, wrench=wrench)
+    found = range_findings(changed, np.arange(len(samples)))
+    return [each for each in found if "reach its limit" in each.message]
+
+
+def test_a_column_that_stops_at_one_value_is_named_with_the_value_and_its_rows(twin):
+    wrench = twin.samples.wrench.copy()
+    limit = np.sort(wrench[:, 0])[15]
+    cut = np.flatnonzero(wrench[:, 0] <= limit)
+    wrench[:, 0] = np.maximum(wrench[:, 0], limit)
+    (found,) = limits(twin.samples, wrench)
+    assert f"fx_N is exactly {limit:.6g} in 16 rows" in found.message
+    assert found.rows == tuple(cut)
+
+
+@pytest.mark.parametrize("loads", [[-60.0], [-60.0, 0.0], [-20.0, -40.0, -60.0]])
+def test_a_few_loads_that_were_chosen_are_no_limit(twin, loads):
+    wrench = twin.samples.wrench.copy()
+    wrench[:, 2] = np.resize(loads, len(wrench))
+    assert limits(twin.samples, wrench) == []
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "moved"),
+    [
+        ("E1", [0.0, 500.0], True),
+        ("A7 [deg]", [10.0, 20.0], True),
+        ("rail_mm", [0.0, 1.0], True),
+        ("External axis 1", [0.0, 1.0], True),
+        ("E1", [500.0, 500.01], False),
+        ("tracker", [0.0, 500.0], False),
+        ("A1_temperature", [20.0, 35.0], False),
+        ("E2", ["left", "right"], False),
+    ],
+)
+def test_a_column_like_an_axis_that_moves_is_a_warning(fanucs, column, values, moved):
+    table = fanucs.table().assign(**{column: np.resize(values, len(fanucs.samples))})
+    sheet = sheet_of(fanucs.path, table)
+    found = [*external_axis_findings(sheet, [column], fanucs.robot, sheet.lines)]
+    assert [each.level for each in found] == ["warning"] * moved
+    assert all(f"column {column} looks like an axis" in each.message for each in found)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(100.0, "1/100 mm"), (1.0 / 25.4, "inch")])
+def test_a_unit_of_an_instrument_is_named_by_the_stiffness(measurement, factor, unit):
+    report = measurement.report(deflection=measurement.samples.deflection * factor)
+    found = only([*report.errors, *report.warnings], "the joints look")
+    assert re.search(f"the deflections in .*{unit}", found.message)
+
+
+def test_without_masses_the_size_of_the_deflections_says_a_range_of_units(fanucs):
+    robot = dataclasses.replace(fanucs.robot, masses=np.zeros(6))
+    measured = dataclasses.replace(fanucs, robot=robot)
+    report = measured.report(deflection=fanucs.samples.deflection * 100.0)
+    (found,) = messages(report.errors)
+    assert "0.001 inch, 1/100 mm or micrometres" in found
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 29])
