@@ -556,7 +556,7 @@ def _named(cells: pd.DataFrame, *, strip: bool = True) -> pd.DataFrame:
             column = cells.iloc[:, i]
             names = [*map(str, column.where(column.notna(), ""))]
             names = [name.strip() for name in names] if strip else names
-            cells.isetitem(i, np.array(names, dtype=object))
+            cells.iloc[:, i] = names
     return cells
 
 
