@@ -212,7 +212,7 @@ def choices(
         )
     if not data and options != DEFAULTS:
         raise ConfigError(
-            "--no-torque, --sheet and --pose-tolerance describe the file of --data; give it too"
+            "--no-torque, --sheet and --pose-tolerance describe a measured file; give --data too"
         )
     every = [key for word in models for key in (registry.models if word == EVERY_MODEL else [word])]
     if not data and not datasets:
