@@ -1,4 +1,4 @@
-"""What is legal in measured data and yet odd: copies, ranges, repeats, outliers.
+"""Find what is legal in measured data and yet odd: copies, ranges, repeats, outliers, drift.
 
 Every check yields findings; `lines` is the (n,) row number of every sample in its file.
 """
@@ -29,7 +29,7 @@ from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robo
 LARGEST_FORCE_N = 5000.0
 """More than a tool of a common industrial robot carries; the column may be in another unit."""
 SMALLEST_FORCE_N = 1.0
-"""A robot does not give way measurably under less; the column may be in kN or kg."""
+"""A robot does not deflect measurably under less; the column may be in kN or kg."""
 FEWEST_SAMPLES = 30
 """Below, leave-one-out results of two methods can hardly be told apart."""
 NOISE_MM = 0.05
@@ -90,7 +90,7 @@ MOST_OUTLIERS = 0.2
 """Share of the rows; if more are far off, something is wrong with all of them."""
 FEWEST_REPEATS = 5
 LISTED = 10
-"""So many outliers are listed at most."""
+"""Most outliers that are listed."""
 
 
 @dataclass(frozen=True)
@@ -298,14 +298,14 @@ def find_outliers(data: Reading) -> Outliers:
             for row in np.flatnonzero(far)
             if (slip := _slip(given_mm[row], error_mm[row], root[row], usual[row]))
         }
-        found = far & (share > MODEL_ERROR)
-        found[[*slips]] = True
-        if n < FEWEST_FOR_OUTLIERS or found.sum() > MOST_OUTLIERS * n:
+        outlier = far & (share > MODEL_ERROR)
+        outlier[[*slips]] = True
+        if n < FEWEST_FOR_OUTLIERS or outlier.sum() > MOST_OUTLIERS * n:
             return Outliers(length_mm, np.zeros(n, dtype=bool), {})
-        if (found == odd).all():
+        if (outlier == odd).all():
             break
-        odd = found
-    return Outliers(length_mm, found, slips)
+        odd = outlier
+    return Outliers(length_mm, outlier, slips)
 
 
 def _slip(given: FloatArray, error: FloatArray, root: FloatArray, usual: np.floating) -> str | None:
@@ -316,10 +316,10 @@ def _slip(given: FloatArray, error: FloatArray, root: FloatArray, usual: np.floa
     factors = np.stack([*SLIPS.values()])  # (n_slips, 3)
     none = np.where(factors == 1.0, given, 0.0)
     corrected = np.stack([given / factors, none])  # (2, n_slips, 3)
-    left, left_by_none = _lengths(root, corrected - given + error)
-    left = np.where(left_by_none > usual, left, np.inf)
-    likeliest = int(np.argmin(left))
-    return [*SLIPS][likeliest] if left[likeliest] < usual else None
+    misfit, misfit_of_none = _lengths(root, corrected - given + error)
+    misfit = np.where(misfit_of_none > usual, misfit, np.inf)
+    likeliest = int(np.argmin(misfit))
+    return [*SLIPS][likeliest] if misfit[likeliest] < usual else None
 
 
 def _lengths(root: FloatArray, vectors: FloatArray) -> FloatArray:
@@ -329,7 +329,7 @@ def _lengths(root: FloatArray, vectors: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What changed while the rows were measured, one after the other.
+    """A change while the rows were measured, one after the other.
 
     Attributes:
         text: what it is, in one line.
@@ -353,13 +353,13 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
     the two, the better one is returned. The `odd` (n,) outliers are not looked at.
     """
     every = len(lines) // MOST_FOR_CHANGE + 1
-    some = np.flatnonzero(~odd)[::every]
-    if len(some) < FEWEST_FOR_CHANGE:
+    compared = np.flatnonzero(~odd)[::every]
+    if len(compared) < FEWEST_FOR_CHANGE:
         return None
-    part, fitted = data.take(some), np.ones(len(some), dtype=bool)
+    part, fitted = data.take(compared), np.ones(len(compared), dtype=bool)
     same = np.ones(len(lines))
-    given = _left_out(part, fitted, same[some, None])
-    jump = lines[some[_likeliest_jump(part, given)]]
+    given = _left_out(part, fitted, same[compared, None])
+    jump = lines[compared[_likeliest_jump(part, given)]]
     first, last = lines[0], lines[-1]
     jumped = f"jumped by {{}} mm {'near' if every > 1 else 'at'} row {jump} and stayed there"
     drifted = f"drifted by {{}} mm from row {first} to row {last}"
@@ -369,7 +369,7 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
         (drifted, (lines - first) / (last - first), ()),
         (jumped, after.astype(np.float64), lines[after]),
     ):
-        fit = _left_out(part, fitted, np.column_stack([same, course])[some])
+        fit = _left_out(part, fitted, np.column_stack([same, course])[compared])
         numbers = fit.coefficients[-3:]
         information = np.linalg.inv(fit.inverse[-3:, -3:])
         statistic = float(numbers @ information @ numbers) / fit.rms**2  # of 3 numbers, 3 axes
@@ -399,20 +399,22 @@ def _likeliest_jump(data: Reading, given: LeftOut) -> int:
     """
     n = len(data.q)
     matrix = _effects(data, given.knee, np.ones((n, 1))) / given.size
-    left = data.deflection - matrix @ given.coefficients
+    residual = data.deflection - matrix @ given.coefficients
     # by cumulative sums from each row to the last
     loads = np.cumsum(matrix[::-1], axis=0)[::-1]  # (n, 3, n_columns)
-    left = np.cumsum(left[::-1], axis=0)[::-1]  # (n, 3)
+    residual = np.cumsum(residual[::-1], axis=0)[::-1]  # (n, 3)
     rows = np.arange(n, 0, -1)[:, None, None] * np.eye(3)
-    own = (rows - loads @ given.inverse @ loads.swapaxes(1, 2))[1:]
-    explained = (left[1:] * np.linalg.solve(own, left[1:, :, None])[..., 0]).sum(axis=1)
+    information = (rows - loads @ given.inverse @ loads.swapaxes(1, 2))[1:]
+    explained = (residual[1:] * np.linalg.solve(information, residual[1:, :, None])[..., 0]).sum(
+        axis=1
+    )
     inner = explained[FEWEST_BESIDE_JUMP - 1 : n - FEWEST_BESIDE_JUMP]
     return FEWEST_BESIDE_JUMP + int(np.argmax(inner))
 
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """How far each row is from the prediction by springs that were fitted to the others.
+    """Errors of the predictions of each row by springs that were fitted to the others.
 
     Attributes:
         error: (n, 3) deflection minus its prediction, m.
@@ -463,9 +465,13 @@ def _left_out(data: Reading, fitted: BoolArray, courses: FloatArray | None = Non
     errors, covariances = np.empty_like(data.deflection), np.empty((len(fitted), 3, 3))
     for rows in blocks:
         matrix = _effects(data.take(rows), knee, courses[rows]) / size
-        own = matrix @ inverse @ matrix.swapaxes(1, 2)  # (n, 3, 3) share of a row in its own fit
+        leverage = (
+            matrix @ inverse @ matrix.swapaxes(1, 2)
+        )  # (n, 3, 3) share of a row in its own fit
         inside = fitted[rows][:, None, None]
-        covariance = np.where(inside, np.linalg.inv(np.eye(3) - inside * own), np.eye(3) + own)
+        covariance = np.where(
+            inside, np.linalg.inv(np.eye(3) - inside * leverage), np.eye(3) + leverage
+        )
         error = (data.deflection[rows] - matrix @ coefficients)[..., None]
         errors[rows] = np.where(inside, covariance @ error, error)[..., 0]
         covariances[rows] = covariance

@@ -548,12 +548,12 @@ def _deflection_problems(
 
 
 def _likely_units(size: FloatArray) -> str:
-    """Return the units, but for mm, in which deflections of (n, 3) `size` are of a usual size."""
+    """Return the units, except mm, in which deflections of (n, 3) `size` are of a usual size."""
     middle = float(np.nanmedian(np.linalg.norm(size, axis=1)))
     low, high = USUAL_DEFLECTION_MM
     likely = [name for name, factor in SMALL_UNITS.items() if low < middle / factor < high]
-    *others, last = likely or SMALL_UNITS
-    return f"{', '.join(others)} or {last}" if others else last
+    *first, last = likely or SMALL_UNITS
+    return f"{', '.join(first)} or {last}" if first else last
 
 
 def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:

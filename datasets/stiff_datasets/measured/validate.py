@@ -71,7 +71,7 @@ WIDTH = 100
 
 @dataclass(frozen=True)
 class ValidationReport:
-    """What was found in a file.
+    """The findings in a file.
 
     Attributes:
         path: the file.
@@ -109,7 +109,7 @@ def validate(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Valid
     Args:
         path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
         robot: that was measured.
-        options: what is not in the file; a data card FILE.md beside it may say, too, that no
+        options: what is not in the file; a data card FILE.md next to it may say, too, that no
             torques were measured.
 
     Raises:
@@ -179,8 +179,8 @@ def _likely_cause(checked: CheckedSamples, robot: Robot) -> str:
     right = np.flatnonzero(~np.isin(lines, wrong))
     if joints_only or not len(right):
         return ""
-    some = samples.take(right)
-    data = reading(robot, some.q, some.wrench, some.deflection)
+    samples = samples.take(right)
+    data = reading(robot, samples.q, samples.wrench, samples.deflection)
     return _unit_message(data, compliances(data))
 
 
@@ -271,10 +271,10 @@ def _spring_findings(
         f"{given.rms * MM_PER_M:.3g} mm RMS",
     )
     names = data.robot.joint_names
-    found = _identified(data, pose)
-    unknown = [name for name, known in zip(names, found.known, strict=True) if not known]
-    condition = "" if unknown else f", condition number {found.condition:.3g}"
-    yield fact("identifiable", f"rank {found.rank} of {len(names)} joint springs{condition}")
+    identified = _identified(data, pose)
+    unknown = [name for name, known in zip(names, identified.known, strict=True) if not known]
+    condition = "" if unknown else f", condition number {identified.condition:.3g}"
+    yield fact("identifiable", f"rank {identified.rank} of {len(names)} joint springs{condition}")
     outliers = find_outliers(data)
     usual, usual_pose = data, pose
     if not best:  # else every row is wrong
@@ -292,7 +292,7 @@ def _spring_findings(
         yield fact("k of the prior", ", ".join(stiffness[name] for name in unknown))
     if not best:  # else these would be its effects
         rigid = clearly_negative(usual) & (compliances(usual) == 0.0)
-        vague = [*compress(names, ~found.known & ~rigid)]
+        vague = [*compress(names, ~identified.known & ~rigid)]
         if vague:
             yield warning(
                 f"the stiffness of joint{'s' * (len(vague) > 1)} {', '.join(vague)} cannot be "

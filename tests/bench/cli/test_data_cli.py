@@ -16,6 +16,7 @@ from helpers.command_line import assert_refused, bench_here, started
 from helpers.made_robots import arm_lines, gripper_lines, tree_urdf
 from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.measured.registered import registration
+from stiff_datasets.measured.sample_files import sample_table
 
 ROBOTS = files("stiff_datasets") / "robots"
 FANUC_CSV = str(files("stiff_datasets") / "data" / "fanuc_r2000ic.csv")
@@ -45,6 +46,22 @@ def filled_in(plan: Path, kr10) -> Path:
         writer.writeheader()
         writer.writerows(rows)
     return path
+
+
+def test_a_plan_that_is_not_filled_in_is_refused_in_one_line(tmp_path, fanuc):
+    plan = sample_table(fanuc.samples, fanuc.robot).assign(dx_mm="", dy_mm="", dz_mm="")
+    plan.to_csv(tmp_path / "plan.csv", index=False)
+    robot = ("--robot", "fanuc-r2000ic")
+    for words in (
+        ("run", "--model", "vjm", "--data", "plan.csv"),
+        ("fit", "--model", "vjm", "--data", "plan.csv", "--output", "vjm.stiff"),
+    ):
+        refused = bench_here(*words, *robot, cwd=tmp_path)
+        assert refused.returncode == 2
+        (line,) = refused.stderr.splitlines()
+        assert "plan.csv: this plan is not filled in yet: 43 of 43 rows" in line
+    validated = bench_here("data", "validate", "plan.csv", *robot, cwd=tmp_path)
+    assert validated.returncode == 2 and "invalid, 1 error" in validated.stdout
 
 
 @pytest.mark.slow
