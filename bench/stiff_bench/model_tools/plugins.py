@@ -108,11 +108,11 @@ def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registr
 
 def _save_plugin(choice: Choice[Any], robot: Robot, model: Any, path: Path) -> None:
     """Write a plugin's fitted model as `bench fit` does; NotSavable where that refuses it."""
-    whole = copy.copy(model)
-    if not hasattr(whole, "robot_"):
-        whole.robot_ = robot
+    fitted = copy.copy(model)
+    if not hasattr(fitted, "robot_"):
+        fitted.robot_ = robot
     try:
-        save(whole, path, {choice.info.key: choice.params})
+        save(fitted, path, {choice.info.key: choice.params})
     except ModelError as error:
         raise NotSavable(f"`bench fit` refuses it: {error}") from error
 

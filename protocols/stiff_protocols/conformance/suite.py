@@ -346,8 +346,8 @@ def _interval_row_by_row(session: Session) -> None:
 )
 def _saves(session: Session) -> None:
     model, save, load = session.fitted, session.save, session.load
-    own = model.save if isinstance(model, SavesItself) else None
-    if load is None or (save is None and own is None):
+    save_itself = model.save if isinstance(model, SavesItself) else None
+    if load is None or (save is None and save_itself is None):
         raise NotApplicable("not checked here; `bench check` saves and loads as `bench fit` does")
     first = session.prediction
     with TemporaryDirectory() as folder:
@@ -355,8 +355,8 @@ def _saves(session: Session) -> None:
         try:
             if save is not None:
                 save(model, path)
-            elif own is not None:
-                own(path)
+            elif save_itself is not None:
+                save_itself(path)
         except NotSavable as error:
             raise NotApplicable(str(error)) from error
         loaded = load(path)
