@@ -19,9 +19,11 @@ import pytest
 from helpers.command_line import bench_here
 from helpers.run_requests import planned
 from stiff_bench.cli.main import bench
+from stiff_bench.model_tools.plugins import checklist
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell
+from stiff_datasets.measured.sample_files import sample_table
 from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.conformance.suite import check_model
 from stiff_protocols.scoring.metrics import METRICS
@@ -82,6 +84,31 @@ def test_every_name_in_a_python_block_is_defined(tmp_path):
     command = [sys.executable, "-m", "ruff", "check", "--isolated", "--select", "F821", "."]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+PLUGINS = [
+    ("docs/add_a_data_set.md", 0, "hall-3"),
+    ("docs/add_a_data_set.md", 1, "six-springs"),
+    ("docs/add_a_protocol.md", 0, "gap-holdout"),
+]
+
+
+@pytest.mark.parametrize(("page", "number", "key"), PLUGINS, ids=lambda given: str(given))
+def test_a_data_set_or_protocol_of_a_page_passes_its_checks_and_can_be_run(
+    page, number, key, fanuc, tmp_path
+):
+    path = tmp_path / "my_plugin.py"
+    path.write_text(BLOCKS[page][number], encoding="utf-8")
+    sample_table(fanuc.samples, fanuc.robot).to_csv(tmp_path / "campaign_2026.csv", index=False)
+    registry = build_registry()
+    registry.add_file(path)
+    found = checklist(key, "fanuc-r2000ic", (), registry)
+    assert found.kept and len(found.checks) > 2, repr(found)
+    words = {"protocols": (key,)} if key in registry.protocols else {"datasets": (key,)}
+    asked = {"models": ("vjm",), "datasets": ("fanuc-r2000ic",), "splits": 1} | words
+    (task,) = cell_tasks(planned(registry, **asked))
+    result = compute_cell(task, "run")
+    assert (result.status, result.failure) == ("ok", "")
 
 
 @pytest.mark.slow

@@ -241,7 +241,7 @@ def _case(found: Sequence[CellResult], runs: Runs) -> Case:
         slots=tuple(sorted(slots)),
         competitors=competitors,
         newest_run=runs.run_of(in_order[0]),
-        first_asked=min(runs.first_asked.get(one.cell.key, inf) for one in found),
+        first_asked=min(runs.first_asked.get(result.cell.key, inf) for result in found),
         cell=results[0].cell,
         left_out=tuple(left_out),
         every=tuple(found),

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from stiff_bench.analysis.comparison import NORM, Across, Comparison, ModelComparison, Row
-from stiff_bench.analysis.verdict import Estimate, Verdict, decide
+from stiff_bench.analysis.verdict import Estimate, Question, Verdict, decide
 from stiff_bench.analysis.where import Place
 from stiff_bench.store.names import label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
@@ -70,20 +70,25 @@ def sentence(report: ModelComparison) -> str:
 
 def _among_all(report: ModelComparison) -> str:
     """Return the verdicts that leaderboard and report page show; "" where they are the same."""
-    fair = [one for one in report.comparisons if not one.selects_on_test]
-    shown = [(one, one.among_all) for one in fair or report.comparisons if one.among_all]
-    if all(one.row(NORM).verdict == among.verdict for one, among in shown):
+    fair = [comparison for comparison in report.comparisons if not comparison.selects_on_test]
+    verdicts = [
+        (comparison, comparison.among_all)
+        for comparison in fair or report.comparisons
+        if comparison.among_all
+    ]
+    if all(comparison.row(NORM).verdict == among.verdict for comparison, among in verdicts):
         return ""
-    source = ", as leaderboard and report page show"
+    is_usual = report.question == Question(seed=report.question.seed)  # theirs
+    source = ", as leaderboard and report page show" * is_usual
     if len(report.comparisons) == 1:
-        ((_, among),) = shown
+        ((_, among),) = verdicts
         n = among.n_models
         verdict = {"a": f"{report.a} is better", "b": f"{report.b} is better"}
         return (
             f"Among all {n} models here{source} (p corrected for {n * (n - 1) // 2} pairs, Holm): "
             f"{verdict.get(among.verdict, VERDICTS[among.verdict])}."
         )
-    count = Counter(among.verdict for _, among in shown)
+    count = Counter(among.verdict for _, among in verdicts)
     return (
         f"Among all models of each comparison{source} (p corrected for all pairs, Holm): "
         f"{_numbers_of(report, count)}."
@@ -91,7 +96,7 @@ def _among_all(report: ModelComparison) -> str:
 
 
 def _of_the_pair(report: ModelComparison) -> str:
-    """Return what the results say of A and B alone."""
+    """Return the result on A and B, each pair asked by itself."""
     if len(report.comparisons) == 1:
         return _of_one(report, report.comparisons[0])
     fair = [one for one in report.comparisons if not one.selects_on_test]

@@ -25,7 +25,7 @@ LONGEST_FIT_S, LONGEST_S = 10.0, 30.0
 
 @dataclass(frozen=True)
 class Timing:
-    """What one fit took that was timed for the plan.
+    """Time of one fit that was measured for the plan.
 
     Attributes:
         seconds: of fit and predictions; what it had taken when it was stopped.
@@ -123,8 +123,8 @@ def forecast(
     """Return what a run would compute of each model, in the order of the tasks, and "all" last.
 
     Nothing is computed or written; the folder of the results need not be there. Times are means of
-    the stored fits of the same models, else those of fits that were timed on the same data set, or
-    on another one.
+    the stored fits of the same models, else times of fits measured now on the same data set, or on
+    another one.
 
     Raises:
         StiffBenchError: a data set cannot be loaded or divided, or the stored results not read.
@@ -135,25 +135,25 @@ def forecast(
     for task in tasks:
         of_model = is_cached.setdefault(task.shown.model, {})
         of_model.setdefault(task.shown.dataset, []).append(task.cell.key in cached)
-    found = [
+    forecasts = [
         _of_model(
             model,
             of_datasets,
             means.get(model),
-            {place[1]: one for place, one in (timed or {}).items() if place[0] == model},
+            {place[1]: timing for place, timing in (timed or {}).items() if place[0] == model},
         )
         for model, of_datasets in is_cached.items()
     ]
     total = Forecast(
         "all",
-        n_cells=sum(one.n_cells for one in found),
-        n_cached=sum(one.n_cached for one in found),
-        n_unknown=sum(one.n_unknown for one in found),
-        seconds=sum(one.seconds for one in found),
-        n_timed=sum(one.n_timed for one in found),
-        is_lower_bound=any(one.is_lower_bound for one in found),
+        n_cells=sum(model.n_cells for model in forecasts),
+        n_cached=sum(model.n_cached for model in forecasts),
+        n_unknown=sum(model.n_unknown for model in forecasts),
+        seconds=sum(model.seconds for model in forecasts),
+        n_timed=sum(model.n_timed for model in forecasts),
+        is_lower_bound=any(model.is_lower_bound for model in forecasts),
     )
-    return [*found, total]
+    return [*forecasts, total]
 
 
 def _of_model(
@@ -163,27 +163,27 @@ def _of_model(
     timed: Mapping[str, Timing],
 ) -> Forecast:
     """Return what is missing of one model on each data set, and how long that takes."""
-    n_missing = {dataset: list(found).count(False) for dataset, found in of_datasets.items()}
+    n_missing = {dataset: list(cached).count(False) for dataset, cached in of_datasets.items()}
     n_cells, total = sum(map(len, of_datasets.values())), sum(n_missing.values())
     counts = model, n_cells, n_cells - total
     if mean_s is not None:
         return Forecast(*counts, 0, total * mean_s)
-    failure = next((one.failure for one in timed.values() if one.failure), "")
-    known = {dataset: one for dataset, one in timed.items() if not one.failure}
-    if not known:
+    failure = next((timing.failure for timing in timed.values() if timing.failure), "")
+    timings = {dataset: timing for dataset, timing in timed.items() if not timing.failure}
+    if not timings:
         return Forecast(*counts, total, 0.0, failure=failure)
-    usual_s = sum(one.seconds for one in known.values()) / len(known)
-    each_s = {one: known[one].seconds if one in known else usual_s for one in n_missing}
-    seconds = sum(n * each_s[dataset] for dataset, n in n_missing.items())
-    was_stopped = any(one.was_stopped for one in known.values())
+    usual_s = sum(timing.seconds for timing in timings.values()) / len(timings)
+    fit_s = {name: timings[name].seconds if name in timings else usual_s for name in n_missing}
+    seconds = sum(n * fit_s[dataset] for dataset, n in n_missing.items())
+    was_stopped = any(timing.was_stopped for timing in timings.values())
     return Forecast(*counts, 0, seconds, total, was_stopped, failure)
 
 
 def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:
     """Return the numbers of cells by model, and of all together."""
     *models, _ = found
-    timed = [one.model for one in models if one.n_timed]
-    stopped = [one.model for one in models if one.is_lower_bound]
+    timed = [model.model for model in models if model.n_timed]
+    stopped = [model.model for model in models if model.is_lower_bound]
     notes = ["time: h:min:s in sequence, from the mean of the model's stored fits"]
     if timed:
         notes.append(
@@ -194,7 +194,9 @@ def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:
         which = first_few(stopped)
         notes.append(f"more than: a fit was stopped after {LONGEST_FIT_S:g} s: {which}")
     notes += [
-        f"{one.model}: the timed fit gave no result: {one.failure}" for one in models if one.failure
+        f"{model.model}: the timed fit gave no result: {model.failure}"
+        for model in models
+        if model.failure
     ]
     return Table(
         title="Fits to compute",
@@ -217,8 +219,8 @@ def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:
     )
 
 
-def _time_text(found: Quantity) -> str:
-    return f"{found.status} {_clock(found.value or 0.0)}".strip()
+def _time_text(duration: Quantity) -> str:
+    return f"{duration.status} {_clock(duration.value or 0.0)}".strip()
 
 
 def forecast_line(total: Forecast, jobs: int) -> str:

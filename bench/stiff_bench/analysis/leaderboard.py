@@ -255,7 +255,7 @@ def _rank_interval(
     poses than the data, so that close models change places more often in them and ranks draw
     nearer to the middle: bounds are widened to hold the mean rank itself.
     """
-    drawn = [ranked(means) for one in rankings if (means := one.drawn) is not None]
+    drawn = [ranked(means) for ranking in rankings if (means := ranking.drawn) is not None]
     if not drawn:
         nothing = np.full(len(rankings[0].models), np.nan)
         return nothing, nothing

@@ -214,10 +214,10 @@ FEW_SPLITS = 5
 
 
 def _few_splits(scored: Sequence[ScoredCase]) -> Iterator[str]:
-    fewest = min(len(one.slots) for one in scored)
+    fewest = min(len(case.slots) for case in scored)
     if scored[0].key.is_cost or not 1 < fewest < FEW_SPLITS or scored[0].case.shown.pooled:
         return
-    yield f"{fewest} splits show very large differences alone; --splits {FEW_SPLITS} shows more."
+    yield f"{fewest} splits show only very large differences; --splits {FEW_SPLITS} shows more."
 
 
 def _scores_of(section: Section, scored: Sequence[ScoredCase], key: SortKey) -> dict[str, Quantity]:

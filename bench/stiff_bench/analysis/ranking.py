@@ -74,7 +74,7 @@ class ScoredCase:
 
     @cached_property
     def errors(self) -> SharedErrors:
-        """What the verdicts are made from, a column for each of `models`."""
+        """Errors that the verdicts are made from, a column for each of `models`."""
         scores = np.column_stack([self.scores[model] for model in self.models])  # (J, m)
         return SharedErrors(
             of_splits=self.key.sign * scores if len(scores) > 1 else None,
@@ -91,10 +91,11 @@ class ScoredCase:
         """
         if not self.key.resamples:
             return None
-        first, *others = each = [pooled_prediction(self.results[one]) for one in self.models]
-        if not all(np.array_equal(first.rows, other.rows) for other in others):
+        predictions = [pooled_prediction(self.results[model]) for model in self.models]
+        first = predictions[0]
+        if not all(np.array_equal(first.rows, prediction.rows) for prediction in predictions):
             raise DataError("only models that were tested on the same rows can be compared")
-        errors = np.column_stack([self.key.of_rows(prediction) for prediction in each])  # (n, m)
+        errors = np.column_stack([self.key.of_rows(prediction) for prediction in predictions])
         return pose_errors(self.data.samples.pose_id, errors, first.rows)
 
     @cached_property
@@ -114,8 +115,8 @@ class ScoredCase:
         place = {model: column for column, model in enumerate(self.models)}
         columns = [(place[a], place[b]) for a, b in pairs]
         p_values = [float(self._p_values[of_pair]) for of_pair in columns]
-        asked = question or Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
-        return decide_pairs(self.errors, columns, asked, p_values)
+        question = question or Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
+        return decide_pairs(self.errors, columns, question, p_values)
 
     def mean(self, model: str) -> float:
         """Return a model's mean over the splits, in the metric's unit."""
@@ -247,7 +248,7 @@ class Ranking:
         """(m,) whether a model is not found worse than the best; None: no test applies."""
         best = int(np.argmax(self.is_best))
         others = [index for index in range(len(self.models)) if index != best]
-        verdicts = self.scored.verdicts([(self.models[best], self.models[one]) for one in others])
+        verdicts = self.scored.verdicts([(self.models[best], self.models[i]) for i in others])
         if verdicts is None:
             return None
         like = np.ones(len(self.models), dtype=np.bool_)
@@ -257,7 +258,7 @@ class Ranking:
 
 def correction_text(cases: Sequence[ScoredCase]) -> str:
     """Return how the verdicts on pairs of models are corrected in some cases, for people."""
-    counts = {len(one.models) * (len(one.models) - 1) // 2 for one in cases}
+    counts = {len(case.models) * (len(case.models) - 1) // 2 for case in cases}
     if counts == {1}:
         return "one pair, p needs no correction"
     number = f"{counts.pop()} " if len(counts) == 1 else ""

@@ -185,7 +185,7 @@ def decide_pairs(
         errors: of the columns.
         pairs: columns of A and of B.
         question: what is asked of each pair.
-        p_values: k corrected ones of the first test; None: each pair is asked alone. The draws are
+        p_values: k corrected ones of the first test; None: p is not corrected. The draws are
             not corrected: among many models Holm would ask for rarer events than they hold.
     """
     results = estimates(errors, pairs, question)
@@ -208,7 +208,7 @@ def corrected_p_values(errors: SharedErrors) -> FloatArray | None:
         p_values = corrected_t_p_values(differences, errors.test_share)
     elif (of_poses := errors.of_poses) is not None:
         upper = np.triu_indices(of_poses.totals.shape[1], k=1)
-        pairs = zip(*(one.tolist() for one in upper), strict=True)
+        pairs = zip(*(indices.tolist() for indices in upper), strict=True)
         p_values = np.array([wilcoxon_signed_rank(of_poses.differences(a, b)) for a, b in pairs])
     else:
         return None

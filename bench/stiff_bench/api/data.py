@@ -162,12 +162,12 @@ class Dataset:
         together: a part that holds only some of them makes a test on the others easier than it is.
 
         Raises:
-            IndexError: there is no such row, or the mask has another length.
+            IndexError: a row does not exist, or the mask has another length.
         """
         data = self.data
         chosen = np.atleast_1d(np.arange(len(data.samples))[rows])
-        known = {name: values[chosen] for name, values in data.known.items()}
-        part = replace(data, samples=data.samples.take(chosen), known=known)
+        known_rows = {name: values[chosen] for name, values in data.known.items()}
+        part = replace(data, samples=data.samples.take(chosen), known=known_rows)
         text = _slice_text(rows) if isinstance(rows, slice) else counted(len(chosen), "row")
         info = replace(self.choice.info, published="", card="")
         return Dataset(held_data(part, f"{self.name}[{text}]", info))
@@ -184,7 +184,7 @@ class Dataset:
 def _slice_text(rows: slice) -> str:
     """Return a slice as it is written, such as "10:40"."""
     start, stop, step = (
-        "" if one is None else str(one) for one in (rows.start, rows.stop, rows.step)
+        "" if bound is None else str(bound) for bound in (rows.start, rows.stop, rows.step)
     )
     return f"{start}:{stop}" + (f":{step}" if step else "")
 

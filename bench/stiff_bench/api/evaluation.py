@@ -77,8 +77,8 @@ def evaluate(
         Dataset(choice_of("dataset", one, {})) if isinstance(one, str) else one
         for one in _listed(datasets)
     ]
-    for one in data:
-        check_dataset(one)
+    for dataset in data:
+        check_dataset(dataset)
     names = [choice_of("protocol", one, {}) for one in _listed(protocol)]
     folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
     plan = plan_run(

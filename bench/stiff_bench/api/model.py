@@ -94,8 +94,8 @@ class Model:
             seed: of the model, and of the poses that choose the epoch.
 
         Raises:
-            ConfigError: the model cannot be used here, or not for this robot, or `data` is no data
-                set, such as a DataFrame.
+            ConfigError: the model cannot be used here, or not for this robot, or `data` is not a
+                data set, such as a DataFrame.
             ModelError: the samples cannot be fitted.
         """
         check_dataset(data)
@@ -293,7 +293,7 @@ class Model:
 
         Raises:
             NotFittedError: `fit` was not called.
-            ConfigError: `data` is no data set.
+            ConfigError: `data` is not a data set.
         """
         from pandas import DataFrame
 

@@ -141,7 +141,7 @@ class Results:
                 the usual ones: mae, stde and me, of tool paths norm, norm-p95, norm-max, removed.
             verbose: with the numbers that the fits report, such as stiffnesses, beneath.
 
-        Of results that contradict each other in a folder, those of the newest run count.
+        Of results that contradict each other in a folder, the newest run's count.
 
         Raises:
             ConfigError: there is no such metric.

@@ -77,14 +77,14 @@ class Run:
                 f"timing a fit of {counted(n_models, 'model')} without a stored one, for at most "
                 f"{LONGEST_S + LONGEST_FIT_S:g} s"
             )
-            alone = chosen_execution(
+            timing = chosen_execution(
                 plan, registry(), threads=int(facts["threads"]), timeout=LONGEST_FIT_S
             )
-            timed = time_fits(untimed, alone)
-        found = forecast(self.tasks, plan.output, rerun=rerun, timed=timed)
-        tables = [forecast_table(found, jobs)]
+            timed = time_fits(untimed, timing)
+        forecasts = forecast(self.tasks, plan.output, rerun=rerun, timed=timed)
+        tables = [forecast_table(forecasts, jobs)]
         text_as = partial(render, tables, command=plan.command)
-        return Tables(lambda: tables, text_as, forecast_line(found[-1], jobs))
+        return Tables(lambda: tables, text_as, forecast_line(forecasts[-1], jobs))
 
     def compute(self) -> Results:
         """Compute what is missing; return the results of all.

@@ -111,14 +111,14 @@ class FigureSource:
     @cached_property
     def _as_asked(self) -> list[Case]:
         """The newest cases: data sets in the order of asking, newest runs first within each."""
-        newest_first = sorted(self.newest, key=lambda one: one.newest_run, reverse=True)
+        newest_first = sorted(self.newest, key=lambda case: case.newest_run, reverse=True)
         first_asked = {
-            dataset: min(one.first_asked for one in cases)
-            for dataset, cases in grouped(newest_first, lambda one: one.name.dataset).items()
+            dataset: min(case.first_asked for case in cases)
+            for dataset, cases in grouped(newest_first, lambda case: case.name.dataset).items()
         }
 
-        def place(one: Case) -> tuple[object, ...]:
-            dataset = one.name.dataset
+        def place(case: Case) -> tuple[object, ...]:
+            dataset = case.name.dataset
             return first_asked[dataset], natural_key(dataset)
 
         return sorted(newest_first, key=place)
@@ -148,9 +148,9 @@ class FigureSource:
         paths = (
             " Of tool paths: error without correction as deflection, removed error as prediction."
         )
-        others = dict.fromkeys(one.name.dataset for one in self._as_asked)
-        others.pop(name.dataset, None)
-        more = f" Other data sets (`--dataset`): {first_few([*others])}." if others else ""
+        datasets = dict.fromkeys(stored.name.dataset for stored in self._as_asked)
+        datasets.pop(name.dataset, None)
+        more = f" Other data sets (`--dataset`): {first_few([*datasets])}." if datasets else ""
         return f"{of_case}.{marks_in([case], models)}{paths * case.has_paths}{more}"
 
     def results(self, case: Case, has: Has) -> list[CellResult]:
@@ -170,17 +170,17 @@ class FigureSource:
         """
         models = self.names(self.newest)
 
-        def n_models(one: Case) -> int:
-            there = [name for name in models if name in one.competitors]
-            return sum(any(map(has, one.results(name))) for name in there)
+        def n_models(case: Case) -> int:
+            there = [name for name in models if name in case.competitors]
+            return sum(any(map(has, case.results(name))) for name in there)
 
-        def preference(one: Case) -> tuple[int, bool, bool, bool, int, int]:
-            n = n_models(one)
-            fair = not one.shown.selects_on_test
-            is_measured = one.shown.kind == "measured"
-            whole = not one.name.condition  # not one of many sizes or directions
+        def preference(case: Case) -> tuple[int, bool, bool, bool, int, int]:
+            n = n_models(case)
+            fair = not case.shown.selects_on_test
+            is_measured = case.shown.kind == "measured"
+            whole = not case.name.condition  # not case of many sizes or directions
             first = n if most_first else min(n, 1)
-            return first, fair, is_measured, whole, n, len(one.slots)
+            return first, fair, is_measured, whole, n, len(case.slots)
 
         best = max(self._as_asked, key=preference)  # the first of equal ones
         if not n_models(best):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import importlib.util
 import keyword
 import os
@@ -9,6 +10,7 @@ import shlex
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -21,13 +23,14 @@ from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import chosen_dataset, parse_settings
 from stiff_bench.run.progress import display
 from stiff_models.io.cache_folder import OFF, VARIABLE
-from stiff_models.io.saved import load
+from stiff_models.io.saved import load, save
 from stiff_protocols.conformance.checklist import Check, Status
 from stiff_protocols.conformance.data import check_dataset, check_protocol
 from stiff_protocols.conformance.suite import check_model
-from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.errors import ConfigError, ModelError, NotSavable, StoreError
 from stiff_protocols.contract.files import check_new_file, make_folder, written_whole
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo
+from stiff_protocols.contract.types import Robot
 
 _MARKS: dict[Status, str] = {"passed": "✓", "failed": "✗", "not applicable": "–"}  # noqa: RUF001
 _WIDTH = 100
@@ -89,17 +92,29 @@ def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registr
     with display():
         data = loaded(on)
         if isinstance(info, ModelInfo):
-            ours = registry.origins.get(key, OURS) == OURS  # others read their own files
+            ours = registry.origins.get(key, OURS) == OURS
             with mock.patch.dict(os.environ, {VARIABLE: OFF}):  # a kept training repeats itself
                 checks = check_model(
                     subject.make,
                     data,
                     uses_validation=info.uses_validation,
-                    load=load if ours else None,
+                    save=None if ours else partial(_save_plugin, subject, data.robot),
+                    load=partial(load, plugins=None if ours else {key: subject.cls}),
                 )
         else:
             checks = check_protocol(subject.make, data)
     return CheckResults(f"{_named(subject)} on {_named(on)}", checks)
+
+
+def _save_plugin(choice: Choice[Any], robot: Robot, model: Any, path: Path) -> None:
+    """Write a plugin's fitted model as `bench fit` does; NotSavable where that refuses it."""
+    fitted = copy.copy(model)
+    if not hasattr(fitted, "robot_"):
+        fitted.robot_ = robot
+    try:
+        save(fitted, path, {choice.info.key: choice.params})
+    except ModelError as error:
+        raise NotSavable(f"`bench fit` refuses it: {error}") from error
 
 
 def _refuse_missing(choice: Choice[Any]) -> None:

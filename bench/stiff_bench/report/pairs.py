@@ -1,6 +1,6 @@
 """All pairs of a leaderboard's models: in how many cases is one better than the other?
 
-The verdicts are those of the leaderboard's "tied with best".
+Leaderboards count the same verdicts as "tied with best".
 """
 
 from __future__ import annotations

@@ -129,12 +129,12 @@ def _verdict(board: Leaderboard) -> str:
     if key.is_cost or not others:
         return text
     correction = correction_text(section.cases)
-    if alike := [one.name for one in others if one.like_best == n_cases]:
+    if alike := [model.name for model in others if model.like_best == n_cases]:
         who = "No significant difference from it"
         if n_cases > 1:
             who = "Tied with the best in every comparison"
         return f"{text} {who} ({correction}): {first_few(alike)}."
-    if all(one.like_best == 0 for one in others):  # None: no test applies
+    if all(model.like_best == 0 for model in others):  # None: no test applies
         losers = "All others are" if len(others) > 1 else f"{others[0].name} is"
         than = " than the best in every comparison" if n_cases > 1 else ""
         return f"{text} {losers} significantly worse{than} ({correction})."

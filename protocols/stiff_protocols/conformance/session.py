@@ -40,6 +40,7 @@ class Session:
         train, validation, test: disjoint samples of the robot.
         other: as many samples as `train`, most of them others.
         uses_validation: the model is one that chooses an epoch.
+        save: writes a fitted model, or None.
         load: reads a saved model, or None.
         printed: what the model wrote to standard output so far.
         disturbed: names of the global random states that it changed.
@@ -57,6 +58,7 @@ class Session:
         data: BenchmarkData,
         *,
         uses_validation: bool,
+        save: Callable[[StiffnessModel, Path], None] | None,
         load: Callable[[Path], StiffnessModel] | None,
     ) -> None:
         """Divide the rows; DataError where there are too few."""
@@ -65,7 +67,7 @@ class Session:
                 f"{len(data.samples)} samples are too few to check a model with "
                 f"(valid: {FEWEST_ROWS} or more)"
             )
-        self.make, self.load, self.robot = make, load, data.robot
+        self.make, self.save, self.load, self.robot = make, save, load, data.robot
         self.uses_validation = uses_validation
         rows = np.random.default_rng(0).permutation(evenly_spaced(len(data.samples), MOST_ROWS))
         n_train, n_validation = (

@@ -145,7 +145,7 @@ def _mean_and_scale(differences: FloatArray, test_share: float) -> tuple[FloatAr
 def corrected_t_p_values(differences: FloatArray, test_share: float) -> FloatArray:
     """Return the (k,) p-values of the corrected t tests of k columns of (J, k) differences [m].
 
-    They are those of `corrected_t`, thousands at once; there are at least two splits.
+    Same values as `corrected_t`, thousands at once; there are at least two splits.
     """
     mean, scale = _mean_and_scale(differences, test_share)
     without_spread = np.where(mean == 0.0, 0.0, -np.inf)

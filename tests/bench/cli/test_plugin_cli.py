@@ -127,6 +127,42 @@ class Listens(BaseEstimator):
         raise RuntimeError(f"cache {os.environ[VARIABLE]}")
 
 
+SAVED = """
+import numpy as np
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import check_is_fitted
+from stiff_protocols.contract.plugin import ModelInfo
+
+class Mean(BaseEstimator):
+    def __init__(self, *, held: str = "numbers"):
+        self.held = held
+    def fit(self, train, *, robot, validation=None, seed=0):
+        self.mean_, self.n_joints_ = train.deflection.mean(axis=0), robot.n_joints
+        if self.held == "code":
+            self.rule_ = lambda q: q
+        return self
+    def predict(self, q, wrench):
+        check_is_fitted(self)
+        if q.shape[1] != self.n_joints_:
+            raise ValueError("another robot")
+        return np.tile(self.mean_, (len(q), 1))
+
+MODELS = [ModelInfo(key="saved", target=Mean, summary="mean")]
+"""
+
+
+@pytest.mark.parametrize(("held", "mark"), [("numbers", "✓"), ("code", "\N{EN DASH}")])
+def test_a_check_saves_a_plugins_model_as_fit_does(tmp_path, held, mark):
+    (tmp_path / "saved.py").write_text(SAVED)
+    own = ("--plugin", "saved.py", "--set", f"saved.held={held}")
+    checked = bench_here("check", "saved", *own, cwd=tmp_path)
+    (line,) = (one for one in checked.stdout.splitlines() if "save and load" in one)
+    assert checked.returncode == 0 and line.startswith(mark) and "no save" not in line
+    fit = ("fit", "--model", "saved", "--dataset", "fanuc-r2000ic", "--output", "m.stiff")
+    assert (bench_here(*fit, *own, cwd=tmp_path).returncode == 0) == (held == "numbers")
+    assert ("bench fit" in line) == (held == "code")
+
+
 def test_a_check_trains_anew_and_leaves_the_cache_as_it_was(monkeypatch):
     monkeypatch.setenv(VARIABLE, "somewhere")
     registry = build_registry()
