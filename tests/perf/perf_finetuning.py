@@ -126,7 +126,7 @@ def test_fast_recipe(benchmark):
     ]
     with parallel_config("loky", inner_max_num_threads=1), Parallel(PROCESSES) as workers:
         models = workers(  # which cannot import this module
-            delayed(task.make().fit)(train, robot=task.data.robot, seed=task.cell.model_seed)
+            delayed(task.model.make().fit)(train, robot=task.data.robot, seed=task.cell.model_seed)
             for task, (train, _) in zip(tasks, parts, strict=True)
         )
         cases = [pretrained(model, *both) for model, both in zip(models, parts, strict=True)]

@@ -107,13 +107,7 @@ class CellTask:
     chooses_epoch: bool
     n_splits: int
     source: BenchmarkData | None = None
-    paths: CorrectsPaths | None = None
-
-    def make(self) -> StiffnessModel:
-        """Return a new model that knows its source."""
-        model: StiffnessModel = self.model.make()
-        tell_source(model, self.source)
-        return model
+    paths: Choice[ProtocolInfo] | None = None
 
 
 def tell_source(model: StiffnessModel, source: BenchmarkData | None) -> None:
@@ -221,7 +215,8 @@ def _of_protocol(
             measured_sha256=measured_sha256,
         )
         n_drawn = n_splits[split.condition]
-        return CellTask(cell, shown, model, data, split, chooses, n_drawn, source, paths)
+        of_paths = choice if paths is not None else None
+        return CellTask(cell, shown, model, data, split, chooses, n_drawn, source, of_paths)
 
     firsts = {
         word: [on_first_split(model, split) for model in models]

@@ -1,91 +1,71 @@
-"""Computes one cell: fit, predict, and only then look at what was measured."""
+"""Computes one cell: fit, predict, and only then look at what was measured.
+
+`fit_and_predict` may run in another process. `score` runs in the run's own, and believes nothing
+that comes from there before it has seen that it can be true.
+"""
 
 from __future__ import annotations
 
-import random
-import sys
-import time
-import traceback
 import warnings
 from dataclasses import replace
 
 import numpy as np
 
-from stiff_bench.console import printing_to_stderr
 from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.costs import MemoryMeter, latency, throughput
+from stiff_bench.run.fit import (
+    CURVE_POINTS,
+    FitOutcome,
+    FitTask,
+    Fitted,
+    attempted,
+    commands_of,
+    fit_and_predict,
+    unrepeated,
+)
 from stiff_models.catalog import REFERENCE_MODEL, model_info
-from stiff_protocols.contract.errors import (
-    ModelError,
-    StiffBenchError,
-    StiffBenchWarning,
-    TooFewToCalibrate,
-    said_by,
-)
-from stiff_protocols.contract.interfaces import (
-    ChoosesOptions,
-    KeepsCurves,
-    PredictsInterval,
-    ReportsDiagnostics,
-    StiffnessModel,
-)
-from stiff_protocols.contract.record import CellResult, Cost
-from stiff_protocols.contract.types import (
-    Deflection,
-    FloatArray,
-    IntArray,
-    Interval,
-    Prediction,
-    Samples,
-)
-from stiff_protocols.scoring.conformal import SplitConformal
+from stiff_protocols.contract.errors import ModelError, StiffBenchError
+from stiff_protocols.contract.interfaces import CorrectsPaths
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Prediction, Samples
 from stiff_protocols.scoring.metrics import metric_records
 from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_of_rows
 
-ROWS_FOR_UNITS = 256
-"""How many training rows are predicted to see that a model predicts m: enough, and soon done."""
-CURVE_POINTS = 200
-"""Of a training that are stored: more than a figure's width shows."""
-LONGEST_MESSAGE, MOST_WARNINGS = 2000, 100
-"""Of a failure or warning, characters; and how many warnings of a cell are kept."""
-
 
 def compute_cell(task: CellTask, run_id: str) -> CellResult:
-    """Fit, predict and score one cell; what goes wrong in the model becomes a failed result.
+    """Fit, predict and score one cell here; what goes wrong in the model becomes a failed result.
 
     Every metric is stored, whichever a table shows; those of intervals where there are intervals.
     A model that cannot be used on this machine gives a skipped result.
     """
-    _seed_global_numbers(task.cell.model_seed)
-    with printing_to_stderr(), warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        warnings.simplefilter("ignore", DeprecationWarning)
-        try:
-            if missing := task.model.missing():
-                result = unfinished(task, run_id, missing)
-            else:
-                result = _fit_predict_score(task, run_id)
-        except StiffBenchError as error:
-            result = unfinished(task, run_id, short(str(error)), type(error).__name__)
-        except (Exception, SystemExit) as error:  # a plugin's costs that cell alone
-            where = traceback.extract_tb(error.__traceback__)[-1]
-            reason = f"{short(said_by(error))} ({where.filename}:{where.lineno})"
-            result = unfinished(task, run_id, reason, type(error).__name__)
-    messages = dict.fromkeys(short(str(warning.message)) for warning in caught)
-    return replace(result, warnings=tuple(messages)[:MOST_WARNINGS])
+    return score(task, run_id, fit_and_predict(fit_task(task)))
 
 
-def _seed_global_numbers(seed: int) -> None:
-    """Give a model that draws from global random numbers the same ones wherever the cell runs."""
-    random.seed(seed)
-    np.random.seed(seed)  # noqa: NPY002
-    if (torch := sys.modules.get("torch")) is not None:
-        torch.manual_seed(seed)
+def fit_task(task: CellTask) -> FitTask:
+    """Return what the model is given: nothing that it is scored on."""
+    samples, rows = task.data.samples, task.split.reported
+    train, validation = _training_side(task, chooses_epoch=task.chooses_epoch)
+    return FitTask(
+        model=task.model,
+        train=train,
+        validation=validation,
+        robot=task.data.robot,
+        q=samples.q[rows],
+        wrench=task.split.told_wrench(samples),
+        seed=task.cell.model_seed,
+        coverage=task.cell.coverage,
+        source=task.source and replace(task.source, known={}, under_load=None),
+        paths=task.paths,
+    )
 
 
-def short(text: str) -> str:
-    """Return a message that a model may have made megabytes long, cut to what people read."""
-    return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} [...]"
+def score(task: CellTask, run_id: str, outcome: FitOutcome) -> CellResult:
+    """Score what a fit came to; what cannot be true becomes a failed result that says so."""
+    if (fitted := outcome.fitted) is None:
+        result = unfinished(task, run_id, outcome.failure, outcome.cause, outcome.log)
+        return replace(result, warnings=outcome.warnings)
+    scored, failure, cause, warned = attempted(lambda: _scored(task, run_id, fitted))
+    result = scored or unfinished(task, run_id, failure, cause, outcome.log)
+    return replace(result, warnings=unrepeated((*outcome.warnings, *warned)))
 
 
 def unfinished(
@@ -104,100 +84,75 @@ def unfinished(
     )
 
 
-def _fit_predict_score(task: CellTask, run_id: str) -> CellResult:
-    """Fit and predict, and only then look at what was measured at the reported rows."""
-    train, validation = _training_side(task, chooses_epoch=task.chooses_epoch)
-    reported = task.split.reported
-    q, wrench = task.data.samples.q[reported], task.split.told_wrench(task.data.samples)
-    model = task.make()
-    memory = MemoryMeter()
-    start = time.perf_counter()
-    model.fit(train, robot=task.data.robot, validation=validation, seed=task.cell.model_seed)
-    fitted = time.perf_counter()
-    predicted = np.asarray(model.predict(q, wrench))
-    predict_s = time.perf_counter() - fitted
-    memory_bytes = memory.rise()
-    check_prediction(predicted, len(q))
-    _check_units(model, train)
-    warn_of_rows(train)
-    diagnostics = model.diagnostics_ if isinstance(model, ReportsDiagnostics) else {}
-    diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
-    chosen = model.best_params_ if isinstance(model, ChoosesOptions) else {}
-    intervals = _interval_source(task, model, train, validation)
-    asked = q
-    if task.paths is not None:
-        asked = task.paths.commanded(_checked(model), task.data, reported)
-    interval = None
-    if intervals is not None and task.cell.coverage is not None:
-        interval = intervals.predict_interval(asked, wrench, task.cell.coverage)
-        if not isinstance(interval, Interval):
-            wrong = type(interval).__name__
-            raise ModelError(f"predict_interval returned {wrong}, expected Interval")
-        if task.paths is not None:
-            predicted = np.asarray(model.predict(asked, wrench))
-    cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
-        fit_s=fitted - start,
-        predict_s=predict_s,
-        latency_s=latency(model, q, wrench),
-        throughput_per_s=throughput(model, q, wrench, predict_s),
-        memory_bytes=memory_bytes,
-    )
-    curves = model.curves_ if isinstance(model, KeepsCurves) else {}
-    reference = _reference(task, q, wrench)
-    measured = task.data.samples.deflection[reported]
-    if task.paths is not None:
+def _scored(task: CellTask, run_id: str, fitted: Fitted) -> CellResult:
+    """Return the result; what was measured at the reported rows is looked at last."""
+    given = fit_task(task)
+    _check(fitted, given)
+    warn_of_rows(given.train)
+    check_units(fitted.of_training, given.train.deflection[given.rows_for_units])
+    predicted, interval = np.asarray(fitted.predicted, dtype=np.float64), fitted.interval
+    reference = _reference(task, given)
+    measured = task.data.samples.deflection[task.split.reported]
+    if fitted.commands is not None:
         # what was predicted, less the change of the deflection from the path to the command
-        removed = task.paths.removed(asked, task.data, reported)
-        if interval is not None:
-            shift = removed - predicted
+        removed = _removed(task, fitted.commands)
+        if interval is not None and fitted.at_commands is not None:
+            shift = removed - fitted.at_commands
             interval = Interval(interval.lower + shift, interval.upper + shift, interval.coverage)
         predicted = removed
-    known = _known(task, wrench)
-    prediction = Prediction(reported, predicted, measured, interval, reference, known)
-    n_calibrated = len(intervals.residuals_) if isinstance(intervals, SplitConformal) else 0
+    known = _known(task, given.wrench)
+    rows = task.split.reported
+    prediction = Prediction(rows, predicted, measured, interval, reference, known)
     of_training = _training_rows(task)
     return CellResult(
         cell=task.cell,
         shown=task.shown,
         run_id=run_id,
         status="ok",
-        records=metric_records(prediction, cost),
+        records=metric_records(prediction, fitted.cost),
         prediction=prediction,
-        cost=cost,
-        calibration_samples=n_calibrated,
-        diagnostics=diagnostics,
+        cost=fitted.cost,
+        calibration_samples=fitted.calibration_samples,
+        diagnostics=fitted.diagnostics,
         n_train=len(of_training),
-        n_labels=len(train),
+        n_labels=len(given.train),
         n_poses=len(np.unique(task.data.samples.pose_id[of_training])),
         n_splits=task.n_splits,
-        chosen={name: str(value) for name, value in chosen.items()},
-        curves={str(name): _thinned(name, curve) for name, curve in curves.items()},
+        chosen=fitted.chosen,
+        curves=fitted.curves,
     )
 
 
-def _checked(model: StiffnessModel) -> Deflection:
-    """Return a model's predictions, each seen to be (n, 3) finite numbers."""
+def _check(fitted: Fitted, given: FitTask) -> None:
+    """Raise ModelError unless what a model said has the shapes of what it was asked."""
+    n = len(given.q)
+    check_prediction(fitted.predicted, n)
+    check_prediction(fitted.of_training, len(given.rows_for_units))
+    if (fitted.commands is None) != (given.paths is None):
+        raise ModelError("the fit sent commands of tool paths that nobody asked for, or none")
+    if fitted.commands is not None:
+        commands = np.asarray(fitted.commands)
+        if commands.shape != given.q.shape or not np.isfinite(commands).all():
+            raise ModelError(f"the fit sent commands of shape {commands.shape}, or no finite ones")
+    if fitted.interval is not None:
+        if given.coverage is None or len(fitted.interval.lower) != n:
+            found = len(fitted.interval.lower)
+            raise ModelError(f"the fit sent {found} intervals for {n} predictions")
+        if fitted.interval.coverage != given.coverage:
+            raise ModelError(f"the fit sent intervals of coverage {fitted.interval.coverage:g}")
+        if fitted.commands is not None:
+            check_prediction(np.asarray(fitted.at_commands), n)
+    seconds = [value for value in fitted.cost[:-1] if value is not None]
+    if not np.isfinite(seconds).all() or min(seconds) < 0.0 or (fitted.cost.memory_bytes or 0) < 0:
+        raise ModelError(f"the fit sent costs that nothing can have: {fitted.cost}")
+    if not 0 <= fitted.calibration_samples <= len(given.train):
+        raise ModelError(f"the fit sent {fitted.calibration_samples} calibration samples")
+    for name, curve in fitted.curves.items():
+        if curve.shape[1:] != (3,) or len(curve) > CURVE_POINTS:
+            raise ModelError(f"the fit sent a curve {name!r} of shape {curve.shape}")
 
-    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        predicted = np.asarray(model.predict(q, wrench))
-        check_prediction(predicted, len(q))
-        return predicted
 
-    return predict
-
-
-def _thinned(name: str, curve: FloatArray) -> FloatArray:
-    """Return a curve of at most `CURVE_POINTS` points, first and last among them."""
-    try:
-        points = np.asarray(curve, dtype=np.float64)
-    except (TypeError, ValueError):
-        points = np.empty(0)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ModelError(f"curves_[{name!r}] is no (n, 3) array of step, loss, validation loss")
-    return points[_spread_rows(len(points), CURVE_POINTS)]
-
-
-def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray | None:
+def _reference(task: CellTask, given: FitTask) -> FloatArray | None:
     """Return what the reference model predicts that learned from the whole training side.
 
     Of tool paths, how much of the error its commands remove. It takes a millisecond; None where
@@ -208,14 +163,21 @@ def _reference(task: CellTask, q: FloatArray, wrench: FloatArray) -> FloatArray 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             train, _ = _training_side(task, chooses_epoch=False)
-            model.fit(train, robot=task.data.robot, seed=task.cell.model_seed)
-            if task.paths is not None:
-                rows = task.split.reported
-                commands = task.paths.commanded(model.predict, task.data, rows)
-                return task.paths.removed(commands, task.data, rows)
+            model.fit(train, robot=given.robot, seed=given.seed)
+            q, wrench = given.q, given.wrench
+            commands = commands_of(given.paths, model.predict, given.robot, q, wrench)
+            if commands is not None:
+                return _removed(task, commands)
             return np.asarray(model.predict(q, wrench))
     except StiffBenchError:
         return None
+
+
+def _removed(task: CellTask, commands: FloatArray) -> FloatArray:
+    """Return (n, 3) how much of the path error [m] commands remove, as the robot itself answers."""
+    assert task.paths is not None  # else there are no commands
+    protocol: CorrectsPaths = task.paths.make()
+    return protocol.removed(commands, task.data, task.split.reported)
 
 
 def _known(task: CellTask, wrench: FloatArray) -> dict[str, FloatArray]:
@@ -224,46 +186,6 @@ def _known(task: CellTask, wrench: FloatArray) -> dict[str, FloatArray]:
     if not np.array_equal(wrench, task.data.samples.wrench[rows]):
         return {}
     return {name: deflection[rows] for name, deflection in task.data.known.items()}
-
-
-def _interval_source(
-    task: CellTask, model: StiffnessModel, train: Samples, validation: Samples | None
-) -> PredictsInterval | None:
-    """Return what will give the intervals: the model itself, or a second fit on fewer rows.
-
-    None where there are none to give: not asked for, or the training side is too small for the
-    coverage, which is a warning and leaves the point predictions alone.
-    """
-    if task.cell.coverage is None:
-        return None
-    if isinstance(model, PredictsInterval):
-        return model
-    conformal = SplitConformal(task.make(), coverage=task.cell.coverage)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", StiffBenchWarning)
-        try:
-            conformal.fit(
-                train, robot=task.data.robot, validation=validation, seed=task.cell.model_seed
-            )
-        except TooFewToCalibrate as error:
-            found, messages = None, [f"no intervals: {error}"]
-        else:  # it learned from fewer rows
-            found, messages = conformal, [f"fit for the intervals: {w.message}" for w in caught]
-    for message in dict.fromkeys(messages):
-        warnings.warn(message, StiffBenchWarning, stacklevel=1)
-    return found
-
-
-def _spread_rows(n_rows: int, most: int) -> IntArray:
-    """Return at most so many row numbers, the first and the last among them."""
-    return np.linspace(0, n_rows - 1, min(n_rows, most)).round().astype(np.int64)
-
-
-def _check_units(model: StiffnessModel, train: Samples) -> None:
-    some = train.take(_spread_rows(len(train), ROWS_FOR_UNITS))
-    predicted = np.asarray(model.predict(some.q, some.wrench))
-    check_prediction(predicted, len(some))
-    check_units(predicted, some.deflection)
 
 
 def _training_side(task: CellTask, *, chooses_epoch: bool) -> tuple[Samples, Samples | None]:

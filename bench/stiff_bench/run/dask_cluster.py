@@ -26,9 +26,11 @@ import stiff_models
 import stiff_protocols
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
+from stiff_bench.run.cell import score
 from stiff_bench.run.cell_process import Limits, Work
 from stiff_bench.run.execution import Execution
-from stiff_bench.run.isolate import Crash, compute_isolated, result_of, work_of
+from stiff_bench.run.fit import FitOutcome
+from stiff_bench.run.isolate import compute_isolated, work_of
 from stiff_bench.run.machine import pin_threads
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
@@ -92,7 +94,7 @@ class DaskCluster(Execution):
                         say(f"{self._said}: there is no worker; waiting for one")
                 while task is not None and len(given) < n_workers:
                     display.start(task)
-                    work = work_of(task, run_id, self.limits, fresh=True)
+                    work = work_of(task, self.limits, fresh=True)
                     given[client.submit(compute_beside_worker, work, code, pure=False)] = task
                     task = next(waiting, None)
                 time.sleep(SECONDS_BETWEEN_LOOKS)
@@ -100,7 +102,7 @@ class DaskCluster(Execution):
                     with suppress(TimeoutError):  # its worker has gone with it: Dask makes it anew
                         with self._scheduler_may_go():
                             found = self._outcome(future)
-                        yield result_of(given.pop(future), run_id, found)
+                        yield score(given.pop(future), run_id, found)
 
     def _connected(self, stack: ExitStack) -> Client:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters, we say
@@ -124,8 +126,8 @@ class DaskCluster(Execution):
         except OSError as error:
             raise ConfigError(f"{self._said}: the scheduler has gone; {GOES_ON}") from error
 
-    def _outcome(self, future: Future) -> CellResult | Crash:
-        """Return what became of a cell.
+    def _outcome(self, future: Future) -> FitOutcome:
+        """Return what became of a fit.
 
         Raises:
             ConfigError: a worker computes otherwise than we would.
@@ -141,7 +143,8 @@ class DaskCluster(Execution):
         error = future.exception()
         if isinstance(error, KilledWorker):
             n_workers = error.allowed_failures + 1
-            return Crash("killed its workers", f"{n_workers} workers ended while they computed it")
+            said = f"{n_workers} workers ended while they computed it"
+            return FitOutcome(failure=said, cause="killed its workers")
         raise ConfigError(
             f"{self._said}: a worker cannot run this stiffbench: {type(error).__name__}: {error}; "
             f"stop it, and {GOES_ON}"
@@ -159,10 +162,8 @@ def shared_code() -> str:
 _environment = cache(environment)
 
 
-def compute_beside_worker(
-    work: Work, code: str
-) -> tuple[str, dict[str, str], CellResult | Crash | None]:
-    """Compute a cell beside this worker; return the worker's address, its environment, the result.
+def compute_beside_worker(work: Work, code: str) -> tuple[str, dict[str, str], FitOutcome | None]:
+    """Compute a cell beside this worker; return the worker's address, its environment, the outcome.
 
     Raises:
         ConfigError: the worker's code is another than that of who asks.

@@ -1,280 +1,297 @@
-"""Computes cells in other processes, whatever may become of those.
+"""Computes fits in other processes, whatever may become of those.
 
-The processes are pebble's, forked from a server that has imported what they need and never runs a
-model's code. A model of ours gets one that others had before it; a stranger's gets its own. A pool
-holds one process, so that nothing that this one does can harm another.
+The processes are forked from multiprocessing's server, which has imported what they need and never
+runs a model's code. A model of ours gets one that others had before it; a stranger's gets its own.
+What they send is text and bytes, never objects: reading those would run code of the sender's.
 """
 
 from __future__ import annotations
 
+import fcntl
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
 import sys
 import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Set
-from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from multiprocessing import connection
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
-from typing import Any
 
 import orjson
 import psutil
-from pebble import CONSTS, ProcessExpired, ProcessPool
 
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import plugin_files
-from stiff_bench.run.cell import unfinished
+from stiff_bench.run.cell import fit_task, score
 from stiff_bench.run.cell_process import (
-    LOG,
-    PID,
-    PROGRESS,
+    BEGUN,
+    DONE,
+    Channels,
+    Descriptor,
     Limits,
+    SharedFile,
     Work,
-    begin_process,
-    computed_content,
+    watch_over_fits,
 )
 from stiff_bench.run.execution import Execution
+from stiff_bench.run.fit import FitOutcome
+from stiff_bench.run.outcome import most_bytes, read_outcome
 from stiff_bench.run.progress import Display
-from stiff_bench.store.codec import Content, cell_result
 from stiff_models.catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import DataError, said_by
 from stiff_protocols.contract.progress import Progress
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import BenchmarkData
 
-CONSTS.sleep_unit = 0.02
-"""How often pebble looks whether a process has ended, s."""
 SECONDS_BETWEEN_LOOKS = 0.1
-SECONDS_TO_SAY = 1.0
-"""How long pebble may take to say how a process ended; it never does where the status was 0."""
+SECONDS_TO_END = 5.0
+"""How long a process may take to end all that is below it."""
 LONGEST_TEMPDIR = 70
 """Bytes: a socket's whole name has at most 107 (unix(7)), of which multiprocessing needs 33."""
 LOG_LINES, LONGEST_LINE = 30, 500
-LOG_END, LARGEST_LOG = 2**16, 2**24
-"""Bytes of a log that are read, and how large it gets before the rest is thrown away."""
-_NOISE = ("Extension modules:", "/multiprocessing/", "/pebble/", 'File "<string>"', "/stiff_bench/")
+LOG_END, LARGEST_LOG, LARGEST_REPORT = 2**16, 2**24, 2**12
+"""Bytes of a log that are read, how large it gets before the rest is thrown away, of a report."""
+_NOISE = ("Extension modules:", "/multiprocessing/", 'File "<string>"', "/stiff_bench/")
 """In lines of faulthandler that say nothing of the model: names of modules, our own beginning."""
 
-TIMED_OUT, OUT_OF_MEMORY = "timed out", "out of memory"
+TIMED_OUT, OUT_OF_MEMORY, NO_OUTCOME = "timed out", "out of memory", "no outcome"
 _SERVER_GONE = 255
 """Exit code that multiprocessing gives where the server that forks the processes has ended."""
 
 
-@dataclass(frozen=True)
-class Crash:
-    """A cell that ended without a result.
-
-    Attributes:
-        cause: in a word or two that count it: "SIGKILL", "exit status 3", "timed out".
-        reason: the whole sentence.
-        log: the last lines that it printed.
-        innocent: perhaps another cell has killed the server of all processes.
-    """
-
-    cause: str
-    reason: str
-    log: tuple[str, ...] = ()
-    innocent: bool = False
-
-
-def work_of(task: CellTask, run_id: str, limits: Limits, *, fresh: bool) -> Work:
-    """Return what is sent to the process that computes a cell."""
+def work_of(task: CellTask, limits: Limits, *, fresh: bool) -> Work:
+    """Return what is sent to the process that computes the fit of a cell."""
     model_info(REFERENCE_MODEL).load()
     known = list(sys.modules)  # another thread may import meanwhile
     ours = sorted(name for name in known if name.startswith("stiff_models."))
-    without: Any = {"data": None, "source": None}
-    data = {task.cell.data_sha256: task.data, task.cell.source_sha256: task.source}
+    given = fit_task(task)
     return Work(
-        task=pickle.dumps(replace(task, **without)),
-        data={sha: _pickled(one) for sha, one in data.items() if one is not None},
+        task=pickle.dumps(given),
+        model_version=task.cell.model_version,
         plugins=plugin_files(),
         imports=(__name__, *(("torch",) if "torch" in known else ()), *ours),
-        run_id=run_id,
         limits=limits,
         fresh=fresh,
+        most_bytes=most_bytes(given),
     )
 
 
-@lru_cache(maxsize=2)
-def _pickled(data: BenchmarkData) -> bytes:
-    """Return a data set as it is sent; the cells of one follow each other."""
-    return pickle.dumps(data)
+class FitProcess:
+    """Where one fit at a time is computed."""
 
-
-class CellProcess:
-    """Where one cell at a time is computed."""
-
-    def __init__(self, scratch: Path) -> None:
-        """Start nothing yet; the processes' files will lie in a folder below `scratch`."""
-        self.future: Future[tuple[Content, bool]] = Future()
-        self._scratch, self._heard = scratch, b""
-        self._start: float | None = None
-        self._pool: ProcessPool | None = None
-        self._known: Set[str] = frozenset()
+    def __init__(self) -> None:
+        """Start nothing yet."""
+        self._process: ForkServerProcess | None = None
+        self._outcome: FitOutcome | None = None
 
     def begin(self, make: Callable[[], Work]) -> None:
-        """Start the cell that is made, in the process of the last one where that may be."""
-        self._start, self._looked = None, 0.0
+        """Start the fit that is made, in the process of the last one where that may be."""
+        self._outcome = None
         try:
-            self._work = work = make()
-            if self._pool is None or work.fresh:
-                self._open(work)
-            self._used = bool(self._known)
-            data = {sha: b"" if sha in self._known else one for sha, one in work.data.items()}
-            assert self._pool is not None
-            self.future = self._pool.schedule(
-                computed_content, [replace(work, data=data), self._folder]
-            )
-            self._known = work.data.keys()
+            self._work = make()
+            self._start()
         except Exception as error:  # no process could be started
-            self.future = Future()
-            self.future.set_exception(error)
+            said = f"no process could be started: {said_by(error)}"
+            self._outcome = FitOutcome(failure=said, cause=type(error).__name__, innocent=True)
 
-    def _open(self, work: Work) -> None:
+    def _start(self) -> None:
+        work, process = self._work, self._process
+        if process is None or work.fresh or process.exitcode is not None:
+            self._open()
+        else:
+            self._used = True
+        files = self._channels
+        for file in (files.outcome, files.progress, files.log):
+            file.write(b"")
+        files.work.write(pickle.dumps(work))
+        self._begun, self._heard = False, b""
+        self._began = self._looked = time.monotonic()
+        with suppress(BrokenPipeError):  # it has just ended, which is seen below
+            os.write(self._go, b".")
+
+    def _open(self) -> None:
         _keep_socket_names_short()
         self.end()
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(list(work.imports))
-        self._folder = Path(tempfile.mkdtemp(dir=self._scratch))
-        arguments = (self._folder, work.limits.threads)
-        self._pool = ProcessPool(1, initializer=begin_process, initargs=arguments, context=context)
-
-    def outcome(
-        self, heard: Callable[[Progress], None] = lambda _: None
-    ) -> CellResult | Crash | None:
-        """Return the result of the cell or how it ended, None while it runs and is `heard`."""
-        found = self._finished() if self.future.done() else self._looked_at(heard)
-        if isinstance(found, Crash) or (found is not None and self._work.fresh):
-            self.end()
-        return found
-
-    def _finished(self) -> CellResult | Crash:
+        context.set_forkserver_preload(list(self._work.imports))
+        self._used, self._listens = False, True
+        self._scratch = Path(tempfile.mkdtemp(prefix="bench-"))
+        (go, self._go), (self._said, said) = os.pipe(), os.pipe()
+        os.set_blocking(self._said, False)
+        self._channels = Channels(
+            work=SharedFile(),
+            outcome=SharedFile(),
+            progress=SharedFile(),
+            log=SharedFile(),
+            go=Descriptor(go),
+            said=Descriptor(said),
+        )
+        log = self._channels.log.number
+        fcntl.fcntl(log, fcntl.F_SETFL, fcntl.fcntl(log, fcntl.F_GETFL) | os.O_APPEND)
+        arguments = (self._channels, self._scratch, self._work.limits.threads)
+        self._process = context.Process(target=watch_over_fits, args=arguments)
         try:
-            content, left = self.future.result()
-            if "result" not in content:
-                return self._crash(**content, innocent=True)
-            found = cell_result(content["result"])
-        except ProcessExpired as error:
-            return self._ended(error.exitcode)
-        except (ValueError, KeyError, TypeError, AttributeError, DataError) as error:
-            return self._crash("no result", f"its process sent no result: {said_by(error)}")
-        except Exception as error:
-            said = f"no process could be started: {said_by(error)}"
-            return Crash(type(error).__name__, said, innocent=True)
-        if found.status == "failed":
-            found = replace(found, log=self._last_lines())
-        if left:
+            self._process.start()
+        finally:
+            self._channels.go.close()
+            self._channels.said.close()
+
+    @property
+    def signs(self) -> list[int]:
+        """What is readable where there may be an outcome."""
+        if self._outcome is not None or self._process is None:
+            return []
+        return [self._process.sentinel, *([self._said] if self._listens else [])]
+
+    def outcome(self, heard: Callable[[Progress], None] = lambda _: None) -> FitOutcome | None:
+        """Return what became of the fit, None while it is computed and is `heard`."""
+        found = self._outcome or self._found(heard)
+        if found is not None and (found.fitted is None or self._work.fresh):
             self.end()
         return found
 
-    def _looked_at(self, heard: Callable[[Progress], None]) -> Crash | None:
+    def _found(self, heard: Callable[[Progress], None]) -> FitOutcome | None:
+        process = self._process
+        assert process is not None
+        exit_code = process.exitcode  # before what it said last
+        if self._is_done():
+            return self._read()
+        if exit_code is not None:
+            if self._used and not self._begun:  # it had ended before
+                self.begin(lambda: self._work)
+                return self._outcome
+            return self._ended(exit_code)
+        return self._looked_at(process, heard)
+
+    def _is_done(self) -> bool:
+        said = b""
+        with suppress(BlockingIOError):
+            said = os.read(self._said, 2**10)
+            self._listens = bool(said)
+        if BEGUN in said:
+            self._begun, self._began = True, time.monotonic()
+        return DONE in said
+
+    def _read(self) -> FitOutcome:
+        file, most = self._channels.outcome, self._work.most_bytes
+        try:
+            if file.size > most:
+                raise DataError(f"its process sent {file.size} bytes, more than {most}")
+            found = read_outcome(file.read(most))
+        except DataError as error:
+            return self._failed(NO_OUTCOME, str(error))
+        return found if found.fitted is not None else replace(found, log=self._last_lines())
+
+    def _looked_at(
+        self, process: ForkServerProcess, heard: Callable[[Progress], None]
+    ) -> FitOutcome | None:
         now = time.monotonic()
-        if now - self._looked < SECONDS_BETWEEN_LOOKS or not self.future.running():
+        if now - self._looked < SECONDS_BETWEEN_LOOKS:
             return None
         self._looked = now
-        self._start = self._start or now
         self._pass_on(heard)
-        pid, limits = self._pid(), self._work.limits
-        if pid is None:
+        limits, files = self._work.limits, self._channels
+        if limits.timeout_s is not None and now - self._began > limits.timeout_s:
+            return self._failed(TIMED_OUT, f"took longer than --timeout {limits.timeout_s:g} s")
+        if files.log.size > LARGEST_LOG:
+            files.log.write(b"")
+        if limits.memory_bytes is None or process.pid is None:
             return None
-        if not psutil.pid_exists(pid):
-            wait([self.future], SECONDS_TO_SAY)
-            return None if self.future.done() else self._ended(0)
-        if limits.timeout_s is not None and now - self._start > limits.timeout_s:
-            return self._crash(TIMED_OUT, f"took longer than --timeout {limits.timeout_s:g} s")
-        if (self._folder / LOG).stat().st_size > LARGEST_LOG:
-            os.truncate(self._folder / LOG, 0)
-        if limits.memory_bytes is None or (taken := _resident(pid)) <= limits.memory_bytes:
+        if (taken := _resident_below(process.pid)) <= limits.memory_bytes:
             return None
-        if self._used:  # earlier cells may have left something there
+        if self._used:  # earlier fits may have left something there
             self.end()
             self.begin(lambda: self._work)
-            return None
+            return self._outcome
         most = f"--memory {limits.memory_bytes / 2**20:.0f} MiB"
-        return self._crash(OUT_OF_MEMORY, f"took {taken / 2**20:.0f} MiB, more than {most}")
+        return self._failed(OUT_OF_MEMORY, f"took {taken / 2**20:.0f} MiB, more than {most}")
 
-    def _ended(self, exit_code: int) -> Crash:
+    def _ended(self, exit_code: int) -> FitOutcome:
         """Return what became of a process with this exit code (negative: a signal's number)."""
-        seconds = time.monotonic() - (self._start or time.monotonic())
+        seconds = time.monotonic() - self._began
         if exit_code >= 0:
             cause = f"exit status {exit_code}"
             if exit_code == _SERVER_GONE:
                 cause += ", or its server was killed"
             said = f"its process ended after {seconds:.1f} s without a result ({cause})"
-            return self._crash(cause, said, innocent=exit_code == _SERVER_GONE)
+            return self._failed(cause, said, innocent=exit_code == _SERVER_GONE)
         known = {one.value: one.name for one in signal.Signals}
         name = known.get(-exit_code, f"signal {-exit_code}")
         hint = ", as the system does where memory runs out" if name == "SIGKILL" else ""
-        return self._crash(name, f"its process was ended by {name} after {seconds:.1f} s{hint}")
+        return self._failed(name, f"its process was ended by {name} after {seconds:.1f} s{hint}")
 
-    def _crash(self, cause: str, reason: str, *, innocent: bool = False) -> Crash:
-        return Crash(cause, reason, self._last_lines(), innocent)
+    def _failed(self, cause: str, reason: str, *, innocent: bool = False) -> FitOutcome:
+        log = self._last_lines()
+        return FitOutcome(failure=reason, cause=cause, log=log, innocent=innocent)
 
     def _pass_on(self, heard: Callable[[Progress], None]) -> None:
-        with suppress(OSError, ValueError, TypeError):  # none yet, or half written
-            said = (self._folder / PROGRESS).read_bytes()
-            if said != self._heard:
+        said = self._channels.progress.read(LARGEST_REPORT)
+        if said != self._heard:
+            with suppress(ValueError, TypeError):  # half written
                 heard(Progress(**orjson.loads(said)))
                 self._heard = said
 
     def _last_lines(self) -> tuple[str, ...]:
-        end = b""
-        with suppress(OSError), (self._folder / LOG).open("rb") as log:
-            log.seek(max(0, log.seek(0, os.SEEK_END) - LOG_END))
-            end = log.read(LOG_END)
+        log = self._channels.log
+        end = log.read(LOG_END, max(0, log.size - LOG_END))
         lines = [line[:LONGEST_LINE].decode(errors="replace").rstrip() for line in end.split(b"\n")]
         telling = [line for line in lines if line and not any(noise in line for noise in _NOISE)]
         return tuple(telling[-LOG_LINES:])
 
-    def _pid(self) -> int | None:
-        with suppress(OSError, ValueError):
-            return int((self._folder / PID).read_text())
-        return None
-
     def kill(self) -> None:
-        """Kill the process, if there is one, with all that it started."""
-        if self._pool is not None:
-            if (pid := self._pid()) is not None:
-                _end_family(pid)
-                (self._folder / PID).unlink()
-            self._pool.stop()  # type: ignore[no-untyped-call]
+        """Have the process end, if there is one, with all that it started."""
+        if self._process is not None and self._process.pid is not None:
+            with suppress(ProcessLookupError):
+                if self._process.exitcode in (None, _SERVER_GONE):
+                    os.kill(self._process.pid, signal.SIGTERM)
 
     def end(self) -> None:
-        """Kill them, and wait for it."""
+        """Have it end, and wait for it."""
         self.kill()
-        if self._pool is not None:
-            self._pool.join()
-        self._pool, self._known = None, frozenset()
+        process, self._process = self._process, None
+        if process is None:
+            return
+        if process.pid is not None:
+            process.join(SECONDS_TO_END)
+            if process.exitcode in (None, -signal.SIGKILL, _SERVER_GONE):
+                with suppress(psutil.Error):  # the server, which knows when it ends, may be gone
+                    psutil.Process(process.pid).wait(SECONDS_TO_END)
+                _end_family(process.pid)
+        files = self._channels
+        for file in (files.work, files.outcome, files.progress, files.log):
+            file.close()
+        os.close(self._go)
+        os.close(self._said)
+        shutil.rmtree(self._scratch, ignore_errors=True)
 
 
-def _resident(pid: int) -> int:
-    """Return the resident memory of a process and of those that it started, bytes."""
+def _resident_below(pid: int) -> int:
+    """Return the resident memory of all processes below one, bytes."""
     total = 0
-    for one in _family(pid):
+    for one in _below(pid):
         with suppress(psutil.Error):
             total += one.memory_info().rss
     return total
 
 
-def _family(pid: int) -> list[psutil.Process]:
-    """Return a process and those below it, of other sessions too; none where it is gone."""
+def _below(pid: int) -> list[psutil.Process]:
+    """Return the processes below one, of other sessions too; none where it is gone."""
     try:
-        process = psutil.Process(pid)
-        return [process, *process.children(recursive=True)]
+        return psutil.Process(pid).children(recursive=True)
     except psutil.Error:
         return []
 
 
 def _end_family(pid: int) -> None:
     """Kill a process that leads a group, with the group and every process below it."""
-    family = _family(pid)  # before they lose their parent
+    family = _below(pid)  # before they lose their parent
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(pid, signal.SIGKILL)
     for process in family:
@@ -295,18 +312,17 @@ def _keep_socket_names_short() -> None:
             tempfile.tempdir = before
 
 
-def compute_isolated(work: Work, wanted: Callable[[], bool]) -> CellResult | Crash | None:
-    """Compute one cell in a process of its own; None where its result is no longer `wanted`."""
-    with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
-        place = CellProcess(Path(scratch))
-        try:
-            place.begin(lambda: work)
-            while wanted():
-                wait([place.future], SECONDS_BETWEEN_LOOKS)
-                if (found := place.outcome()) is not None:
-                    return found
-        finally:
-            place.end()
+def compute_isolated(work: Work, wanted: Callable[[], bool]) -> FitOutcome | None:
+    """Compute one fit in a process of its own; None where its outcome is no longer `wanted`."""
+    place = FitProcess()
+    try:
+        place.begin(lambda: work)
+        while wanted():
+            connection.wait(place.signs, SECONDS_BETWEEN_LOOKS)
+            if (found := place.outcome()) is not None:
+                return found
+    finally:
+        place.end()
     return None
 
 
@@ -331,49 +347,38 @@ class LocalProcesses(Execution):
         others: whoever killed the server does so to itself then.
         """
         waiting, again, seen = iter(tasks), deque[CellTask](), set[str]()
-        running: dict[CellProcess, CellTask] = {}
-        with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
-            places = [CellProcess(Path(scratch)) for _ in range(self.at_once)]
-            try:
-                while True:
-                    for place in places:
-                        if place in running:
-                            continue
-                        if (task := next(waiting, None)) is not None:
-                            display.start(task)
-                        elif again and not running:
-                            task = again.popleft()
-                        else:
-                            break
-                        running[place] = task
-                        fresh = task.cell.model in self.strangers
-                        place.begin(partial(work_of, task, run_id, self.limits, fresh=fresh))
-                    if not running:
-                        return
-                    futures = [place.future for place in running]
-                    wait(futures, SECONDS_BETWEEN_LOOKS, return_when=FIRST_COMPLETED)
-                    for place, task in list(running.items()):
-                        if (found := place.outcome(display.step)) is None:
-                            continue
-                        del running[place]
-                        key = task.cell.key
-                        if isinstance(found, Crash) and found.innocent and key not in seen:
-                            seen.add(key)
-                            again.append(task)
-                        else:
-                            yield result_of(task, run_id, found)
-            finally:
+        running: dict[FitProcess, CellTask] = {}
+        places = [FitProcess() for _ in range(self.at_once)]
+        try:
+            while True:
                 for place in places:
-                    place.kill()
-                for place in places:
-                    place.end()
-
-
-def result_of(task: CellTask, run_id: str, found: CellResult | Crash) -> CellResult:
-    """Return the row of a cell, whatever became of its process.
-
-    What was computed is what was asked for, whatever a model made of it.
-    """
-    if isinstance(found, Crash):
-        return unfinished(task, run_id, found.reason, found.cause, found.log)
-    return replace(found, cell=task.cell, shown=task.shown, run_id=run_id, n_splits=task.n_splits)
+                    if place in running:
+                        continue
+                    if (task := next(waiting, None)) is not None:
+                        display.start(task)
+                    elif again and not running:
+                        task = again.popleft()
+                    else:
+                        break
+                    running[place] = task
+                    fresh = task.cell.model in self.strangers
+                    place.begin(partial(work_of, task, self.limits, fresh=fresh))
+                if not running:
+                    return
+                signs = [sign for place in running for sign in place.signs]
+                connection.wait(signs, SECONDS_BETWEEN_LOOKS)
+                for place, task in list(running.items()):
+                    if (found := place.outcome(display.step)) is None:
+                        continue
+                    del running[place]
+                    key = task.cell.key
+                    if found.innocent and key not in seen:
+                        seen.add(key)
+                        again.append(task)
+                    else:
+                        yield score(task, run_id, found)
+        finally:
+            for place in places:
+                place.kill()
+            for place in places:
+                place.end()

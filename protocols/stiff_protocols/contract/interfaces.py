@@ -270,8 +270,14 @@ class CorrectsPaths(Protocol):
         the path without correction. ConfigError: the robot cannot be asked, or has no such path.
         """
 
-    def commanded(self, predict: Deflection, data: BenchmarkData, rows: IntArray) -> FloatArray:
-        """Return (n, n_joints) commands [rad] for these points, corrected with predictions."""
+    def commanded(
+        self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
+    ) -> FloatArray:
+        """Return (n, n_joints) commands [rad] for path points, corrected with predictions.
+
+        `q` (n, n_joints) are their commands without correction, `wrench` (n, 6) their loads. A new
+        object is asked, in the process of the model: there are no deflections.
+        """
 
     def removed(self, q: FloatArray, data: BenchmarkData, rows: IntArray) -> FloatArray:
         """Return (n, 3) how much less the path error [m] is with commands than without."""

@@ -102,22 +102,25 @@ class PathCompensation(Holdout):
         found = replace(data, samples=samples, known={})
         rows = np.arange(len(data.samples), len(samples))
         oracle = samples.deflection.copy()
-        oracle[rows] = self.removed(self.commanded(data.under_load, found, rows), found, rows)
+        points = samples.take(rows)
+        commands = self.commanded(data.under_load, data.robot, points.q, points.wrench)
+        oracle[rows] = self.removed(commands, found, rows)
         return replace(found, known={"oracle": oracle, "uncorrected": np.zeros_like(oracle)})
 
-    def commanded(self, predict: Deflection, data: BenchmarkData, rows: IntArray) -> FloatArray:
+    def commanded(
+        self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
+    ) -> FloatArray:
         """Return the commands under which points are predicted to lie on their paths.
 
         A point whose correction does not converge keeps its command, and is warned of.
         """
-        robot, q, wrench = data.robot, data.samples.q[rows], data.samples.wrench[rows]
         wanted = robot.forward(q)
         path = ToolPath(PATH_GROUP, wanted.points[:, -1], wanted.rotation, wrench)
         found = compensate(predict, robot, path, q, held=self.held(robot))
         if n_left := int((~found.converged).sum()):
             why = ", ".join(np.unique(found.problem[~found.converged]))
             warnings.warn(
-                f"{n_left} of {len(rows)} path points are left uncorrected: {why}",
+                f"{n_left} of {len(q)} path points are left uncorrected: {why}",
                 StiffBenchWarning,
                 stacklevel=2,
             )

@@ -43,6 +43,9 @@ EXPECTED = {
     "TellsLies": ("failed", "ModelError", "predict returned <U7 values, expected (31, 3)"),
     **dict.fromkeys(("LeavesAChild", "DetachesAChild"), OK),
     **dict.fromkeys(("ClosesItsPipes", "HoldsTheInterpreter"), TIMED_OUT),
+    "KillsItsWatcher": ("failed", "SIGKILL", "ended by SIGKILL after"),
+    "DeletesTemporaryFiles": OK,
+    "LeavesAndExits": ("failed", "exit status 255, or its server was killed", "without a result"),
     "vjm": OK,
 }
 
@@ -89,6 +92,23 @@ def pids(results) -> list[float]:
     found = list(results)
     assert not [result.failure for result in found if result.status != "ok"]
     return [result.diagnostics["pid"] for result in found]
+
+
+def test_a_model_finds_no_test_label_in_its_process_and_none_of_its_scores(computed):
+    models = ("Good", "StealsTest", "PatchesTheEngine")
+    _, results = computed(*models, splits=1, strangers=set(models))
+    good, *others = results
+    assert good.status == "ok" and good.values("mae")["x"] > 0.0
+    for other in others:
+        assert other.prediction.predicted.tobytes() == good.prediction.predicted.tobytes()
+        assert other.values("mae") == good.values("mae")
+
+
+def test_a_model_that_forges_its_outcome_costs_its_own_row_alone(computed):
+    _, results = computed("ForgesItsOutcome", "Good", splits=1, strangers={"ForgesItsOutcome"})
+    forged, good = results
+    assert (forged.status, forged.cause, good.status) == ("failed", "no outcome", "ok")
+    assert "its process sent no outcome of a fit" in forged.failure
 
 
 @pytest.mark.slow
@@ -173,9 +193,9 @@ def test_the_summary_counts_every_cause_and_the_exit_status_is_1(run):
     done, _, left, _ = run
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]
-    assert last.startswith("bench: 4 ok, 9 failed (")
+    assert last.startswith("bench: 5 ok, 11 failed (")
     assert "5 timed out, 2 out of memory; " in last
-    for cause in ("1 RuntimeError", "1 SIGSEGV", "1 exit status 3", "1 SIGKILL", "1 ModelError"):
+    for cause in ("1 RuntimeError", "1 SIGSEGV", "1 exit status 3", "2 SIGKILL", "1 ModelError"):
         assert cause in last
     assert not left  # what a model started goes with it
 

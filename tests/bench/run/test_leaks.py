@@ -218,9 +218,9 @@ def peek(*_):
     [
         ("_training_side", lambda task, **_: (all_rows(task), None), r"read before .*\.fit"),
         ("_training_side", lambda task, **_: (task.data.samples, None), "read during fit"),
-        ("check_prediction", peek, r"read before .*\.predict"),
+        ("check_units", peek, r"read before .*\.fit"),
     ],
-    ids=["all rows are taken", "all data are handed over", "a look after the first prediction"],
+    ids=["all rows are taken", "all data are handed over", "a look before the reference's fit"],
 )
 def test_an_engine_that_leaks_is_caught(name, leaky, words, tasks, monkeypatch):
     task = tasks("vjm", "holdout")[0]

@@ -14,6 +14,7 @@ from stiff_bench.analysis.comparison import compare
 from stiff_bench.analysis.leaderboard import of_newest_data
 from stiff_bench.analysis.verdict import Question
 from stiff_bench.plan.cells import cell_tasks, tell_source
+from stiff_bench.run.cell import fit_task
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import LineDisplay
 from stiff_bench.run.runner import run_cells
@@ -95,9 +96,13 @@ def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results)
     left = spoiled.prediction.measured - spoiled.prediction.predicted
     command = left - 7.0  # p_cmd - p: what the model corrected
     rows = task.split.test
-    model = task.make().fit(
-        task.data.samples.take(np.r_[task.split.train, task.split.validation]),
-        robot=task.data.robot,
+    model = (
+        fit_task(task)
+        .make()
+        .fit(
+            task.data.samples.take(np.r_[task.split.train, task.split.validation]),
+            robot=task.data.robot,
+        )
     )
     predicted = model.predict(task.data.samples.q[rows], task.data.samples.wrench[rows])
     assert np.abs(command + predicted).max() < 0.02 * np.abs(predicted).max()

@@ -77,8 +77,13 @@ def test_models_learn_from_the_rows_that_holdout_gives_them_and_all_paths_are_te
         np.testing.assert_array_equal(one.test, rows)
 
 
+def commanded(predict, data, rows):
+    points = data.samples.take(rows)
+    return PROTOCOL.commanded(predict, data.robot, points.q, points.wrench)
+
+
 def test_no_correction_leaves_the_deflection_and_removes_nothing(data, rows):
-    q = PROTOCOL.commanded(no_prediction, data, rows)
+    q = commanded(no_prediction, data, rows)
     np.testing.assert_array_equal(q, data.samples.q[rows])
     np.testing.assert_allclose(left(data, rows, q), data.samples.deflection[rows], atol=ROUNDED_M)
     np.testing.assert_allclose(PROTOCOL.removed(q, data, rows), 0.0, atol=ROUNDED_M)
@@ -94,13 +99,13 @@ def test_a_robot_of_joint_springs_is_corrected_by_the_same_springs_to_the_tolera
     model = VirtualJointModel().fit(twin.samples, robot=twin.robot)
     data = PROTOCOL.with_paths(replace(twin, under_load=model.predict))
     rows = np.flatnonzero(data.samples.group == PATH_GROUP)
-    q = PROTOCOL.commanded(model.predict, data, rows)
+    q = commanded(model.predict, data, rows)
     assert np.linalg.norm(left(data, rows, q), axis=1).max() <= 1.01 * TOLERANCE_M
 
 
 def test_what_is_removed_is_the_error_without_correction_less_the_one_with_it(data, rows):
     few = rows[::7]
-    q = PROTOCOL.commanded(lambda q, w: 0.7 * data.under_load(q, w), data, few)
+    q = commanded(lambda q, w: 0.7 * data.under_load(q, w), data, few)
     removed = PROTOCOL.removed(q, data, few)
     without = data.samples.deflection[few]
     np.testing.assert_allclose(without - removed, left(data, few, q), atol=1e-12)
@@ -114,7 +119,7 @@ def test_points_whose_correction_does_not_converge_keep_their_command_with_a_war
         return 0.05 * np.sign(np.sin(1e4 * q[:, :3]))
 
     with pytest.warns(StiffBenchWarning, match="path points are left uncorrected"):
-        q = PROTOCOL.commanded(wild, data, few)
+        q = commanded(wild, data, few)
     kept = (q == data.samples.q[few]).all(axis=1)
     assert kept.any()
 

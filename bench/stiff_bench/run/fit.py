@@ -1,0 +1,306 @@
+"""Fits a model and has it predict: all that happens where its code runs.
+
+A `FitTask` has no deflection that the model is scored on, so that a model that looks around in a
+process of its own finds none.
+"""
+
+from __future__ import annotations
+
+import random
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from stiff_bench.console import printing_to_stderr
+from stiff_bench.plan.cells import tell_source
+from stiff_bench.plan.options import Choice
+from stiff_bench.run.costs import MemoryMeter, latency, throughput
+from stiff_protocols.contract.errors import (
+    ModelError,
+    StiffBenchError,
+    StiffBenchWarning,
+    TooFewToCalibrate,
+    said_by,
+)
+from stiff_protocols.contract.interfaces import (
+    ChoosesOptions,
+    CorrectsPaths,
+    KeepsCurves,
+    PredictsInterval,
+    ReportsDiagnostics,
+    StiffnessModel,
+)
+from stiff_protocols.contract.plugin import ModelInfo, ProtocolInfo
+from stiff_protocols.contract.record import Cost
+from stiff_protocols.contract.types import (
+    BenchmarkData,
+    Deflection,
+    FloatArray,
+    IntArray,
+    Interval,
+    Robot,
+    Samples,
+)
+from stiff_protocols.scoring.conformal import SplitConformal
+from stiff_protocols.scoring.sanity import check_prediction
+
+ROWS_FOR_UNITS = 256
+"""How many training rows are predicted to see that a model predicts m: enough, and soon done."""
+CURVE_POINTS = 200
+"""Of a training that are stored: more than a figure's width shows."""
+LONGEST_MESSAGE, MOST_WARNINGS = 2000, 100
+"""Of a failure or warning, characters; and how many warnings of a cell are kept."""
+_Found = TypeVar("_Found")
+
+
+@dataclass(frozen=True, eq=False)
+class FitTask:
+    """All that a model is given, and what it is asked.
+
+    Attributes:
+        model: the line it is made from.
+        train, validation: what it learns from, and what may choose an epoch.
+        robot: that was measured.
+        q, wrench: (n, n_joints) rad or m and (n, 6) N and N m, whose deflections it predicts.
+        seed: of the model.
+        coverage: nominal coverage of its intervals; None: there are none.
+        source: data of another robot or specimen that it may learn from; None: there are none.
+        paths: the protocol that corrects tool paths with its predictions, where one does. It is
+            made anew for the fit: what another object remembers of the data is not the model's.
+    """
+
+    model: Choice[ModelInfo]
+    train: Samples
+    validation: Samples | None
+    robot: Robot
+    q: FloatArray
+    wrench: FloatArray
+    seed: int
+    coverage: float | None = None
+    source: BenchmarkData | None = None
+    paths: Choice[ProtocolInfo] | None = None
+
+    def make(self) -> StiffnessModel:
+        """Return a new model that knows its source."""
+        model: StiffnessModel = self.model.make()
+        tell_source(model, self.source)
+        return model
+
+    @property
+    def rows_for_units(self) -> IntArray:
+        """Training rows whose predictions show the unit that the model predicts in."""
+        return _spread_rows(len(self.train), ROWS_FOR_UNITS)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """What a fitted model said.
+
+    Attributes:
+        predicted: (n, 3) m, of the rows it was asked for.
+        of_training: (k, 3) m, of `FitTask.rows_for_units`.
+        cost: of the fit and the predictions.
+        interval: of the rows, or of the commands; None where there are none.
+        commands: (n, n_joints) rad or m, corrected with its predictions; None but for tool paths.
+        at_commands: (n, 3) m, predicted at the commands; None where there are no intervals.
+        calibration_samples: that split-conformal intervals come from; else 0.
+        diagnostics, chosen, curves: as in `CellResult`.
+    """
+
+    predicted: FloatArray
+    of_training: FloatArray
+    cost: Cost
+    interval: Interval | None = None
+    commands: FloatArray | None = None
+    at_commands: FloatArray | None = None
+    calibration_samples: int = 0
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    chosen: Mapping[str, str] = field(default_factory=dict)
+    curves: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class FitOutcome:
+    """What became of a fit.
+
+    Attributes:
+        fitted: None where it failed, or the model cannot be used on this machine.
+        failure: why there is none, in a sentence.
+        cause: of a failure, in a word or two that count it: "SIGKILL", "timed out"; else "".
+        warnings: what was warned of.
+        log: the last lines that a failed fit's own process printed.
+        innocent: perhaps another fit has killed the server of all processes.
+    """
+
+    fitted: Fitted | None = None
+    failure: str = ""
+    cause: str = ""
+    warnings: tuple[str, ...] = ()
+    log: tuple[str, ...] = ()
+    innocent: bool = False
+
+
+def fit_and_predict(task: FitTask) -> FitOutcome:
+    """Fit a model and ask it for predictions; what goes wrong in it becomes a failure."""
+    _seed_global_numbers(task.seed)
+    with printing_to_stderr():
+        found, failure, cause, warned = attempted(lambda: task.model.missing() or _fitted(task))
+    if isinstance(found, Fitted):
+        return FitOutcome(found, warnings=warned)
+    return FitOutcome(failure=found or failure, cause=cause, warnings=warned)
+
+
+def attempted(work: Callable[[], _Found]) -> tuple[_Found | None, str, str, tuple[str, ...]]:
+    """Return what work that may fail returns, why it failed, the cause, and its warnings."""
+    found, failure, cause = None, "", ""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warnings.simplefilter("ignore", DeprecationWarning)
+        try:
+            found = work()
+        except StiffBenchError as error:
+            failure, cause = short(str(error)), type(error).__name__
+        except (Exception, SystemExit) as error:  # a plugin's costs that cell alone
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            failure = f"{short(said_by(error))} ({where.filename}:{where.lineno})"
+            cause = type(error).__name__
+    return found, failure, cause, unrepeated(str(warning.message) for warning in caught)
+
+
+def unrepeated(messages: Iterable[str]) -> tuple[str, ...]:
+    """Return each warning once, short, and not too many."""
+    return tuple(dict.fromkeys(map(short, messages)))[:MOST_WARNINGS]
+
+
+def short(text: str) -> str:
+    """Return a message that a model may have made megabytes long, cut to what people read."""
+    return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} [...]"
+
+
+def _seed_global_numbers(seed: int) -> None:
+    """Give a model that draws from global random numbers the same ones wherever the cell runs."""
+    random.seed(seed)
+    np.random.seed(seed)  # noqa: NPY002
+    if (torch := sys.modules.get("torch")) is not None:
+        torch.manual_seed(seed)
+
+
+def _fitted(task: FitTask) -> Fitted:
+    model, q, wrench = task.make(), task.q, task.wrench
+    memory = MemoryMeter()
+    start = time.perf_counter()
+    model.fit(task.train, robot=task.robot, validation=task.validation, seed=task.seed)
+    fitted = time.perf_counter()
+    predicted = np.asarray(model.predict(q, wrench))
+    predict_s = time.perf_counter() - fitted
+    memory_bytes = memory.rise()
+    check_prediction(predicted, len(q))
+    predict = _checked(model)
+    some = task.train.take(task.rows_for_units)
+    of_training = predict(some.q, some.wrench)
+    diagnostics = model.diagnostics_ if isinstance(model, ReportsDiagnostics) else {}
+    diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
+    chosen = model.best_params_ if isinstance(model, ChoosesOptions) else {}
+    intervals = _interval_source(task, model)
+    commands = commands_of(task.paths, predict, task.robot, q, wrench)
+    asked = q if commands is None else commands
+    interval = at_commands = None
+    if intervals is not None and task.coverage is not None:
+        interval = intervals.predict_interval(asked, wrench, task.coverage)
+        if not isinstance(interval, Interval):
+            wrong = type(interval).__name__
+            raise ModelError(f"predict_interval returned {wrong}, expected Interval")
+        at_commands = None if commands is None else predict(commands, wrench)
+    cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
+        fit_s=fitted - start,
+        predict_s=predict_s,
+        latency_s=latency(model, q, wrench),
+        throughput_per_s=throughput(model, q, wrench, predict_s),
+        memory_bytes=memory_bytes,
+    )
+    curves = model.curves_ if isinstance(model, KeepsCurves) else {}
+    return Fitted(
+        predicted=predicted,
+        of_training=of_training,
+        cost=cost,
+        interval=interval,
+        commands=commands,
+        at_commands=at_commands,
+        calibration_samples=(
+            len(intervals.residuals_) if isinstance(intervals, SplitConformal) else 0
+        ),
+        diagnostics=diagnostics,
+        chosen={str(name): str(value) for name, value in chosen.items()},
+        curves={str(name): _thinned(name, curve) for name, curve in curves.items()},
+    )
+
+
+def commands_of(
+    paths: Choice[ProtocolInfo] | None,
+    predict: Deflection,
+    robot: Robot,
+    q: FloatArray,
+    wrench: FloatArray,
+) -> FloatArray | None:
+    """Return the commands that a protocol corrects with predictions; None where none does."""
+    if paths is None:
+        return None
+    protocol: CorrectsPaths = paths.make()
+    return protocol.commanded(predict, robot, q, wrench)
+
+
+def _checked(model: StiffnessModel) -> Deflection:
+    """Return a model's predictions, each seen to be (n, 3) finite numbers."""
+
+    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        predicted = np.asarray(model.predict(q, wrench))
+        check_prediction(predicted, len(q))
+        return predicted
+
+    return predict
+
+
+def _thinned(name: str, curve: FloatArray) -> FloatArray:
+    """Return a curve of at most `CURVE_POINTS` points, first and last among them."""
+    try:
+        points = np.asarray(curve, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ModelError(f"curves_[{name!r}] is no (n, 3) array of step, loss, validation loss")
+    return points[_spread_rows(len(points), CURVE_POINTS)]
+
+
+def _interval_source(task: FitTask, model: StiffnessModel) -> PredictsInterval | None:
+    """Return what will give the intervals: the model itself, or a second fit on fewer rows.
+
+    None where there are none to give: not asked for, or the training side is too small for the
+    coverage, which is a warning and leaves the point predictions alone.
+    """
+    if task.coverage is None:
+        return None
+    if isinstance(model, PredictsInterval):
+        return model
+    conformal = SplitConformal(task.make(), coverage=task.coverage)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", StiffBenchWarning)
+        try:
+            conformal.fit(task.train, robot=task.robot, validation=task.validation, seed=task.seed)
+        except TooFewToCalibrate as error:
+            found, messages = None, [f"no intervals: {error}"]
+        else:  # it learned from fewer rows
+            found, messages = conformal, [f"fit for the intervals: {w.message}" for w in caught]
+    for message in dict.fromkeys(messages):
+        warnings.warn(message, StiffBenchWarning, stacklevel=1)
+    return found
+
+
+def _spread_rows(n_rows: int, most: int) -> IntArray:
+    """Return at most so many row numbers, the first and the last among them."""
+    return np.linspace(0, n_rows - 1, min(n_rows, most)).round().astype(np.int64)
