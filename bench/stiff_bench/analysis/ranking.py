@@ -262,7 +262,7 @@ def correction_text(cases: Sequence[ScoredCase]) -> str:
     if counts == {1}:
         return "one pair, p needs no correction"
     number = f"{counts.pop()} " if len(counts) == 1 else ""
-    return f"p corrected for all {number}pairs of models in a comparison (Holm)"
+    return f"p corrected by Holm for all {number}pairs of models in a comparison"
 
 
 def times_like_best(rankings: Sequence[Ranking]) -> FloatArray | None:

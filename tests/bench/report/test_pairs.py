@@ -84,7 +84,7 @@ def test_a_page_has_one_verdict_on_a_pair_and_compare_says_where_its_own_is_anot
         name: "0 : 0" if tied[name] else "1 : 0" for name in "bcdef"
     }
     summary, *_ = blocks_of(StoredResults.read(folder), Selection(), board.key)[0].texts
-    assert tied["b"] and "b" in summary.partition("Holm)")[2]
+    assert tied["b"] and "b" in summary.partition("Holm")[2]
     alone, _, among_all = sb.open_results(folder).compare("a", "b").text.partition("Among all 6")
     assert "a is better than b" in alone and "15 pairs" in among_all
     assert "no significant difference" in among_all.partition("\n")[0]
