@@ -151,7 +151,8 @@ def test_an_arm_on_a_track_is_corrected_with_its_cart_held_where_the_poses_have_
     carts = data.samples.q[rows, 0].reshape(36, -1)
     assert np.ptp(carts, axis=1).max() == 0.0 and np.ptp(carts) > 2.0
     few = rows[::29]
-    q = protocol.commanded(data.under_load, data, few)
+    points = data.samples.take(few)
+    q = protocol.commanded(data.under_load, data.robot, points.q, points.wrench)
     np.testing.assert_array_equal(q[:, 0], data.samples.q[few, 0])
     assert np.linalg.norm(left(data, few, q), axis=1).max() <= 1.01 * TOLERANCE_M
 
