@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import re
+import signal
+import threading
 import time
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -112,7 +115,8 @@ class DaskCluster(Execution):
             how = {"n_workers": self.at_once, "threads_per_worker": 1, "local_directory": scratch}
             how["dashboard_address"] = ":0"
         try:
-            return stack.enter_context(Client(**how))
+            with _undisturbed():
+                return stack.enter_context(Client(**how))
         except (OSError, ValueError) as error:
             raise ConfigError(f"{self._said}: no scheduler answers there ({error})") from error
 
@@ -149,6 +153,31 @@ class DaskCluster(Execution):
             f"{self._said}: a worker cannot run this stiffbench: {type(error).__name__}: {error}; "
             f"stop it, and {GOES_ON}"
         )
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Keep Ctrl-C until the block ends, and what is started in it from standard error.
+
+    Ctrl-C comes to our own workers, too, which would print a traceback each; stopped in the middle
+    of its start, Dask prints more of them.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # no signal comes here
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    said = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(said, 2)
+        os.close(said)
+        signal.signal(signal.SIGINT, before)
+        if came:
+            os.kill(os.getpid(), signal.SIGINT)
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import time
 import uuid
 from collections import Counter
@@ -10,6 +11,8 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Literal
+
+import psutil
 
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
@@ -22,11 +25,21 @@ from stiff_bench.run.isolate import OUT_OF_MEMORY, TIMED_OUT, LocalProcesses
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
 from stiff_bench.store.damage import repair
-from stiff_bench.store.database import DamagedFile, ResultStore, mean_seconds, stored_results
+from stiff_bench.store.database import (
+    DamagedFile,
+    ResultStore,
+    mean_seconds,
+    read_manifests,
+    stored_results,
+)
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.record import CellResult, RunManifest
 
+PROCESS = "process"
+"""Entry of a manifest's environment."""
+SECONDS_APART = 1.0
+"""Between the starts of two processes of one number, at least."""
 _OWN_WORDS = (TIMED_OUT, OUT_OF_MEMORY)
 """Causes that are counted by themselves."""
 
@@ -188,18 +201,48 @@ def _as_asked(result: CellResult, task: CellTask) -> CellResult:
     return replace(result, shown=task.shown, n_splits=task.n_splits)
 
 
+def _say_unfinished(store: ResultStore) -> None:
+    """Say once of each run that it ended without a word, as by a signal that nothing catches."""
+    for run in read_manifests(store.folder, report=lambda _: None):
+        if run.status == "running" and _has_ended(run.environment.get(PROCESS, "")):
+            when = run.started.replace("T", " ")
+            say(f"the run of {when} ended without finishing, its results are kept: {run.command}")
+            store.write_manifest(replace(run, status="interrupted"))
+
+
+def _this_process() -> str:
+    """Return what tells the process from every other one: number, start [s], machine."""
+    process = psutil.Process()
+    return f"{process.pid} {process.create_time():.2f} {platform.node()}"
+
+
+def _has_ended(process: str) -> bool:
+    """Say whether a process of `_this_process` has ended; no where nobody here can tell."""
+    number, _, rest = process.partition(" ")
+    started, _, machine = rest.partition(" ")
+    if machine != platform.node():
+        return False
+    try:
+        there = psutil.Process(int(number))
+        is_it = abs(there.create_time() - float(started)) < SECONDS_APART
+        return not is_it or there.status() == psutil.STATUS_ZOMBIE
+    except psutil.Error:
+        return True
+
+
 @contextmanager
 def _described(
     tasks: Sequence[CellTask], command: str, store: ResultStore, execution: Execution
 ) -> Iterator[str]:
     """Keep the manifest of a run while it lasts, and give its name."""
     started = time.perf_counter()
+    _say_unfinished(store)
     manifest = RunManifest(
         run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}-{uuid.uuid4().hex[:6]}",
         command=command,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         status="running",
-        environment=environment() | dict(execution.facts),
+        environment=environment() | {PROCESS: _this_process()} | dict(execution.facts),
         cells=tuple(task.cell.key for task in tasks),
     )
     store.write_manifest(manifest)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import platform
 import random
 import re
 import resource
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,9 +20,11 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.api.run import Run
 from stiff_bench.cli.run import execute
 from stiff_bench.run.execution import Execution
+from stiff_bench.run.runner import PROCESS
 from stiff_bench.store.damage import fault_of
 from stiff_bench.store.database import (
     FILE,
+    ResultStore,
     read_manifests,
     read_results,
     reading,
@@ -83,6 +87,30 @@ def test_computed_all_over_again_the_numbers_are_the_same(run, tmp_path):
 def rows_of_cells(folder: Path) -> list[tuple[object, ...]]:
     with reading(folder) as db:
         return db.execute("SELECT * FROM cell ORDER BY key").fetchall()
+
+
+@pytest.mark.parametrize(
+    ("process", "said"),
+    [
+        (f"{2**22 + 1} 1.0 {{}}", True),  # there is no such number
+        ("1 1.0 {}", True),  # another process has it
+        ("1 1.0 elsewhere", False),
+        (None, False),  # this one
+    ],
+)
+def test_a_run_that_ended_without_a_word_is_named_once_by_the_next(run, tmp_path, process, said):
+    run()
+    (manifest,) = read_manifests(tmp_path)
+    facts = {**manifest.environment}
+    if process is not None:
+        facts[PROCESS] = process.format(platform.node())
+    left = replace(manifest, status="running", environment=facts, command="bench run --model mine")
+    ResultStore(tmp_path).write_manifest(left)
+    found = [
+        run()[2].count("ended without finishing, its results are kept: bench run --model mine")
+    ]
+    found.append(run()[2].count("ended without finishing"))
+    assert found == [int(said), 0]
 
 
 def test_more_splits_compute_those_that_are_missing(run, tmp_path):
@@ -179,7 +207,9 @@ def reference(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL, signal.SIGUSR1, signal.SIGQUIT]
+)
 def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     tmp_path, reference, number
 ):
@@ -192,10 +222,12 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     stored = n_stored(tmp_path / "out")
     assert 0 < stored < N_CELLS
     (manifest,) = read_manifests(tmp_path / "out")
-    assert manifest.status == ("running" if number == signal.SIGKILL else "interrupted")
+    caught = number in (signal.SIGINT, signal.SIGTERM)
+    assert manifest.status == ("interrupted" if caught else "running")
     done = bench(*words, cwd=tmp_path)
     assert done.returncode == 0
     assert summary_of(done.stderr) == f"{N_CELLS - stored} ok, {stored} cached"
+    assert ("ended without finishing" in done.stderr) == (not caught)
     assert bytes_of_results(tmp_path / "out") == reference
     assert [path.name for path in (tmp_path / "out").iterdir()] == [FILE]
 
