@@ -79,7 +79,7 @@ def predict(model: Path, loads: Path, output: Path, coverage: float | None) -> N
             rows_file = Path(folder) / "rows.csv"
             with warnings_said():
                 found.predict_file(loads, rows_file, coverage=coverage)
-            click.echo(rows_file.read_text(encoding="utf-8"), nl=False)
+            print_text(rows_file.read_text(encoding="utf-8").removesuffix("\n"))
         return
     with warnings_said():
         rows = found.predict_file(loads, output, coverage=coverage)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from stiff_datasets.measured.sample_files import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     LONGEST_CELL,
+    MAYBE_GROUPED,
     MM_PER_M,
     TORQUE_COLUMNS,
     WRENCH_COLUMNS,
@@ -41,8 +41,6 @@ NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
 
 _SHOWN = 60
 """Characters of a wrong cell that a message shows."""
-
-_UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # or breaks a line
 
 
 @dataclass(frozen=True)
@@ -241,8 +239,10 @@ def _id_problems(sheet: Sheet) -> Iterator[Problem]:
         for row, name in enumerate(sheet.cells[column]):
             if not name or (column == "pose_id" and name.startswith("#")):
                 yield cell_problem(sheet, row, column, "a name")
-            elif name != name.strip() or _UNPRINTABLE.search(name):
-                yield cell_problem(sheet, row, column, "a name that prints on one line")
+            elif name != name.strip() or not name.isprintable():
+                yield cell_problem(
+                    sheet, row, column, "a name that prints on one line, without invisible signs"
+                )
     pair = sheet.cells[["pose_id", "load_id"]]
     for again in np.flatnonzero(pair.duplicated() & (pair != "").all(axis=1)):
         yield Problem(
@@ -258,7 +258,11 @@ def number_problems(
 ) -> Iterator[Problem]:
     """Yield the cells of `columns` whose `values` (n, len(columns)) are no finite numbers."""
     for row, column in np.argwhere(~np.isfinite(values)):
-        yield cell_problem(sheet, row, columns[column], "a finite number")
+        text = sheet.cells[columns[column]].iloc[row]
+        valid = "a finite number"
+        if isinstance(text, str) and MAYBE_GROUPED.fullmatch(text):
+            valid += "; the point or comma may mark decimals or thousands in this file"
+        yield cell_problem(sheet, row, columns[column], valid)
 
 
 def numbers_and_loads(
