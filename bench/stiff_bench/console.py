@@ -10,6 +10,8 @@ from collections.abc import Iterator
 
 import click
 
+from stiff_protocols.contract.errors import StoreError
+
 
 def say(message: str) -> None:
     """Print one line for people."""
@@ -47,11 +49,33 @@ def printing_to_stderr() -> Iterator[None]:
 
 
 def print_text(text: str) -> None:
-    """Print a result; a reader that has left (`| head`) is no failure of ours."""
+    """Print a result; a reader that has left (`| head`) is no failure of ours.
+
+    Raises:
+        StoreError: standard output cannot be written, as on a full disk.
+    """
     try:
         click.echo(printable(text))
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # flushed again at exit
+        if not isinstance(error, BrokenPipeError):
+            raise StoreError(f"standard output: cannot be written: {error.strerror}") from error
+
+
+def replace_closed_streams() -> None:
+    """Open the null device in place of standard streams that the caller has closed.
+
+    Otherwise the next file that is opened gets the descriptor, and a library that prints would
+    write into it. Messages are dropped; a result on standard output is an error.
+    """
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:  # the lowest free descriptor is this one
+            os.open(os.devnull, os.O_WRONLY if descriptor == 2 else os.O_RDONLY)
+    for descriptor, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(descriptor, "w", encoding="utf-8", closefd=False))
 
 
 @contextlib.contextmanager

@@ -20,7 +20,7 @@ from stiff_bench.cli.path import path
 from stiff_bench.cli.refusals import Commands, refusal
 from stiff_bench.cli.results import cache, merge
 from stiff_bench.cli.run import run
-from stiff_bench.console import say
+from stiff_bench.console import replace_closed_streams, say
 from stiff_protocols.contract.errors import StiffBenchError
 
 INTERRUPTION = "interrupted; what is stored stays, the same command computes the rest"
@@ -41,6 +41,7 @@ def main(arguments: list[str] | None = None) -> None:
     0: done; 1: a cell failed; 2: bad input; 130: interrupted; 143: stopped by SIGTERM.
     """
     words = sys.argv[1:] if arguments is None else arguments
+    replace_closed_streams()
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
     for number in (signal.SIGTERM, signal.SIGHUP):  # so that temporary files are taken away

@@ -81,7 +81,7 @@ def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
             rows_file = Path(folder) / "rows.csv"
             with warnings_said():
                 found.predict_file(loads, rows_file, **words)
-            click.echo(rows_file.read_text(encoding="utf-8"), nl=False)
+            print_text(rows_file.read_text(encoding="utf-8").removesuffix("\n"))
         return
     with warnings_said():
         rows = found.predict_file(loads, output, **words)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
 
 from stiff_models.io.cache_folder import cache_folder
 
@@ -55,8 +56,14 @@ dask-jobqueue puts its settings beside Dask's; a user's own are still read from 
 
 
 def keep_libraries_in_our_cache() -> None:
-    """Set the libraries' folders, unless the user did, or has switched the cache off."""
+    """Set the libraries' folders, unless the user did, or our cache is off or cannot be written."""
     folder = cache_folder()
-    if folder is not None:
+    if folder is not None and _can_write(folder):
         for variable, name in _FOLDERS.items():
             os.environ.setdefault(variable, str(folder / name))
+
+
+def _can_write(folder: Path) -> bool:
+    """Check the folder, or the nearest parent that exists, for write permission."""
+    existing = next(path for path in (folder, *folder.parents) if os.path.exists(path))
+    return existing.is_dir() and os.access(existing, os.W_OK)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from stiff_datasets.measured.sample_files import (
     ID_COLUMNS,
     LOADED_COLUMNS,
     LONGEST_CELL,
+    MAYBE_GROUPED,
     MM_PER_M,
     TORQUE_COLUMNS,
     UNLOADED_COLUMNS,
@@ -60,8 +60,6 @@ NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
 RUNS_SHOWN = 10
 _SHOWN = 60
 """Characters of a wrong cell that a message shows."""
-
-_UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # or breaks a line
 
 
 @dataclass(frozen=True)
@@ -437,8 +435,10 @@ def _id_problems(sheet: Sheet) -> Iterator[Problem]:
         for row, name in enumerate(sheet.cells[column]):
             if not name or (column == "pose_id" and name.startswith("#")):
                 yield cell_problem(sheet, row, column, "a name")
-            elif name != name.strip() or _UNPRINTABLE.search(name):
-                yield cell_problem(sheet, row, column, "a name that prints on one line")
+            elif name != name.strip() or not name.isprintable():
+                yield cell_problem(
+                    sheet, row, column, "a name that prints on one line, without invisible signs"
+                )
     pair = sheet.cells[["pose_id", "load_id"]]
     for again in np.flatnonzero(pair.duplicated() & (pair != "").all(axis=1)):
         yield Problem(
@@ -454,7 +454,11 @@ def number_problems(
 ) -> Iterator[Problem]:
     """Yield the cells of `columns` whose `values` (n, len(columns)) are no finite numbers."""
     for row, column in np.argwhere(~np.isfinite(values)):
-        yield cell_problem(sheet, row, columns[column], "a finite number")
+        text = sheet.cells[columns[column]].iloc[row]
+        valid = "a finite number"
+        if isinstance(text, str) and MAYBE_GROUPED.fullmatch(text):
+            valid += "; the point or comma may mark decimals or thousands in this file"
+        yield cell_problem(sheet, row, columns[column], valid)
 
 
 def numbers_and_loads(

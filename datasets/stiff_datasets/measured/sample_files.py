@@ -22,6 +22,7 @@ import zipfile
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +48,8 @@ DEG_PER_RAD = 180.0 / np.pi
 
 PARQUET, EXCEL = ".parquet", ".xlsx"
 """The endings of Parquet and Excel files; every other file is CSV."""
-LARGEST_EXCEL = 2**28
-"""Bytes, unpacked."""
+LARGEST_EXCEL, MOST_EXCEL_ROWS = 2**27, 2**20
+"""Bytes, unpacked; rows of a sheet, as Excel has it."""
 
 MOST_COLUMNS = 100
 """More than any robot's joints need."""
@@ -110,7 +111,7 @@ UNITS = {
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+", re.ASCII)
 """A number with thousands separators and decimals; 1.234 alone may be either."""
-_MAYBE_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}", re.ASCII)
+MAYBE_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}", re.ASCII)
 _NAMES = {
     *ID_COLUMNS,
     *(f"{kind}{axis}" for kind in "ftd" for axis in "xyz"),
@@ -166,9 +167,20 @@ class Sheet:
         Text is read as Python reads it, to the nearest floating point number; not every version
         of pandas promises that.
         """
-        values = [_numbers(self.cells[each], self.decimal) for each in columns]
+        values = [_numbers(self.cells[each], self.decimal, self._clear_signs) for each in columns]
         factors = [self.factors.get(column, 1.0) for column in columns]
         return np.array(values, dtype=np.float64).T * factors
+
+    @cached_property
+    def _clear_signs(self) -> str:
+        """Signs that mark decimals somewhere beyond doubt: a comma in 0,5, a point in 0.5.
+
+        "" where the file can have no decimal commas.
+        """
+        if self.decimal != ",":
+            return ""
+        columns = self.cells.columns.difference([*ID_COLUMNS, "frame"])
+        return "".join({sign for name in columns for sign in _clear_signs(self.cells[name])})
 
     def recognised(self, columns: tuple[str, ...]) -> Sheet:
         """Return the sheet with columns named as in `columns`, the others set apart.
@@ -508,8 +520,13 @@ def _sheet_title(path: Path, sheets: Mapping[str, Any], sheet: str | None) -> st
 
 def _excel_rows(worksheet: Any) -> Iterator[_Row]:
     """Yield the rows of a sheet that hold more than blanks or a remark."""
+    worksheet.reset_dimensions()  # else rows are lost where the file gives wrong ones
     rows = worksheet.iter_rows(max_col=MOST_COLUMNS, values_only=True)
     for number, row in enumerate(rows, start=1):
+        if number > MOST_EXCEL_ROWS:
+            raise ValueError(f"more than {MOST_EXCEL_ROWS} rows")
+        if row.count(None) == len(row):
+            continue
         cells = ["" if cell is None else cell for cell in row]
         cells = [cell.strip() if isinstance(cell, str) else cell for cell in cells]
         if any(cell != "" for cell in cells) and not str(cells[0]).startswith("#"):
@@ -572,17 +589,50 @@ def _header(rows: Iterable[Sequence[str]]) -> int | None:
     return None
 
 
-def _numbers(cells: pd.Series, decimal: str) -> list[float]:
-    """Return the numbers of a column; where it has decimal commas, 1.234 is none."""
+def _numbers(cells: pd.Series, decimal: str, clear_signs: str) -> list[float]:
+    """Return the numbers of a column; NaN if a sign may mark decimals or thousands, as in 1.234.
+
+    Args:
+        cells: of the column.
+        decimal: sign that marks decimals in the file.
+        clear_signs: those that mark decimals somewhere in the file beyond doubt.
+    """
     texts = [*map(str, cells)]
     if all(map(_NUMBER.fullmatch, texts)) and max(map(len, texts), default=0) <= LONGEST_CELL:
-        return [number if math.isfinite(number) else np.nan for number in map(float, texts)]
-    texts = [cell if isinstance(cell, str) else "" for cell in cells]
-    commas = decimal == "," and any("," in text for text in texts)
+        numbers = [number if math.isfinite(number) else np.nan for number in map(float, texts)]
+    else:
+        numbers = [_number(cell, decimal) for cell in cells]
+    if decimal != ",":
+        return numbers
+    has_comma = any(isinstance(cell, str) and "," in cell for cell in cells)
+    doubtful = "," if clear_signs == "." else ""
+    if has_comma or ("," in clear_signs and "." not in _clear_signs(cells)):
+        doubtful += "."
     return [
-        np.nan if commas and _MAYBE_GROUPED.fullmatch(text) else _number(cell, decimal)
-        for cell, text in zip(cells, texts, strict=True)
+        np.nan if _is_maybe_grouped(cell, doubtful) else number
+        for cell, number in zip(cells, numbers, strict=True)
     ]
+
+
+def _clear_signs(cells: pd.Series) -> set[str]:
+    """Return the signs that mark decimals in some cell beyond doubt."""
+    texts = [cell for cell in cells if isinstance(cell, str)]
+    return {
+        sign
+        for sign in ".,"
+        if any(
+            sign in text
+            and _NUMBER.fullmatch(text.replace(",", "."))
+            and not MAYBE_GROUPED.fullmatch(text)
+            for text in texts
+        )
+    }
+
+
+def _is_maybe_grouped(cell: object, signs: str) -> bool:
+    return isinstance(cell, str) and any(
+        sign in cell and MAYBE_GROUPED.fullmatch(cell) for sign in signs
+    )
 
 
 def _number(cell: object, decimal: str) -> float:

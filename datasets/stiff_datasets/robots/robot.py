@@ -189,12 +189,16 @@ def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str]]:
         mimics = ((joint.get("name", ""), joint.find("mimic")) for joint in root.findall("joint"))
         followers = {name: mimic.get("joint", "") for name, mimic in mimics if mimic is not None}
         with _captured_stderr() as printed:
-            return pin.buildModelFromXML(text), followers
+            model = pin.buildModelFromXML(text)
+        if any("Could not parse inertial" in line for line in printed):
+            raise ValueError  # the parser leaves such a link without mass
+        return model, followers
     except ElementTree.ParseError as error:
         raise DataError(f"{urdf}: not a robot description (URDF): not XML: {error}") from error
     except (ValueError, RuntimeError) as error:
-        found = [re.sub(r"^Error: +|\s+at line \d+ in \S+$", "", line.strip()) for line in printed]
+        found = [re.sub(r"^Error: +|^at line \d+ in \S+$", "", line.strip()) for line in printed]
         reason = next(filter(None, found), str(error))  # the parser's first word says most
+        reason += "".join(f"; {line}" for line in found if "inertial element for Link" in line)
         raise DataError(f"{urdf}: not a robot description (URDF): {reason}") from error
 
 

@@ -47,7 +47,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Le, Lt
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -89,6 +89,9 @@ SpecimenNumber = Annotated[int, Ge(0), Le(LAST_SPECIMEN)]
 
 Modulus = Annotated[float, Ge(1e9), Le(1e12), Field(allow_inf_nan=False)]  # Pa; not MPa, GPa
 NotNegative = Annotated[float, Ge(0), Field(allow_inf_nan=False)]
+Share = Annotated[float, Ge(0), Le(1)]  # relative standard deviation
+Tail = Annotated[float, Ge(1), Le(1000)]  # degrees of freedom of Student's t distribution
+Load = Annotated[float, Ge(0), Le(1000)]  # N, N m
 Length = Annotated[float, Ge(-LONGEST_TCP_M), Le(LONGEST_TCP_M)]  # m; mm would be larger
 Vector = tuple[Length, Length, Length]
 
@@ -198,9 +201,9 @@ class Noise(_Table):
     """
 
     tracker_m: Annotated[NotNegative, Le(1e-2)] = 1e-5
-    force_N: NotNegative = 0.04
-    torque_Nm: NotNegative = 0.002
-    tail: Annotated[float, Gt(0)] | None = None
+    force_N: Load = 0.04
+    torque_Nm: Load = 0.002
+    tail: Tail | None = None
 
 
 class Scatter(_Table):
@@ -213,11 +216,11 @@ class Scatter(_Table):
         beams: of the modulus of the links' tubes, segment by segment.
     """
 
-    gear: NotNegative = 0.08
-    structure: NotNegative = 0.08
-    tilting: NotNegative = 0.15
-    lost_motion: NotNegative = 0.2
-    beams: NotNegative = 0.05
+    gear: Share = 0.08
+    structure: Share = 0.08
+    tilting: Share = 0.15
+    lost_motion: Share = 0.2
+    beams: Share = 0.05
 
 
 class Errors(_Table):
@@ -243,7 +246,7 @@ class Errors(_Table):
     force_frame_rad: Annotated[NotNegative, Le(0.2)] = float(np.deg2rad(1.0))
     force_gain: Annotated[float, Ge(0), Lt(1)] = 0.03
     tracker_m: Annotated[NotNegative, Le(1e-2)] = 1e-5
-    tail: Annotated[float, Gt(0)] = 3.0
+    tail: Tail = 3.0
 
 
 class BeamsTable(_Table):

@@ -27,6 +27,7 @@ from stiff_models.catalog import MODELS, model_info
 from stiff_protocols.contract.errors import DataError, ModelError, NotFittedError, StiffBenchError
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.source_code import code_of
+from stiff_protocols.contract.types import Robot
 
 if TYPE_CHECKING:
     import torch
@@ -122,7 +123,10 @@ def load(path: Path | str, plugins: Mapping[str, type] | None = None) -> Any:
     """
     try:
         node = _content(Path(path).read_bytes())["model"]
-        return _model(node) if node[_OWN] == "model" else _plugin_model(node, plugins or {})
+        model = _model(node) if node[_OWN] == "model" else _plugin_model(node, plugins or {})
+        if not isinstance(getattr(model, "robot_", None), Robot):
+            raise DataError("holds a model without its robot")
+        return model
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # a crafted or damaged archive can raise anything

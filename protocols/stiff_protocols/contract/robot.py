@@ -22,6 +22,8 @@ STANDARD_GRAVITY = 9.81
 
 REACHED_M, REACHED_RAD = 1e-8, 1e-8
 """How near inverse kinematics comes to the pose that was asked for."""
+LONGEST_M = 100.0
+"""m between two joints of a robot at most; a larger number was written in mm."""
 STEPS = 40
 """Newton's steps at most; in reach and away from singularities it takes three to five."""
 PATIENCE = 8
@@ -117,6 +119,28 @@ class Robot:
             lengths = ", ".join(f"{length:g}" for length in np.linalg.norm(self.axes, axis=1))
             raise DataError(
                 f"robot {self.name!r}: joint axes must have unit length, here {lengths}"
+            )
+        self._check_sizes()
+
+    def _check_sizes(self) -> None:
+        """Check that no mass is negative and that placements are poses within `LONGEST_M`."""
+        if (self.masses < 0.0).any():
+            raise DataError(f"robot {self.name!r}: masses are {self.masses} kg, expected >= 0")
+        for name, placement in zip(
+            (*self.joint_names, "the flange"), (*self.placements, self.flange), strict=True
+        ):
+            turn, longest = placement[:3, :3], np.abs(placement[:3, 3]).max()
+            if longest > LONGEST_M:
+                raise DataError(
+                    f"robot {self.name!r}: {name} is placed {longest:g} m from the joint before, "
+                    f"expected at most {LONGEST_M:g}; lengths are in m, not mm"
+                )
+            if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0.0:
+                raise DataError(f"robot {self.name!r}: the placement of {name} is no rotation")
+        if max(np.abs(self.tcp).max(), np.abs(self.centres_of_mass).max()) > LONGEST_M:
+            raise DataError(
+                f"robot {self.name!r}: the TCP or a centre of mass is farther than {LONGEST_M:g} m "
+                "from its joint; lengths are in m, not mm"
             )
 
     @property

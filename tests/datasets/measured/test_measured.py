@@ -12,6 +12,7 @@ import pytest
 from helpers.made_robots import planar_arm
 from helpers.made_samples import CSV_HEADER as HEADER
 from helpers.made_samples import CSV_ROW as GOOD
+from helpers.model_files import archived, members
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.measured import read_samples
 from stiff_protocols.contract.errors import DataError, StiffBenchWarning
@@ -123,7 +124,43 @@ def test_thousands_are_read_where_decimals_follow_them(tmp_path, kr10, lines):
 def test_a_number_that_may_have_decimals_or_thousands_is_refused(tmp_path, kr10):
     other = GERMAN[1].replace("P1", "P2").replace("-80", "1.080")
     path = write(tmp_path, GERMAN[0], GERMAN[1].replace("-80", "-80,5"), other)
-    with pytest.raises(DataError, match=r"row 3, column fz_N: '1\.080', expected a finite number$"):
+    with pytest.raises(DataError, match=r"row 3, column fz_N: '1\.080', .* decimals or thousands"):
+        read_samples(path, kr10)
+
+
+@pytest.mark.parametrize(("lines", "load"), [(GERMAN, "1.080"), ([HEADER, GOOD], "1,080")])
+def test_a_column_of_possible_thousands_is_refused_if_another_column_shows_the_decimals(
+    tmp_path, kr10, lines, load
+):
+    header, row = (text.replace(",", ";") if lines is not GERMAN else text for text in lines)
+    path = write(tmp_path, header, row.replace("-80", load))
+    with pytest.raises(DataError, match=rf"row 2, column fz_N: '{load}', .*or thousands"):
+        read_samples(path, kr10)
+
+
+@pytest.mark.parametrize("sign", ["\ufeff", "\u200b", "\u202e", "\u00ad", "\u00a0"])
+def test_a_name_with_an_invisible_sign_is_no_second_pose(tmp_path, kr10, sign):
+    """It would look like the pose of another row, and stand on the other side of a split."""
+    path = write(tmp_path, HEADER, GOOD, line(pose_id=f"P{sign}1", load_id=2))
+    with pytest.raises(DataError, match=r"row 3, column pose_id: .* invisible"):
+        read_samples(path, kr10)
+
+
+def test_an_excel_file_that_states_a_wrong_size_loses_no_row(tmp_path, kr10):
+    openpyxl = pytest.importorskip("openpyxl")
+    book, path = openpyxl.Workbook(), tmp_path / "my.xlsx"
+    numbers = [float(cell) for cell in GOOD.split(",")[3:]]
+    for row in (HEADER.split(","), *(["P1", i, "all", *numbers] for i in range(3))):
+        book.active.append(row)
+    book.save(path)
+    parts = members(path.read_bytes())
+    sheet = "xl/worksheets/sheet1.xml"
+    assert b'"A1:R4"' in parts[sheet]
+    path.write_bytes(archived(parts | {sheet: parts[sheet].replace(b'"A1:R4"', b'"A1:R2"')}))
+    assert len(read_samples(path, kr10)) == 3
+    far = parts[sheet].replace(b'<row r="4"', b'<row r="99999999"')
+    path.write_bytes(archived(parts | {sheet: far}))
+    with pytest.raises(DataError, match="more than 1048576 rows"):
         read_samples(path, kr10)
 
 

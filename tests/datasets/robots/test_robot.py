@@ -118,3 +118,23 @@ def test_a_file_that_is_no_urdf_is_missing_or_without_end_is_refused(tmp_path, n
     (tmp_path / "x.urdf").write_text("<notrobot/>")
     with pytest.raises(DataError, match=f"{name}: {message}"):
         read_chain(tmp_path / name)
+
+
+WEIGHT = '<link name="l1"><inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" '
+WEIGHT += 'ixy="0" ixz="0" iyz="0"/></inertial></link>'
+
+
+@pytest.mark.parametrize(
+    ("mass", "message"),
+    [("8,4", "mass .8,4. is not a float.*link|Link .l1."), ("nan", "nan"), ("-1", "masses are")],
+)
+def test_a_mass_that_is_none_does_not_leave_the_link_weightless(tmp_path, mass, message):
+    body = joint().replace('<link name="l1"/>', WEIGHT.format(mass))
+    with pytest.raises(DataError, match=rf"robot\.urdf: .*{message}"):
+        load_robot(urdf(tmp_path, body))
+
+
+def test_a_robot_in_millimetres_is_refused(tmp_path):
+    body = joint(inside='<origin xyz="0 0 400"/>')
+    with pytest.raises(DataError, match=r"robot\.urdf: .*to_l1 is placed 400 m .*not mm"):
+        load_robot(urdf(tmp_path, body))

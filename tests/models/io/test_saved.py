@@ -171,6 +171,13 @@ CHANGES = {
     "unexpected keyword argument 'colour'": lambda content: content["model"]["params"].update(
         colour=1
     ),
+    "a model without its robot": fitted(robot_="kr10"),
+    "lengths are in m": lambda content: content["model"]["fitted"]["robot_"]["fields"].update(
+        tcp=np.array([1e300, 0.0, 0.0])
+    ),
+    "is no rotation": lambda content: content["model"]["fitted"]["robot_"]["fields"].update(
+        flange=np.zeros((4, 4))
+    ),
     "posix.getcwd": fitted(a_=FunctionTransformer(func=os.getcwd)),
     "test_saved.Stranger": fitted(a_=Stranger()),
 }
