@@ -400,7 +400,7 @@ def _read_excel(path: Path, rows: int) -> Iterator[Sheet]:
             raise ValueError(f"{size} bytes unpacked (valid: at most {LARGEST_EXCEL})")
         with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
             first_sheet = book.worksheets[0]
-            first_sheet.reset_dimensions()  # else rows are lost where the file gives wrong ones
+            first_sheet.reset_dimensions()  # a wrong stated size loses rows
             found = first_sheet.iter_rows(max_col=MOST_COLUMNS, values_only=True)
             for number, row in enumerate(found, start=1):
                 if number > MOST_EXCEL_ROWS:
