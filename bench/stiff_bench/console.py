@@ -49,7 +49,7 @@ def printing_to_stderr() -> Iterator[None]:
 
 
 def print_text(text: str) -> None:
-    """Print a result; a reader that has left (`| head`) is no failure of ours.
+    """Print a result; a closed pipe (`| head`) is not an error.
 
     Raises:
         StoreError: standard output cannot be written, as on a full disk.

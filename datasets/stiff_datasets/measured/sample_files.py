@@ -520,7 +520,7 @@ def _sheet_title(path: Path, sheets: Mapping[str, Any], sheet: str | None) -> st
 
 def _excel_rows(worksheet: Any) -> Iterator[_Row]:
     """Yield the rows of a sheet that hold more than blanks or a remark."""
-    worksheet.reset_dimensions()  # else rows are lost where the file gives wrong ones
+    worksheet.reset_dimensions()  # a wrong stated size loses rows
     rows = worksheet.iter_rows(max_col=MOST_COLUMNS, values_only=True)
     for number, row in enumerate(rows, start=1):
         if number > MOST_EXCEL_ROWS:

@@ -197,7 +197,7 @@ def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str]]:
         raise DataError(f"{urdf}: not a robot description (URDF): not XML: {error}") from error
     except (ValueError, RuntimeError) as error:
         found = [re.sub(r"^Error: +|^at line \d+ in \S+$", "", line.strip()) for line in printed]
-        reason = next(filter(None, found), str(error))  # the parser's first word says most
+        reason = next(filter(None, found), str(error))  # the first message is the cause
         reason += "".join(f"; {line}" for line in found if "inertial element for Link" in line)
         raise DataError(f"{urdf}: not a robot description (URDF): {reason}") from error
 
