@@ -28,7 +28,12 @@ from stiff_protocols.contract.interfaces import (
     reports_training,
 )
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
-from stiff_protocols.contract.record import SCORING_VERSION, Cell, Presentation
+from stiff_protocols.contract.record import (
+    INTERVAL_VERSION,
+    SCORING_VERSION,
+    Cell,
+    Presentation,
+)
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples, Split
 from stiff_protocols.splits.checks import first_fault
@@ -193,7 +198,7 @@ def _of_protocol(
             coverage=plan.coverage,
             source_sha256="" if source is None else source.sha256,
             model_version=version_of(model),
-            scoring_version=SCORING_VERSION,
+            scoring_version=SCORING_VERSION if plan.coverage is None else INTERVAL_VERSION,
         )
         caveats = plan.sources[split.source].info.caveats if split.source else ()
         caveats += (f"{choice.info.key}: {PATH_ERRORS}",) if paths is not None else ()

@@ -119,7 +119,7 @@ def _claims_of(result: CellResult) -> Iterator[tuple[Subject, str]]:
     split = (cell.data_sha256, cell.condition, cell.split_index, cell.seed)
     yield ("split", f"{shown.protocol} of {shown.dataset}", split), cell.split_sha256
     version = f"version {cell.model_version}, scoring {cell.scoring_version}"
-    yield ("code", cell.model, (cell.protocol,)), version
+    yield ("code", cell.model, (cell.protocol, cell.coverage is not None)), version
 
 
 def _disagreements(surveys: Sequence[FolderSurvey]) -> dict[tuple[Kind, str], str]:

@@ -100,8 +100,17 @@ def of_newest_options(
     default, or a file that an option names, was changed.
     """
     model = results[0].shown.model
-    wanted = newest.model_version, newest.scoring_version
-    same = [r for r in results if (r.cell.model_version, r.cell.scoring_version) == wanted]
+    versions = dict[bool, int]()  # results with intervals have scoring versions of their own
+    for cell in (result.cell for result in results):
+        kind = cell.coverage is None
+        versions[kind] = max(versions.get(kind, 0), cell.scoring_version)
+    versions[newest.coverage is None] = newest.scoring_version
+    same = [
+        result
+        for result in results
+        if result.cell.model_version == newest.model_version
+        and result.cell.scoring_version == versions[result.cell.coverage is None]
+    ]
     notes = []
     if len(same) < len(results):
         notes.append(f"older results of {model} by another version of it")

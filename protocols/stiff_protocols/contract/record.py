@@ -36,9 +36,9 @@ SCORING_VERSION = 2
 
 A change of these numbers raises it; tests/protocols/scoring/test_golden_scoring.py notices."""
 
-INTERVAL_VERSION = 2
-"""Version of the intervals, part of the key of a cell with intervals. A change of how intervals are
-made raises it; results without intervals then stay valid."""
+INTERVAL_VERSION = 3
+"""The scoring version of cells with intervals. A change of the scoring or of how intervals are made
+raises it; after the latter, results without intervals stay valid."""
 
 
 READING_OPTION = "read_on"
@@ -62,7 +62,8 @@ class Cell:
         source_sha256: of the other robot's data that the source domain comes from; else "".
         model_version: of a built-in model its `ModelInfo.version`, with the version of the library
             that it wraps; of a plugin's the hash of its files; "" where it is not known.
-        scoring_version: the `SCORING_VERSION` that it is computed with; 0 where it is not known.
+        scoring_version: the `SCORING_VERSION`, or with intervals the `INTERVAL_VERSION`, that it is
+            computed with; 0 where it is not known.
     """
 
     model: str
@@ -89,8 +90,6 @@ class Cell:
         for name in _OPTIONAL:  # what does not apply leaves the key as it was without it
             if not identity[name]:
                 del identity[name]
-        if self.coverage:
-            identity["interval_version"] = INTERVAL_VERSION
         return _hash(identity)[:24]
 
     @property

@@ -280,7 +280,7 @@ def test_a_write_that_fails_leaves_what_was_there_and_no_folder_is_made_in_a_fil
 def test_a_key_is_the_same_in_every_version():
     assert CELL.key == "8a49b67bbeadb3aae6d65663"
     more = replace(CELL, model_version="2", scoring_version=2, coverage=0.9, source_sha256="x")
-    assert replace(more, condition="n = 5", rows_sha256="y").key == "8278f486e56217e021346964"
+    assert replace(more, condition="n = 5", rows_sha256="y").key == "c5cb27b173770c661093b12e"
 
 
 @pytest.mark.parametrize("status", ["failed", "skipped"])
