@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import sys
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -11,7 +12,8 @@ from annotated_types import Ge
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
-from stiff_protocols.contract.types import Interval
+from stiff_protocols.contract.types import Interval, Samples
+from stiff_protocols.scoring import metrics
 
 
 class Springs(BaseEstimator):
@@ -228,6 +230,29 @@ IgnoresSeed = finding(
 NoNumber = finding("NoNumber", lambda *_: {"diagnostics_": {"rank": "full"}})
 OverwritesOption = finding("OverwritesOption", lambda model, *_: {"scale": np.float64(model.scale)})
 
+
+class TakesLabels(Springs):
+    """Looks up the stack for samples of the poses that it is asked for."""
+
+    def predict(self, q, wrench):
+        found, frame = super().predict(q, wrench), sys._getframe()
+        while frame is not None:
+            for one in [*frame.f_locals.values()]:
+                test = getattr(one, "test", None)
+                if isinstance(test, Samples):
+                    row_of = {tuple(row): k for k, row in enumerate(test.wrench.tolist())}
+                    rows = [row_of.get(tuple(row)) for row in wrench.tolist()]
+                    return found if None in rows else test.deflection[rows].copy()
+            frame = frame.f_back
+        return found
+
+
+class ReplacesOurs(Springs):
+    def learned(self, train, validation, seed):
+        for name in ("metric_records", "metric"):
+            setattr(metrics, name, lambda *_: ())
+
+
 BROKEN = [
     (ByPosition, "the constructor takes keywords", "scale can be given without a name"),
     (Converts, "the constructor takes keywords", "raised TypeError"),
@@ -243,6 +268,8 @@ BROKEN = [
     (WrongShape, "predict returns", r"shape \(10, 2\)"),
     (NotANumber, "predict returns", "30 values that are not finite"),
     (Whole, "predict returns", "predict returned int64, expected float64"),
+    (TakesLabels, "predictions come from", "the deflections of the test rows"),
+    (ReplacesOurs, "leaves stiffbench's own", r"scoring\.metrics\.metric and 1 more"),
     (Millimetres, "predictions are in metres", "are these mm"),
     (Kilometres, "predictions are in metres", "times smaller"),
     (LooksAtTheBatch, "a row's prediction", "a row predicted alone differs by up to"),

@@ -18,7 +18,7 @@ from stiff_bench.api.process import pinned
 from stiff_bench.api.results import Results
 from stiff_bench.api.run import Run
 from stiff_bench.plan.options import Chosen
-from stiff_bench.plan.request import plan_run
+from stiff_bench.plan.request import plan_run, with_reference
 from stiff_bench.run.runner import chosen_execution
 from stiff_protocols.contract.errors import ConfigError
 
@@ -82,7 +82,7 @@ def evaluate(
     names = [choice_of("protocol", one, {}) for one in _listed(protocol)]
     folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
     plan = plan_run(
-        Chosen(asked, [one.choice for one in data], names),
+        with_reference(Chosen(asked, [one.choice for one in data], names), registry()),
         registry(),
         output=folder,
         metrics=metrics,

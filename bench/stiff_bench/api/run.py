@@ -25,7 +25,7 @@ from stiff_bench.api.results import Results
 from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask, cell_tasks
-from stiff_bench.plan.request import RunPlan, plan_run
+from stiff_bench.plan.request import RunPlan, plan_run, with_reference
 from stiff_bench.plan.words import RobotWords, choices
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import display
@@ -141,7 +141,7 @@ def run_of_words(
         robot=RobotWords(robot, urdf, tcp, tip),
     )
     plan = plan_run(
-        asked,
+        with_reference(asked, registry()),
         registry(),
         output=output,
         metrics=metrics,

@@ -69,8 +69,8 @@ if TYPE_CHECKING:
 def run(fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
     """Fit and test models; print a table per data set and protocol.
 
-    A fit is one model, trained and tested on one split. The VJM is run beside every model. Each
-    result is stored in --output at once; the same command again computes what is missing.
+    A fit is one model, trained and tested on one split. The VJM is fitted beside every model.
+    Each result is stored in --output at once; the same command again computes what is missing.
     """
     from stiff_bench.api.run import run_of_words
 

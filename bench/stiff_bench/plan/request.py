@@ -13,6 +13,7 @@ from stiff_bench.plan.options import Choice, Chosen, options_of
 from stiff_bench.plan.registry import Info, Registry
 from stiff_bench.plan.words import chosen_dataset
 from stiff_bench.store.samples import StoredData
+from stiff_models.catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -21,7 +22,7 @@ from stiff_protocols.contract.errors import (
     said_by,
 )
 from stiff_protocols.contract.interfaces import ChecksParams, NamesSources
-from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
+from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.record import Cell
 from stiff_protocols.contract.types import BenchmarkData, Robot, check_coverage
 from stiff_protocols.scoring.metrics import Metric, metric
@@ -99,6 +100,18 @@ def plan_run(
         coverage=coverage,
         sources=sources,
     )
+
+
+def with_reference(asked: Chosen, registry: Registry) -> Chosen:
+    """Return what is chosen with the reference model before the others, where it is not among them.
+
+    It belongs to deflections under a load alone.
+    """
+    info = registry.model(REFERENCE_MODEL)
+    there = REFERENCE_MODEL in (model.name for model in asked.models)
+    if there or any(dataset.info.task != STIFFNESS for dataset in asked.datasets):
+        return asked
+    return replace(asked, models=[Choice.of(info), *asked.models])
 
 
 def _different(choices: Sequence[Choice[Info]]) -> tuple[Choice[Info], ...]:

@@ -23,8 +23,11 @@ from stiff_protocols.scoring.sanity import check_prediction
 
 FEWEST_ROWS, MOST_ROWS = 10, 48
 TRAIN_SHARE, VALIDATION_SHARE = 0.6, 0.2
+SMALLEST = 1e-9  # m; far below what any instrument resolves
 LOUD = 1e3
 """Factor on labels that are to show in whatever was fitted to them."""
+OURS = ("stiff_bench", "stiff_datasets", "stiff_models", "stiff_protocols", "stiffbench")
+"""Packages whose functions no model may replace."""
 READ_ONLY = "read-only"  # in NumPy's words for a write to a frozen array
 
 Value = TypeVar("Value")
@@ -37,7 +40,9 @@ class Session:
 
     Attributes:
         make: returns a new model.
-        train, validation, test: disjoint samples of the robot.
+        train, validation, test: disjoint samples of the robot; those of `test` have deflections
+            that follow from nothing, so that whoever predicts them has found them here.
+        measured: (n, 3) m, the deflections that the test rows have.
         other: as many samples as `train`, most of them others.
         uses_validation: the model is one that chooses an epoch.
         save: writes a fitted model, or None.
@@ -75,11 +80,15 @@ class Session:
         )
         self.train = data.samples.take(rows[:n_train])
         self.validation = data.samples.take(rows[n_train : n_train + n_validation])
-        self.test = data.samples.take(rows[n_train + n_validation :])
+        test = data.samples.take(rows[n_train + n_validation :])
+        self.measured = test.deflection
+        bait = np.random.default_rng(1).normal(size=self.measured.shape)
+        self.test = replace(test, deflection=max(float(self.measured.std()), SMALLEST) * bait)
         self.other = data.samples.take(rows[-n_train:])
         self.printed = ""
         self.disturbed: set[str] = set()
         self.overwritten: set[str] = set()
+        self._ours = _our_functions()
         self._outcomes: dict[str, Any] = {}
 
     def new(self) -> StiffnessModel:
@@ -131,6 +140,18 @@ class Session:
         _ = self.prediction_elsewhere
         self._fit(self.fitted_elsewhere, self.train, self._own_validation)
         return self.predict_test(self.fitted_elsewhere)
+
+    def mended(self) -> list[str]:
+        """Return our functions and classes that the model put others in the place of.
+
+        They are put back.
+        """
+        found = []
+        for (module, name), ours in self._ours.items():
+            if vars(sys.modules[module]).get(name) is not ours:
+                found.append(f"{module}.{name}")
+                setattr(sys.modules[module], name, ours)
+        return found
 
     def predict_test(self, model: StiffnessModel) -> FloatArray:
         """Return the checked (n, 3) prediction [m] of the test rows."""
@@ -224,6 +245,17 @@ def _loud(samples: Samples) -> Samples:
 def options(model: StiffnessModel) -> dict[str, str]:
     """Return the repr of each option."""
     return {name: repr(value) for name, value in model.get_params(deep=False).items()}
+
+
+def _our_functions() -> dict[tuple[str, str], object]:
+    """Return the functions and classes that our modules use, by module and name."""
+    return {
+        (module, name): value
+        for module, content in list(sys.modules.items())
+        if module.partition(".")[0] in OURS
+        for name, value in list(vars(content).items())
+        if callable(value)
+    }
 
 
 def _random_states() -> dict[str, object]:

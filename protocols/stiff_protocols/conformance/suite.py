@@ -20,7 +20,7 @@ from sklearn.base import clone
 from sklearn.exceptions import NotFittedError as SklearnNotFittedError
 
 from stiff_protocols.conformance.checklist import Check, Checklist, Failed, NotApplicable
-from stiff_protocols.conformance.session import LOUD, Session, options
+from stiff_protocols.conformance.session import LOUD, SMALLEST, Session, options
 from stiff_protocols.contract.errors import NotFittedError, NotSavable
 from stiff_protocols.contract.interfaces import (
     PredictsInterval,
@@ -35,7 +35,8 @@ __all__ = ["Check", "check_model"]
 
 ROUNDING = 1e-5
 """Share of the largest prediction by which single precision may change with the batch size."""
-SMALLEST = 1e-9  # m; far below what any instrument resolves
+NEAR_BAIT = 0.5
+"""So near, as a share of their size, no model comes to deflections that follow from nothing."""
 GROWN = 10.0
 """So many times the size, and large labels have been learned from."""
 COVERAGES = (0.5, 0.95)
@@ -175,6 +176,19 @@ def _predicts(session: Session) -> str:
     if predicted.dtype.kind != "f":
         raise Failed(f"predict returned {predicted.dtype}, expected float64")
     return f"{len(session.test)} rows"
+
+
+@_MODEL.asks(
+    "predictions come from what the model was given",
+    "predict from q, wrench and what fit has learned; a run holds test deflections elsewhere",
+)
+def _takes_no_label(session: Session) -> None:
+    """Compare with the deflections that lie about in this process."""
+    predicted, bait = session.prediction, session.test.deflection
+    found = _size(predicted - bait) < NEAR_BAIT * _size(bait)
+    measured = session.measured
+    if found or (measured.any() and np.array_equal(predicted, measured)):
+        raise Failed("predict returns the deflections of the test rows, which it was not given")
 
 
 @_MODEL.asks("predictions are in metres", "train.deflection is in m; predict the same unit")
@@ -375,6 +389,15 @@ def _leaves_random_state(session: Session) -> None:
     _ = session.prediction
     if session.disturbed:
         raise Failed(f"changes the global random state of {', '.join(sorted(session.disturbed))}")
+
+
+@_MODEL.asks(
+    "leaves stiffbench's own functions alone", "inherit from a class of ours, or wrap its function"
+)
+def _leaves_our_functions(session: Session) -> None:
+    _ = session.prediction
+    if names := sorted(session.mended()):
+        raise Failed(f"replaces {names[0]}" + (f" and {len(names) - 1} more" * (len(names) > 1)))
 
 
 def _same(what: str, first: FloatArray, second: FloatArray) -> None:

@@ -127,13 +127,13 @@ def test_a_worker_that_is_killed_costs_no_result(tmp_path):
         a_cluster(tmp_path) as cluster,
         started(*run, "--dask", cluster.address, "--output", "out", cwd=tmp_path) as command,
     ):
-        for stored in (2, 5):
+        for stored in (4, 10):
             wait_until(lambda stored=stored: n_stored(tmp_path / "out") >= stored)
             cluster.worker_processes()[0].kill()
         _, said = command.communicate(timeout=200)
     assert command.returncode == 0, said
-    assert "bench: 10 ok; " in said
-    assert len(predictions(tmp_path / "out")) == 10
+    assert "bench: 20 ok; " in said  # with the reference model
+    assert len(predictions(tmp_path / "out")) == 20
 
 
 @pytest.mark.slow
@@ -143,7 +143,7 @@ def test_a_cell_that_kills_every_worker_it_meets_costs_that_cell_alone(tmp_path)
     with a_cluster(tmp_path) as cluster:
         done = bench(*run, "--dask", cluster.address, "--output", "out", cwd=tmp_path)
     assert done.returncode == 1
-    assert "bench: 2 ok, 2 failed (killed its workers); " in done.stderr
+    assert "bench: 4 ok, 2 failed (killed its workers); " in done.stderr
     results = list(read_results(tmp_path / "out"))
     good = [one for one in results if one.cell.model == "Good"]
     bad = [one for one in results if one.cell.model == "KillsWorkers"]
@@ -184,7 +184,7 @@ def test_a_run_whose_scheduler_goes_ends_and_the_same_command_computes_the_rest(
     with a_cluster(tmp_path) as cluster:
         words = [*run, "--dask", cluster.address, "--output", "out"]
         with started(*words, cwd=tmp_path) as command:
-            wait_until(lambda: n_stored(tmp_path / "out") >= 3)
+            wait_until(lambda: n_stored(tmp_path / "out") >= 6)
             kill_family(cluster.scheduler.pid)
             _, said = command.communicate(timeout=100)
         assert command.returncode == 2
@@ -194,8 +194,8 @@ def test_a_run_whose_scheduler_goes_ends_and_the_same_command_computes_the_rest(
         cluster.start()
         done = bench(*words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert f"bench: {8 - stored} ok, {stored} cached; " in done.stderr
-    assert len(predictions(tmp_path / "out")) == 8
+    assert f"bench: {16 - stored} ok, {stored} cached; " in done.stderr
+    assert len(predictions(tmp_path / "out")) == 16
 
 
 @pytest.mark.slow
@@ -272,7 +272,7 @@ def test_the_lines_of_the_docs_start_a_cluster_of_slurm_and_run_on_it(tmp_path):
         timeout=200,
     )
     assert done.returncode == 0, done.stderr
-    assert "bench: 2 ok; " in done.stderr
+    assert "bench: 4 ok; " in done.stderr
     for words in ("-p cpu", "-A robotics", "-t 08:00:00", "--mem=8G"):
         assert f"#SBATCH {words}" in done.stdout.splitlines()
     assert "-m distributed.cli.dask_worker tcp://" in done.stdout and "--nthreads 1" in done.stdout
@@ -298,5 +298,5 @@ def test_limits_hold_beside_a_worker(tmp_path):
     limits = ["--timeout", "8", "--memory", "500MiB", "--dask", "local:2", "--output", "out"]
     done = bench(*words, *limits, cwd=tmp_path)
     assert done.returncode == 1
-    assert "bench: 1 ok, 1 timed out, 1 out of memory; " in done.stderr
+    assert "bench: 2 ok, 1 timed out, 1 out of memory; " in done.stderr
     assert [path.name for path in (tmp_path / "out").iterdir()] == [FILE]

@@ -32,9 +32,10 @@ from stiff_bench.store.database import (
 )
 
 PLUGIN = Path(hostile_models.__file__)
-N_CELLS = 20
+N_SPLITS = 20
+N_CELLS = 2 * N_SPLITS  # with the reference model
 SLOW_RUN = ["run", "--plugin", str(PLUGIN), "--model", "Good@seconds=0.05"]
-SLOW_RUN += ["--splits", str(N_CELLS)]
+SLOW_RUN += ["--splits", str(N_SPLITS)]
 RERUN = {name: Execution(rerun=name) for name in ("missing", "failed", "all")}
 
 
@@ -164,15 +165,15 @@ def test_failures_stay_until_they_are_asked_for_again(tmp_path):
     words = ["run", "--plugin", str(plugin), "--model", "Good", "--model", "knn", "--splits", "2"]
     words += ["--no-isolate", "--output", "out"]
     first = bench_here(*words, cwd=tmp_path)
-    assert first.returncode == 1 and summary_of(first.stderr) == "2 ok, 2 failed (OSError)"
+    assert first.returncode == 1 and summary_of(first.stderr) == "4 ok, 2 failed (OSError)"
     flag.touch()
     second = bench_here(*words, cwd=tmp_path)
     assert second.returncode == 1
-    assert summary_of(second.stderr) == "0 ok, 2 failed (OSError), 2 cached"
+    assert summary_of(second.stderr) == "0 ok, 2 failed (OSError), 4 cached"
     assert "2 of the failures are of earlier runs; --rerun failed computes them" in second.stderr
     assert "Good: FAILED (2 of 2 splits): OSError: no licence today" in second.stdout
     third = bench_here(*words, "--rerun", "failed", cwd=tmp_path)
-    assert third.returncode == 0 and summary_of(third.stderr) == "2 ok, 2 cached"
+    assert third.returncode == 0 and summary_of(third.stderr) == "2 ok, 4 cached"
     assert set(stored_statuses(tmp_path / "out").values()) == {"ok"}
 
 
@@ -195,7 +196,7 @@ def test_a_disk_that_is_full_stops_the_run_and_what_was_stored_stays(tmp_path):
     n_there = n_stored(tmp_path / "out")
     after = bench_here(*words, "40", cwd=tmp_path)
     assert after.returncode == 0
-    assert summary_of(after.stderr) == f"{40 - n_there} ok, {n_there} cached"
+    assert summary_of(after.stderr) == f"{80 - n_there} ok, {n_there} cached"
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +215,7 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     tmp_path, reference, number
 ):
     words = [*SLOW_RUN, "--jobs", "2", "--output", "out"]
-    n_before = random.Random(number).randrange(1, N_CELLS // 2)
+    n_before = random.Random(number).randrange(1, N_SPLITS)
     with started(*words, cwd=tmp_path) as command:
         wait_until(lambda: n_stored(tmp_path / "out") >= n_before)
         command.send_signal(number)
