@@ -1,10 +1,12 @@
 """Do 90 % intervals hold between the measured poses, and under other loads?
 
-`python tests/coverage_between_poses.py` prints the table of docs/models.md (a quarter of an hour).
+`python tests/coverage_between_poses.py` prints the table of docs/models.md (a quarter of an hour),
+`python tests/coverage_between_poses.py planned` that of twins measured by `bench data plan`.
 """
 
 from __future__ import annotations
 
+import sys
 import warnings
 from dataclasses import dataclass
 from typing import Literal
@@ -13,13 +15,20 @@ import numpy as np
 from tabulate import tabulate
 
 import stiffbench as sb
+from stiff_bench.analysis.pose_plans import PlanOptions, first_plan
+from stiff_bench.plan.words import held_data
+from stiff_datasets.twin.constants import shipped_constants
+from stiff_datasets.twin.twin import TwinExperiment
 from stiff_protocols.contract.training_range import TrainingRange
-from stiff_protocols.contract.types import FloatArray, Samples
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
 
 DATASETS = ("kr10-twin", "arm-family@robot=0", "arm-family@robot=4")
 MODELS = ("vjm", "gp", "vjm-gp", "deep-ensemble")
 Loads = Literal["measured", "any direction"]
 LOADS: tuple[Loads, ...] = ("measured", "any direction")
+TWINS, PLANNED = ("kr10_r1100_2", "gp12", "ur5"), (30, 60, 120)
+PLANNED_MODELS = ("vjm", "vjm-full", "gp", "vjm-gp")
+CANDIDATES, CLEARANCE = 2000, 0.2
 ASKED, COVERAGE, NOISE_MM = 500, 0.9, 0.014
 """Random poses; nominal coverage of an axis; noise of a tracker's deflection."""
 
@@ -91,13 +100,38 @@ def rows(name: str, key: str) -> list[list[str]]:
     return table_rows
 
 
+def planned(twin: str, n_poses: int) -> sb.Dataset:
+    """Return a twin's data set at the poses that `bench data plan` chooses for its robot."""
+    constants = shipped_constants(twin)
+    robot = constants.robot()
+    how = PlanOptions(n_poses, None, CANDIDATES, constants.payload_kg, CLEARANCE, 0)
+    plan = first_plan(robot, None, how).plan
+    experiment = TwinExperiment(constants, loads="omni", specimen=0, seed=0)
+    q = experiment.logged_q(plan)
+    samples = experiment.recorded(plan, plan.wrench, experiment.twin.readings(q, plan.wrench))
+    data = BenchmarkData(samples, robot, under_load=experiment.twin.readings)
+    return sb.Dataset(held_data(data, f"{twin}, {n_poses} poses"))
+
+
+def planned_rows(twin: str, n_poses: int) -> list[str]:
+    dataset, texts = planned(twin, n_poses), []
+    for key in PLANNED_MODELS:
+        shares = held(dataset, sb.make_model(key).fit(dataset), "measured")
+        texts.append(f"{100 * np.mean(shares.near):.0f} ({axes(shares.near)})")
+    return [f"`{twin}`", str(n_poses), *texts]
+
+
 def axes(share: FloatArray) -> str:
     return ", ".join(f"{100 * part:.0f}" for part in share)
 
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    header = ["data", "model", "loads", "marked"]
-    header += ["inside, not widened [%]", "inside [%]", "inside where marked [%]"]
-    table = [row for name in DATASETS for key in MODELS for row in rows(name, key)]
+    if sys.argv[1:] == ["planned"]:
+        header = ["twin", "poses", *(f"`{key}`" for key in PLANNED_MODELS)]
+        table = [planned_rows(twin, n_poses) for twin in TWINS for n_poses in PLANNED]
+    else:
+        header = ["data", "model", "loads", "marked"]
+        header += ["inside, not widened [%]", "inside [%]", "inside where marked [%]"]
+        table = [row for name in DATASETS for key in MODELS for row in rows(name, key)]
     print(tabulate(table, header, tablefmt="github", disable_numparse=True))

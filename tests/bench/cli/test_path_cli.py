@@ -479,6 +479,7 @@ def compensate_on(track, path, *words):
     return ["path", "compensate", *words]
 
 
+@pytest.mark.slow
 def test_a_track_is_held_along_a_path_that_lies_before_it(track, tmp_path):
     where = 3000.0
     hold = ("--hold", f"to_cart={where}")

@@ -138,6 +138,7 @@ def test_no_test_pose_or_load_shapes_the_pre_training_that_splits_share(
     assert "source test MAE [mm]" in found[0] and found[0] == found[1]
 
 
+@pytest.mark.slow
 def test_an_ensemble_that_chooses_no_epoch_takes_nothing_from_the_papers_test_rows(tasks):
     task = tasks("deep-ensemble", "paper-holdout")[0]
     assert_the_same(
@@ -145,6 +146,7 @@ def test_an_ensemble_that_chooses_no_epoch_takes_nothing_from_the_papers_test_ro
     )
 
 
+@pytest.mark.slow
 def test_an_ensembles_noise_is_not_that_of_the_papers_test_rows_that_choose_its_epoch(tasks):
     task = tasks("deep-ensemble", "paper-holdout")[0]
     options = SMALL_ENSEMBLE | {"training": "best"}

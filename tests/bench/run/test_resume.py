@@ -135,6 +135,7 @@ def test_a_damaged_row_is_named_and_computed_again(run, tmp_path):
     assert bytes_of_results(tmp_path) == whole
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("table", "summary"),
     [("data", "0 ok, 6 cached"), ("value", "6 ok")],  # the values of six cells share a page

@@ -174,6 +174,7 @@ def test_damaged_rows_are_named_left_out_and_taken_from_who_has_them_whole(tmp_p
     read_data(tmp_path / "c", cells[0].data_sha256)
 
 
+@pytest.mark.slow
 def test_of_a_torn_file_the_readable_cells_are_taken(two, tmp_path):
     expected = contents(two[0]) | contents(two[1])
     tear(two[0], "run")

@@ -296,6 +296,7 @@ def test_the_newest_record_of_a_cell_counts_but_no_failure_replaces_a_result(tmp
     assert only(tmp_path).records == result().records
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("table", ["cell", "value", "run", "data"])
 def test_of_a_torn_file_the_readable_rows_are_kept_and_the_others_named(tmp_path, table, fanuc):
     keys = many(tmp_path)

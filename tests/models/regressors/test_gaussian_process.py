@@ -153,7 +153,10 @@ def test_no_noise_lies_below_that_of_the_instrument(noise_mm, parts):
     assert min(model.diagnostics_.values()) >= 0.999 * noise_mm
 
 
-@pytest.mark.parametrize("family", [GaussianProcessModel, VjmGp, MultiFidelityGp])
+@pytest.mark.parametrize(
+    "family",
+    [GaussianProcessModel, VjmGp, pytest.param(MultiFidelityGp, marks=pytest.mark.slow)],
+)
 def test_the_noise_that_the_data_card_states_is_the_instruments(family, parts):
     robot, train, _, _ = parts
     few = train.take(np.arange(12))
