@@ -11,6 +11,7 @@ import faulthandler
 import os
 import pickle
 import resource
+import shutil
 import signal
 import sys
 import tempfile
@@ -183,6 +184,7 @@ def watch_over_fits(channels: Channels, scratch: Path, threads: int) -> NoReturn
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         _end_all_below()
+        shutil.rmtree(scratch, ignore_errors=True)
     if status < 0:
         with suppress(OSError):  # of SIGKILL there is no other
             signal.signal(-status, signal.SIG_DFL)

@@ -122,7 +122,7 @@ def chosen_execution(
         return DaskCluster(words=dask, limits=limits, output=plan.output, **how)
     if strangers and not isolated:
         names = ", ".join(sorted(strangers))
-        say(f"warning: {names}: in the run's own process, which holds the test labels")
+        say(f"warning: {names}: in the run's own process, where a model could read test labels")
     if isolated:
         return LocalProcesses(at_once=jobs, limits=limits, strangers=strangers, **how)
     return Execution(**how)
