@@ -269,7 +269,7 @@ BROKEN = [
     (NotANumber, "predict returns", "30 values that are not finite"),
     (Whole, "predict returns", "predict returned int64, expected float64"),
     (TakesLabels, "predictions come from", "the deflections of the test rows"),
-    (ReplacesOurs, "leaves stiffbench's own", r"scoring\.metrics\.metric and 1 more"),
+    (ReplacesOurs, "keeps stiffbench's own", r"scoring\.metrics\.metric and 1 more"),
     (Millimetres, "predictions are in metres", "are these mm"),
     (Kilometres, "predictions are in metres", "times smaller"),
     (LooksAtTheBatch, "a row's prediction", "a row predicted alone differs by up to"),

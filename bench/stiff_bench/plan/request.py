@@ -105,7 +105,7 @@ def plan_run(
 def with_reference(asked: Chosen, registry: Registry) -> Chosen:
     """Return what is chosen with the reference model before the others, where it is not among them.
 
-    It belongs to deflections under a load alone.
+    It belongs to deflections under a load.
     """
     info = registry.model(REFERENCE_MODEL)
     there = REFERENCE_MODEL in (model.name for model in asked.models)

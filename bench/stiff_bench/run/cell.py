@@ -136,8 +136,8 @@ def _check(fitted: Fitted, given: FitTask) -> None:
             raise ModelError(f"the fit sent commands of shape {commands.shape}, or no finite ones")
     if fitted.interval is not None:
         if given.coverage is None or len(fitted.interval.lower) != n:
-            found = len(fitted.interval.lower)
-            raise ModelError(f"the fit sent {found} intervals for {n} predictions")
+            n_sent = len(fitted.interval.lower)
+            raise ModelError(f"the fit sent {n_sent} intervals for {n} predictions")
         if fitted.interval.coverage != given.coverage:
             raise ModelError(f"the fit sent intervals of coverage {fitted.interval.coverage:g}")
         if fitted.commands is not None:

@@ -1,4 +1,4 @@
-"""What happens in the processes of an isolated fit: one that computes, one that watches over it.
+"""The two processes of an isolated fit: one computes, one watches over it.
 
 The watching process never runs a model's code. All that the computing process starts stays below
 it, in whatever session or group (Linux: it is their subreaper, prctl(2)), and is ended with it.
@@ -11,6 +11,7 @@ import faulthandler
 import os
 import pickle
 import resource
+import shutil
 import signal
 import sys
 import tempfile
@@ -67,7 +68,7 @@ class Work:
     """A fit on its way to a process, perhaps on another machine.
 
     Attributes:
-        task: the pickled `FitTask`; read in the computing process alone, since that may need the
+        task: the pickled `FitTask`; read in the computing process, since that may need the
             code of a plugin.
         model_version: that the model had when the run began.
         plugins: files to be imported first.
@@ -102,9 +103,9 @@ class Descriptor:
 
 
 def _handed_on(kind: type[Descriptor], handed: Any) -> Descriptor:
-    found = object.__new__(kind)
-    found.number = handed.detach()
-    return found
+    descriptor = object.__new__(kind)
+    descriptor.number = handed.detach()
+    return descriptor
 
 
 class SharedFile(Descriptor):
@@ -124,14 +125,14 @@ class SharedFile(Descriptor):
         return os.fstat(self.number).st_size
 
     def write(self, content: bytes) -> None:
-        """Have it hold this alone."""
+        """Replace what it holds."""
         os.ftruncate(self.number, 0)
         done = 0
         while done < len(content):
             done += os.pwrite(self.number, content[done : done + 2**30], done)
 
     def read(self, most: int, start: int = 0) -> bytes:
-        """Return what it holds from `start` on, at most so many bytes."""
+        """Return what it holds from `start` on, at most `most` bytes."""
         parts = []
         while most > 0 and (part := os.pread(self.number, min(most, 2**24), start)):
             parts.append(part)
@@ -141,14 +142,15 @@ class SharedFile(Descriptor):
 
 @dataclass(frozen=True)
 class Channels:
-    """What the run's process and a computing one share.
+    """Files and pipes that the run's process and a computing one share.
 
     Attributes:
         work: a pickled `Work`.
         outcome: the text of what became of it.
         progress: the newest report, as JSON.
         log: what is printed.
-        go, said: ends of pipes, on which a byte asks for the work, and `BEGUN` and `DONE` answer.
+        go: end of a pipe on which a byte asks for the work.
+        answers: end of a pipe on which `BEGUN` and `DONE` come back.
     """
 
     work: SharedFile
@@ -156,7 +158,7 @@ class Channels:
     progress: SharedFile
     log: SharedFile
     go: Descriptor
-    said: Descriptor
+    answers: Descriptor
 
 
 def watch_over_fits(channels: Channels, scratch: Path, threads: int) -> NoReturn:
@@ -182,6 +184,7 @@ def watch_over_fits(channels: Channels, scratch: Path, threads: int) -> NoReturn
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         _end_all_below()
+        shutil.rmtree(scratch, ignore_errors=True)
     if status < 0:
         with suppress(OSError):  # of SIGKILL there is no other
             signal.signal(-status, signal.SIG_DFL)
@@ -212,19 +215,19 @@ def _status_of(pid: int) -> int:
     parent = parent_process()
     assert parent is not None
     while True:
-        found, status = os.waitpid(-1, os.WNOHANG)  # orphans, too
-        if found == pid:
+        ended, status = os.waitpid(-1, os.WNOHANG)  # orphans, too
+        if ended == pid:
             return os.waitstatus_to_exitcode(status)
-        if not found and connection.wait([parent.sentinel], SECONDS_BETWEEN_LOOKS):
+        if not ended and connection.wait([parent.sentinel], SECONDS_BETWEEN_LOOKS):
             raise _Stopped
 
 
 def _end_all_below() -> None:
     """Kill every process below this one, also those that are started meanwhile."""
     while True:
-        for one in psutil.Process().children(recursive=True):
+        for process in psutil.Process().children(recursive=True):
             with suppress(psutil.Error):
-                one.kill()
+                process.kill()
         try:
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
@@ -249,10 +252,10 @@ def _compute_fits(channels: Channels, scratch: Path, threads: int) -> NoReturn:
         if os.environ.get("OMP_NUM_THREADS") != str(threads):  # else the server began with it
             pin_threads(threads)
         while os.read(channels.go.number, 1):
-            os.write(channels.said.number, BEGUN)
+            os.write(channels.answers.number, BEGUN)
             channels.outcome.write(outcome_text(_outcome(channels)))
             sys.stdout.flush()
-            os.write(channels.said.number, DONE)
+            os.write(channels.answers.number, DONE)
         status = 0
     except BaseException:
         sys.excepthook(*sys.exc_info())

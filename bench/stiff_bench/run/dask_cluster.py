@@ -147,8 +147,8 @@ class DaskCluster(Execution):
         error = future.exception()
         if isinstance(error, KilledWorker):
             n_workers = error.allowed_failures + 1
-            said = f"{n_workers} workers ended while they computed it"
-            return FitOutcome(failure=said, cause="killed its workers")
+            reason = f"{n_workers} workers ended while they computed it"
+            return FitOutcome(failure=reason, cause="killed its workers")
         raise ConfigError(
             f"{self._said}: a worker cannot run this stiffbench: {type(error).__name__}: {error}; "
             f"stop it, and {GOES_ON}"
@@ -167,14 +167,14 @@ def _undisturbed() -> Iterator[None]:
         return
     came: list[int] = []
     before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    said = os.dup(2)
+    stderr = os.dup(2)
     try:
         with open(os.devnull, "wb") as nowhere:
             os.dup2(nowhere.fileno(), 2)
         yield
     finally:
-        os.dup2(said, 2)
-        os.close(said)
+        os.dup2(stderr, 2)
+        os.close(stderr)
         signal.signal(signal.SIGINT, before)
         if came:
             os.kill(os.getpid(), signal.SIGINT)
@@ -204,8 +204,8 @@ def compute_beside_worker(work: Work, code: str) -> tuple[str, dict[str, str], F
     multiprocessing.current_process().daemon = False  # one may not have children; ours end with it
     key = worker.get_current_task()
 
-    def wanted() -> bool:
+    def is_wanted() -> bool:
         task = worker.state.tasks.get(key)
         return task is not None and task.state != "cancelled"
 
-    return worker.address, _environment(), compute_isolated(work, wanted)
+    return worker.address, _environment(), compute_isolated(work, is_wanted)

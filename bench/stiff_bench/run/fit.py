@@ -71,8 +71,8 @@ class FitTask:
         seed: of the model.
         coverage: nominal coverage of its intervals; None: there are none.
         source: data of another robot or specimen that it may learn from; None: there are none.
-        paths: the protocol that corrects tool paths with its predictions, where one does. It is
-            made anew for the fit: what another object remembers of the data is not the model's.
+        paths: the protocol that corrects tool paths with its predictions, where one does. A new
+            object serves the fit: what an older one remembers of the data is not for the model.
     """
 
     model: Choice[ModelInfo]
@@ -100,15 +100,15 @@ class FitTask:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """What a fitted model said.
+    """The answers of a fitted model.
 
     Attributes:
         predicted: (n, 3) m, of the rows it was asked for.
         of_training: (k, 3) m, of `FitTask.rows_for_units`.
         cost: of the fit and the predictions.
-        interval: of the rows, or of the commands; None where there are none.
-        commands: (n, n_joints) rad or m, corrected with its predictions; None but for tool paths.
-        at_commands: (n, 3) m, predicted at the commands; None where there are no intervals.
+        interval: of the rows, or of the commands; None without any.
+        commands: (n, n_joints) rad or m, corrected with its predictions; None without tool paths.
+        at_commands: (n, 3) m, predicted at the commands; None without intervals.
         calibration_samples: that split-conformal intervals come from; else 0.
         diagnostics, chosen, curves: as in `CellResult`.
     """
@@ -127,7 +127,7 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class FitOutcome:
-    """What became of a fit.
+    """The end of a fit: answers, or why there are none.
 
     Attributes:
         fitted: None where it failed, or the model cannot be used on this machine.
@@ -135,7 +135,7 @@ class FitOutcome:
         cause: of a failure, in a word or two that count it: "SIGKILL", "timed out"; else "".
         warnings: what was warned of.
         log: the last lines that a failed fit's own process printed.
-        innocent: perhaps another fit has killed the server of all processes.
+        can_be_retried: perhaps another fit has killed the server of all processes.
     """
 
     fitted: Fitted | None = None
@@ -143,34 +143,34 @@ class FitOutcome:
     cause: str = ""
     warnings: tuple[str, ...] = ()
     log: tuple[str, ...] = ()
-    innocent: bool = False
+    can_be_retried: bool = False
 
 
 def fit_and_predict(task: FitTask) -> FitOutcome:
     """Fit a model and ask it for predictions; what goes wrong in it becomes a failure."""
     _seed_global_numbers(task.seed)
     with printing_to_stderr():
-        found, failure, cause, warned = attempted(lambda: task.model.missing() or _fitted(task))
-    if isinstance(found, Fitted):
-        return FitOutcome(found, warnings=warned)
-    return FitOutcome(failure=found or failure, cause=cause, warnings=warned)
+        result, failure, cause, warned = attempted(lambda: task.model.missing() or _fitted(task))
+    if isinstance(result, Fitted):
+        return FitOutcome(result, warnings=warned)
+    return FitOutcome(failure=result or failure, cause=cause, warnings=warned)
 
 
 def attempted(work: Callable[[], _Found]) -> tuple[_Found | None, str, str, tuple[str, ...]]:
     """Return what work that may fail returns, why it failed, the cause, and its warnings."""
-    found, failure, cause = None, "", ""
+    result, failure, cause = None, "", ""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         warnings.simplefilter("ignore", DeprecationWarning)
         try:
-            found = work()
+            result = work()
         except StiffBenchError as error:
             failure, cause = short(str(error)), type(error).__name__
         except (Exception, SystemExit) as error:  # a plugin's costs that cell alone
             where = traceback.extract_tb(error.__traceback__)[-1]
             failure = f"{short(said_by(error))} ({where.filename}:{where.lineno})"
             cause = type(error).__name__
-    return found, failure, cause, unrepeated(str(warning.message) for warning in caught)
+    return result, failure, cause, unrepeated(str(warning.message) for warning in caught)
 
 
 def unrepeated(messages: Iterable[str]) -> tuple[str, ...]:
@@ -202,17 +202,17 @@ def _fitted(task: FitTask) -> Fitted:
     memory_bytes = memory.rise()
     check_prediction(predicted, len(q))
     predict = _checked(model)
-    some = task.train.take(task.rows_for_units)
-    of_training = predict(some.q, some.wrench)
+    training = task.train.take(task.rows_for_units)
+    of_training = predict(training.q, training.wrench)
     diagnostics = model.diagnostics_ if isinstance(model, ReportsDiagnostics) else {}
     diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
     chosen = model.best_params_ if isinstance(model, ChoosesOptions) else {}
     intervals = _interval_source(task, model)
     commands = commands_of(task.paths, predict, task.robot, q, wrench)
-    asked = q if commands is None else commands
+    at = q if commands is None else commands
     interval = at_commands = None
     if intervals is not None and task.coverage is not None:
-        interval = intervals.predict_interval(asked, wrench, task.coverage)
+        interval = intervals.predict_interval(at, wrench, task.coverage)
         if not isinstance(interval, Interval):
             wrong = type(interval).__name__
             raise ModelError(f"predict_interval returned {wrong}, expected Interval")
@@ -293,14 +293,14 @@ def _interval_source(task: FitTask, model: StiffnessModel) -> PredictsInterval |
         try:
             conformal.fit(task.train, robot=task.robot, validation=task.validation, seed=task.seed)
         except TooFewToCalibrate as error:
-            found, messages = None, [f"no intervals: {error}"]
+            source, messages = None, [f"no intervals: {error}"]
         else:  # it learned from fewer rows
-            found, messages = conformal, [f"fit for the intervals: {w.message}" for w in caught]
+            source, messages = conformal, [f"fit for the intervals: {w.message}" for w in caught]
     for message in dict.fromkeys(messages):
         warnings.warn(message, StiffBenchWarning, stacklevel=1)
-    return found
+    return source
 
 
 def _spread_rows(n_rows: int, most: int) -> IntArray:
-    """Return at most so many row numbers, the first and the last among them."""
+    """Return at most `most` row numbers, the first and the last among them."""
     return np.linspace(0, n_rows - 1, min(n_rows, most)).round().astype(np.int64)

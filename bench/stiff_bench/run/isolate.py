@@ -1,7 +1,7 @@
 """Computes fits in other processes, whatever may become of those.
 
 The processes are forked from multiprocessing's server, which has imported what they need and never
-runs a model's code. A model of ours gets one that others had before it; a stranger's gets its own.
+runs a model's code. A built-in model gets one that others had before it; a plugin's gets its own.
 What they send is text and bytes, never objects: reading those would run code of the sender's.
 """
 
@@ -69,14 +69,14 @@ _SERVER_GONE = 255
 def work_of(task: CellTask, limits: Limits, *, fresh: bool) -> Work:
     """Return what is sent to the process that computes the fit of a cell."""
     model_info(REFERENCE_MODEL).load()
-    known = list(sys.modules)  # another thread may import meanwhile
-    ours = sorted(name for name in known if name.startswith("stiff_models."))
+    loaded = list(sys.modules)  # another thread may import meanwhile
+    ours = sorted(name for name in loaded if name.startswith("stiff_models."))
     given = fit_task(task)
     return Work(
         task=pickle.dumps(given),
         model_version=task.cell.model_version,
         plugins=plugin_files(),
-        imports=(__name__, *(("torch",) if "torch" in known else ()), *ours),
+        imports=(__name__, *(("torch",) if "torch" in loaded else ()), *ours),
         limits=limits,
         fresh=fresh,
         most_bytes=most_bytes(given),
@@ -84,7 +84,7 @@ def work_of(task: CellTask, limits: Limits, *, fresh: bool) -> Work:
 
 
 class FitProcess:
-    """Where one fit at a time is computed."""
+    """A process that computes one fit at a time."""
 
     def __init__(self) -> None:
         """Start nothing yet."""
@@ -98,8 +98,10 @@ class FitProcess:
             self._work = make()
             self._start()
         except Exception as error:  # no process could be started
-            said = f"no process could be started: {said_by(error)}"
-            self._outcome = FitOutcome(failure=said, cause=type(error).__name__, innocent=True)
+            reason = f"no process could be started: {said_by(error)}"
+            self._outcome = FitOutcome(
+                failure=reason, cause=type(error).__name__, can_be_retried=True
+            )
 
     def _start(self) -> None:
         work, process = self._work, self._process
@@ -111,7 +113,7 @@ class FitProcess:
         for file in (files.outcome, files.progress, files.log):
             file.write(b"")
         files.work.write(pickle.dumps(work))
-        self._begun, self._heard = False, b""
+        self._begun, self._last_report = False, b""
         self._began = self._looked = time.monotonic()
         with suppress(BrokenPipeError):  # it has just ended, which is seen below
             os.write(self._go, b".")
@@ -123,15 +125,15 @@ class FitProcess:
         context.set_forkserver_preload(list(self._work.imports))
         self._used, self._listens = False, True
         self._scratch = Path(tempfile.mkdtemp(prefix="bench-"))
-        (go, self._go), (self._said, said) = os.pipe(), os.pipe()
-        os.set_blocking(self._said, False)
+        (go, self._go), (self._answers, answers) = os.pipe(), os.pipe()
+        os.set_blocking(self._answers, False)
         self._channels = Channels(
             work=SharedFile(),
             outcome=SharedFile(),
             progress=SharedFile(),
             log=SharedFile(),
             go=Descriptor(go),
-            said=Descriptor(said),
+            answers=Descriptor(answers),
         )
         log = self._channels.log.number
         fcntl.fcntl(log, fcntl.F_SETFL, fcntl.fcntl(log, fcntl.F_GETFL) | os.O_APPEND)
@@ -141,23 +143,23 @@ class FitProcess:
             self._process.start()
         finally:
             self._channels.go.close()
-            self._channels.said.close()
+            self._channels.answers.close()
 
     @property
     def signs(self) -> list[int]:
-        """What is readable where there may be an outcome."""
+        """Descriptors that are readable as soon as there may be an outcome."""
         if self._outcome is not None or self._process is None:
             return []
-        return [self._process.sentinel, *([self._said] if self._listens else [])]
+        return [self._process.sentinel, *([self._answers] if self._listens else [])]
 
-    def outcome(self, heard: Callable[[Progress], None] = lambda _: None) -> FitOutcome | None:
-        """Return what became of the fit, None while it is computed and is `heard`."""
-        found = self._outcome or self._found(heard)
-        if found is not None and (found.fitted is None or self._work.fresh):
+    def outcome(self, listener: Callable[[Progress], None] = lambda _: None) -> FitOutcome | None:
+        """Return what became of the fit, None while it is computed, which `listener` is told of."""
+        outcome = self._outcome or self._result(listener)
+        if outcome is not None and (outcome.fitted is None or self._work.fresh):
             self.end()
-        return found
+        return outcome
 
-    def _found(self, heard: Callable[[Progress], None]) -> FitOutcome | None:
+    def _result(self, listener: Callable[[Progress], None]) -> FitOutcome | None:
         process = self._process
         assert process is not None
         exit_code = process.exitcode  # before what it said last
@@ -168,35 +170,35 @@ class FitProcess:
                 self.begin(lambda: self._work)
                 return self._outcome
             return self._ended(exit_code)
-        return self._looked_at(process, heard)
+        return self._looked_at(process, listener)
 
     def _is_done(self) -> bool:
-        said = b""
+        answer = b""
         with suppress(BlockingIOError):
-            said = os.read(self._said, 2**10)
-            self._listens = bool(said)
-        if BEGUN in said:
+            answer = os.read(self._answers, 2**10)
+            self._listens = bool(answer)
+        if BEGUN in answer:
             self._begun, self._began = True, time.monotonic()
-        return DONE in said
+        return DONE in answer
 
     def _read(self) -> FitOutcome:
         file, most = self._channels.outcome, self._work.most_bytes
         try:
             if file.size > most:
                 raise DataError(f"its process sent {file.size} bytes, more than {most}")
-            found = read_outcome(file.read(most))
+            outcome = read_outcome(file.read(most))
         except DataError as error:
             return self._failed(NO_OUTCOME, str(error))
-        return found if found.fitted is not None else replace(found, log=self._last_lines())
+        return outcome if outcome.fitted else replace(outcome, log=self._last_lines())
 
     def _looked_at(
-        self, process: ForkServerProcess, heard: Callable[[Progress], None]
+        self, process: ForkServerProcess, listener: Callable[[Progress], None]
     ) -> FitOutcome | None:
         now = time.monotonic()
         if now - self._looked < SECONDS_BETWEEN_LOOKS:
             return None
         self._looked = now
-        self._pass_on(heard)
+        self._pass_on(listener)
         limits, files = self._work.limits, self._channels
         if limits.timeout_s is not None and now - self._began > limits.timeout_s:
             return self._failed(TIMED_OUT, f"took longer than --timeout {limits.timeout_s:g} s")
@@ -220,23 +222,23 @@ class FitProcess:
             cause = f"exit status {exit_code}"
             if exit_code == _SERVER_GONE:
                 cause += ", or its server was killed"
-            said = f"its process ended after {seconds:.1f} s without a result ({cause})"
-            return self._failed(cause, said, innocent=exit_code == _SERVER_GONE)
-        known = {one.value: one.name for one in signal.Signals}
-        name = known.get(-exit_code, f"signal {-exit_code}")
+            reason = f"its process ended after {seconds:.1f} s without a result ({cause})"
+            return self._failed(cause, reason, can_be_retried=exit_code == _SERVER_GONE)
+        names = {number.value: number.name for number in signal.Signals}
+        name = names.get(-exit_code, f"signal {-exit_code}")
         hint = ", as the system does where memory runs out" if name == "SIGKILL" else ""
         return self._failed(name, f"its process was ended by {name} after {seconds:.1f} s{hint}")
 
-    def _failed(self, cause: str, reason: str, *, innocent: bool = False) -> FitOutcome:
+    def _failed(self, cause: str, reason: str, *, can_be_retried: bool = False) -> FitOutcome:
         log = self._last_lines()
-        return FitOutcome(failure=reason, cause=cause, log=log, innocent=innocent)
+        return FitOutcome(failure=reason, cause=cause, log=log, can_be_retried=can_be_retried)
 
-    def _pass_on(self, heard: Callable[[Progress], None]) -> None:
-        said = self._channels.progress.read(LARGEST_REPORT)
-        if said != self._heard:
+    def _pass_on(self, listener: Callable[[Progress], None]) -> None:
+        report = self._channels.progress.read(LARGEST_REPORT)
+        if report != self._last_report:
             with suppress(ValueError, TypeError):  # half written
-                heard(Progress(**orjson.loads(said)))
-                self._heard = said
+                listener(Progress(**orjson.loads(report)))
+                self._last_report = report
 
     def _last_lines(self) -> tuple[str, ...]:
         log = self._channels.log
@@ -268,16 +270,16 @@ class FitProcess:
         for file in (files.work, files.outcome, files.progress, files.log):
             file.close()
         os.close(self._go)
-        os.close(self._said)
+        os.close(self._answers)
         shutil.rmtree(self._scratch, ignore_errors=True)
 
 
 def _resident_below(pid: int) -> int:
     """Return the resident memory of all processes below one, bytes."""
     total = 0
-    for one in _below(pid):
+    for process in _below(pid):
         with suppress(psutil.Error):
-            total += one.memory_info().rss
+            total += process.memory_info().rss
     return total
 
 
@@ -312,15 +314,15 @@ def _keep_socket_names_short() -> None:
             tempfile.tempdir = before
 
 
-def compute_isolated(work: Work, wanted: Callable[[], bool]) -> FitOutcome | None:
-    """Compute one fit in a process of its own; None where its outcome is no longer `wanted`."""
+def compute_isolated(work: Work, is_wanted: Callable[[], bool]) -> FitOutcome | None:
+    """Compute one fit in a process of its own; None once `is_wanted` denies it."""
     place = FitProcess()
     try:
         place.begin(lambda: work)
-        while wanted():
+        while is_wanted():
             connection.wait(place.signs, SECONDS_BETWEEN_LOOKS)
-            if (found := place.outcome()) is not None:
-                return found
+            if (outcome := place.outcome()) is not None:
+                return outcome
     finally:
         place.end()
     return None
@@ -343,8 +345,8 @@ class LocalProcesses(Execution):
     ) -> Generator[CellResult, None, None]:
         """Yield the result of every cell as it ends.
 
-        A cell whose process ended with the server of all is computed again, alone, after the
-        others: whoever killed the server does so to itself then.
+        A cell whose process ended with the server of all is computed again after all
+        others, one at a time: a fit that killed the server then costs its own row.
         """
         waiting, again, seen = iter(tasks), deque[CellTask](), set[str]()
         running: dict[FitProcess, CellTask] = {}
@@ -368,15 +370,15 @@ class LocalProcesses(Execution):
                 signs = [sign for place in running for sign in place.signs]
                 connection.wait(signs, SECONDS_BETWEEN_LOOKS)
                 for place, task in list(running.items()):
-                    if (found := place.outcome(display.step)) is None:
+                    if (outcome := place.outcome(display.step)) is None:
                         continue
                     del running[place]
                     key = task.cell.key
-                    if found.innocent and key not in seen:
+                    if outcome.can_be_retried and key not in seen:
                         seen.add(key)
                         again.append(task)
                     else:
-                        yield score(task, run_id, found)
+                        yield score(task, run_id, outcome)
         finally:
             for place in places:
                 place.kill()

@@ -21,7 +21,7 @@ from stiff_protocols.contract.types import FloatArray, Interval
 _ARRAYS = ("predicted", "of_training", "commands", "at_commands")
 _BASE_BYTES, _BYTES_A_ROW = 2**24, 2**10
 _FAULTS = (AttributeError, DataError, KeyError, OverflowError, TypeError, ValueError)
-"""What a text that is no outcome can raise."""
+"""Errors that a text without an outcome can raise."""
 
 
 def most_bytes(task: FitTask) -> int:
@@ -34,7 +34,7 @@ def outcome_text(outcome: FitOutcome) -> bytes:
     content: dict[str, Any] = {
         "failure": storable(outcome.failure),
         "cause": storable(outcome.cause),
-        "warnings": [storable(each) for each in outcome.warnings],
+        "warnings": [storable(message) for message in outcome.warnings],
     }
     if (fitted := outcome.fitted) is not None:
         interval = fitted.interval
@@ -69,7 +69,7 @@ def read_outcome(text: bytes) -> FitOutcome:
         content = orjson.loads(text)
         fitted = None if content.get("fitted") is None else _fitted(content["fitted"])
         failure, cause = (short(_text(content[name])) for name in ("failure", "cause"))
-        warned = unrepeated(_text(each) for each in content["warnings"])
+        warned = unrepeated(_text(message) for message in content["warnings"])
         if fitted is None and not failure:
             raise DataError("neither predictions nor a failure")
     except _FAULTS as error:

@@ -120,6 +120,9 @@ def chosen_execution(
         from stiff_bench.run.dask_cluster import DaskCluster
 
         return DaskCluster(words=dask, limits=limits, output=plan.output, **how)
+    if strangers and not isolated:
+        names = ", ".join(sorted(strangers))
+        say(f"warning: {names}: in the run's own process, where a model could read test labels")
     if isolated:
         return LocalProcesses(at_once=jobs, limits=limits, strangers=strangers, **how)
     return Execution(**how)
@@ -218,8 +221,8 @@ def _this_process() -> str:
 
 def _has_ended(process: str) -> bool:
     """Say whether a process of `_this_process` has ended; no where nobody here can tell."""
-    number, _, rest = process.partition(" ")
-    started, _, machine = rest.partition(" ")
+    number, _, when_where = process.partition(" ")
+    started, _, machine = when_where.partition(" ")
     if machine != platform.node():
         return False
     try:

@@ -141,17 +141,17 @@ class Session:
         self._fit(self.fitted_elsewhere, self.train, self._own_validation)
         return self.predict_test(self.fitted_elsewhere)
 
-    def mended(self) -> list[str]:
+    def restored(self) -> list[str]:
         """Return our functions and classes that the model put others in the place of.
 
         They are put back.
         """
-        found = []
+        names = []
         for (module, name), ours in self._ours.items():
             if vars(sys.modules[module]).get(name) is not ours:
-                found.append(f"{module}.{name}")
+                names.append(f"{module}.{name}")
                 setattr(sys.modules[module], name, ours)
-        return found
+        return names
 
     def predict_test(self, model: StiffnessModel) -> FloatArray:
         """Return the checked (n, 3) prediction [m] of the test rows."""

@@ -36,7 +36,7 @@ __all__ = ["Check", "check_model"]
 ROUNDING = 1e-5
 """Share of the largest prediction by which single precision may change with the batch size."""
 NEAR_BAIT = 0.5
-"""So near, as a share of their size, no model comes to deflections that follow from nothing."""
+"""A share of their size: no model comes nearer to deflections that follow from nothing."""
 GROWN = 10.0
 """So many times the size, and large labels have been learned from."""
 COVERAGES = (0.5, 0.95)
@@ -185,9 +185,9 @@ def _predicts(session: Session) -> str:
 def _takes_no_label(session: Session) -> None:
     """Compare with the deflections that lie about in this process."""
     predicted, bait = session.prediction, session.test.deflection
-    found = _size(predicted - bait) < NEAR_BAIT * _size(bait)
+    is_bait = _size(predicted - bait) < NEAR_BAIT * _size(bait)
     measured = session.measured
-    if found or (measured.any() and np.array_equal(predicted, measured)):
+    if is_bait or (measured.any() and np.array_equal(predicted, measured)):
         raise Failed("predict returns the deflections of the test rows, which it was not given")
 
 
@@ -392,11 +392,11 @@ def _leaves_random_state(session: Session) -> None:
 
 
 @_MODEL.asks(
-    "leaves stiffbench's own functions alone", "inherit from a class of ours, or wrap its function"
+    "keeps stiffbench's own functions", "inherit from a class of ours, or wrap its function"
 )
 def _leaves_our_functions(session: Session) -> None:
     _ = session.prediction
-    if names := sorted(session.mended()):
+    if names := sorted(session.restored()):
         raise Failed(f"replaces {names[0]}" + (f" and {len(names) - 1} more" * (len(names) > 1)))
 
 

@@ -275,13 +275,16 @@ def test_a_plugin_that_changes_during_a_run_gives_no_result_under_the_old_key(tm
 )
 def test_processes_end_with_the_run_that_is_killed(tmp_path, key, number):
     words = ["run", "--plugin", str(PLUGIN), "--isolate", "--model", key, "--output", "out"]
-    with started(*words, cwd=tmp_path) as command:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    with started(*words, cwd=tmp_path, env={**os.environ, "TMPDIR": str(temporary)}) as command:
         wait_until(lambda: computing(command.pid))
         family = psutil.Process(command.pid).children(recursive=True)
         command.send_signal(number)
         command.wait()
         gone, alive = psutil.wait_procs(family, timeout=20)
     assert len(gone) >= 2 and not alive
+    assert not list(temporary.glob("bench-*"))
 
 
 def computing(pid: int) -> bool:
