@@ -20,7 +20,7 @@ from stiff_models.transfer import freeze
 KNOWN: dict[str, Any] = json.loads(KEPT.read_text())
 
 
-LONG = ("dt-cnn", "ft-mlp", "mlp-pretrained", "deep-ensemble")
+LONG = ("dt-cnn", "ft-mlp", "mlp-pretrained", "deep-ensemble", "compliance-net", "tradaboost")
 """Seconds each: their many variants."""
 
 

@@ -15,6 +15,7 @@ from stiff_bench.tables.units import MM
 from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_protocols.contract.errors import ConfigError
 
+pytestmark = pytest.mark.slow
 NO_OTHERS = {"force_noise_percent": 0.0, "registration_deg": 0.0, "deflection_shift_mm": 0.0}
 NO_OTHER_WORDS = ("--force-noise=0", "--registration=0", "--deflection-shift=0")
 UNNOTICED_MM = 1e-20

@@ -45,6 +45,7 @@ def test_switched_off_it_says_so(monkeypatch):
     assert said("clear").startswith("nothing to delete: the cache is switched off")
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_left_is_no_failure(folder):
     read, write = os.pipe()
     os.close(read)

@@ -86,6 +86,7 @@ def only(findings, words):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_half_of_the_rows_of_good_data_raise_no_alarm_about_frames(measurement, seed):
     rows = np.random.default_rng(seed).permutation(len(measurement.samples))
@@ -106,6 +107,7 @@ FRAMES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "matrix"), FRAMES.items())
 def test_a_wrench_in_another_frame_of_the_base_is_named(measurement, words, matrix):
     misread = turned(measurement.samples.wrench, matrix.T)  # the words say how to undo it

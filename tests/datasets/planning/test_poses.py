@@ -103,6 +103,7 @@ def test_the_bent_wrist_is_the_same_plan_but_for_a5_in_joint_space(kr10_chain, b
     assert (a5 >= 0).all() and (a5 <= 90).all() and (a5 == 90).sum() > 40
 
 
+@pytest.mark.slow
 def test_a_bent_wrist_is_as_near_90_deg_as_its_two_conditions_permit(kr10, kr10_chain, bent):
     q = paper_poses(kr10_chain).q
     for pose in range(61):

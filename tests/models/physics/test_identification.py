@@ -155,6 +155,7 @@ def test_neither_the_size_of_the_robot_nor_the_unit_of_loads_matters(lengths, lo
     np.testing.assert_allclose(two.compliance, one.compliance / (lengths * loads), rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("teacher", ["vjm", "vjm-multisegment", "vjm-full"])
 @pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
 @pytest.mark.parametrize("seed", [2, 3, 4])

@@ -92,6 +92,7 @@ def test_labels_of_the_target_are_learned_like_those_of_the_source():
     torch.testing.assert_close(loss, both)
 
 
+@pytest.mark.slow
 def test_adversarial_training_brings_the_regressors_together_on_the_target_not_to_the_truth():
     """The target has an input that never moves in the source, and of which nothing depends."""
     inputs, target = normal(400, 7, 6), normal(60, 7, 7)

@@ -88,6 +88,7 @@ def test_no_result_depends_on_the_robots_name(twin):
     np.testing.assert_array_equal(predicted(first, twin.samples), predicted(second, twin.samples))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

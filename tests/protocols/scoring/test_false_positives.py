@@ -24,7 +24,10 @@ from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.paired import LEVEL, corrected_t
 from stiff_protocols.splits.random_splits import Holdout
 
-pytestmark = pytest.mark.xdist_group("false positives")  # all count the same data sets
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.xdist_group("false positives"),  # all count the same data sets
+]
 N_POSES = 151
 FEATURES = 5  # of each model
 NOISE = 0.3  # of the truth's standard deviation
