@@ -65,6 +65,7 @@ class MadeResults:
         n_train: int | None = None,
         n_splits: int = 0,
         seed: int = 0,
+        scoring: int = 0,
         **shown,
     ) -> list[str]:
         """Write a cell a split and return the cells' keys; a variant's options keep their types.
@@ -90,6 +91,7 @@ class MadeResults:
                 protocol_params={},
                 split_index=index,
                 split_sha256=f"split-{splits_named}{index}",
+                scoring_version=scoring,
                 seed=seed,
                 condition=condition,
                 coverage=coverage,

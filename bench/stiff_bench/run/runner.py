@@ -37,7 +37,7 @@ from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.record import CellResult, RunManifest
 
 PROCESS = "process"
-"""Entry of a manifest's environment."""
+"""Entry of the environment in the manifest of a run that has not ended."""
 SECONDS_APART = 1.0
 """Between the starts of two processes of one number, at least."""
 _OWN_WORDS = (TIMED_OUT, OUT_OF_MEMORY)
@@ -245,10 +245,11 @@ def _described(
         command=command,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         status="running",
-        environment=environment() | {PROCESS: _this_process()} | dict(execution.facts),
+        environment=environment() | dict(execution.facts),
         cells=tuple(task.cell.key for task in tasks),
     )
-    store.write_manifest(manifest)
+    running = {**manifest.environment, PROCESS: _this_process()}
+    store.write_manifest(replace(manifest, environment=running))
 
     def complete(status: Literal["finished", "interrupted"]) -> None:
         measured: dict[str, Any] = {

@@ -147,6 +147,19 @@ def test_of_two_coverages_the_newest_counts_and_any_before_none(made, coverages,
     assert result.cell.coverage == (newer or older)
 
 
+@pytest.mark.parametrize("newer", ["with intervals", "without"])
+def test_results_with_intervals_have_a_scoring_version_of_their_own(made, newer):
+    """Splits without intervals stay where a newer run has intervals, and the other way round."""
+    plain, with_intervals = ("1", "2") if newer == "with intervals" else ("2", "1")
+    made.add("a", [1.0, 1.0, 1.0], run_id=plain, scoring=2)
+    made.add("a", [1.0], run_id=with_intervals, coverage=0.9, scoring=3)
+    made.add("a", [1.0, 1.0], run_id="0", coverage=0.8, scoring=2)
+    case = only(made)
+    assert [one.cell.coverage for one in case.results("a")] == [0.9, None, None]
+    (note,) = left_out_notes([case])
+    assert "older results of a by another version of it" in note
+
+
 def test_a_mark_in_an_options_value_stays_doubled():
     variant = Variant("p", {"source": "a@b=1", "seed": 1, "specimen": 2})
     assert variant.name == "p@seed=1@source=a@@b=1@specimen=2"

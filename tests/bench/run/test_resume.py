@@ -96,12 +96,13 @@ def rows_of_cells(folder: Path) -> list[tuple[object, ...]]:
         (f"{2**22 + 1} 1.0 {{}}", True),  # there is no such number
         ("1 1.0 {}", True),  # another process has it
         ("1 1.0 elsewhere", False),
-        (None, False),  # this one
+        (None, False),  # of a version that did not write it
     ],
 )
 def test_a_run_that_ended_without_a_word_is_named_once_by_the_next(run, tmp_path, process, said):
     run()
     (manifest,) = read_manifests(tmp_path)
+    assert PROCESS not in manifest.environment  # a folder that is shared names no machine
     facts = {**manifest.environment}
     if process is not None:
         facts[PROCESS] = process.format(platform.node())
