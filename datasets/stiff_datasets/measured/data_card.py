@@ -24,7 +24,9 @@ NOISE = re.compile(
     r"(?P<of>reading|deflection)\b",
     re.IGNORECASE,
 )
+LARGEST_NOISE_MM = 10.0
 NOISE_VALID = "a number, mm or µm, then 'a reading' or 'a deflection', e.g. '0.02 mm a reading'"
+LONGEST_SHOWN = 60
 READINGS = {"reading": np.sqrt(2.0), "deflection": 1.0}
 """A deflection is the difference of two readings: so many times their standard deviation."""
 
@@ -64,12 +66,14 @@ def _instrument_noise(card: Path, text: str) -> float:
         if said := NOISE_LINE.match(line):
             value = said[1].strip(" |")
             found = NOISE.match(value)
-            noise = float(found["number"]) if found else 0.0
-            if not found or not noise:
+            noise_mm = 0.0
+            if found:
+                noise_mm = float(found["number"]) * UNITS["mm"][found["unit"].lower()]
+            if not found or not 0.0 < noise_mm <= LARGEST_NOISE_MM:
                 raise DataError(
-                    f"{card}: line {number}, instrument noise: {value!r}, expected {NOISE_VALID}; "
-                    "leave the line out where it is not known"
+                    f"{card}: line {number}, instrument noise: {value[:LONGEST_SHOWN]!r}, expected "
+                    f"{NOISE_VALID}, at most {LARGEST_NOISE_MM:g} mm; leave the line out if it is "
+                    "not known"
                 )
-            noise_mm = noise * UNITS["mm"][found["unit"].lower()]
             return float(noise_mm / MM_PER_M * READINGS[found["of"].lower()])
     return 0.0

@@ -59,7 +59,7 @@ LoadFrame = Literal["base", "tool"]
 
 SMALLEST_POSITION_MM = 10.0
 """No path has all of its points so near to the base; such a file holds metres."""
-LARGEST_POSITION_MM = 1e5
+LARGEST_POSITION_MM, LARGEST_ANGLE_DEG = 1e5, 1e4
 SAME_TCP_M = 1e-5
 SPARSE = 100
 """One row of so many stands in an overview."""
@@ -375,6 +375,9 @@ def _pose_problems(sheet: Sheet, numbers: FloatArray, angles: tuple[str, ...]) -
         (-LARGEST_POSITION_MM, LARGEST_POSITION_MM),
     )
     yield from range_problems(sheet, POSITION_COLUMNS, position, *ends, [valid] * 3)
+    if angles == ANGLE_COLUMNS:
+        ends, valid = (-LARGEST_ANGLE_DEG, LARGEST_ANGLE_DEG), f"deg within +-{LARGEST_ANGLE_DEG:g}"
+        yield from range_problems(sheet, ANGLE_COLUMNS, turn, *ends, [valid] * 3)
     if angles == QUATERNION_COLUMNS:
         lengths = np.linalg.norm(turn, axis=1)
         for row in np.flatnonzero(np.abs(lengths - 1.0) > QUATERNION_SLACK):

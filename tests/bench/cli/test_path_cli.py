@@ -359,6 +359,7 @@ def test_intervals_are_those_of_the_model_at_the_commands(square, corrected, vjm
         ([HEADER, "0.7,0,0.4,180,0,180,0,0,-40"], ["look like metres"]),
         ([HEADER, ROW, ROW.replace("700", "2000")], ["row 3", "2000,0,400", "reaches"]),
         ([HEADER, ROW, ROW.replace("700", "200000")], ["row 3", "x_mm", "+-100000"]),
+        ([HEADER, ROW, ROW.replace("180", "1e300")], ["row 3", "a_deg", "1e300", "+-10000"]),
         ([HEADER, ROW.replace("-40", "-4e7")], ["row 2", "fz_N", "another unit"]),
         (
             [",".join([*JOINTS, *FORCE]), "0,-60,90,0,30,0,0,0,-9", "0,60,90,0,30,0,0,0,-9"],

@@ -50,7 +50,16 @@ def test_torques_that_were_not_measured_are_said_in_a_sentence(file):
 
 @pytest.mark.parametrize(
     "value",
-    ["unknown", "", "0.02", "0.02 mm", "0 mm a reading", "-1 mm a reading", "1 cm a reading"],
+    [
+        "unknown",
+        "",
+        "0.02",
+        "0.02 mm",
+        "0 mm a reading",
+        "-1 mm a reading",
+        "1 cm a reading",
+        "11 mm a reading",
+    ],
 )
 def test_a_noise_that_cannot_be_read_is_refused_with_its_line(file, value, kr10):
     with pytest.raises(DataError) as refused:
