@@ -223,7 +223,7 @@ def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
     from scipy.spatial.distance import cdist
 
     reach = tolerance + LIMIT_SLACK
-    q_file = np.nan_to_num(q_file)
+    q_file = np.clip(np.nan_to_num(q_file), -LARGEST_NUMBER, LARGEST_NUMBER)  # others are refused
     cells = pd.DataFrame(np.floor(q_file / reach))  # all rows of a cell are linked
     cell = cells.groupby([*cells], sort=False).ngroup().to_numpy()
     ends = np.cumsum(np.bincount(cell))

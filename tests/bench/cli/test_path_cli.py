@@ -436,6 +436,7 @@ def test_ten_thousand_points_are_all_corrected(tmp_path, vjm):
 @pytest.mark.slow
 def test_the_page_on_paths_can_be_followed_to_the_end(tmp_path, monkeypatch):
     page = (Path(__file__).parents[3] / "docs/how-to/correct-a-path.md").read_text("utf-8")
+    page = page.partition("## More than six joints")[0]  # with robots of the reader's own
     sh, python = (re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("sh", "python"))
     said = ""
     for line in "".join(sh).splitlines():
