@@ -30,7 +30,7 @@ LEAST_FAR_POSE, LEAST_FAR_LOAD = 0.2, 0.25
 """The least distance that counts as far: rad or m of a pose; share of the largest load."""
 POSE_RATE, LOAD_RATE = 2.0, 0.5
 """What an interval grows by, in units of its width: for each rad or m of `pose_distance`, and for
-each unit of `load_distance`. With them intervals of five models held between the poses of the KR10
+each unit of `load_distance`. With them intervals of four models held between the poses of the KR10
 twin's plan, and needed none on arms measured all over (docs/models.md)."""
 MOST_NEIGHBOURS = 2000
 """Training poses and loads that are kept, evenly chosen: a file of 100,000 samples stays small."""
@@ -105,7 +105,7 @@ class TrainingRange:
         the distance of its direction from the nearest direction in training, of two unit vectors.
         Along a training load it is 0, whatever the size.
         """
-        loaded, share = wrench.any(axis=1), np.minimum(self._excess_load(wrench), 1.0)
+        loaded, share = wrench.any(axis=1), np.minimum(self._load_share(wrench), 1.0)
         distance = np.zeros(len(wrench))
         distance[loaded] = self._near_directions.distance(_directions(wrench[loaded]))
         return np.asarray(distance * share)
@@ -173,7 +173,7 @@ class TrainingRange:
         """
         interval = within(q, wrench)
         middle, half = _middle_and_half(interval)
-        load = np.maximum(self._excess_load(wrench), 1.0)
+        load = np.maximum(self._load_share(wrench), 1.0)
         far = load > 1.0
         if far.any():
             more = load[far, None]
@@ -183,7 +183,7 @@ class TrainingRange:
         half *= self.stretch(q, wrench)[:, None]
         return Interval(middle - half, middle + half, interval.coverage)
 
-    def _excess_load(self, wrench: FloatArray) -> FloatArray:
+    def _load_share(self, wrench: FloatArray) -> FloatArray:
         """Return (n,) the sizes of loads as shares of the largest; 1 N m counts as 1 N."""
         largest = max(self.force + self.torque, 1e-9)
         return np.asarray(_lengths(wrench).sum(axis=1) / largest)
@@ -246,10 +246,8 @@ class _Neighbours:
         self._tree: cKDTree | None = cKDTree(rows) if len(rows) else None
         self.usual = 0.0
         if self._tree is not None and len(rows) > 1:
-            distances = np.asarray(
-                self._tree.query(rows, k=2)[0]
-            )  # of itself and the nearest other
-            self.usual = float(np.quantile(distances[:, 1], USUAL_SHARE))
+            distances = self._tree.query(rows, k=[2])[0]  # of the second nearest: itself is first
+            self.usual = float(np.quantile(distances, USUAL_SHARE))
 
     def distance(self, rows: FloatArray) -> FloatArray:
         """Return (n,) the distances of rows from the nearest one; 2, where there is none."""
@@ -260,10 +258,8 @@ class _Neighbours:
 
 def _evenly(rows: FloatArray) -> FloatArray:
     """Return at most `MOST_NEIGHBOURS` of the rows, evenly spaced."""
-    chosen_rows = (
-        np.linspace(0, len(rows) - 1, min(len(rows), MOST_NEIGHBOURS)).round().astype(np.int64)
-    )
-    return rows[chosen_rows]
+    places = np.linspace(0, len(rows) - 1, min(len(rows), MOST_NEIGHBOURS))
+    return rows[places.round().astype(np.int64)]
 
 
 def _directions(wrench: FloatArray) -> FloatArray:

@@ -154,9 +154,8 @@ def _points(data: BenchmarkData, held: FloatArray) -> Samples:
     points = robot.forward(poses).points
     reach = np.hypot(*(points[:, -1] - robot.arm_base(points))[:, :2].T)
     size = SIZE * float(reach.max())
-    _, is_place = _driven(
-        robot, ["square"] * len(poses), poses, size, held
-    )  # the others lie inside
+    # the other shapes lie inside the square
+    _, is_place = _driven(robot, ["square"] * len(poses), poses, size, held)
     edges = np.quantile(reach, np.arange(1, len(PARTS)) / len(PARTS))
     part_of_pose = np.searchsorted(edges, reach)
     names, shapes, starts, wrench = [], [], [], []
