@@ -58,6 +58,14 @@ MODELS = (
         grids={"default": {"springs": (3, 6), "solver": ("nnls", "ridge")}},
     ),
     ModelInfo(
+        key="gp-springs",
+        target="stiff_models.regressors.gp_springs:GpSprings",
+        summary="Gaussian processes over the torque-deflection curves of 18 virtual springs",
+        reference="docs/models.md#gp-springs; lost motion after Masing 1926",
+        quick={"search_rows": 10},
+        grids={"default": {"springs": (6, 18), "remainder": (True, False)}},
+    ),
+    ModelInfo(
         key="mlp",
         target="stiff_models.networks.mlp:Mlp",
         version=2,

@@ -212,18 +212,34 @@ class Chain:
         A joint bears the weights beyond it: ``z . (sum_l m_l (r_l - o) x g)``, with the centres
         of mass r, or ``z . (sum_l m_l g)`` where it slides.
         """
-        torques = []
+        return [
+            _dot(axes[2], force if link.prismatic else moment)
+            for link, (axes, moment, force) in zip(self.links, self._weights(q), strict=True)
+        ]
+
+    def virtual_gravity_torque(self, q: Sequence[Component]) -> list[Component]:
+        """Return the n_joints x 6 torques [N m] and forces [N] of the weights, joint by joint.
+
+        They act on the virtual joints: about, then along the moved frame's axes.
+        """
+        return [
+            _dot(axis, load)
+            for axes, moment, force in self._weights(q)
+            for load in (moment, force)
+            for axis in axes
+        ]
+
+    def _weights(self, q: Sequence[Component]) -> list[tuple[Sequence[Vector], Vector, Vector]]:
+        """Return each moved frame's axes, and moment and force of the weights that it bears."""
+        loads = []
         mass, first_moment = 0.0, ORIGIN  # of all that a joint carries, kg and kg m, base frame
         frames = list(self.frames(q))
         for link, frame in reversed(list(zip(self.links, frames, strict=True))):
             mass += link.mass
             first_moment = _plus(first_moment, _scaled(link.mass, frame.point(link.centre)))
-            if link.prismatic:
-                load = _scaled(mass, self.gravity)
-            else:
-                load = _cross(_minus(first_moment, _scaled(mass, frame.origin)), self.gravity)
-            torques.append(_dot(frame.axes[2], load))
-        return torques[::-1]
+            lever = _minus(first_moment, _scaled(mass, frame.origin))
+            loads.append((frame.axes, _cross(lever, self.gravity), _scaled(mass, self.gravity)))
+        return loads[::-1]
 
 
 def _basis_with_z(axis: FloatArray) -> FloatArray:

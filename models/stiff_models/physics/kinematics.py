@@ -107,6 +107,17 @@ def gravity_torque(robot: Robot, q: FloatArray) -> FloatArray:
     return np.ascontiguousarray(torque.T)
 
 
+def virtual_gravity_torque(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the (n, n_joints, 6) torque [N m] and force [N] of the weights on virtual joints.
+
+    Signs as of `gravity_torque`, order as of `virtual_jacobian`.
+    """
+    q = robot.checked_positions(q)
+    torque = np.empty((robot.n_joints, 6, len(q)))
+    _run(Chain.virtual_gravity_torque, robot, [q], torque.reshape(6 * robot.n_joints, len(q)))
+    return torque.transpose(2, 0, 1)
+
+
 def joint_deflection(
     robot: Robot, compliance: FloatArray, q: FloatArray, wrench: FloatArray
 ) -> FloatArray:

@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
@@ -69,23 +69,38 @@ class Search:
             value, gradient = log_likelihood(start.with_theta(theta), inputs, outputs, trend)
             return -value, -gradient
 
-        def searched(theta: FloatArray) -> Any:
-            return minimize(loss, theta, jac=True, method="L-BFGS-B", bounds=bounds.tolist())
-
         low, high = NOISE_BOUNDS
         noise = [(min(max(low, least), high), high)] if start.noise else []
         bounds = np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(start.lengths), *noise])
         # legacy numbers: those that scikit-learn's restarts draw
         drawn = check_random_state(self.seed).uniform(*bounds.T, (self.restarts, len(bounds)))
-        best = min((searched(theta) for theta in (start.theta, *drawn)), key=lambda one: one.fun)
-        if not best.success:
-            warnings.warn(
-                "hyperparameters of a Gaussian process: the likelihood search stopped early "
-                f"({best.message.strip(' :')}); the best values so far are used",
-                StiffBenchWarning,
-                stacklevel=3,
-            )
-        return start.with_theta(best.x)
+        return start.with_theta(minimum(loss, [start.theta, *drawn], bounds.tolist()))
+
+
+Loss = Callable[[FloatArray], tuple[float, FloatArray]]
+"""Returns a number and its gradient."""
+
+
+def minimum(
+    loss: Loss,
+    starts: Sequence[FloatArray],
+    bounds: Sequence[tuple[float, float]],
+    **options: float,
+) -> FloatArray:
+    """Return the hyperparameters with the least loss, by SciPy's L-BFGS-B from each start."""
+    found = [
+        minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        for start in starts
+    ]
+    best = min(found, key=lambda one: one.fun)
+    if not best.success:
+        warnings.warn(
+            "hyperparameters of a Gaussian process: the likelihood search stopped early "
+            f"({best.message.strip(' :')}); the best values so far are used",
+            StiffBenchWarning,
+            stacklevel=3,
+        )
+    return np.asarray(best.x)
 
 
 def log_likelihood(

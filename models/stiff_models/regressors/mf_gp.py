@@ -119,7 +119,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
                 self._search(seed),
                 least=least,
             )
-            for axis, least in enumerate(self._least_noise(train))
+            for axis, least in enumerate(self._least_noise())
         )
         self.processes_ = levels
         rho = {f"rho {a.upper()}": one.rho for a, one in zip(AXES, levels, strict=True)}

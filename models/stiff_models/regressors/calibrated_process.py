@@ -1,0 +1,108 @@
+"""What the families share whose intervals come from Gaussian processes."""
+
+from __future__ import annotations
+
+import warnings
+from abc import abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Self
+
+import numpy as np
+from annotated_types import Gt
+from sklearn.base import clone
+
+from stiff_models.base import FittedModel, left_out_fifths, normal_interval
+from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Samples
+
+FEWEST_POSES = 10
+"""Fewer are not divided: two of eight poses hold no standard deviation."""
+TRACKER_NOISE = 1e-5
+"""m, standard deviation of a laser tracker's readings: of data whose card states no noise."""
+ONE_DEVIATION = 0.6826894921370859
+"""Coverage of a normal interval that reaches one standard deviation to either side."""
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class CalibratedProcess(FittedModel):
+    """Base of the families with standard deviations of their own, before `FittedModel`'s others.
+
+    Hyperparameters that are the likeliest ones for a hundred samples make the process too sure of
+    itself. So it is fitted again without each fifth of the poses, and its standard deviations are
+    multiplied by the root mean square of the errors there, in units of the deviations there. These
+    are widened beyond the fold's training range, as every interval is. They are never below the
+    instrument's.
+
+    Attributes:
+        instrument_noise_mm: the least standard deviation of a measured deflection an axis, mm, that
+            is looked for; None: what the data card states (`Samples.instrument_noise`), else 0.01,
+            a laser tracker's. Without it the likelihood finds 2e-5 mm in few samples. What
+            repeats differ by is found there.
+        instrument_noise_: m, what was taken.
+        calibration_: (3,) what the standard deviations of each axis are multiplied by.
+    """
+
+    instrument_noise_mm: Annotated[float, Gt(0.0)] | None = None
+
+    def fit(
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
+    ) -> Self:
+        """Fit as `FittedModel.fit` says, and again without each fifth of the poses."""
+        given = self.instrument_noise_mm
+        stated = train.instrument_noise or TRACKER_NOISE
+        self.instrument_noise_ = stated if given is None else given / 1000.0
+        super().fit(train, robot=robot, validation=validation, seed=seed)
+        self.calibration_ = np.ones(len(AXES))
+        if errors := list(self._errors_of_folds(train, robot, validation, seed)):
+            self.calibration_ = np.sqrt((np.vstack(errors) ** 2).mean(axis=0))
+        return self
+
+    def _errors_of_folds(
+        self, train: Samples, robot: Robot, validation: Samples | None, seed: int
+    ) -> Iterator[FloatArray]:
+        """Yield the (n, 3) errors at poses that were left out, in half widths of one deviation."""
+        n_poses = len(np.unique(train.pose_id))
+        if n_poses < FEWEST_POSES:
+            return
+        for learned, left_out in left_out_fifths(train, seed):
+            copy = self._for_a_fold()
+            copy.instrument_noise_ = self.instrument_noise_
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", StiffBenchWarning)  # the whole fit has had its say
+                try:
+                    super(CalibratedProcess, copy).fit(
+                        learned, robot=robot, validation=validation, seed=seed
+                    )
+                except ModelError:  # too few poses are left for the physics
+                    continue
+            # as wide as an interval is there: beyond the fold's training range, too
+            copy.calibration_ = np.ones(len(AXES))
+            found = copy.predict_interval(left_out.q, left_out.wrench, ONE_DEVIATION)
+            middle = (found.lower + found.upper) / 2.0
+            yield 2.0 * (middle - left_out.deflection) / (found.upper - found.lower)
+
+    def _for_a_fold(self) -> Self:
+        """Return an unfitted copy, which may be fitted sooner."""
+        copy: Self = clone(self)
+        return copy
+
+    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
+        """Return the central interval of each axis' predictive normal, its noise included.
+
+        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis alone. Beyond the
+        training range it is wider, as `TrainingRange.widened` says.
+        """
+
+        def within(q: FloatArray, wrench: FloatArray) -> Interval:
+            mean, deviation = self._mean_and_deviation(q, wrench)
+            deviation = np.maximum(deviation * self.calibration_, self.instrument_noise_)
+            return normal_interval(mean, deviation, coverage)
+
+        return self.training_range_.widened(within, *self._checked(q, wrench))
+
+    @abstractmethod
+    def _mean_and_deviation(
+        self, q: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return (n, 3) m twice: the prediction, its standard deviation before calibration."""

@@ -1,0 +1,385 @@
+"""`gp-springs`: Gaussian processes over the torque-deflection curves of virtual springs.
+
+The covariance and the posterior are those of `spring_process.py`. Here are its hyperparameters,
+with weak priors from the robot's size, and the model. SI: rad, N, N m, m.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from annotated_types import Ge
+
+from stiff_models.networks.features import encode
+from stiff_models.physics.full_vjm import virtual_joints
+from stiff_models.physics.kinematics import (
+    joint_torque,
+    virtual_gravity_torque,
+    virtual_jacobian,
+)
+from stiff_models.physics.vjm import identify_joints, stiffness_unit, why_rigid
+from stiff_models.regressors.calibrated_process import CalibratedProcess
+from stiff_models.regressors.gaussian_process import Covariance, minimum
+from stiff_models.regressors.spring_process import (
+    Likelihood,
+    LikelihoodSlopes,
+    SpringCovariance,
+    SpringLoads,
+    SpringProcess,
+)
+from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.identification import (
+    LARGEST_ERROR,
+    IdentifiedSprings,
+    spring_key,
+    typical_joints,
+)
+from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
+
+SPREAD = 3.2
+"""Standard deviation of a hyperparameter's logarithm: the prior allows a factor of 25 either way,
+and only holds what the samples say nothing of."""
+LIKELIHOOD_TOLERANCE = 1e-6
+"""Relative: the search ends when a step gains less, a few thousandths of a log-likelihood."""
+LOST = ("lost", "lost again")
+AXES_OF_WRENCH = 6
+CURVE_POINTS = 41  # of a spring's curve, from full torque on one side to the other
+ARCMIN = math.pi / 180.0 / 60.0
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Where the search of a hyperparameter's logarithm begins, and what holds it.
+
+    Attributes:
+        start: the prior's mean, and the first value.
+        low, high: bounds.
+        spread: the prior's standard deviation; infinite: only the bounds count.
+    """
+
+    start: float
+    low: float
+    high: float
+    spread: float = SPREAD
+
+    @classmethod
+    def near(cls, start: float) -> Prior:
+        """Return a weak prior about a value: a factor of 400 either way at most."""
+        return cls(start, start - 6.0, start + 6.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Hyperparameters:
+    """What the logarithms that the search moves stand for.
+
+    Attributes:
+        priors: by name. "own 0" is ln c of the first joint's own spring; "across" is added to it
+            for the springs across the joint; "bend own", "bend across" are ln n; "length" ln l;
+            "lost", "lost again" ln m and ln m'; "width" ln h; "noise" and "remainder" of a standard
+            deviation [m]; "pose", "load" of the remainder's lengths.
+        joint: (n_springs,) number of each spring's joint.
+        across: (n_springs,) whether it lies across the joint's axis.
+        scale: (n_springs,) T_s, N m or N.
+        n_pose_features: what the remainder sees of a pose.
+    """
+
+    priors: Mapping[str, Prior]
+    joint: IntArray
+    across: BoolArray
+    scale: FloatArray
+    n_pose_features: int
+
+    def covariance(self, theta: FloatArray) -> SpringCovariance:
+        """Return the covariance of these logarithms."""
+        value = dict(zip(self.priors, theta.tolist(), strict=True))
+        own = np.array([value[f"own {joint}"] for joint in self.joint])
+        slope = np.exp(2.0 * (own + np.where(self.across, value["across"], 0.0)))
+        bend = np.where(self.across, value["bend across"], value["bend own"])
+        size, remainder = slope * self.scale**2, None
+        if "remainder" in value:
+            counts = [self.n_pose_features, AXES_OF_WRENCH]
+            lengths = np.exp(np.repeat([value["pose"], value["load"]], counts))
+            variance = math.exp(2.0 * value["remainder"])
+            remainder = Covariance("matern", variance, lengths, noise=0.0, jitter=0.0)
+        return SpringCovariance(
+            slope=slope,
+            bend=size * np.exp(2.0 * bend),
+            lost=np.where(self.across, 0.0, size) * np.exp([[2.0 * value[name]] for name in LOST]),
+            width=math.exp(value["width"]),
+            length=math.exp(value["length"]),
+            scale=self.scale,
+            noise=math.exp(2.0 * value["noise"]),
+            remainder=remainder,
+        )
+
+    def slopes(self, covariance: SpringCovariance, found: LikelihoodSlopes) -> FloatArray:
+        """Return the derivatives of a likelihood by the logarithms."""
+        by_bend, by_lost = covariance.bend * found.by_bend, covariance.lost * found.by_lost
+        by_size = 2.0 * (covariance.slope * found.by_slope + by_bend + by_lost.sum(axis=0))
+        slopes = {f"own {joint}": slope for joint, slope in enumerate(self._by_joint(by_size))} | {
+            "across": by_size[self.across].sum(),
+            "bend own": 2.0 * by_bend[~self.across].sum(),
+            "bend across": 2.0 * by_bend[self.across].sum(),
+            "length": found.by_length,
+            **dict(zip(LOST, 2.0 * by_lost.sum(axis=1), strict=True)),
+            "width": found.by_width,
+            "noise": 2.0 * covariance.noise * found.by_noise,
+            "remainder": found.by_remainder,
+            "pose": found.by_features[: self.n_pose_features].sum(),
+            "load": found.by_features[self.n_pose_features :].sum(),
+        }
+        return np.array([slopes[name] for name in self.priors])
+
+    def _by_joint(self, values: FloatArray) -> FloatArray:
+        return np.bincount(self.joint, values)
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class GpSprings(CalibratedProcess):
+    """Gaussian processes over the curves of virtual springs, plus a small remainder.
+
+    Attributes:
+        springs: 18: three virtual springs per joint (18 of a robot with six), about its axis and
+            the two across it (along them at a prismatic joint); 6: one per joint.
+        remainder: whether a process of pose and load takes up what no spring explains.
+        search_rows: training samples that the search for hyperparameters uses at most (drawn at
+            random).
+        most_samples: training samples that the process learns from at most (drawn at random): its
+            memory grows with their square, its time with their cube.
+        process_: the process given the training samples.
+        theta_: its hyperparameters, logarithms in the order of `Hyperparameters.priors`.
+        springs_: stiffness of each joint's own spring at no, half and full torque (the slope over
+            a twentieth of the largest torque), with what the samples say of it.
+        curves_: "spring A2" -> (n, 3) torque on a joint that nothing loads before [N m or N], turn
+            of its spring [rad or m] and the turn's standard deviation.
+        diagnostics_: what `springs_` reports, the lost motion of each joint (full width), noise
+            and remainder.
+    """
+
+    springs: Literal[6, 18] = 18
+    remainder: bool = True
+    search_rows: Annotated[int, Ge(10)] = 300
+    most_samples: Annotated[int, Ge(10)] = 2000
+
+    _begin: FloatArray | None = field(default=None, init=False)
+
+    def fit(
+        self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
+    ) -> Self:
+        """Fit as `CalibratedProcess.fit` says, and take the curves of the joints' springs."""
+        super().fit(train, robot=robot, validation=validation, seed=seed)
+        self._report(robot)
+        return self
+
+    def _for_a_fold(self) -> Self:
+        copy = super()._for_a_fold()
+        copy._begin = self.theta_  # the search moves on from there
+        return copy
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        train = self._affordable(train, seed)
+        if not robot.masses.any():
+            warnings.warn(
+                f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
+                "the load turned them (gravity preload 0)",
+                StiffBenchWarning,
+                stacklevel=4,
+            )
+        self.load_scale_ = np.abs(train.wrench).max(axis=0)
+        self.load_scale_[self.load_scale_ == 0.0] = 1.0
+        loads, deflection = self._loads(robot, train.q, train.wrench), train.deflection.T
+        hyper = self._hyperparameters(train, robot, loads)
+        rows = np.random.default_rng(seed).permutation(len(train))[: self.search_rows]
+        rows.sort()
+        likelihood = Likelihood(loads.take(rows), deflection[:, rows])
+        priors = hyper.priors.values()
+        mean = np.array([prior.start for prior in priors])
+        precision = np.array([prior.spread**-2 for prior in priors])
+
+        def loss(theta: FloatArray) -> tuple[float, FloatArray]:
+            covariance, away = hyper.covariance(theta), theta - mean
+            found = likelihood.slopes(covariance)
+            value = 0.5 * float(precision @ away**2) - found.value
+            return value, precision * away - hyper.slopes(covariance, found)
+
+        bounds = [(prior.low, prior.high) for prior in priors]
+        start = mean if self._begin is None else self._begin
+        self.theta_ = minimum(loss, [start], bounds, ftol=LIKELIHOOD_TOLERANCE)
+        self.process_ = SpringProcess.of(hyper.covariance(self.theta_), loads, deflection)
+
+    def _affordable(self, train: Samples, seed: int) -> Samples:
+        """Return the samples, or as many of them as the process learns from, drawn at random."""
+        if len(train) <= self.most_samples:
+            return train
+        warnings.warn(
+            f"the process learns from {self.most_samples:,} of {len(train):,} training samples, "
+            "drawn at random (option most_samples)",
+            StiffBenchWarning,
+            stacklevel=5,
+        )
+        drawn = np.random.default_rng(seed).permutation(len(train))[: self.most_samples]
+        return train.take(np.sort(drawn))
+
+    def covariance(
+        self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
+    ) -> FloatArray:
+        """Return how deflections go together, as `PredictsCovariance` says; errors as `predict`."""
+        first = self._loads(self.robot_, *self._checked(q, wrench))
+        second = self._loads(self.robot_, *self._checked(other_q, other_wrench))
+        scale = self.calibration_[:, None, None] ** 2
+        return np.asarray(self.process_.between(first, second) * scale)
+
+    def noise_variance(self) -> FloatArray:
+        """Return (3,) the variance of a measured deflection's own error, m²."""
+        noise = self.process_.covariance.noise * self.calibration_**2
+        return np.asarray(np.maximum(noise, self.instrument_noise_**2))
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        return self.process_.mean(self._loads(self.robot_, q, wrench))
+
+    def _mean_and_deviation(
+        self, q: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        return self.process_.mean_and_deviation(self._loads(self.robot_, q, wrench))
+
+    def _loads(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> SpringLoads:
+        joint, kind = self._virtual_joints(robot)
+        twists = virtual_jacobian(robot, q)[:, :, joint, kind]
+        unloaded = virtual_gravity_torque(robot, q)[:, joint, kind]
+        loaded = unloaded + joint_torque(twists, wrench)
+        return SpringLoads(
+            move=np.ascontiguousarray(twists[:, :3].transpose(2, 1, 0)),
+            unloaded=np.ascontiguousarray(unloaded.T),
+            loaded=np.ascontiguousarray(loaded.T),
+            pose=encode(robot, q, wrench, "sincos")[:, :-AXES_OF_WRENCH],
+            load=wrench / self.load_scale_,
+        )
+
+    def _virtual_joints(self, robot: Robot) -> tuple[IntArray, IntArray]:
+        """Return joint and kind (of `virtual_jacobian`'s six) of each spring."""
+        own = 6 * np.arange(robot.n_joints) + _own_kind(robot)
+        return np.divmod(np.array(virtual_joints(robot, 3)) if self.springs == 18 else own, 6)
+
+    def _hyperparameters(self, train: Samples, robot: Robot, loads: SpringLoads) -> Hyperparameters:
+        joint, kind = self._virtual_joints(robot)
+        scale = np.abs(loads.loaded - loads.unloaded).max(axis=1)
+        scale[scale == 0.0] = 1.0  # no sample loads it
+        size = max(float(np.sqrt(np.mean(train.deflection**2))), self.instrument_noise_)
+        noise = math.log(self.instrument_noise_)
+        priors = {
+            f"own {k}": Prior.near(math.log(c))
+            for k, c in enumerate(_first_compliance(train, robot, size))
+        } | {
+            "across": Prior.near(-1.5),  # a bearing tilts a fifth as far as its gear turns
+            "bend own": Prior.near(-1.0),
+            "bend across": Prior.near(-1.0),
+            "length": Prior(math.log(0.5), -4.0, 3.0),
+            **dict.fromkeys(LOST, Prior(-1.5, -5.0, 3.0)),
+            "width": Prior(math.log(0.05), -5.0, 0.0),
+            "noise": Prior(
+                noise + math.log(3.0), noise, max(noise + 2.3, math.log(0.3 * size)), math.inf
+            ),
+        }
+        if self.remainder:
+            small, least = math.log(0.05 * size), math.log(1e-3 * size)
+            priors["remainder"] = Prior(small, least, math.log(size), math.inf)
+            priors |= dict.fromkeys(("pose", "load"), Prior(0.7, -1.5, 3.0, math.inf))
+        across = kind != _own_kind(robot)[joint]
+        return Hyperparameters(priors, joint, across, scale, loads.pose.shape[1])
+
+    def _report(self, robot: Robot) -> None:
+        """Take curves, stiffnesses and lost motions of the joints' own springs."""
+        process, calibration = self.process_, float(np.sqrt(np.mean(self.calibration_**2)))
+        joint, kind = self._virtual_joints(robot)
+        own = np.flatnonzero(kind == _own_kind(robot)[joint])
+        self.curves_: dict[str, FloatArray] = {}
+        slopes, errors = np.empty((2, robot.n_joints, len(_PLACES)))
+        for k, spring in enumerate(own):
+            loaded = process.loads.loaded[spring]
+            full = float(loaded[np.abs(loaded).argmax()]) or float(process.covariance.scale[spring])
+            torque = np.linspace(-full, full, CURVE_POINTS)
+            turn, covariance = process.curve(spring, torque)
+            deviation = calibration * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+            order = np.argsort(torque)
+            points = np.stack([torque, turn, deviation], axis=1)
+            self.curves_[f"spring {robot.joint_names[k]}"] = points[order]
+            steps = _PLACES / (torque[1] - torque[0])
+            slopes[k] = steps @ turn
+            errors[k] = calibration * np.sqrt(np.einsum("pi,ij,pj->p", steps, covariance, steps))
+        straight = process.loads.effects(process.loads.loaded - process.loads.unloaded)[own]
+        self.springs_ = _identified(robot, slopes, errors, straight)
+        noise = {"noise [mm]": 1e3 * math.sqrt(process.covariance.noise)}
+        self.diagnostics_ = self.springs_.report() | self._lost_motion(robot, own) | noise
+
+    def _lost_motion(self, robot: Robot, own: IntArray) -> dict[str, float]:
+        """Return the full width of each joint's lost motion, and its standard error."""
+        numbers: dict[str, float] = {}
+        found = self.process_.lost_motion(own)
+        calibration = float(np.sqrt(np.mean(self.calibration_**2)))
+        for name, turns, size, error in zip(robot.joint_names, robot.turns, *found, strict=True):
+            unit, factor = ("arcmin", 1.0 / ARCMIN) if turns else ("mm", 1e3)
+            numbers[spring_key("lost motion", name, unit)] = factor * float(size)
+            key = spring_key("lost motion standard error", name, unit)
+            numbers[key] = factor * calibration * float(error)
+        return numbers
+
+
+_WORDS = ("no", "half", "full")
+_PLACES = np.zeros((len(_WORDS), CURVE_POINTS))
+"""Weights of a curve's points whose sum over the step is its slope at no, half, full torque."""
+_middle, _half, _full = CURVE_POINTS // 2, 3 * CURVE_POINTS // 4, CURVE_POINTS - 1
+_PLACES[0, [_middle, _middle + 1]] = -1.0, 1.0
+_PLACES[1, [_half - 1, _half + 1]] = -0.5, 0.5
+_PLACES[2, [_full - 1, _full]] = -1.0, 1.0
+
+
+def _own_kind(robot: Robot) -> IntArray:
+    """Return which of `virtual_jacobian`'s six each joint itself is: about z, or along it."""
+    return np.where(robot.turns, 2, 5)
+
+
+def _first_compliance(train: Samples, robot: Robot, size: float) -> FloatArray:
+    """Return where the search begins: each joint's compliance as the VJM identifies it."""
+    compliance = identify_joints(robot, train).compliance
+    if compliance.all():
+        return compliance
+    warnings.warn(why_rigid(train), StiffBenchWarning, stacklevel=6)
+    torque = joint_torque(robot.jacobian(train.q), train.wrench)
+    typical = typical_joints(robot)
+    moved = np.einsum("nki,ni,i->nk", robot.jacobian(train.q)[:, :3], torque, typical)
+    return typical * size / float(np.sqrt(np.mean(moved**2)))
+
+
+def _unit_rows(matrix: FloatArray) -> FloatArray:
+    """Return the rows, except those of zeros, scaled to length 1."""
+    size = np.linalg.norm(matrix, axis=1, keepdims=True)
+    return np.asarray((matrix / np.where(size > 0.0, size, 1.0))[size[:, 0] > 0.0])
+
+
+def _identified(
+    robot: Robot, slopes: FloatArray, errors: FloatArray, straight: FloatArray
+) -> IdentifiedSprings:
+    """Return (n_joints, 3) slopes and their standard errors [rad/(N m) or m/N] as stiffnesses.
+
+    `straight` (n_joints, n) is the training deflection by each joint at unit compliance.
+    """
+    names = [f"{name} at {word} torque" for name in robot.joint_names for word in _WORDS]
+    units = [stiffness_unit(kind) for kind in robot.joint_types for _ in _WORDS]
+    # a slope that may as well be negative has the size of its error
+    compliance, error = np.maximum(slopes, 0.3 * errors).ravel(), errors.ravel()
+    log_error = error / compliance
+    known = log_error <= LARGEST_ERROR
+    return IdentifiedSprings(
+        compliance=compliance,
+        known=known,
+        log_error=log_error,
+        rank=int(known.sum()),
+        condition=float(np.linalg.cond(_unit_rows(straight))),
+        names=tuple(names),
+        units=tuple(units),
+    )

@@ -1,0 +1,421 @@
+"""A Gaussian process of a robot's deflection, made of one process per virtual spring.
+
+A virtual spring s turns (or slides) by phi_s(tau) under the torque (or force) tau, and the
+deflection is measured loaded minus unloaded:
+
+    d(q, w) = sum_s a_s(q) [phi_s(tau_g,s + tau_s) - phi_s(tau_g,s)] + r(q, w) + noise,
+
+a_s the spring's translational column of the Jacobian at the TCP, tau_s the load's torque, tau_g,s
+the weights'. Every curve has the covariance, with the spring's torque scale T_s,
+
+    c_s^2 [t t' + n_s^2 T_s^2 k(|t - t'| / (l T_s))],  k(x) = (1 + sqrt(3) x) exp(-sqrt(3) x),
+
+a straight line of unknown slope plus a Matern 3/2 (Rasmussen and Williams 2006, ch. 4). A joint's
+own spring also has lost motion of unknown size, taken up within a width h T_s that all gears share:
+a part c_s m T_s atan(t / (h T_s)) of the curve, and a part 2 c_s m' T_s atan(tau_s / (2 h T_s)) that
+every load takes up again, from wherever the gear stands (Masing's rule of hysteresis). The small
+remainder r is zero without a load: its covariance is the scalar product of two scaled loads times a
+Matern 5/2 of pose and load. It is independent between the axes, which share the curves.
+
+Shapes: a "row" is one axis of one sample; matrices over rows have the order axis, then sample.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg.lapack import dpotri
+
+from stiff_models.regressors.gaussian_process import Covariance
+from stiff_protocols.contract.arrays import FloatArray, IntArray
+from stiff_protocols.contract.errors import ModelError
+
+ROOT3 = math.sqrt(3.0)
+BLOCK = 2**20
+"""Numbers of a covariance with other samples that are computed at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpringLoads:
+    """Torques of virtual springs at n samples, and what the remainder sees of these.
+
+    Attributes:
+        move: (n_springs, 3, n) a_s, m/rad or m/m.
+        unloaded: (n_springs, n) torque of the weights, N m or N.
+        loaded: (n_springs, n) torque of the weights and the load.
+        pose: (n, n_features) what the remainder sees of the pose.
+        load: (n, 6) wrenches, each component over its largest of the training samples.
+    """
+
+    move: FloatArray
+    unloaded: FloatArray
+    loaded: FloatArray
+    pose: FloatArray
+    load: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return self.loaded.shape[1]
+
+    @property
+    def features(self) -> FloatArray:
+        """(n, n_features + 6) of pose and load."""
+        return np.hstack([self.pose, self.load])
+
+    def effects(self, turn: FloatArray) -> FloatArray:
+        """Return the (n_springs, 3 n) deflection [m] by each spring, for (n_springs, n) turns."""
+        return np.asarray((self.move * turn[:, None]).reshape(len(turn), -1))
+
+    def take(self, rows: slice | IntArray) -> SpringLoads:
+        """Return the samples of a slice or of row numbers."""
+        return SpringLoads(
+            self.move[:, :, rows],
+            self.unloaded[:, rows],
+            self.loaded[:, rows],
+            self.pose[rows],
+            self.load[rows],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SpringCovariance:
+    """Covariance of deflections by virtual springs.
+
+    Attributes:
+        slope: (n_springs,) variance of each curve's slope, c_s^2, (rad/(N m))^2.
+        bend: (n_springs,) variance of each curve's Matern part, (c_s n_s T_s)^2, rad^2.
+        lost: (2, n_springs) variances of lost motion, (c_s m T_s)^2 and (c_s m' T_s)^2, rad^2; 0:
+            there is none.
+        width: h, in units of T_s.
+        length: l, length of the Matern part in units of T_s.
+        scale: (n_springs,) T_s, N m.
+        noise: variance of a measured deflection's own error, m^2.
+        remainder: covariance of r [m^2] by `SpringLoads.features`; None: no remainder.
+    """
+
+    slope: FloatArray
+    bend: FloatArray
+    lost: FloatArray
+    width: float
+    length: float
+    scale: FloatArray
+    noise: float
+    remainder: Covariance | None
+
+    def between(self, first: SpringLoads, second: SpringLoads) -> FloatArray:
+        """Return the (3 n, 3 m) covariance of deflections without noise, m^2."""
+        n, m = len(first), len(second)
+        matrix = (self.regressor(first).T * self.term_variance) @ self.regressor(second)
+        blocks = matrix.reshape(3, n, 3, m)
+        for s in np.flatnonzero(self.bend):
+            own = self.bend[s] * self._bends(s, first, second)
+            for axis, other in np.ndindex(3, 3):
+                part = own * first.move[s, axis][:, None]
+                part *= second.move[s, other]
+                blocks[axis, :, other] += part
+        if self.remainder is not None:
+            rest = self.remainder
+            own = rest.between(rest.scaled(first.features), rest.scaled(second.features))
+            own *= first.load @ second.load.T
+            for axis in range(3):
+                blocks[axis, :, axis] += own
+        return matrix
+
+    def regressor(self, loads: SpringLoads) -> FloatArray:
+        """Return the (n_terms, 3 n) deflection [m] by straight lines, then lost motions of 1."""
+        straight = loads.effects(loads.loaded - loads.unloaded)
+        return np.concatenate([straight, self.lost_effects(loads, self.lost_motion(loads))])
+
+    @property
+    def term_variance(self) -> FloatArray:
+        """(n_terms,) variance of each of the regressor's terms."""
+        return np.concatenate([self.slope, self.lost[self.lost > 0.0]])
+
+    def lost_motion(self, loads: SpringLoads) -> FloatArray:
+        """Return the (2, n_springs, n) turns by lost motions of size 1, loaded minus unloaded."""
+        loaded, unloaded, load = self._in_widths(loads)
+        return np.stack([np.arctan(loaded) - np.arctan(unloaded), 2.0 * np.arctan(load)])
+
+    def lost_motion_slope(self, loads: SpringLoads) -> FloatArray:
+        """Return the derivative of `lost_motion` by ln h."""
+        loaded, unloaded, load = (x / (1.0 + x**2) for x in self._in_widths(loads))
+        return np.stack([unloaded - loaded, -2.0 * load])
+
+    def _in_widths(self, loads: SpringLoads) -> tuple[FloatArray, FloatArray, FloatArray]:
+        unit = 1.0 / (self.width * self.scale)[:, None]
+        loaded, unloaded = unit * loads.loaded, unit * loads.unloaded
+        return loaded, unloaded, 0.5 * (loaded - unloaded)
+
+    def lost_effects(self, loads: SpringLoads, turns: FloatArray) -> FloatArray:
+        """Return the (n_lost, 3 n) deflection [m] by (2, n_springs, n) lost motions."""
+        return np.concatenate(
+            [loads.effects(turn)[size > 0.0] for turn, size in zip(turns, self.lost, strict=True)]
+        )
+
+    def variance(self, loads: SpringLoads) -> FloatArray:
+        """Return the (3 n,) variance of deflections without noise, m^2."""
+        load = loads.loaded - loads.unloaded
+        apart = np.abs(load) * (ROOT3 / (self.scale * self.length))[:, None]
+        curve = (self.bend * 2.0)[:, None] * (1.0 - _matern32(apart))
+        curve += self.slope[:, None] * load**2
+        curve += (self.lost[..., None] * self.lost_motion(loads) ** 2).sum(axis=0)
+        variance = np.einsum("sn,skn->kn", curve, loads.move**2)
+        if self.remainder is not None:
+            variance += self.remainder.variance * (loads.load**2).sum(axis=1)
+        return np.asarray(variance.ravel())
+
+    def _bends(self, s: int, first: SpringLoads, second: SpringLoads) -> FloatArray:
+        """Return the (n, m) correlation of a spring's loaded minus unloaded Matern parts."""
+        unit = ROOT3 / (self.scale[s] * self.length)
+        sums = np.zeros((len(first), len(second)))
+        for sign, one in ((1.0, first.loaded), (-1.0, first.unloaded)):
+            for other_sign, other in ((1.0, second.loaded), (-1.0, second.unloaded)):
+                apart = np.abs(unit * one[s][:, None] - unit * other[s])
+                sums += sign * other_sign * _matern32(apart)
+        return sums
+
+
+def _matern32(distance: FloatArray) -> FloatArray:
+    """Return k of distances in units of the length over the root of 3; they are overwritten."""
+    decay = np.exp(-distance)
+    distance += 1.0
+    distance *= decay
+    return distance
+
+
+class Likelihood:
+    """The log marginal likelihood of deflections by springs, for one covariance after another.
+
+    Memory that is new for each covariance costs more than what is computed in it, so it is kept.
+
+    Args:
+        loads: those of the n training samples.
+        deflection: (3, n) m.
+    """
+
+    def __init__(self, loads: SpringLoads, deflection: FloatArray) -> None:
+        """Reserve the memory."""
+        n, n_springs = len(loads), len(loads.loaded)
+        self._loads, self._outputs = loads, deflection.ravel()
+        self._pairs = np.empty((3, 2 * n, 2 * n))
+        self._correlation, self._stretch, self._own, self._part = np.empty((4, n, n_springs, n))
+        self._gain = np.empty((3 * n, 3 * n))
+
+    def slopes(self, covariance: SpringCovariance) -> LikelihoodSlopes:
+        """Return the likelihood and its derivatives.
+
+        The value is minus infinity, and the slopes are zero, if rounding leaves the covariance
+        without a Cholesky factor.
+        """
+        loads, n, n_springs = self._loads, len(self._loads), len(covariance.scale)
+        regressor = covariance.regressor(loads)
+        matrix = (regressor.T * covariance.term_variance) @ regressor
+        blocks = matrix.reshape(3, n, 3, n)
+        self._correlate(covariance)
+        weighed = (loads.move * covariance.bend[:, None, None]).transpose(2, 1, 0)
+        for axis in range(3):
+            part = np.multiply(self._correlation, loads.move[:, axis], out=self._part)
+            blocks[:, :, axis] += (weighed @ part).transpose(1, 0, 2)
+        if covariance.remainder is not None:
+            scaled = covariance.remainder.scaled(loads.features)
+            rest, rest_slope = covariance.remainder.with_slope(scaled)
+            shares = loads.load @ loads.load.T
+            rest *= shares
+            rest_slope *= shares
+            for axis in range(3):
+                blocks[axis, :, axis] += rest
+        matrix[np.diag_indices(3 * n)] += covariance.noise
+        try:
+            # the matrix is symmetric: its transpose is in the order that LAPACK writes over
+            factor = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)
+        except np.linalg.LinAlgError:
+            return LikelihoodSlopes.nothing(n_springs)
+        weights = cho_solve((factor, True), self._outputs, check_finite=False)
+        value = -0.5 * float(self._outputs @ weights) - float(np.log(np.diag(factor)).sum())
+        value -= 1.5 * n * math.log(2.0 * math.pi)
+
+        gain = self._gain  # d value = sum of gain * d covariance
+        np.multiply.outer(0.5 * weights, weights, out=gain)
+        inverse, _ = dpotri(factor, lower=1, overwrite_c=1)  # its lower triangle, zeros above
+        inverse *= -0.5
+        gain += inverse
+        inverse[np.diag_indices(3 * n)] = 0.0
+        gain += inverse.T
+        parts = gain.reshape(3, n, 3, n)
+        own = self._own
+        for axis in range(3):
+            columns = parts[:, :, axis].transpose(1, 0, 2)
+            part = np.matmul(loads.move.transpose(2, 0, 1), columns, out=self._part)
+            part *= loads.move[:, axis]
+            if axis:
+                own += part
+            else:
+                own[:] = part
+        by_remainder, by_features = 0.0, np.zeros(0)
+        if covariance.remainder is not None:
+            of_rest = parts[0, :, 0] + parts[1, :, 1] + parts[2, :, 2]
+            by_remainder = 2.0 * float(np.vdot(of_rest, rest))
+            of_rest *= rest_slope
+            by_features = of_rest.sum(axis=0) @ scaled**2 - (scaled * (of_rest @ scaled)).sum(
+                axis=0
+            )
+        gained, is_lost = regressor @ gain, covariance.lost > 0.0
+        by_term, by_lost = np.einsum("si,si->s", gained, regressor), np.zeros(is_lost.shape)
+        by_lost[is_lost] = by_term[n_springs:]
+        widened = covariance.lost_effects(loads, covariance.lost_motion_slope(loads))
+        by_width = covariance.lost[is_lost] @ np.einsum("si,si->s", gained[n_springs:], widened)
+        return LikelihoodSlopes(
+            value=value,
+            by_slope=by_term[:n_springs],
+            by_bend=np.einsum("isj,isj->s", own, self._correlation),
+            by_lost=by_lost,
+            by_width=2.0 * float(by_width),
+            by_length=float(covariance.bend @ np.einsum("isj,isj->s", own, self._stretch)),
+            by_noise=float(np.trace(gain)),
+            by_remainder=by_remainder,
+            by_features=2.0 * by_features,
+        )
+
+    def _correlate(self, covariance: SpringCovariance) -> None:
+        """Fill the (n, n_springs, n) correlations of turns, and their derivatives by ln l."""
+        n, (apart, decay, bent) = len(self._loads), self._pairs
+        unit = ROOT3 / (covariance.scale * covariance.length)[:, None]
+        torques = np.hstack([unit * self._loads.loaded, unit * self._loads.unloaded])
+        for s, torque in enumerate(torques):
+            np.subtract.outer(torque, torque, out=apart)
+            np.abs(apart, out=apart)
+            np.exp(np.negative(apart, out=decay), out=decay)
+            np.multiply(apart, apart, out=bent)
+            bent *= decay
+            apart += 1.0
+            apart *= decay
+            for out, part in ((self._correlation[:, s], apart), (self._stretch[:, s], bent)):
+                np.add(part[:n, :n], part[n:, n:], out=out)
+                out -= part[:n, n:]
+                out -= part[n:, :n]
+
+
+@dataclass(frozen=True, eq=False)
+class LikelihoodSlopes:
+    """A log marginal likelihood and its derivatives.
+
+    Attributes:
+        value: of the likelihood.
+        by_slope, by_bend: (n_springs,) by the variances of those names.
+        by_lost: (2, n_springs) by those of lost motion.
+        by_width, by_length: by ln h and ln l.
+        by_noise: by the noise's variance.
+        by_remainder: by the logarithm of the remainder's standard deviation; 0 without it.
+        by_features: (n_features,) by the logarithms of the remainder's length scales.
+    """
+
+    value: float
+    by_slope: FloatArray
+    by_bend: FloatArray
+    by_lost: FloatArray
+    by_width: float
+    by_length: float
+    by_noise: float
+    by_remainder: float
+    by_features: FloatArray
+
+    @classmethod
+    def nothing(cls, n_springs: int) -> LikelihoodSlopes:
+        """Return minus infinity, without slopes."""
+        zero = np.zeros(n_springs)
+        return cls(-math.inf, zero, zero, np.zeros((2, n_springs)), 0.0, 0.0, 0.0, 0.0, zero)
+
+
+@dataclass(frozen=True, eq=False)
+class SpringProcess:
+    """The process given its training samples.
+
+    Attributes:
+        covariance: its hyperparameters.
+        loads: those of the training samples.
+        factor: (3 n, 3 n) lower Cholesky factor of the training deflections' covariance.
+        weights: (3 n,) inverse of that covariance times the deflections.
+    """
+
+    covariance: SpringCovariance
+    loads: SpringLoads
+    factor: FloatArray
+    weights: FloatArray
+
+    @classmethod
+    def of(
+        cls, covariance: SpringCovariance, loads: SpringLoads, deflection: FloatArray
+    ) -> SpringProcess:
+        """Return the process given (3, n) deflections, m; ModelError if it cannot be solved."""
+        matrix = covariance.between(loads, loads)
+        matrix[np.diag_indices(len(matrix))] += covariance.noise
+        try:
+            factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
+        except np.linalg.LinAlgError as error:
+            raise ModelError(
+                f"the Gaussian process of {len(loads)} samples cannot be solved: {error}"
+            ) from error
+        weights = cho_solve((factor, True), deflection.ravel(), check_finite=False)
+        return cls(covariance, loads, factor, weights)
+
+    def mean(self, loads: SpringLoads) -> FloatArray:
+        """Return the (n, 3) predicted deflection, m."""
+        mean = np.empty((len(loads), 3))
+        for rows, between in self._blocks(loads):
+            mean[rows] = (between @ self.weights).reshape(3, -1).T
+        return mean
+
+    def mean_and_deviation(self, loads: SpringLoads) -> tuple[FloatArray, FloatArray]:
+        """Return the (n, 3) predicted deflection and its standard deviation with noise, m."""
+        mean = np.empty((len(loads), 3))
+        variance = self.covariance.variance(loads).reshape(3, -1).T + self.covariance.noise
+        for rows, between in self._blocks(loads):
+            mean[rows] = (between @ self.weights).reshape(3, -1).T
+            solved = solve_triangular(self.factor, between.T, lower=True, check_finite=False)
+            variance[rows] -= np.einsum("ij,ij->j", solved, solved).reshape(3, -1).T
+        return mean, np.sqrt(np.maximum(variance, self.covariance.noise))
+
+    def between(self, loads: SpringLoads, others: SpringLoads) -> FloatArray:
+        """Return the (3, n, m) covariance of each axis at two sets of samples, noise excluded."""
+        covariance = self.covariance
+        known = cho_solve((self.factor, True), covariance.between(self.loads, others))
+        posterior = covariance.between(loads, others)
+        posterior -= covariance.between(loads, self.loads) @ known
+        blocks = posterior.reshape(3, len(loads), 3, len(others))
+        return np.stack([blocks[axis, :, axis] for axis in range(3)])
+
+    def curve(self, spring: int, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the (n,) turn of a spring and its (n, n) covariance, rad and rad^2 (m and m^2).
+
+        `torque` (n,) [N m or N] loads a spring that nothing loads before.
+        """
+        n, (n_springs, _, _) = len(torque), self.loads.move.shape
+        move, loaded = np.zeros((n_springs, 3, n)), np.zeros((n_springs, n))
+        move[spring, 0], loaded[spring] = 1.0, torque
+        pose, load = np.zeros((n, self.loads.pose.shape[1])), np.zeros((n, 6))
+        alone = SpringLoads(move, np.zeros_like(loaded), loaded, pose, load)
+        only_springs = replace(self, covariance=replace(self.covariance, remainder=None))
+        return only_springs.mean(alone)[:, 0], only_springs.between(alone, alone)[0]
+
+    def lost_motion(self, springs: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the (n_chosen,) full width of lost motions and its standard deviation, rad or m.
+
+        Both parts together: where all of one sign is taken up, a lost motion of size 1 is pi wide.
+        """
+        loads, lost = self.loads, self.covariance.lost
+        prior = lost.sum(axis=0)[springs]
+        effects = [loads.effects(turn) for turn in self.covariance.lost_motion(loads)]
+        between = sum(size[:, None] * one for size, one in zip(lost, effects, strict=True))[springs]
+        solved = solve_triangular(self.factor, between.T, lower=True, check_finite=False)
+        variance = prior - np.einsum("ij,ij->j", solved, solved)
+        return math.pi * (between @ self.weights), math.pi * np.sqrt(np.maximum(variance, 0.0))
+
+    def _blocks(self, loads: SpringLoads) -> Iterator[tuple[slice, FloatArray]]:
+        size = max(1, BLOCK // (9 * len(self.loads)))
+        for start in range(0, len(loads), size):
+            rows = slice(start, min(start + size, len(loads)))
+            yield rows, self.covariance.between(loads.take(rows), self.loads)
