@@ -14,6 +14,7 @@ from stiff_bench.figures import style
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.store.names import grouped
+from stiff_protocols.contract.interfaces import SPRING_CURVE
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BoolArray, FloatArray
 
@@ -89,7 +90,7 @@ def curves_of(result: CellResult, name: str) -> list[LossCurve]:
     return [
         LossCurve(name, phase, points, number)
         for number, (phase, points) in enumerate(result.curves.items())
-        if has_place(points[:, 1]).any()
+        if not phase.startswith(SPRING_CURVE) and has_place(points[:, 1]).any()
     ]
 
 

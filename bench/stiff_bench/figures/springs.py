@@ -1,4 +1,7 @@
-"""Torque against deflection of each joint: the springs that were identified, piece by piece."""
+"""Torque against deflection of each joint: the springs that were identified.
+
+Springs in segments are drawn piece by piece, curves of a process with their bands.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,19 @@ from itertools import count, takewhile
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.special import ndtri
 
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, subtitle
 from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import robot_of_results
+from stiff_bench.plan.request import robot_of_results, true_joint_turns
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_models.catalog import REFERENCE_MODEL
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.identification import spring_key
+from stiff_protocols.contract.interfaces import SPRING_CURVE
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
 
@@ -26,9 +31,10 @@ ROW_INCH, HEAD_INCH = 1.75, 0.3
 _POINTS = 200
 _SHARES = (0.5, 0.95)
 """Of the samples: up to which torques they load a joint; shaded."""
+BAND = 0.9
 _NEEDS = (
-    f"springs in segments; `bench run --model {REFERENCE_MODEL} --model vjm-multisegment` makes "
-    "them"
+    f"curves of springs; `bench run --model {REFERENCE_MODEL} --model gp-springs` makes them "
+    "(or vjm-multisegment)"
 )
 Spring = tuple[FloatArray, FloatArray]
 """Torques where an odd, piecewise linear spring bends, N m (N), and the stiffness of each segment,
@@ -74,17 +80,76 @@ def springs_figure(
     return figure
 
 
+def curves_figure(
+    data: StoredData,
+    results: Sequence[CellResult],
+    linear: Sequence[CellResult],
+    truth: Callable[[FloatArray], FloatArray] | None,
+) -> Figure:
+    """Draw a panel a joint: the curve of each split, and the band of the first.
+
+    `truth` returns true (n, n_joints) turns [rad or m] by torques [N m or N]; None: not known.
+    """
+    figure, panels = new_panels(len(data.joint_names), ROW_INCH, HEAD_INCH)
+    blue, orange, green = looks(3)
+    model, reach = short(results[0].shown.model), float(ndtri(0.5 + BAND / 2.0))
+    for joint, axes in enumerate(panels):
+        name = f"{SPRING_CURVE}{data.joint_names[joint]}"
+        curves = [one.curves[name] for one in results if name in one.curves]
+        for points in curves[1:]:
+            axes.plot(points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=0.45)
+        at, turn, deviation = curves[0].T
+        low, high = 1e3 * (turn - reach * deviation), 1e3 * (turn + reach * deviation)
+        axes.fill_between(at, low, high, color=blue.color, alpha=0.2, linewidth=0.0)
+        axes.plot(at, 1e3 * turn, color=blue.color, linewidth=1.6, label=model)
+        key = _stiffness(data, joint)
+        found = [one.diagnostics[key] for one in linear if key in one.diagnostics]
+        if found:
+            straight = 1e3 * at * np.median(1.0 / np.array(found))
+            axes.plot(at, straight, **orange.connected(), label=REFERENCE_MODEL)
+        if truth is not None:
+            torque = np.zeros((len(at), len(data.joint_names)))
+            torque[:, joint] = at
+            true = 1e3 * truth(torque)[:, joint]
+            axes.plot(at, true, **green.connected(), linewidth=0.9, label="true (simulation)")
+        turns = data.torque_units[joint] == "Nm"
+        axes.set(xlim=(at[0], at[-1]))
+        axes.set_xlabel("torque [N m]" if turns else "force [N]")
+        axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
+        axes.set_title(short(data.joint_names[joint]), loc="left")
+    name_panels(panels)
+    share_legend(figure, panels[:1])
+    return figure
+
+
 def gather(source: FigureSource) -> Prepared:
     """Take the springs that were identified on each split."""
 
-    def is_segmented(result: CellResult) -> bool:
-        return any(name.startswith("breakpoint ") for name in result.diagnostics)
+    def has_curves(result: CellResult) -> bool:
+        return any(name.startswith(SPRING_CURVE) for name in result.curves)
 
-    case = source.case(is_segmented, _NEEDS)
-    results = source.results(case, is_segmented)
+    def has_springs(result: CellResult) -> bool:
+        segmented = any(name.startswith("breakpoint ") for name in result.diagnostics)
+        return segmented or has_curves(result)
+
+    case = source.case(has_springs, _NEEDS)
+    results = sorted(source.results(case, has_springs), key=has_curves, reverse=True)
     model = results[0].shown.model
     results = [one for one in results if one.shown.model == model]
     stored = read_data(source.folder, case.name.data_sha256)
+    title = "Torque and deflection of each joint"
+    if has_curves(results[0]):
+        linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
+        truth = true_joint_turns(results[0].cell, build_registry())
+        of_truth = ", beside the simulated robot's own" if truth else ""
+        caption = (
+            f"Deflection of each joint by a torque that loads it from rest, as {model} has it"
+            f"{of_truth} (thin: other splits; band: {BAND:.0%} interval of the first). A panel "
+            "ends at the largest torque of load and weight in the training samples. "
+            f"{source.setting(case, [model], [len(results)])}"
+        )
+        paint = partial(curves_figure, stored, results, linear, truth)
+        return Prepared(title, caption, paint, subtitle(case))
     torque, of_what = _torques(stored, results[0])
     linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
     caption = (
@@ -94,7 +159,7 @@ def gather(source: FigureSource) -> Prepared:
         f"panel ends at the largest. {source.setting(case, [model], [len(results)])}"
     )
     paint = partial(springs_figure, stored, np.abs(torque), results, linear)
-    return Prepared("Torque and deflection of each joint", caption, paint, subtitle(case))
+    return Prepared(title, caption, paint, subtitle(case))
 
 
 def _stiffness(data: StoredData, joint: int, segment: str = "") -> str:

@@ -118,7 +118,7 @@ class CellTask:
 def tell_source(model: StiffnessModel, source: BenchmarkData | None) -> None:
     """Give a model that learns from one its source, which it must not ask for more."""
     if isinstance(model, LearnsFromSource):
-        model.use_source(source and replace(source, under_load=None))
+        model.use_source(source and source.without_truth())
 
 
 def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:

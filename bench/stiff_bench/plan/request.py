@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from stiff_protocols.contract.errors import (
 from stiff_protocols.contract.interfaces import ChecksParams, NamesSources
 from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.record import Cell
-from stiff_protocols.contract.types import BenchmarkData, Robot, check_coverage
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, check_coverage
 from stiff_protocols.scoring.metrics import Metric, metric
 
 DEFAULT_COVERAGE = 0.9
@@ -183,6 +183,15 @@ def robot_of_results(stored: StoredData, cell: Cell, registry: Registry) -> Robo
         return loaded(Choice.of_stored(info, cell.dataset_params)).robot
     except (KeyError, StiffBenchError):
         return None
+
+
+def true_joint_turns(cell: Cell, registry: Registry) -> Callable[[FloatArray], FloatArray] | None:
+    """Return `BenchmarkData.joint_turn` of a cell's data; None: not known, or data have changed."""
+    try:
+        data = loaded(Choice.of_stored(registry.datasets[cell.dataset], cell.dataset_params))
+    except (KeyError, StiffBenchError):
+        return None
+    return data.joint_turn if data.sha256 == cell.data_sha256 else None
 
 
 def _coverage(asked: float | None, metrics: Sequence[Metric]) -> float | None:

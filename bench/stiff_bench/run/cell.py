@@ -53,7 +53,7 @@ def fit_task(task: CellTask) -> FitTask:
         wrench=task.split.told_wrench(samples),
         seed=task.cell.model_seed,
         coverage=task.cell.coverage,
-        source=task.source and replace(task.source, known={}, under_load=None),
+        source=task.source and task.source.without_truth(),
         paths=task.paths,
     )
 

@@ -121,7 +121,9 @@ class TwinExperiment:
             "oracle": shown.shown_deflection(oracle),
             "noise": shown.shown_deflection(deflection),
         }
-        return BenchmarkData(samples, self.constants.robot(), known, self.twin.readings)
+        return BenchmarkData(
+            samples, self.constants.robot(), known, self.twin.readings, self.twin.joint_turn
+        )
 
     def logged_q(self, poses: Poses) -> FloatArray:
         """Return (n, n_joints) joint positions [rad or m] as a log holds them, a row a load."""
@@ -294,6 +296,16 @@ class DigitalTwin:
         if self._beams is not None:
             moved = moved + self._beams.displacement(q, wrench)[:, :3]
         return moved
+
+    def joint_turn(self, torque: FloatArray) -> FloatArray:
+        """Return the (n, n_joints) turn [rad] (slide [m]) of joints that nothing loads before.
+
+        `torque` (n, n_joints) [N m or N] then loads each joint about, or along, its axis.
+        """
+        own = np.zeros((3 * torque.shape[1], len(torque)))
+        own[::3] = torque.T
+        turning = np.zeros_like(own) if self._hysteresis else None
+        return self._law.angle(own, turning)[::3].T
 
     def equilibrium(
         self, q: FloatArray, wrench: FloatArray, turning: FloatArray | None = None

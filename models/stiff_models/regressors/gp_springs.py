@@ -136,7 +136,7 @@ class Hyperparameters:
         return np.array([slopes[name] for name in self.priors])
 
     def _by_joint(self, values: FloatArray) -> FloatArray:
-        return np.bincount(self.joint, values)
+        return np.asarray(np.bincount(self.joint, values), dtype=np.float64)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -209,7 +209,7 @@ class GpSprings(CalibratedProcess):
 
         bounds = [(prior.low, prior.high) for prior in priors]
         start = mean if self._begin is None else self._begin
-        self.theta_ = minimum(loss, [start], bounds, ftol=LIKELIHOOD_TOLERANCE)
+        self.theta_ = minimum(loss, [start], bounds, LIKELIHOOD_TOLERANCE)
         self.process_ = SpringProcess.of(hyper.covariance(self.theta_), loads, deflection)
 
     def _affordable(self, train: Samples, seed: int) -> Samples:
@@ -303,7 +303,7 @@ class GpSprings(CalibratedProcess):
             loaded = process.loads.loaded[spring]
             full = float(loaded[np.abs(loaded).argmax()]) or float(process.covariance.scale[spring])
             torque = np.linspace(-full, full, CURVE_POINTS)
-            turn, covariance = process.curve(spring, torque)
+            turn, covariance = process.curve(int(spring), torque)
             deviation = calibration * np.sqrt(np.maximum(np.diag(covariance), 0.0))
             order = np.argsort(torque)
             points = np.stack([torque, turn, deviation], axis=1)

@@ -11,11 +11,11 @@ the weights'. Every curve has the covariance, with the spring's torque scale T_s
     c_s^2 [t t' + n_s^2 T_s^2 k(|t - t'| / (l T_s))],  k(x) = (1 + sqrt(3) x) exp(-sqrt(3) x),
 
 a straight line of unknown slope plus a Matern 3/2 (Rasmussen and Williams 2006, ch. 4). A joint's
-own spring also has lost motion of unknown size, taken up within a width h T_s that all gears share:
-a part c_s m T_s atan(t / (h T_s)) of the curve, and a part 2 c_s m' T_s atan(tau_s / (2 h T_s)) that
-every load takes up again, from wherever the gear stands (Masing's rule of hysteresis). The small
-remainder r is zero without a load: its covariance is the scalar product of two scaled loads times a
-Matern 5/2 of pose and load. It is independent between the axes, which share the curves.
+own spring also has lost motion of unknown size, taken up within a width h T_s that all gears
+share: a part c_s m T_s atan(t / (h T_s)) of the curve, and a part 2 c_s m' T_s atan(tau_s /
+(2 h T_s)) that every load takes up again, from wherever the gear stands (hysteresis, Masing's
+rule). The small remainder r is zero without a load: its covariance is the scalar product of two
+scaled loads times a Matern 5/2 of pose and load. It is independent between the axes, which share the curves.
 
 Shapes: a "row" is one axis of one sample; matrices over rows have the order axis, then sample.
 """
@@ -59,7 +59,7 @@ class SpringLoads:
 
     def __len__(self) -> int:
         """Return the number of samples."""
-        return self.loaded.shape[1]
+        return len(self.load)
 
     @property
     def features(self) -> FloatArray:
@@ -112,7 +112,7 @@ class SpringCovariance:
         matrix = (self.regressor(first).T * self.term_variance) @ self.regressor(second)
         blocks = matrix.reshape(3, n, 3, m)
         for s in np.flatnonzero(self.bend):
-            own = self.bend[s] * self._bends(s, first, second)
+            own = self.bend[s] * self._bends(int(s), first, second)
             for axis, other in np.ndindex(3, 3):
                 part = own * first.move[s, axis][:, None]
                 part *= second.move[s, other]

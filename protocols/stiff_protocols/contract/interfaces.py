@@ -67,13 +67,19 @@ class IdentifiesSprings(Protocol):
     springs_: IdentifiedSprings
 
 
+SPRING_CURVE = "spring "
+"""Begins the name of a curve that is a joint's spring."""
+
+
 @runtime_checkable
 class KeepsCurves(Protocol):
-    """Optional power: how the losses went while a network was trained.
+    """Optional power: training and validation loss per step, or identified springs.
 
     Attributes:
         curves_: name of each training -> (n_points, 3) array of step, training loss and validation
-            loss (NaN: none), in the network's own units.
+            loss (NaN: none), in the network's own units. "spring " and a joint's name -> torque on
+            a joint that nothing loads before [N m or N], its turn [rad or m] and the turn's
+            standard deviation.
     """
 
     curves_: Mapping[str, FloatArray]

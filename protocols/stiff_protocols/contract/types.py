@@ -275,12 +275,15 @@ class BenchmarkData:
             not measured at, without noise, in the order in which it goes there; None where it
             cannot be asked again. It can be pickled. Only the scorer calls it: no model sees it,
             and it is no part of the hash.
+        joint_turn: true turn [rad or m] of joints by (n, n_joints) torques [N m or N], which only
+            a simulation knows: for figures. No model sees it, and it is no part of the hash.
     """
 
     samples: Samples
     robot: Robot
     known: Mapping[str, FloatArray] = field(default_factory=dict)
     under_load: Deflection | None = None
+    joint_turn: Callable[[FloatArray], FloatArray] | None = None
 
     def __post_init__(self) -> None:
         known = {
@@ -293,6 +296,10 @@ class BenchmarkData:
                 f"samples have {self.samples.q.shape[1]} joint angles, "
                 f"robot {self.robot.name!r} has {self.robot.n_joints} joints"
             )
+
+    def without_truth(self) -> BenchmarkData:
+        """Return the same samples and robot, without what only a simulation knows."""
+        return BenchmarkData(self.samples, self.robot)
 
     @cached_property
     def sha256(self) -> str:
