@@ -37,7 +37,8 @@ PRETRAINED = {
 SOURCE = PRETRAINED | {"mf-gp", "tradaboost"}
 SPRINGS = {"vjm"} | RESIDUAL | SOURCE  # one linear spring a joint
 FULL = {"vjm-full", "vjm-full, ridge"}
-IDENTIFY = SPRINGS | LOADED | SEGMENTS | FULL
+CURVES = {"gp-springs"}
+IDENTIFY = SPRINGS | LOADED | SEGMENTS | FULL | CURVES
 
 SLOPES = "warns: joint stiffness not identifiable from the training samples"
 FEW_NEIGHBOURS = [
@@ -45,7 +46,7 @@ FEW_NEIGHBOURS = [
     ({"vjm + neighbours"}, "fails: .*n_neighbors = 5, n_samples_fit = "),
 ]
 OTHER_LOADS = [({"ft-mlp, paper"}, "warns: .*pre-training forces are .* N, measured forces")]
-NO_MASSES = [(SEGMENTS, "warns: robot 'chain' has no masses")]
+NO_MASSES = [(SEGMENTS | CURVES, "warns: robot 'chain' has no masses")]
 NOT_BOTH = [({"residual-mlp", "mlp"}, "(works|warns: .*none of 3 epochs was better)")]
 BUCKLES = (LOADED, "fails: row 0: the load buckles the joint springs")
 

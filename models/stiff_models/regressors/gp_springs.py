@@ -48,6 +48,7 @@ LIKELIHOOD_TOLERANCE = 1e-6
 """Relative: the search ends when a step gains less, a few thousandths of a log-likelihood."""
 LOST = ("lost", "lost again")
 AXES_OF_WRENCH = 6
+TINY_SLOPE = 1e-15  # rad/(N m) or m/N: no joint is so stiff
 CURVE_POINTS = 41  # of a spring's curve, from full torque on one side to the other
 ARCMIN = math.pi / 180.0 / 60.0
 
@@ -310,7 +311,8 @@ class GpSprings(CalibratedProcess):
             self.curves_[f"spring {robot.joint_names[k]}"] = points[order]
             steps = _PLACES / (torque[1] - torque[0])
             slopes[k] = steps @ turn
-            errors[k] = calibration * np.sqrt(np.einsum("pi,ij,pj->p", steps, covariance, steps))
+            variance = np.einsum("pi,ij,pj->p", steps, covariance, steps)
+            errors[k] = calibration * np.sqrt(np.maximum(variance, 0.0))
         straight = process.loads.effects(process.loads.loaded - process.loads.unloaded)[own]
         self.springs_ = _identified(robot, slopes, errors, straight)
         noise = {"noise [mm]": 1e3 * math.sqrt(process.covariance.noise)}
@@ -371,7 +373,8 @@ def _identified(
     names = [f"{name} at {word} torque" for name in robot.joint_names for word in _WORDS]
     units = [stiffness_unit(kind) for kind in robot.joint_types for _ in _WORDS]
     # a slope that may as well be negative has the size of its error
-    compliance, error = np.maximum(slopes, 0.3 * errors).ravel(), errors.ravel()
+    least = np.maximum(0.3 * errors, TINY_SLOPE)
+    compliance, error = np.maximum(slopes, least).ravel(), errors.ravel()
     log_error = error / compliance
     known = log_error <= LARGEST_ERROR
     return IdentifiedSprings(

@@ -15,7 +15,8 @@ own spring also has lost motion of unknown size, taken up within a width h T_s t
 share: a part c_s m T_s atan(t / (h T_s)) of the curve, and a part 2 c_s m' T_s atan(tau_s /
 (2 h T_s)) that every load takes up again, from wherever the gear stands (hysteresis, Masing's
 rule). The small remainder r is zero without a load: its covariance is the scalar product of two
-scaled loads times a Matern 5/2 of pose and load. It is independent between the axes, which share the curves.
+scaled loads times a Matern 5/2 of pose and load. It is independent between the axes; these share
+the curves.
 
 Shapes: a "row" is one axis of one sample; matrices over rows have the order axis, then sample.
 """
