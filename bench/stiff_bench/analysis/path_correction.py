@@ -33,6 +33,7 @@ from stiff_datasets.measured.sample_files import (
     write_table,
 )
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
+from stiff_protocols.contract.interfaces import interval_at_tcp, tcp_deflection
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
@@ -121,14 +122,15 @@ class PathModel:
         return robot
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, 3) deflection, m; arguments as of a model's `predict`."""
+        """Return the (n, 3) deflection of the TCP, m; arguments as of a model's `predict`."""
         with self.blamed():
-            return np.asarray(self.fitted.predict(q, wrench))
+            return np.asarray(tcp_deflection(self.fitted)(q, wrench))
 
     def interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return where the deflections lie with this probability."""
         with self.blamed():
-            return self.intervals(q, wrench, coverage)
+            found = self.intervals(q, wrench, coverage)
+            return interval_at_tcp(self.fitted, found, q, wrench)
 
 
 class _Block(NamedTuple):
