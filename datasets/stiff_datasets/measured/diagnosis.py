@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from stiff_datasets.measured.hypotheses import (
+    ELSEWHERE,
     FITTED,
     Fitted,
     Reading,
@@ -23,6 +24,7 @@ from stiff_datasets.measured.hypotheses import (
     reading,
     readings,
     solve_nonnegative,
+    with_tilting_joints,
 )
 from stiff_protocols.contract.identification import RANK_TOLERANCE
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
@@ -93,11 +95,14 @@ class Diagnosis:
         given: under no hypothesis.
         best: under one that explains them clearly better; None: there is none.
         ties: texts of others that explain them as well.
+        elsewhere: where no mistake is found: with springs across the joints' axes, too, the fits at
+            the given points and at others, the best first, if one of these is clearly better.
     """
 
     given: Fit
     best: Fit | None = None
     ties: tuple[str, ...] = ()
+    elsewhere: tuple[Fit, ...] = ()
 
 
 def diagnose(
@@ -135,7 +140,21 @@ def diagnose(
     close = [fit for fit in better if fit.score <= NEARLY_AS_GOOD * lowest]
     best = min(close, key=functools.partial(_unlikely, AS_GOOD * lowest), default=None)
     close = sorted((fit for fit in close if fit is not best), key=lambda fit: fit.score)
-    return Diagnosis(given, best, tuple(fit.text for fit in close))
+    elsewhere: tuple[Fit, ...] = ()
+    if best is None and may_fit and not joints_only and given.explained < SOUND:
+        elsewhere = _elsewhere(with_tilting_joints(data), pose, fold)
+    return Diagnosis(given, best, tuple(fit.text for fit in close), elsewhere)
+
+
+def _elsewhere(data: Reading, pose: IntArray, fold: IntArray) -> tuple[Fit, ...]:
+    """Return the fits at the given points and at others, () unless one is clearly better."""
+    given, found = _fit("", data, fold), []
+    for free in ELSEWHERE:
+        numbers = _fitted(free, data, np.zeros(free.n_free))
+        found.append(_fit_free(free, numbers, data, fold))
+    if not any(_clearly_better(fit, given, pose) for fit in found):
+        return ()
+    return given, *sorted(found, key=lambda fit: fit.rms)
 
 
 def _better(

@@ -40,7 +40,7 @@ the TCP into (n, 3, n_columns) deflections at unit compliance."""
 
 FIT_SIGMA = 0.5
 """m, standard deviation of each coordinate about the given point under "fit": tools are no larger.
-Where the samples tell the point it changes nothing; elsewhere the point stays near the given one."""
+Where samples tell the point it changes nothing; elsewhere the point stays near the given one."""
 
 ROUNDS = 3
 """Searches, each with the noise that the one before leaves."""
@@ -300,7 +300,7 @@ class GeometryModel(FittedModel):
 
         Arguments as of `fitted_geometry`; `twists_of` gives the twists at joint positions.
         """
-        GeometryModel.check_params(self)
+        self.check_params()
         self.geometry_ = None
         if self.tcp == self.lever == "given":
             return train, robot
