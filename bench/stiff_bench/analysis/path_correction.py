@@ -128,7 +128,8 @@ class PathModel:
 
     def carried(self, q: FloatArray, wrench: FloatArray) -> float:
         """Return how much a deflection changes at most from the measured point to the TCP, m."""
-        if not isinstance(self.fitted, PredictsAtTcp):
+        fitted = self.fitted
+        if not isinstance(fitted, PredictsAtTcp):
             return 0.0
         with self.blamed():
             change = self.predict(q, wrench) - np.asarray(self.fitted.predict(q, wrench))

@@ -16,6 +16,7 @@ import numpy as np
 
 from stiff_datasets.measured.hypotheses import (
     ELSEWHERE,
+    FARTHEST_SOUND,
     FITTED,
     Fitted,
     Reading,
@@ -147,14 +148,15 @@ def diagnose(
 
 
 def _elsewhere(data: Reading, pose: IntArray, fold: IntArray) -> tuple[Fit, ...]:
-    """Return the fits at the given points and at others, () unless one is clearly better."""
-    given, found = _fit("", data, fold), []
+    """Return the fits at the given points and at others, () unless a far one is clearly better."""
+    given, found, is_clear = _fit("", data, fold), [], False
     for free in ELSEWHERE:
-        numbers = _fitted(free, data, np.zeros(free.n_free))
-        found.append(_fit_free(free, numbers, data, fold))
-    if not any(_clearly_better(fit, given, pose) for fit in found):
-        return ()
-    return given, *sorted(found, key=lambda fit: fit.rms)
+        point = _fitted(free, data, np.zeros(free.n_free))
+        fit = _fit_free(free, point, data, fold)
+        is_far = float(np.linalg.norm(point)) > FARTHEST_SOUND
+        is_clear |= is_far and _clearly_better(fit, given, pose)
+        found.append(fit)
+    return (given, *sorted(found, key=lambda fit: fit.rms)) if is_clear else ()
 
 
 def _better(
