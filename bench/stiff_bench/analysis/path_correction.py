@@ -33,6 +33,7 @@ from stiff_datasets.measured.sample_files import (
     write_table,
 )
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
+from stiff_protocols.contract.interfaces import PredictsAtTcp, interval_at_tcp, tcp_deflection
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
@@ -121,22 +122,40 @@ class PathModel:
         return robot
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, 3) deflection, m; arguments as of a model's `predict`."""
+        """Return the (n, 3) deflection of the TCP, m; arguments as of a model's `predict`."""
         with self.blamed():
-            return np.asarray(self.fitted.predict(q, wrench))
+            return np.asarray(tcp_deflection(self.fitted)(q, wrench))
+
+    def carried(self, q: FloatArray, wrench: FloatArray) -> float:
+        """Return how much a deflection changes at most from the measured point to the TCP, m."""
+        fitted = self.fitted
+        if not isinstance(fitted, PredictsAtTcp):
+            return 0.0
+        with self.blamed():
+            change = self.predict(q, wrench) - np.asarray(self.fitted.predict(q, wrench))
+        return float(np.linalg.norm(change, axis=1).max(initial=0.0))
 
     def interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return where the deflections lie with this probability."""
         with self.blamed():
-            return self.intervals(q, wrench, coverage)
+            found = self.intervals(q, wrench, coverage)
+            return interval_at_tcp(self.fitted, found, q, wrench)
 
 
 class _Block(NamedTuple):
-    """Points that were read and corrected at once, with the numbers of their lines."""
+    """Points that were read and corrected at once.
+
+    Attributes:
+        lines: (n,) of the file.
+        found: points and commands.
+        interval: as of `CorrectedPath`.
+        carried: largest change of a deflection from the measured point to the TCP, m.
+    """
 
     lines: IntArray
     found: Compensation
     interval: Interval | None
+    carried: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +207,7 @@ class _Correction:
             interval = None
             if how.coverage is not None:
                 interval = self.model.interval(found.q, wrench, how.coverage)
-            done.append(_Block(table.lines, found, interval))
+            done.append(_Block(table.lines, found, interval, self.model.carried(found.q, wrench)))
             extrapolates = self.seen.of(found.q, wrench)
             yield corrected_table(table, robot, found, extrapolates, interval)
             if self.seen.n_rows < self.n_points:
@@ -258,6 +277,12 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
         interval = Interval(lower, upper, how.coverage)
     if not seen.ends[1, -2:].any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
+    if carried := max(one.carried for one in blocks):
+        say(
+            f"warning: {file}: the model was fitted to another point of the tool than the TCP; the "
+            f"rotation of the tool, which was not measured, changes the deflections by up to "
+            f"{MM_PER_M * carried:.3g} mm to those of the TCP"
+        )
     for warning, column in (
         (work.failures(whole, lines), "uncorrected"),
         (seen.warning, "extrapolates"),

@@ -35,6 +35,8 @@ from stiff_protocols.contract.interfaces import (
     PredictsInterval,
     ReportsDiagnostics,
     StiffnessModel,
+    interval_at_tcp,
+    tcp_deflection,
 )
 from stiff_protocols.contract.plugin import ModelInfo, ProtocolInfo
 from stiff_protocols.contract.record import Cost
@@ -201,14 +203,14 @@ def _fitted(task: FitTask) -> Fitted:
     predict_s = time.perf_counter() - fitted
     memory_bytes = memory.rise()
     check_prediction(predicted, len(q))
-    predict = _checked(model)
+    predict, predict_tcp = _checked(model.predict), _checked(tcp_deflection(model))
     training = task.train.take(task.rows_for_units)
     of_training = predict(training.q, training.wrench)
     diagnostics = model.diagnostics_ if isinstance(model, ReportsDiagnostics) else {}
     diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
     chosen = model.best_params_ if isinstance(model, ChoosesOptions) else {}
     intervals = _interval_source(task, model)
-    commands = commands_of(task.paths, predict, task.robot, q, wrench)
+    commands = commands_of(task.paths, predict_tcp, task.robot, q, wrench)
     at = q if commands is None else commands
     interval = at_commands = None
     if intervals is not None and task.coverage is not None:
@@ -216,7 +218,10 @@ def _fitted(task: FitTask) -> Fitted:
         if not isinstance(interval, Interval):
             wrong = type(interval).__name__
             raise ModelError(f"predict_interval returned {wrong}, expected Interval")
-        at_commands = None if commands is None else predict(commands, wrench)
+        if commands is not None:
+            centre = intervals.model_ if isinstance(intervals, SplitConformal) else model
+            interval = interval_at_tcp(centre, interval, at, wrench)
+            at_commands = predict_tcp(commands, wrench)
     cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
         fit_s=fitted - start,
         predict_s=predict_s,
@@ -255,15 +260,15 @@ def commands_of(
     return protocol.commanded(predict, robot, q, wrench)
 
 
-def _checked(model: StiffnessModel) -> Deflection:
-    """Return a model's predictions, each seen to be (n, 3) finite numbers."""
+def _checked(predict: Deflection) -> Deflection:
+    """Return a function whose predictions are seen to be (n, 3) finite numbers."""
 
-    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        predicted = np.asarray(model.predict(q, wrench))
+    def checked(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        predicted = np.asarray(predict(q, wrench))
         check_prediction(predicted, len(q))
         return predicted
 
-    return predict
+    return checked
 
 
 def _thinned(name: str, curve: FloatArray) -> FloatArray:

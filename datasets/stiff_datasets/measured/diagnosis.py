@@ -15,6 +15,8 @@ from typing import Literal
 import numpy as np
 
 from stiff_datasets.measured.hypotheses import (
+    ELSEWHERE,
+    FARTHEST_SOUND,
     FITTED,
     Fitted,
     Reading,
@@ -23,6 +25,7 @@ from stiff_datasets.measured.hypotheses import (
     reading,
     readings,
     solve_nonnegative,
+    with_tilting_joints,
 )
 from stiff_protocols.contract.identification import RANK_TOLERANCE
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
@@ -93,11 +96,14 @@ class Diagnosis:
         given: under no hypothesis.
         best: under one that explains them clearly better; None: there is none.
         ties: texts of others that explain them as well.
+        elsewhere: where no mistake is found: with springs across the joints' axes, too, the fits at
+            the given points and at others, the best first, if one of these is clearly better.
     """
 
     given: Fit
     best: Fit | None = None
     ties: tuple[str, ...] = ()
+    elsewhere: tuple[Fit, ...] = ()
 
 
 def diagnose(
@@ -135,7 +141,22 @@ def diagnose(
     close = [fit for fit in better if fit.score <= NEARLY_AS_GOOD * lowest]
     best = min(close, key=functools.partial(_unlikely, AS_GOOD * lowest), default=None)
     close = sorted((fit for fit in close if fit is not best), key=lambda fit: fit.score)
-    return Diagnosis(given, best, tuple(fit.text for fit in close))
+    elsewhere: tuple[Fit, ...] = ()
+    if best is None and may_fit and not joints_only and given.explained < SOUND:
+        elsewhere = _elsewhere(with_tilting_joints(data), pose, fold)
+    return Diagnosis(given, best, tuple(fit.text for fit in close), elsewhere)
+
+
+def _elsewhere(data: Reading, pose: IntArray, fold: IntArray) -> tuple[Fit, ...]:
+    """Return the fits at the given points and at others, () unless a far one is clearly better."""
+    given, found, is_clear = _fit("", data, fold), [], False
+    for free in ELSEWHERE:
+        point = _fitted(free, data, np.zeros(free.n_free))
+        fit = _fit_free(free, point, data, fold)
+        is_far = float(np.linalg.norm(point)) > FARTHEST_SOUND
+        is_clear |= is_far and _clearly_better(fit, given, pose)
+        found.append(fit)
+    return (given, *sorted(found, key=lambda fit: fit.rms)) if is_clear else ()
 
 
 def _better(

@@ -265,6 +265,8 @@ def _spring_findings(
             "of the mistakes that were tried explains much more; check units, joint angles, TCP "
             "and frames"
         )
+    if diagnosis.elsewhere:
+        yield warning(_elsewhere_text(diagnosis.elsewhere))
     yield fact(
         "joint springs",
         f"{given.explained:.1%} of squared deflection explained, cross-validated; residual "
@@ -324,6 +326,18 @@ def _named(diagnosis: Diagnosis) -> str:
     return (
         f"{best.text}: explained {given.explained:.1%} -> {best.explained:.1%}, residual "
         f"{given.rms * MM_PER_M:.3g} -> {best.rms * MM_PER_M:.3g} mm RMS{more}"
+    )
+
+
+def _elsewhere_text(fits: Sequence[Fit]) -> str:
+    """Return the sentence about a TCP or a force's point that is elsewhere; see `Diagnosis`."""
+    given, *others = fits
+    residuals = "; ".join(f"{fit.text}: {fit.rms * MM_PER_M:.3g} mm" for fit in others)
+    return (
+        "is the TCP or the force's point elsewhere? Springs about all axes leave "
+        f"{given.rms * MM_PER_M:.3g} mm RMS, cross-validated; in the flange frame {residuals}. "
+        "Check where the tool was measured and loaded, and whether its mount gives way; models fit "
+        "the point with tcp=fit or lever=fit"
     )
 
 

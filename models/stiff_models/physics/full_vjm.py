@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Literal
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from stiff_models.base import FittedModel
+from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_models.physics.kinematics import unit_deflections, virtual_jacobian
 from stiff_models.physics.vjm import identify_springs, stiffness_unit, warn_unexplained
 from stiff_protocols.contract.errors import StiffBenchWarning
@@ -46,7 +46,7 @@ tip."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class FullVjm(FittedModel):
+class FullVjm(GeometryModel):
     """The full VJM as a model; a load's own stiffness (congruence) is left out.
 
     Attributes:
@@ -59,13 +59,15 @@ class FullVjm(FittedModel):
         compliance_: (n_springs,) rad/(N m) or m/N: those of `springs_`; of "ridge" others, of
             which only the sum of their effects means anything.
         diagnostics_: how many springs there are and cannot be identified, and what
-            `IdentifiedSprings` reports; of "ridge" no stiffnesses.
+            `IdentifiedSprings` reports, of "ridge" no stiffnesses; the fitted geometry.
     """
 
     springs: Springs = 3
     solver: Literal["nnls", "ridge"] = "nnls"
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        twists_of = partial(spring_twists, springs=self.springs)
+        train, robot = self._placed(train, robot, twists_of, unit_deflections)
         matrix = spring_regressor(robot, train.q, train.wrench, self.springs)
         units, typical = spring_units(robot, self.springs), typical_springs(robot, self.springs)
         found = identify_springs(units, matrix, train.deflection, typical, train.pose_id)
@@ -82,6 +84,7 @@ class FullVjm(FittedModel):
             "springs": float(n_springs),
             "springs not identifiable": float(len(found.unidentifiable)),
             **numbers,
+            **self._geometry_report(),
         }
         if 3 * len(train) < n_springs:
             warnings.warn(
@@ -93,8 +96,8 @@ class FullVjm(FittedModel):
             )
         warn_unexplained(self.compliance_, train)
 
-    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        regressor = spring_regressor(self.robot_, q, wrench, self.springs)
+    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        regressor = spring_regressor(robot, q, wrench, self.springs)
         return np.asarray(regressor @ self.compliance_)
 
 
@@ -138,8 +141,16 @@ def spring_regressor(
         wrench: (n, 6) N and N m at the TCP, base frame.
         springs: virtual springs a joint.
     """
+    return unit_deflections(spring_twists(robot, q, springs), wrench)
+
+
+def spring_twists(robot: Robot, q: FloatArray, springs: Springs) -> FloatArray:
+    """Return the (n, 6, n_joints * springs) twists of the TCP by a unit motion of each spring.
+
+    Arguments as of `spring_regressor`.
+    """
     joint, own = np.divmod(virtual_joints(robot, springs), 6)
-    return unit_deflections(virtual_jacobian(robot, q)[:, :, joint, own], wrench)
+    return virtual_jacobian(robot, q)[:, :, joint, own]
 
 
 def virtual_joints(robot: Robot, springs: Springs) -> list[int]:

@@ -23,7 +23,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from scipy.optimize import nnls
 
-from stiff_models.base import FittedModel
+from stiff_models.physics.fitted_geometry import GeometryModel, Regressor
 from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torque
 from stiff_models.physics.vjm import (
     identify_springs,
@@ -89,10 +89,11 @@ CANDIDATE_SHARES = np.linspace(0.1, 0.9, 17)  # of the search: each end keeps a 
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class MultiSegmentVjm(FittedModel):
+class MultiSegmentVjm(GeometryModel):
     """The multi-segment VJM as a model; a load's own stiffness (congruence) is left out.
 
-    The prior takes the segments of a joint for alike.
+    The prior takes the segments of a joint for alike. A fitted geometry is found with breakpoints
+    by quantile, unless they are given.
 
     Attributes:
         segments: stiffness segments per joint.
@@ -107,7 +108,8 @@ class MultiSegmentVjm(FittedModel):
         breakpoints_: (n_joints, segments - 1) N m.
         springs_: what was identified, by names such as "A2 segment 1".
         slopes_: (n_joints, segments) compliance of each segment, rad/(N m).
-        diagnostics_: breakpoints, and what `IdentifiedSprings` reports, by name and unit.
+        diagnostics_: breakpoints, what `IdentifiedSprings` reports, and the fitted geometry, by
+            name and unit.
     """
 
     segments: Annotated[int, Ge(2), Le(4)] = 2
@@ -116,7 +118,8 @@ class MultiSegmentVjm(FittedModel):
     gravity: bool = True
 
     def check_params(self) -> None:
-        """Raise ConfigError where the given breakpoints do not fit the other options."""
+        """Raise ConfigError where options do not fit each other."""
+        super().check_params()
         if self.breakpoints == "given":
             _parsed(self.given_breakpoints, self.segments)
         elif self.given_breakpoints:
@@ -138,6 +141,7 @@ class MultiSegmentVjm(FittedModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_robot(robot)
+        train, robot = self._placed(train, robot, jacobian, self._regressor(robot, train.q))
         loaded = _loaded_joints(robot, train.q, train.wrench, gravity=self.gravity)
         self.breakpoints_ = self._breakpoints(loaded, train)
         if self.gravity and not robot.masses.any():
@@ -157,22 +161,40 @@ class MultiSegmentVjm(FittedModel):
         found = identify_springs(springs, matrix, train.deflection, typical, train.pose_id)
         self.springs_ = found
         self.slopes_ = found.compliance.reshape(robot.n_joints, self.segments)
-        self.diagnostics_ = _named(robot, self.breakpoints_) | found.report()
+        springs_report = _named(robot, self.breakpoints_) | found.report()
+        self.diagnostics_ = springs_report | self._geometry_report()
         warn_unidentifiable(found)
         warn_unexplained(found.compliance, train)
 
-    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        loaded = _loaded_joints(self.robot_, q, wrench, gravity=self.gravity)
+    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        loaded = _loaded_joints(robot, q, wrench, gravity=self.gravity)
         return np.asarray(np.einsum("nkis,is->nk", loaded.effects(self.breakpoints_), self.slopes_))
 
-    def _breakpoints(self, loaded: _LoadedJoints, train: Samples) -> FloatArray:
+    def _regressor(self, robot: Robot, q: FloatArray) -> Regressor:
+        preload = gravity_torque(robot, q) if self.gravity else np.zeros((len(q), robot.n_joints))
+
+        def regressor(twists: FloatArray, wrench: FloatArray) -> FloatArray:
+            loaded = _LoadedJoints(twists[:, :3], preload, preload + joint_torque(twists, wrench))
+            return loaded.effects(self._usual_breakpoints(loaded)).reshape(len(q), 3, -1)
+
+        return regressor
+
+    def _usual_breakpoints(self, loaded: _LoadedJoints) -> FloatArray:
+        """Return the (n_joints, segments - 1) breakpoints without a search, N m."""
         if self.breakpoints == "given":
             given = np.array(_parsed(self.given_breakpoints, self.segments))
             n_joints = loaded.torque.shape[1]
             return np.array(np.broadcast_to(given, (n_joints, self.segments - 1)))
-        shares = np.linspace(FIRST_SHARE, 1.0, self.segments)[:-1]
-        if self.breakpoints == "quantile":
-            return loaded.quantiles(shares)
+        return loaded.quantiles(self._shares())
+
+    def _shares(self) -> FloatArray:
+        """Return the (segments - 1,) shares of the torques below each breakpoint."""
+        return np.linspace(FIRST_SHARE, 1.0, self.segments)[:-1]
+
+    def _breakpoints(self, loaded: _LoadedJoints, train: Samples) -> FloatArray:
+        if self.breakpoints != "search":
+            return self._usual_breakpoints(loaded)
+        shares = self._shares()
         candidates = loaded.quantiles(CANDIDATE_SHARES)
         nearest = np.abs(CANDIDATE_SHARES - shares[:, None]).argmin(axis=1)
         start = np.tile(nearest, (len(candidates), 1))

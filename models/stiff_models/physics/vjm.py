@@ -18,8 +18,9 @@ import numpy as np
 from stiff_models.base import FittedModel
 from stiff_models.catalog import model_info
 from stiff_models.physics.congruence import linearised_at_best, loaded_deflection
+from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_models.physics.kinematics import jacobian, joint_deflection, unit_deflections
-from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.identification import IdentifiedSprings, identify, typical_joints
 from stiff_protocols.contract.types import FloatArray, Robot, Samples, TextArray
 
@@ -93,30 +94,40 @@ def identify_joints(
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class VirtualJointModel(FittedModel):
+class VirtualJointModel(GeometryModel):
     """The linear VJM as a model.
 
     Attributes:
         congruence: include the load's own stiffness (conservative congruence, K - K_g);
             predictions then are no longer linear in the wrench, and a load beyond buckling is a
-            ModelError.
+            ModelError. A fitted geometry is found without it.
         springs_: what was identified.
         diagnostics_: by name and unit: of each joint that the samples identify its stiffness,
             standard error and the ends of an interval that holds it with 90 % probability; of
-            each other the prior's stiffness; rank and condition number.
+            each other the prior's stiffness; rank and condition number; the fitted geometry.
     """
 
     congruence: bool = False
 
+    def check_params(self) -> None:
+        """Raise ConfigError where options do not fit each other."""
+        super().check_params()
+        if self.congruence and self.lever == "fit":
+            raise ConfigError(
+                "congruence=True needs the load at the TCP, lever='fit' moves it (valid: "
+                "lever='given', tcp='fit')"
+            )
+
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        train, robot = self._placed(train, robot, jacobian, unit_deflections)
         self.springs_ = identify_joints(robot, train, congruence=self.congruence)
-        self.diagnostics_ = self.springs_.report()
+        self.diagnostics_ = self.springs_.report() | self._geometry_report()
         warn_unidentifiable(self.springs_)
         warn_unexplained(self.springs_.compliance, train)
 
-    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         deflection = loaded_deflection if self.congruence else joint_deflection
-        return deflection(self.robot_, self.springs_.compliance, q, wrench)
+        return deflection(robot, self.springs_.compliance, q, wrench)
 
 
 def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training samples") -> None:

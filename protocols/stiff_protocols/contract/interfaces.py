@@ -130,6 +130,35 @@ class PredictsInterval(Protocol):
 
 
 @runtime_checkable
+class PredictsAtTcp(Protocol):
+    """Optional power: predict the robot's own TCP, where `predict` is of another measured point.
+
+    Tool paths are corrected for the TCP, which the commands move.
+    """
+
+    def predict_at_tcp(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] of the TCP under wrenches that act there."""
+
+
+def tcp_deflection(model: StiffnessModel) -> Deflection:
+    """Return the function that predicts the deflection of the robot's own TCP."""
+    return model.predict_at_tcp if isinstance(model, PredictsAtTcp) else model.predict
+
+
+def interval_at_tcp(
+    model: StiffnessModel, interval: Interval, q: FloatArray, wrench: FloatArray
+) -> Interval:
+    """Return an interval about a model's `predict`, moved to its prediction of the robot's TCP.
+
+    Its width stays: how wrong the tool's rotation is over the distance is not in it.
+    """
+    if not isinstance(model, PredictsAtTcp):
+        return interval
+    shift = model.predict_at_tcp(q, wrench) - model.predict(q, wrench)
+    return Interval(interval.lower + shift, interval.upper + shift, interval.coverage)
+
+
+@runtime_checkable
 class PredictsCovariance(Protocol):
     """Optional power: say how unknown deflections go together, to choose the next poses by.
 

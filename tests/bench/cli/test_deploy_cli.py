@@ -69,6 +69,13 @@ def test_a_fit_prints_a_row_a_spring_and_says_which_the_samples_cannot_tell(tmp_
     assert notes[1].endswith(".")  # a sentence a line
 
 
+def test_a_fit_prints_the_fitted_point_with_its_interval(tmp_path):
+    words = ("--dataset", "fanuc-r2000ic", "--output", tmp_path / "fitted.stiff")
+    text = run(deploy_cli.fit, "--model", "vjm@tcp=fit", *words)
+    lines = [line for line in text.splitlines() if "fitted geometry, TCP" in line]
+    assert len(lines) == 10 and all("[mm]: " in line for line in lines)
+
+
 def test_predictions_are_written_to_standard_output(vjm_file, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("poses.csv").write_text(f"{HEADER}\n{ROW}\n")

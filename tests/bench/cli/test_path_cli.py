@@ -114,6 +114,20 @@ def test_every_example_can_be_driven_and_corrected(shape, tmp_path, corrected):
 
 
 @pytest.mark.filterwarnings("ignore:extrapolation")
+def test_commands_of_a_model_of_another_point_are_for_the_tcp_and_say_so(
+    square, corrected, twin, capsys
+):
+    model = sb.make_model("vjm", tcp="fit").fit(twin)
+    found, written = corrected(pd.read_csv(square), model=model, coverage=0.9)
+    wrench = pd.read_csv(square)[[*FORCE, "tx_Nm", "ty_Nm", "tz_Nm"]].to_numpy()
+    at_tcp = model.fitted.predict_at_tcp(np.radians(written[JOINTS].to_numpy()), wrench)
+    np.testing.assert_allclose(found.found.deflection, at_tcp, atol=1e-8)
+    middle = 0.5 * (found.interval.lower + found.interval.upper)
+    np.testing.assert_allclose(middle, at_tcp, atol=1e-8)
+    assert "another point of the tool" in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("ignore:extrapolation")
 def test_loaded_tool_with_the_written_commands_is_on_the_path(square, corrected, vjm):
     wanted = pd.read_csv(square)
     found, written = corrected(wanted, tolerance=1e-4)

@@ -16,6 +16,7 @@ from stiff_bench.analysis.verdict import Question
 from stiff_bench.plan.cells import cell_tasks, tell_source
 from stiff_bench.run.cell import fit_task
 from stiff_bench.run.execution import Execution
+from stiff_bench.run.fit import fit_and_predict
 from stiff_bench.run.progress import LineDisplay
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
@@ -23,6 +24,7 @@ from stiff_bench.tables.metric_table import build_tables
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import PATH_GROUP, Samples
 from stiff_protocols.scoring.metrics import norm_errors
+from stiff_protocols.splits.path_compensation import PathCompensation
 
 PATHS = "path-compensation"
 SEEN = []
@@ -84,6 +86,20 @@ def test_no_model_is_given_the_robot_that_answers(tasks):
     SEEN.clear()
     tell_source(Witness(), tasks[0].data)
     assert SEEN[0].samples is tasks[0].data.samples and SEEN[0].under_load is None
+
+
+def test_a_model_of_another_point_corrects_paths_for_the_tcp_with_intervals_there():
+    (task,) = listed(("vjm@tcp=fit",), splits=1)
+    given = replace(fit_task(task), coverage=0.9)
+    fitted = fit_and_predict(given).fitted
+    model = given.make().fit(given.train, robot=given.robot)
+    at_tcp = PathCompensation().commanded(model.predict_at_tcp, given.robot, given.q, given.wrench)
+    np.testing.assert_array_equal(fitted.commands, at_tcp)
+    predicted = model.predict_at_tcp(at_tcp, given.wrench)
+    np.testing.assert_array_equal(fitted.at_commands, predicted)
+    middle = 0.5 * (fitted.interval.lower + fitted.interval.upper)
+    away = np.linalg.norm(middle - model.predict(at_tcp, given.wrench), axis=1).mean()
+    assert np.linalg.norm(middle - predicted, axis=1).mean() < 0.3 * away  # of a second fit
 
 
 def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results):

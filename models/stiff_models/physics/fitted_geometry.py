@@ -1,0 +1,325 @@
+"""Fitted geometry: the point of the tool that was measured, estimated together with the springs.
+
+A deflection belongs to the point of the tool where the instrument looked, and a force acts at a
+real point. A robot's card may name another TCP. Springs c give a point p of the last link, under a
+force F at the point f, the deflection
+
+    d = J_v(p) diag(c) J(f)^T (F, T),    J_v(p) = J_v(t) + J_w x R (p - t)
+
+with the given TCP t, the rotational rows J_w, the last link's orientation R and p, f, t in its
+frame. `tcp=fit` moves both points together, p = f; `lever=fit` moves f alone, p = t. For each point
+the least-squares compliances follow (variable projection, Golub and Pereyra 1973), so the search
+has three coordinates.
+
+The fitted point takes up whatever the springs lack, as the springs themselves do. It predicts
+better; it is not the true TCP. SI: rad, N, N m, m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, cast
+
+import numpy as np
+from annotated_types import Gt
+from scipy.optimize import least_squares
+from scipy.special import ndtri
+
+from stiff_models.base import FittedModel
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.identification import LEAST_NOISE, least_compliance
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
+
+Tcp = Literal["given", "fit", "prior"]
+Lever = Literal["given", "fit"]
+
+Regressor = Callable[[FloatArray, FloatArray], FloatArray]
+"""Turns (n, 6, n_springs) twists of the TCP by a unit motion of each spring and (n, 6) wrenches at
+the TCP into (n, 3, n_columns) deflections at unit compliance."""
+
+FIT_SIGMA = 0.5
+"""m, standard deviation of each coordinate about the given point under "fit": tools are no larger.
+Where samples tell the point it changes nothing; elsewhere the point stays near the given one."""
+
+ROUNDS = 3
+"""Searches, each with the noise that the one before leaves."""
+STEP = 1e-5  # m, of the differences
+CONVERGED = 1e-7  # relative
+INTERVAL = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """A measured point, and the point where the force acts, of the tool.
+
+    Attributes:
+        robot: with the measured point as its TCP.
+        lever: (3,) from there to where the force acts, last joint's frame, m.
+        covariance: (3, 3) of the fitted coordinates, last joint's frame, m².
+        given: (3,) TCP of the robot's card, last joint's frame, m.
+    """
+
+    robot: Robot
+    lever: FloatArray
+    covariance: FloatArray
+    given: FloatArray
+
+    @property
+    def point(self) -> FloatArray:
+        """(3,) fitted point in the last joint's frame, m."""
+        return np.asarray(self.robot.tcp + self.lever)
+
+    def wrench_at_tcp(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return (n, 6) wrenches at the robot's TCP that act as those at the force's point do."""
+        return moved_wrench(wrench, _turned(self.robot, q, self.lever))
+
+    def samples_at_tcp(self, samples: Samples) -> Samples:
+        """Return the samples with their wrenches at the robot's TCP."""
+        return replace(samples, wrench=self.wrench_at_tcp(samples.q, samples.wrench))
+
+    def interval(self, coverage: float = INTERVAL) -> FloatArray:
+        """Return (3, 2) ends of each coordinate's interval, frame of the robot's flange, m."""
+        turn = self.robot.flange[:3, :3]
+        spread = np.sqrt(np.diag(turn.T @ self.covariance @ turn))
+        reach = float(ndtri(0.5 + coverage / 2.0)) * spread
+        middle = self.point_on_flange
+        return np.stack([middle - reach, middle + reach], axis=1)
+
+    @property
+    def point_on_flange(self) -> FloatArray:
+        """(3,) fitted point in the frame of the robot's flange, as `--tcp` has it, m."""
+        return replace(self.robot, tcp=self.point).tcp_on_flange
+
+    def report(self) -> dict[str, float]:
+        """Return the fitted point with 90 % intervals and its distance from the given one, mm."""
+        word = "force" if self.lever.any() else "TCP"
+        numbers: dict[str, float] = {}
+        for axis, value, (low, high) in zip(
+            "xyz", self.point_on_flange, self.interval(), strict=True
+        ):
+            name = f"fitted geometry, {word} {axis}"
+            numbers[f"{name} [mm]"] = 1e3 * float(value)
+            numbers[f"{name} 90 % interval from [mm]"] = 1e3 * float(low)
+            numbers[f"{name} 90 % interval to [mm]"] = 1e3 * float(high)
+        distance = float(np.linalg.norm(self.point - self.given))
+        return numbers | {f"fitted geometry, {word} from the given [mm]": 1e3 * distance}
+
+
+def moved_wrench(wrench: FloatArray, lever: FloatArray) -> FloatArray:
+    """Return (n, 6) wrenches that act at a point, at another one.
+
+    `lever` (n, 3) leads from the other point to this one, base frame, m.
+    """
+    force, torque = wrench[:, :3], wrench[:, 3:]
+    return np.hstack([force, torque + np.cross(lever, force)])
+
+
+def moved_twists(twists: FloatArray, lever: FloatArray) -> FloatArray:
+    """Return (n, 6, n_springs) twists of a point of the tool, of another one.
+
+    `lever` (n, 3) leads from the point to the other one, base frame, m.
+    """
+    move, turn = twists[:, :3], twists[:, 3:]
+    return np.concatenate([move + np.cross(turn, lever[:, :, None], axis=1), turn], axis=1)
+
+
+def fitted_geometry(
+    samples: Samples,
+    robot: Robot,
+    twists: FloatArray,
+    regressor: Regressor,
+    *,
+    moves: Literal["tcp", "force"] = "tcp",
+    sigma: float = FIT_SIGMA,
+) -> Geometry:
+    """Estimate the measured point, or the force's point, together with a model's compliances.
+
+    Gauss-Newton steps from the given point minimise the squared residuals of non-negative least
+    squares, over the noise that they leave, and the squared distance from the given point over
+    `sigma`.
+
+    Args:
+        samples: to be learned from.
+        robot: with the given TCP.
+        twists: (n, 6, n_springs) of the given TCP by a unit motion of each spring, base frame.
+        regressor: of the model, linear in its compliances.
+        moves: "tcp" moves the measured point and the force's together, "force" the latter alone.
+        sigma: standard deviation of each coordinate about the given point, m.
+
+    Raises:
+        ModelError: no compliances are found.
+    """
+    problem = _Problem(samples, robot.forward(samples.q).rotation, twists, regressor, moves)
+    offset = np.zeros(3)
+    for _ in range(ROUNDS):
+        noise = problem.noise(offset)
+        offset = problem.searched(offset, noise, sigma)
+    covariance = problem.covariance(offset, problem.noise(offset), sigma)
+    if moves == "force":
+        return Geometry(robot, offset, covariance, robot.tcp)
+    return Geometry(replace(robot, tcp=robot.tcp + offset), np.zeros(3), covariance, robot.tcp)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The residuals as a function of the point's offset (3,) from the given one [m]."""
+
+    samples: Samples
+    rotation: FloatArray
+    twists: FloatArray
+    regressor: Regressor
+    moves: Literal["tcp", "force"]
+
+    def matrix(self, offset: FloatArray) -> FloatArray:
+        """Return (3 n, n_columns) the model's regressor."""
+        lever, twists, wrench = self.rotation @ offset, self.twists, self.samples.wrench
+        if self.moves == "force":
+            wrench = moved_wrench(wrench, lever)
+        else:
+            twists = moved_twists(twists, lever)
+        return self.regressor(twists, wrench).reshape(3 * len(wrench), -1)
+
+    def fitted(self, offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the regressor, its compliances, and the (3 n,) residuals that they leave."""
+        matrix, measured = self.matrix(offset), self.samples.deflection.reshape(-1)
+        compliance = least_compliance(matrix, measured)
+        return matrix, compliance, measured - matrix @ compliance
+
+    def slopes(self, offset: FloatArray) -> FloatArray:
+        """Return (3 n, 3) how the residuals change with the offset, the compliances following.
+
+        Of the change at constant compliances, springs that are not rigid take up their part
+        (Kaufman 1975).
+        """
+        matrix, compliance, _ = self.fitted(offset)
+        moved = [self.matrix(offset + STEP * axis) for axis in np.eye(3)]
+        change = np.stack([(matrix - each) @ compliance / STEP for each in moved], axis=1)
+        active = matrix[:, compliance > 0.0]
+        basis = np.linalg.qr(active / np.linalg.norm(active, axis=0))[0]
+        return np.asarray(change - basis @ (basis.T @ change))
+
+    def noise(self, offset: FloatArray) -> float:
+        """Return the standard deviation of the residuals [m], as identification takes it."""
+        _, compliance, residual = self.fitted(offset)
+        measured = self.samples.deflection.reshape(-1)
+        free = max(len(measured) - int((compliance > 0.0).sum()) - len(offset), 0)
+        least = LEAST_NOISE**2 * float(measured @ measured) / len(measured)
+        return float(np.sqrt((residual @ residual + least) / (free + 1)))
+
+    def searched(self, start: FloatArray, noise: float, sigma: float) -> FloatArray:
+        """Return the likeliest offset for a noise and a prior's standard deviation, m."""
+        if not noise:  # every deflection is zero
+            return start
+
+        def residuals(offset: FloatArray) -> FloatArray:
+            return np.concatenate([self.fitted(offset)[2] / noise, offset / sigma])
+
+        def derivative(offset: FloatArray) -> FloatArray:
+            return np.concatenate([self.slopes(offset) / noise, np.eye(3) / sigma])
+
+        found = least_squares(
+            residuals, start, jac=derivative, x_scale=0.1, ftol=CONVERGED, xtol=CONVERGED
+        )
+        return np.asarray(found.x)
+
+    def covariance(self, offset: FloatArray, noise: float, sigma: float) -> FloatArray:
+        """Return the (3, 3) covariance [m²] of the offset.
+
+        The larger of two: with independent errors, and with one error for all samples of a pose.
+        """
+        prior = np.eye(3) / sigma**2
+        if not noise:
+            return np.asarray(sigma**2 * np.eye(3))
+        slopes = self.slopes(offset) / noise
+        residual = self.fitted(offset)[2] / noise
+        alone = np.linalg.inv(slopes.T @ slopes + prior)
+        pose = np.repeat(np.unique(self.samples.pose_id, return_inverse=True)[1], 3)
+        scores = np.zeros((int(pose.max()) + 1, 3))
+        np.add.at(scores, pose, slopes * residual[:, None])
+        together = alone @ (scores.T @ scores + prior) @ alone
+        return max(alone, together, key=np.trace)
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class GeometryModel(FittedModel):
+    """Base of the models whose measured point can be fitted.
+
+    Attributes:
+        tcp: the measured point, where the force acts too: "given" by the robot's card, "fit"
+            together with the springs, or "prior", fitted with a normal prior about the given one.
+        tcp_sigma_mm: standard deviation of that prior, each coordinate, mm.
+        lever: where the force acts, with tcp="given": there ("given"), or at a point that is fitted
+            ("fit").
+        geometry_: the fitted geometry; None where nothing was fitted.
+    """
+
+    tcp: Tcp = "given"
+    tcp_sigma_mm: Annotated[float, Gt(0)] = 50.0
+    lever: Lever = "given"
+
+    added_later = ("tcp", "tcp_sigma_mm", "lever")
+    geometry_ = cast("Geometry | None", None)
+
+    def check_params(self) -> None:
+        """Raise ConfigError where the force's point is asked for and the measured one, too."""
+        if self.lever == "fit" and self.tcp != "given":
+            raise ConfigError(
+                f"lever='fit' fits the force's point alone, tcp={self.tcp!r} moves it with the "
+                "measured point (valid with lever='fit': tcp='given')"
+            )
+
+    def predict_at_tcp(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] of the robot's own TCP under wrenches that act there.
+
+        `predict` is of the point that was measured. The springs give the tool's rotation, which
+        carries the deflection from there over to the TCP: for a rigid tool that is the model's
+        equation at the TCP. Arguments and errors as of `predict`.
+        """
+        q, wrench = self._checked(q, wrench)
+        return self._deflection(self.robot_, q, wrench) if len(q) else np.empty((0, 3))
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        if self.geometry_ is None:
+            return self._deflection(self.robot_, q, wrench)
+        wrench = self.geometry_.wrench_at_tcp(q, wrench)
+        return self._deflection(self.geometry_.robot, q, wrench)
+
+    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] of a robot's TCP under wrenches at that TCP."""
+        raise NotImplementedError
+
+    def _placed(
+        self,
+        train: Samples,
+        robot: Robot,
+        twists_of: Callable[[Robot, FloatArray], FloatArray],
+        regressor: Regressor,
+    ) -> tuple[Samples, Robot]:
+        """Fit the geometry; return the samples with wrenches at the TCP of the robot returned.
+
+        Arguments as of `fitted_geometry`; `twists_of` gives the twists at joint positions.
+        """
+        self.check_params()
+        self.geometry_ = None
+        if self.tcp == self.lever == "given":
+            return train, robot
+        self.geometry_ = fitted_geometry(
+            train,
+            robot,
+            twists_of(robot, train.q),
+            regressor,
+            moves="force" if self.lever == "fit" else "tcp",
+            sigma=1e-3 * self.tcp_sigma_mm if self.tcp == "prior" else FIT_SIGMA,
+        )
+        return self.geometry_.samples_at_tcp(train), self.geometry_.robot
+
+    def _geometry_report(self) -> dict[str, float]:
+        return self.geometry_.report() if self.geometry_ else {}
+
+
+def _turned(robot: Robot, q: FloatArray, offset: FloatArray) -> FloatArray:
+    """Return (n, 3) an offset (3,) of the last joint's frame in the base frame."""
+    if not offset.any():
+        return np.zeros((len(q), 3))
+    return np.asarray(robot.forward(q).rotation @ offset)
