@@ -24,8 +24,8 @@ from stiff_datasets.robots.shipped import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.robots.shipped import named_robot
 from stiff_datasets.twin import simulate as simulation
 from stiff_datasets.twin.constants import (
-    Physics,
     TwinConstants,
+    TwinPhysics,
     read_constants,
     shipped_constants,
     shipped_twins,
@@ -172,7 +172,7 @@ def simulate(
     specimen: int = 0,
     seed: int = 0,
     effects: str = "none",
-    physics: Physics = "tilting",
+    physics: TwinPhysics = "tilting",
 ) -> Text:
     """Write a simulated data set of any size; return how many samples, and how fast.
 

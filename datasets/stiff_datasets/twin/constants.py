@@ -96,7 +96,7 @@ Load = Annotated[float, Ge(0), Le(1000)]  # N, N m
 Length = Annotated[float, Ge(-LONGEST_TCP_M), Le(LONGEST_TCP_M)]  # m; mm would be larger
 Vector = tuple[Length, Length, Length]
 
-Physics = Literal["tilting", "rigid"]
+TwinPhysics = Literal["tilting", "rigid"]
 """Bearings that tilt as the file says, or rigid bearings and links that bend."""
 
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
@@ -317,7 +317,7 @@ class TwinConstants(_Table):
         """The elasticity of every joint, base to tip, SI units."""
         return tuple(joint.springs for joint in self.joint)
 
-    def with_physics(self, physics: Physics) -> TwinConstants:
+    def with_physics(self, physics: TwinPhysics) -> TwinConstants:
         """Return the constants of a twin of this physics.
 
         Args:

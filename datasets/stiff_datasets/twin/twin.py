@@ -24,9 +24,9 @@ from stiff_datasets.planning.poses import Poses
 from stiff_datasets.twin.beams import Beams
 from stiff_datasets.twin.constants import (
     Noise,
-    Physics,
     SpecimenNumber,
     TwinConstants,
+    TwinPhysics,
     specimen_beams,
     specimen_springs,
 )
@@ -195,7 +195,7 @@ class TwinData:
 
     specimen: SpecimenNumber = 0
     seed: Annotated[int, Ge(0)] = 0
-    physics: Physics = "tilting"
+    physics: TwinPhysics = "tilting"
 
     effects = NO_EFFECTS
     added_later: ClassVar[tuple[str, ...]] = ("physics",)
