@@ -25,6 +25,7 @@ from stiff_datasets.robots.shipped import named_robot
 from stiff_datasets.twin import simulate as simulation
 from stiff_datasets.twin.constants import (
     TwinConstants,
+    TwinPhysics,
     read_constants,
     shipped_constants,
     shipped_twins,
@@ -171,6 +172,7 @@ def simulate(
     specimen: int = 0,
     seed: int = 0,
     effects: str = "none",
+    physics: TwinPhysics = "tilting",
 ) -> Text:
     """Write a simulated data set of any size; return how many samples, and how fast.
 
@@ -183,14 +185,17 @@ def simulate(
         specimen: which of ten robots of the type.
         seed: draws poses, loads and noise.
         effects: "hysteresis", "links", "kinematics" and "sensor", separated by commas, or "none".
+        physics: "tilting": bearings as the twin's file has them; "rigid": no bearing tilts, and
+            the links bend.
 
     Raises:
+        DataError: the links are to bend, and the twin's file has no sections of them.
         ConfigError: there is no such twin or effect, or the file's ending is another one.
         StoreError: the file exists, or cannot be written.
     """
     asked, start = parse_effects(effects), time.perf_counter()
     experiment = TwinExperiment(
-        _constants(twin),
+        _constants(twin).with_physics(physics),
         loads=loads,
         specimen=specimen,
         seed=seed,

@@ -161,6 +161,12 @@ def validate(file: Path, **words: Any) -> int:
     metavar="LIST",
     help="hysteresis, links, kinematics, sensor, separated by commas, or none.",
 )
+@click.option(
+    "--physics",
+    type=click.Choice(["tilting", "rigid"]),
+    default="tilting",
+    help="Bearings as in the twin's file, or rigid bearings and links that bend.",
+)
 @seed_option
 @output_option("FILE.csv|FILE.parquet")
 def simulate(**words: Any) -> None:

@@ -30,7 +30,8 @@ tilting ratio of ``inf`` is rigid. Links bend where the file has their sections:
     poisson = 0.33
     foundation_N_per_m = 2e8          # what the base stands on; without it rigid
     foundation_Nm_per_rad = 1e7
-    bend = "always"                   # or "effect", the default: with the effect "links" alone
+    bend = "always"                   # or "effect", the default: with the effect "links" or
+                                      # physics = rigid only
 
     [[beams.segment]]                 # base to first joint, joint to joint, last joint to TCP
     outer_m = 0.2
@@ -94,6 +95,9 @@ Tail = Annotated[float, Ge(1), Le(1000)]  # degrees of freedom of Student's t di
 Load = Annotated[float, Ge(0), Le(1000)]  # N, N m
 Length = Annotated[float, Ge(-LONGEST_TCP_M), Le(LONGEST_TCP_M)]  # m; mm would be larger
 Vector = tuple[Length, Length, Length]
+
+TwinPhysics = Literal["tilting", "rigid"]
+"""Bearings that tilt as the file says, or rigid bearings and links that bend."""
 
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
 SOFTEST_DRIVE, STIFFEST_DRIVE = 1e4, 1e12  # N/m
@@ -255,7 +259,7 @@ class BeamsTable(_Table):
     Attributes:
         modulus_Pa, poisson: of the links' material.
         foundation_N_per_m, foundation_Nm_per_rad: of what the base stands on.
-        bend: "always", or "effect": only where the effect "links" is asked for.
+        bend: "always", or "effect": only with the effect "links" or rigid bearings.
         segment: one table a segment, base to TCP.
     """
 
@@ -312,6 +316,32 @@ class TwinConstants(_Table):
     def springs(self) -> tuple[JointSprings | SlideSprings, ...]:
         """The elasticity of every joint, base to tip, SI units."""
         return tuple(joint.springs for joint in self.joint)
+
+    def with_physics(self, physics: TwinPhysics) -> TwinConstants:
+        """Return the constants of a twin of this physics.
+
+        Args:
+            physics: "tilting": the file's; "rigid": no bearing tilts, and the links bend. Gears,
+                structure, lost motion and all random numbers are the same.
+
+        Raises:
+            DataError: the links are to bend and have no sections.
+        """
+        if physics == "tilting":
+            return self
+        if self.beams is None:
+            raise DataError(
+                f"{self._path}: no table [beams], which physics=rigid needs (valid: sections as "
+                "in stiff_datasets/twin/constants.py, or physics=tilting)"
+            )
+        joints = tuple(
+            JointTable(**joint.model_dump() | {"tilting_ratio": np.inf})
+            if isinstance(joint, JointTable)
+            else joint
+            for joint in self.joint
+        )
+        beams = self.beams.model_copy(update={"bend": "always"})
+        return self.model_copy(update={"joint": joints, "beams": beams})
 
     def chain(self) -> ChainModel:
         """Read the rigid robot for the twin.

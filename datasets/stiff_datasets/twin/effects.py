@@ -5,7 +5,8 @@
     before the next load, so the order of a pose's loads does not matter. Each joint stands at a
     turning point when the load comes (Masing's rule, see `springs.py`; assumption).
 ``links``
-    Base, links and tool bend (`beams.py`; sections in the twin's file).
+    Base, links and tool bend (`beams.py`; sections in the twin's file). With `physics=rigid` they
+    bend whether or not it is named.
 ``kinematics``
     Robot, TCP and masses are not quite those that the models are told, and the tracker's frame
     is not quite the robot's base.

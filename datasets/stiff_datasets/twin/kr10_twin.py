@@ -86,7 +86,7 @@ class Kr10Twin(PaperTwin):
 
     calibration: CalibrationNumber = 1
 
-    added_later = ("calibration",)
+    added_later = ("physics", "calibration")
 
     @property
     def twin(self) -> PlannedTwin:
@@ -109,8 +109,15 @@ class Kr10TwinRough(PaperTwin):
     twin = PlannedTwin("kr10_rough", paper_poses)
 
 
+@dataclass(kw_only=True, eq=False)
 class Kr10TwinBeam(PaperTwin):
-    """The default twin's poses and loads on a robot of linear joints whose links are beams."""
+    """The default twin's poses and loads on a robot of linear joints whose links are beams.
+
+    Attributes:
+        physics: "rigid": no bearing tilts, and the links bend.
+    """
+
+    physics: Literal["rigid"] = "rigid"
 
     twin = PlannedTwin("kr10_beam", paper_poses)
 
@@ -125,7 +132,7 @@ class Kr10TwinOmni(TwinData):
 
     calibration: CalibrationNumber = 1
 
-    added_later = ("calibration",)
+    added_later = ("physics", "calibration")
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge
@@ -26,6 +26,7 @@ from stiff_datasets.twin.constants import (
     Noise,
     SpecimenNumber,
     TwinConstants,
+    TwinPhysics,
     specimen_beams,
     specimen_springs,
 )
@@ -187,14 +188,19 @@ class TwinData:
         specimen: one of ten robots of the type; 0 has the nominal constants.
         seed: draws loads, noise and poses that are not planned; the robot itself does not depend
             on it.
+        physics: "tilting": bearings tilt as the twin's file says, and links bend where `effects`
+            names them; "rigid": no bearing tilts, and the links bend. Poses, loads and noise are
+            the same.
         effects: hysteresis, links, kinematics and sensor, separated by commas, or "none"; each is
             described in `effects.py`.
     """
 
     specimen: SpecimenNumber = 0
     seed: Annotated[int, Ge(0)] = 0
+    physics: TwinPhysics = "tilting"
 
     effects = NO_EFFECTS
+    added_later: ClassVar[tuple[str, ...]] = ("physics",)
 
     def __post_init__(self) -> None:
         """Refuse an unknown effect with a ConfigError."""
@@ -210,7 +216,7 @@ class TwinData:
     ) -> BenchmarkData:
         """Return the samples of this specimen and seed at the poses, pose by pose."""
         experiment = TwinExperiment(
-            constants,
+            constants.with_physics(self.physics),
             loads=loads,
             specimen=self.specimen,
             seed=self.seed,

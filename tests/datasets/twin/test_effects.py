@@ -7,15 +7,24 @@ from dataclasses import replace
 from importlib.resources import files
 
 import numpy as np
+import pandas as pd
 import pinocchio as pin
 import pytest
 
+from helpers.command_line import assert_refused, bench_here
+from stiff_datasets.catalog import DATASETS
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import paper_poses
 from stiff_datasets.twin.constants import read_constants, shipped_constants, specimen_springs
 from stiff_datasets.twin.effects import EFFECTS, Instruments, parse_effects, real_robot
-from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinBeam, Kr10TwinRough
-from stiff_datasets.twin.robot_twin import RobotTwin
+from stiff_datasets.twin.kr10_twin import (
+    Kr10Twin,
+    Kr10TwinBeam,
+    Kr10TwinMultiload,
+    Kr10TwinOmni,
+    Kr10TwinRough,
+)
+from stiff_datasets.twin.robot_twin import ArmFamily, RobotTwin, Ur5Twin
 from stiff_datasets.twin.springs import SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 from stiff_protocols.contract.errors import ConfigError, DataError
@@ -23,6 +32,8 @@ from stiff_protocols.contract.errors import ConfigError, DataError
 CONSTANTS = shipped_constants("kr10_rough")
 LOAD = np.array([60.0, 20.0, -60.0, 3.0, -4.0, 2.0])
 STOPS = 4000
+TWINS = [Kr10Twin, Kr10TwinOmni, Kr10TwinMultiload, Kr10TwinRough, Ur5Twin, ArmFamily]
+DEFAULTS = ("kr10_r1100_2", "kr10_r1100_2_calibration_2")
 
 
 def own_twin(tmp_path, name, old="", new=""):
@@ -180,9 +191,12 @@ def test_the_oracle_knows_all_but_the_noise():
 
 
 def test_links_that_shall_bend_need_sections(tmp_path):
-    constants = own_twin(tmp_path, "ur5")
-    with pytest.raises(DataError, match=r"my\.toml: no table \[beams\]"):
-        TwinExperiment(constants, loads="omni", specimen=0, seed=0, effects=("links",))
+    own_twin(tmp_path, "ur5")
+    path = tmp_path / "my.toml"
+    path.write_text(path.read_text().partition("[beams]")[0])
+    for asked in ({"effects": "links"}, {"physics": "rigid"}):
+        with pytest.raises(DataError, match=r"my\.toml: no table \[beams\].*(links|rigid)"):
+            RobotTwin(constants=path, poses=2, **asked).load()
 
 
 @pytest.mark.parametrize(
@@ -215,12 +229,57 @@ def test_a_robot_without_masses_makes_no_twin(tmp_path):
         constants.chain()
 
 
-def test_the_rough_twin_is_the_default_one_but_for_its_name_links_and_errors():
-    default, rough = (
-        constants.model_dump(exclude={"name", "beams", "errors"})
-        for constants in (shipped_constants("kr10_r1100_2"), CONSTANTS)
+def test_the_rough_twin_is_the_default_one_but_for_its_name_and_errors():
+    default, second, rough = (
+        constants.model_dump(exclude={"name", "errors"})
+        for constants in (*map(shipped_constants, DEFAULTS), CONSTANTS)
     )
-    assert rough == default
+    assert rough == default and second["beams"] == default["beams"]
+
+
+@pytest.mark.parametrize("of", TWINS)
+def test_rigid_bearings_keep_poses_and_loads_and_change_the_deflections(of):
+    tilting, rigid = of().load(), of(physics="rigid").load()
+    for name in ("q", "wrench", "pose_id"):
+        np.testing.assert_array_equal(getattr(rigid.samples, name), getattr(tilting.samples, name))
+    moved = np.linalg.norm(rigid.samples.deflection - tilting.samples.deflection, axis=1)
+    assert np.median(moved) > 2e-5
+    error = np.abs(rigid.known["oracle"] - rigid.samples.deflection)
+    assert np.median(error) < 2e-5  # the oracle bends, too
+
+
+@pytest.mark.parametrize("of", TWINS)
+def test_the_card_states_the_hash_of_the_rigid_twin(of):
+    info = next(info for info in DATASETS if info.target.endswith(f":{of.__name__}"))
+    card = (files("stiff_datasets") / info.card).read_text(encoding="utf-8")
+    assert f"`{of(physics='rigid').load().sha256}`" in card
+
+
+def test_links_bend_with_rigid_bearings_whether_or_not_effects_name_them():
+    named, unnamed = (
+        ArmFamily(robot=1, effects=text, physics="rigid").load().sha256
+        for text in ("hysteresis,links", "hysteresis")
+    )
+    assert named == unnamed
+
+
+def test_a_twin_of_linear_joints_has_rigid_bearings_only(tmp_path):
+    assert Kr10TwinBeam().physics == "rigid"
+    done = bench_here(
+        "run", "--model", "vjm", "--dataset", "kr10-twin-beam@physics=tilting", cwd=tmp_path
+    )
+    assert_refused(done, "'tilting' is no valid physics (valid: rigid)")
+
+
+def test_simulated_files_have_the_physics_that_was_asked_for(tmp_path):
+    words = ("data", "simulate", "--twin", "ur5", "--samples", "5", "--output")
+    for name in ("tilting", "rigid"):
+        done = bench_here(*words, f"{name}.csv", "--physics", name, cwd=tmp_path)
+        assert done.returncode == 0
+    tilting, rigid = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("tilting", "rigid"))
+    shifts = [name for name in tilting if name.startswith("d")]
+    assert (tilting[shifts] != rigid[shifts]).all().all()
+    pd.testing.assert_frame_equal(tilting.drop(columns=shifts), rigid.drop(columns=shifts))
 
 
 @pytest.mark.parametrize("of", [Kr10TwinRough, Kr10TwinBeam])
