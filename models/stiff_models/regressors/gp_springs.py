@@ -16,9 +16,11 @@ import numpy as np
 from annotated_types import Ge
 
 from stiff_models.networks.features import encode
+from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_models.physics.full_vjm import virtual_joints
 from stiff_models.physics.kinematics import (
     joint_torque,
+    unit_deflections,
     virtual_gravity_torque,
     virtual_jacobian,
 )
@@ -44,9 +46,9 @@ from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robo
 SPREAD = 3.2
 """Standard deviation of a hyperparameter's logarithm: the prior allows a factor of 25 either way,
 and only holds what the samples say nothing of."""
-SIZE_SPREAD = 1.0
-"""That of the sizes of curves, which five poses hardly tell. The VJM's stiffnesses are near: 1.0
-left 0.74 to 1.01 of the error with 3.2 on eight data sets at 5 poses, 0.90 to 1.00 at 10."""
+SIZE_SPREAD = 1.6
+"""That of the sizes of curves, ln 5 as of the springs that `identification` identifies. With 5 poses
+it leaves 0.85 to 1.03 of the error that 3.2 leaves (eight data sets), with 34 of the FANUC 1.05."""
 LIKELIHOOD_TOLERANCE = 1e-6
 """Relative: the search ends when a step gains less, a few thousandths of a log-likelihood."""
 LOST = ("lost", "lost again")
@@ -144,8 +146,10 @@ class Hyperparameters:
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class GpSprings(CalibratedProcess):
+class GpSprings(CalibratedProcess, GeometryModel):
     """Gaussian processes over the curves of virtual springs, plus a small remainder.
+
+    A fitted geometry is that of linear springs, as many as here.
 
     Attributes:
         springs: 18: three virtual springs per joint (18 of a robot with six), about its axis and
@@ -187,6 +191,7 @@ class GpSprings(CalibratedProcess):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         train = self._affordable(train, seed)
+        train, robot = self._placed(train, robot, self._twists, unit_deflections)
         if not robot.masses.any():
             warnings.warn(
                 f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
@@ -233,8 +238,8 @@ class GpSprings(CalibratedProcess):
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:
         """Return how deflections go together, as `PredictsCovariance` says; errors as `predict`."""
-        first = self._loads(self.robot_, *self._checked(q, wrench))
-        second = self._loads(self.robot_, *self._checked(other_q, other_wrench))
+        first = self._measured_loads(*self._checked(q, wrench))
+        second = self._measured_loads(*self._checked(other_q, other_wrench))
         scale = self.calibration_[:, None, None] ** 2
         return np.asarray(self.process_.between(first, second) * scale)
 
@@ -243,17 +248,23 @@ class GpSprings(CalibratedProcess):
         noise = self.process_.covariance.noise * self.calibration_**2
         return np.asarray(np.maximum(noise, self.instrument_noise_**2))
 
-    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        return self.process_.mean(self._loads(self.robot_, q, wrench))
+    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        return self.process_.mean(self._loads(robot, q, wrench))
 
     def _mean_and_deviation(
         self, q: FloatArray, wrench: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        return self.process_.mean_and_deviation(self._loads(self.robot_, q, wrench))
+        return self.process_.mean_and_deviation(self._measured_loads(q, wrench))
+
+    def _measured_loads(self, q: FloatArray, wrench: FloatArray) -> SpringLoads:
+        """Return the loads by wrenches at the given TCP, and the motions of the measured point."""
+        if self.geometry_ is None:
+            return self._loads(self.robot_, q, wrench)
+        return self._loads(self.geometry_.robot, q, self.geometry_.wrench_at_tcp(q, wrench))
 
     def _loads(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> SpringLoads:
+        twists = self._twists(robot, q)
         joint, kind = self._virtual_joints(robot)
-        twists = virtual_jacobian(robot, q)[:, :, joint, kind]
         unloaded = virtual_gravity_torque(robot, q)[:, joint, kind]
         loaded = unloaded + joint_torque(twists, wrench)
         return SpringLoads(
@@ -263,6 +274,11 @@ class GpSprings(CalibratedProcess):
             pose=encode(robot, q, wrench, "sincos")[:, :-AXES_OF_WRENCH],
             load=wrench / self.load_scale_,
         )
+
+    def _twists(self, robot: Robot, q: FloatArray) -> FloatArray:
+        """Return the (n, 6, n_springs) twists of the TCP by a unit motion of each spring."""
+        joint, kind = self._virtual_joints(robot)
+        return virtual_jacobian(robot, q)[:, :, joint, kind]
 
     def _virtual_joints(self, robot: Robot) -> tuple[IntArray, IntArray]:
         """Return joint and kind (of `virtual_jacobian`'s six) of each spring."""
@@ -319,7 +335,12 @@ class GpSprings(CalibratedProcess):
         straight = process.loads.effects(process.loads.loaded - process.loads.unloaded)[own]
         self.springs_ = _identified(robot, slopes, errors, straight)
         noise = {"noise [mm]": 1e3 * math.sqrt(process.covariance.noise)}
-        self.diagnostics_ = self.springs_.report() | self._lost_motion(robot, own) | noise
+        self.diagnostics_ = {
+            **self.springs_.report(),
+            **self._lost_motion(robot, own),
+            **noise,
+            **self._geometry_report(),
+        }
 
     def _lost_motion(self, robot: Robot, own: IntArray) -> dict[str, float]:
         """Return the full width of each joint's lost motion, and its standard error."""
