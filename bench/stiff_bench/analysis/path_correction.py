@@ -138,8 +138,8 @@ class PathModel:
     def interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return where the deflections lie with this probability."""
         with self.blamed():
-            found = self.intervals(q, wrench, coverage)
-            return interval_at_tcp(self.fitted, found, q, wrench)
+            interval = self.intervals(q, wrench, coverage)
+            return interval_at_tcp(self.fitted, interval, q, wrench)
 
 
 class _Block(NamedTuple):
@@ -277,11 +277,11 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
         interval = Interval(lower, upper, how.coverage)
     if not seen.ends[1, -2:].any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
-    if carried := max(one.carried for one in blocks):
+    if carried := max(block.carried for block in blocks):
         say(
             f"warning: {file}: the model was fitted to another point of the tool than the TCP; the "
             f"rotation of the tool, which was not measured, changes the deflections by up to "
-            f"{MM_PER_M * carried:.3g} mm to those of the TCP"
+            f"{MM_PER_M * carried:.3g} mm on the way to the TCP"
         )
     for warning, column in (
         (work.failures(whole, lines), "uncorrected"),

@@ -149,14 +149,14 @@ def diagnose(
 
 def _elsewhere(data: Reading, pose: IntArray, fold: IntArray) -> tuple[Fit, ...]:
     """Return the fits at the given points and at others, () unless a far one is clearly better."""
-    given, found, is_clear = _fit("", data, fold), [], False
+    given, fits, is_clear = _fit("", data, fold), [], False
     for free in ELSEWHERE:
         point = _fitted(free, data, np.zeros(free.n_free))
         fit = _fit_free(free, point, data, fold)
         is_far = float(np.linalg.norm(point)) > FARTHEST_SOUND
         is_clear |= is_far and _clearly_better(fit, given, pose)
-        found.append(fit)
-    return (given, *sorted(found, key=lambda fit: fit.rms)) if is_clear else ()
+        fits.append(fit)
+    return (given, *sorted(fits, key=lambda fit: fit.rms)) if is_clear else ()
 
 
 def _better(

@@ -413,7 +413,7 @@ ELSEWHERE = (
 explain more of sound data than joint springs. The FANUC measurement gains 0.23 and 0.14."""
 FARTHEST_SOUND = 0.1
 """m from the TCP that a point must lie to be named: in sound data the points make up for what the
-springs lack, up to 0.06 m from it, and two of ten rough twins gain 0.21."""
+springs miss, up to 0.06 m from it, and two of ten rough twins gain 0.21."""
 
 
 def _signed_permutations() -> list[FloatArray]:

@@ -331,12 +331,12 @@ def _named(diagnosis: Diagnosis) -> str:
 
 def _elsewhere_text(fits: Sequence[Fit]) -> str:
     """Return the sentence about a TCP or a force's point that is elsewhere; see `Diagnosis`."""
-    given, *others = fits
-    residuals = "; ".join(f"{fit.text}: {fit.rms * MM_PER_M:.3g} mm" for fit in others)
+    given, *elsewhere = fits
+    residuals = "; ".join(f"{fit.text}: {fit.rms * MM_PER_M:.3g} mm" for fit in elsewhere)
     return (
         "is the TCP or the force's point elsewhere? Springs about all axes leave "
         f"{given.rms * MM_PER_M:.3g} mm RMS, cross-validated; in the flange frame {residuals}. "
-        "Check where the tool was measured and loaded, and whether its mount gives way; models fit "
+        "Check where the tool was measured and loaded, and whether its mount is stiff; models fit "
         "the point with tcp=fit or lever=fit"
     )
 

@@ -7,12 +7,12 @@ force F at the point f, the deflection
     d = J_v(p) diag(c) J(f)^T (F, T),    J_v(p) = J_v(t) + J_w x R (p - t)
 
 with the given TCP t, the rotational rows J_w, the last link's orientation R and p, f, t in its
-frame. `tcp=fit` moves both points together, p = f; `lever=fit` moves f alone, p = t. For each point
+frame. `tcp=fit` moves both points together, p = f; `lever=fit` moves only f, p = t. For each point
 the least-squares compliances follow (variable projection, Golub and Pereyra 1973), so the search
 has three coordinates.
 
-The fitted point takes up whatever the springs lack, as the springs themselves do. It predicts
-better; it is not the true TCP. SI: rad, N, N m, m.
+The fitted point makes up for what the springs miss. It predicts better; it is not the true TCP.
+SI: rad, N, N m, m.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Regressor = Callable[[FloatArray, FloatArray], FloatArray]
 the TCP into (n, 3, n_columns) deflections at unit compliance."""
 
 FIT_SIGMA = 0.5
-"""m, standard deviation of each coordinate about the given point under "fit": tools are no larger.
+"""m, standard deviation of each coordinate about the given point under "fit": no tool is larger.
 Where samples tell the point it changes nothing; elsewhere the point stays near the given one."""
 
 ROUNDS = 3
@@ -144,11 +144,11 @@ def fitted_geometry(
         robot: with the given TCP.
         twists: (n, 6, n_springs) of the given TCP by a unit motion of each spring, base frame.
         regressor: of the model, linear in its compliances.
-        moves: "tcp" moves the measured point and the force's together, "force" the latter alone.
+        moves: "tcp" moves the measured point and the force's together, "force" only the latter.
         sigma: standard deviation of each coordinate about the given point, m.
 
     Raises:
-        ModelError: no compliances are found.
+        ModelError: compliances cannot be found.
     """
     problem = _Problem(samples, robot.forward(samples.q).rotation, twists, regressor, moves)
     offset = np.zeros(3)
@@ -193,8 +193,9 @@ class _Problem:
         (Kaufman 1975).
         """
         matrix, compliance, _ = self.fitted(offset)
-        moved = [self.matrix(offset + STEP * axis) for axis in np.eye(3)]
-        change = np.stack([(matrix - each) @ compliance / STEP for each in moved], axis=1)
+        shifted = [self.matrix(offset + STEP * axis) for axis in np.eye(3)]
+        changes = [(matrix - moved) @ compliance / STEP for moved in shifted]
+        change = np.stack(changes, axis=1)
         active = matrix[:, compliance > 0.0]
         basis = np.linalg.qr(active / np.linalg.norm(active, axis=0))[0]
         return np.asarray(change - basis @ (basis.T @ change))
@@ -218,10 +219,10 @@ class _Problem:
         def derivative(offset: FloatArray) -> FloatArray:
             return np.concatenate([self.slopes(offset) / noise, np.eye(3) / sigma])
 
-        found = least_squares(
+        optimum = least_squares(
             residuals, start, jac=derivative, x_scale=0.1, ftol=CONVERGED, xtol=CONVERGED
         )
-        return np.asarray(found.x)
+        return np.asarray(optimum.x)
 
     def covariance(self, offset: FloatArray, noise: float, sigma: float) -> FloatArray:
         """Return the (3, 3) covariance [m²] of the offset.
@@ -233,12 +234,12 @@ class _Problem:
             return np.asarray(sigma**2 * np.eye(3))
         slopes = self.slopes(offset) / noise
         residual = self.fitted(offset)[2] / noise
-        alone = np.linalg.inv(slopes.T @ slopes + prior)
+        independent = np.linalg.inv(slopes.T @ slopes + prior)
         pose = np.repeat(np.unique(self.samples.pose_id, return_inverse=True)[1], 3)
         scores = np.zeros((int(pose.max()) + 1, 3))
         np.add.at(scores, pose, slopes * residual[:, None])
-        together = alone @ (scores.T @ scores + prior) @ alone
-        return max(alone, together, key=np.trace)
+        by_pose = independent @ (scores.T @ scores + prior) @ independent
+        return max(independent, by_pose, key=np.trace)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -265,7 +266,7 @@ class GeometryModel(FittedModel):
         """Raise ConfigError where the force's point is asked for and the measured one, too."""
         if self.lever == "fit" and self.tcp != "given":
             raise ConfigError(
-                f"lever='fit' fits the force's point alone, tcp={self.tcp!r} moves it with the "
+                f"lever='fit' fits only the force's point, tcp={self.tcp!r} moves it with the "
                 "measured point (valid with lever='fit': tcp='given')"
             )
 
