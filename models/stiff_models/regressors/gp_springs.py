@@ -47,8 +47,9 @@ SPREAD = 3.2
 """Standard deviation of a hyperparameter's logarithm: the prior allows a factor of 25 either way,
 and only holds what the samples say nothing of."""
 SIZE_SPREAD = 1.6
-"""That of the sizes of curves, ln 5 as of the springs that `identification` identifies. With 5 poses
-it leaves 0.85 to 1.03 of the error that 3.2 leaves (eight data sets), with 34 of the FANUC 1.05."""
+"""That of the sizes of curves: ln 5, as for the springs that `identification` identifies. With 5
+poses it leaves 0.85 to 1.03 of the error that 3.2 leaves (eight data sets), with the FANUC's 34 it
+leaves 1.05."""
 LIKELIHOOD_TOLERANCE = 1e-6
 """Relative: the search ends when a step gains less, a few thousandths of a log-likelihood."""
 LOST = ("lost", "lost again")
