@@ -26,6 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
@@ -119,12 +120,21 @@ class SpringCovariance:
                 part *= second.move[s, other]
                 blocks[axis, :, other] += part
         if self.remainder is not None:
-            rest = self.remainder
-            own = rest.between(rest.scaled(first.features), rest.scaled(second.features))
-            own *= first.load @ second.load.T
+            own = self.rest(first, second)
             for axis in range(3):
                 blocks[axis, :, axis] += own
         return matrix
+
+    def rest(self, first: SpringLoads, second: SpringLoads) -> FloatArray:
+        """Return the (n, m) covariance of one axis of the remainder, m^2; there must be one."""
+        assert self.remainder is not None
+        scaled = map(self.remainder.scaled, (first.features, second.features))
+        return self.remainder.between(*scaled) * (first.load @ second.load.T)
+
+    @property
+    def unit_length(self) -> FloatArray:
+        """(n_springs,) length of each curve's Matern part, N m or N."""
+        return self.scale * self.length
 
     def regressor(self, loads: SpringLoads) -> FloatArray:
         """Return the (n_terms, 3 n) deflection [m] by straight lines, then lost motions of 1."""
@@ -160,7 +170,7 @@ class SpringCovariance:
     def variance(self, loads: SpringLoads) -> FloatArray:
         """Return the (3 n,) variance of deflections without noise, m^2."""
         load = loads.loaded - loads.unloaded
-        apart = np.abs(load) * (ROOT3 / (self.scale * self.length))[:, None]
+        apart = np.abs(load) * (ROOT3 / self.unit_length)[:, None]
         curve = (self.bend * 2.0)[:, None] * (1.0 - _matern32(apart))
         curve += self.slope[:, None] * load**2
         curve += (self.lost[..., None] * self.lost_motion(loads) ** 2).sum(axis=0)
@@ -171,7 +181,7 @@ class SpringCovariance:
 
     def _bends(self, s: int, first: SpringLoads, second: SpringLoads) -> FloatArray:
         """Return the (n, m) correlation of a spring's loaded minus unloaded Matern parts."""
-        unit = ROOT3 / (self.scale[s] * self.length)
+        unit = ROOT3 / self.unit_length[s]
         sums = np.zeros((len(first), len(second)))
         for sign, one in ((1.0, first.loaded), (-1.0, first.unloaded)):
             for other_sign, other in ((1.0, second.loaded), (-1.0, second.unloaded)):
@@ -284,7 +294,7 @@ class Likelihood:
     def _correlate(self, covariance: SpringCovariance) -> None:
         """Fill the (n, n_springs, n) correlations of turns, and their derivatives by ln l."""
         n, (apart, decay, bent) = len(self._loads), self._pairs
-        unit = ROOT3 / (covariance.scale * covariance.length)[:, None]
+        unit = ROOT3 / covariance.unit_length[:, None]
         torques = np.hstack([unit * self._loads.loaded, unit * self._loads.unloaded])
         for s, torque in enumerate(torques):
             np.subtract.outer(torque, torque, out=apart)
@@ -364,17 +374,29 @@ class SpringProcess:
         return cls(covariance, loads, factor, weights)
 
     def mean(self, loads: SpringLoads) -> FloatArray:
-        """Return the (n, 3) predicted deflection, m."""
-        mean = np.empty((len(loads), 3))
-        for rows, between in self._blocks(loads):
-            mean[rows] = (between @ self.weights).reshape(3, -1).T
-        return mean
+        """Return the (n, 3) predicted deflection, m: each curve's mean times what it moves."""
+        covariance, known = self.covariance, self.loads
+        # a straight line, lost motion: their means are numbers, one each
+        sizes = covariance.term_variance * (covariance.regressor(known) @ self.weights)
+        mean = (sizes @ covariance.regressor(loads)).reshape(3, -1)
+        shares = np.einsum("skn,kn->sn", known.move, self.weights.reshape(3, -1))
+        for s in np.flatnonzero(covariance.bend):
+            knots = np.concatenate([known.loaded[s], known.unloaded[s]])
+            height = covariance.bend[s] * np.concatenate([shares[s], -shares[s]])
+            curve = partial(_curve_mean, knots, height, ROOT3 / covariance.unit_length[s])
+            mean += loads.move[s] * (curve(loads.loaded[s]) - curve(loads.unloaded[s]))
+        if covariance.remainder is not None:
+            for rows in _blocks(len(loads), len(known)):
+                own = covariance.rest(loads.take(rows), known)
+                mean[:, rows] += self.weights.reshape(3, -1) @ own.T
+        return mean.T
 
     def mean_and_deviation(self, loads: SpringLoads) -> tuple[FloatArray, FloatArray]:
         """Return the (n, 3) predicted deflection and its standard deviation with noise, m."""
         mean = np.empty((len(loads), 3))
         variance = self.covariance.variance(loads).reshape(3, -1).T + self.covariance.noise
-        for rows, between in self._blocks(loads):
+        for rows in _blocks(len(loads), 9 * len(self.loads)):
+            between = self.covariance.between(loads.take(rows), self.loads)
             mean[rows] = (between @ self.weights).reshape(3, -1).T
             solved = solve_triangular(self.factor, between.T, lower=True, check_finite=False)
             variance[rows] -= np.einsum("ij,ij->j", solved, solved).reshape(3, -1).T
@@ -415,8 +437,19 @@ class SpringProcess:
         variance = prior - np.einsum("ij,ij->j", solved, solved)
         return math.pi * (between @ self.weights), math.pi * np.sqrt(np.maximum(variance, 0.0))
 
-    def _blocks(self, loads: SpringLoads) -> Iterator[tuple[slice, FloatArray]]:
-        size = max(1, BLOCK // (9 * len(self.loads)))
-        for start in range(0, len(loads), size):
-            rows = slice(start, min(start + size, len(loads)))
-            yield rows, self.covariance.between(loads.take(rows), self.loads)
+
+def _blocks(n_rows: int, n_columns: int) -> Iterator[slice]:
+    """Yield slices of rows whose part of a matrix has at most about `BLOCK` numbers."""
+    size = max(1, BLOCK // n_columns)
+    return (slice(start, min(start + size, n_rows)) for start in range(0, n_rows, size))
+
+
+def _curve_mean(
+    knots: FloatArray, height: FloatArray, unit: float, torque: FloatArray
+) -> FloatArray:
+    """Return the (n,) sum of Matern functions at (m,) knots of these heights."""
+    mean = np.empty(len(torque))
+    for rows in _blocks(len(torque), len(knots)):
+        apart = np.abs(unit * torque[rows, None] - unit * knots)
+        mean[rows] = _matern32(apart) @ height
+    return mean
