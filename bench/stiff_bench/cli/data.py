@@ -92,8 +92,8 @@ def info(key: str, output: Path, **words: Any) -> None:
 @click.option(
     "--model",
     metavar="KEY",
-    help="Model that will be fitted, with --after; gp, vjm-gp and mf-gp choose by their own "
-    "intervals.  [default: vjm]",
+    help="Model that will be fitted, with --after; gp-springs, gp, vjm-gp and mf-gp choose by "
+    "their own intervals.  [default: vjm]",
 )
 @click.option(
     "--workspace",

@@ -21,7 +21,7 @@ NEEDS = {
     "sweep": "`bench reproduce`",
     "freezing": "`bench reproduce`",
     "learning-curves": "`bench run --protocol sample-efficiency",
-    "springs": "`bench run --model vjm --model vjm-multisegment`",
+    "springs": "`bench run --model vjm --model gp-springs`",
     "calibration": "`bench run --metric coverage`",
     "ranks": "at least 5 data sets of different robots",
 }

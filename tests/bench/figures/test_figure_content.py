@@ -17,6 +17,7 @@ from stiff_bench.figures.samples import Series, errors_by_row, regression_figure
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import looks, short
 from stiff_bench.store.database import ResultStore, read_data, read_results
+from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.types import Interval, Prediction
 from stiff_protocols.scoring.metrics import absolute_errors
 
@@ -111,6 +112,26 @@ def test_springs_are_drawn_as_the_models_reported_them_or_with_the_priors_slope(
     np.testing.assert_allclose(bend.get_xdata(), [0.1])
     torque, deflection = linear.get_xydata()[-1]
     np.testing.assert_allclose(deflection, 1e3 * torque / 2e4)
+
+
+def test_curves_of_springs_are_drawn_with_the_band_of_the_first_split_beside_the_linear_ones(
+    tmp_path,
+):
+    made, joints = compared(tmp_path), made_data(0).robot.joint_names
+    at = np.array([-2.0, 0.0, 2.0])
+    curves = {f"spring {j}": np.stack([at, 1e-4 * at, 1e-5 * np.ones(3)], axis=1) for j in joints}
+    with_fields(made, "gp", curves=curves)
+    with_fields(made, "vjm", diagnostics={f"stiffness {j} [Nm/rad]": 2e4 for j in joints})
+    panels = FIGURES["springs"](FigureSource.of(tmp_path)).draw().axes
+    assert len(panels) == len(joints)
+    *_, curve, linear = panels[0].get_lines()
+    np.testing.assert_allclose(curve.get_xydata(), np.stack([at, 0.1 * at], axis=1))
+    np.testing.assert_allclose(linear.get_ydata(), 1e3 * at / 2e4)
+    (band,) = panels[0].collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    np.testing.assert_allclose(heights.max(), 0.2 + 1e-2 * stats.norm.ppf(0.95))
+    with pytest.raises(StoreError, match="training curve"):
+        FIGURES["losses"](FigureSource.of(tmp_path))
 
 
 EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}

@@ -110,6 +110,18 @@ def test_every_samples_springs_carry_load_and_weight_to_a_nanonewton_metre(
             assert np.abs(torque - found.torque[i]).max() < 1e-9
 
 
+def test_a_joints_turn_is_that_of_its_spring_in_balance(twin, kr10, rng):
+    q, wrench = rng.uniform(-1.0, 1.0, (6, 6)), rng.normal(size=(6, 6)) * 20.0
+    balance = twin.equilibrium(q, wrench)
+    turn = twin.joint_turn(balance.torque[:, ::3])
+    np.testing.assert_allclose(turn, balance.theta[:, ::3], atol=1e-12)
+    hysteresis = DigitalTwin(kr10, SPRINGS, hysteresis=True)
+    torque = 1e3 * np.ones((1, 6))  # a load takes up the whole width, not half of it
+    widths = [joint.lost_motion for joint in SPRINGS]
+    more = hysteresis.joint_turn(torque) - twin.joint_turn(torque)
+    np.testing.assert_allclose(more[0], np.array(widths) / 2.0, rtol=1e-6)
+
+
 def test_a_linear_joint_bends_by_the_pendulum_equation(arm):
     twin = DigitalTwin(arm, [linear(1000.0)])
     theta = twin.equilibrium(np.zeros((1, 1)), one([0, 0, -50.0, 0, 0, 0])).theta[0, 0]
