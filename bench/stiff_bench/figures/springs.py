@@ -95,7 +95,7 @@ def curves_figure(
     model, reach = short(results[0].shown.model), float(ndtri(0.5 + BAND / 2.0))
     for joint, axes in enumerate(panels):
         name = f"{SPRING_CURVE}{data.joint_names[joint]}"
-        curves = [one.curves[name] for one in results if name in one.curves]
+        curves = [result.curves[name] for result in results if name in result.curves]
         for points in curves[1:]:
             axes.plot(points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=0.45)
         at, turn, deviation = curves[0].T
@@ -103,9 +103,9 @@ def curves_figure(
         axes.fill_between(at, low, high, color=blue.color, alpha=0.2, linewidth=0.0)
         axes.plot(at, 1e3 * turn, color=blue.color, linewidth=1.6, label=model)
         key = _stiffness(data, joint)
-        found = [one.diagnostics[key] for one in linear if key in one.diagnostics]
-        if found:
-            straight = 1e3 * at * np.median(1.0 / np.array(found))
+        stiffness = [fit.diagnostics[key] for fit in linear if key in fit.diagnostics]
+        if stiffness:
+            straight = 1e3 * at * np.median(1.0 / np.array(stiffness))
             axes.plot(at, straight, **orange.connected(), label=REFERENCE_MODEL)
         if truth is not None:
             torque = np.zeros((len(at), len(data.joint_names)))
@@ -141,7 +141,7 @@ def gather(source: FigureSource) -> Prepared:
     if has_curves(results[0]):
         linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
         truth = true_joint_turns(results[0].cell, build_registry())
-        of_truth = ", beside the simulated robot's own" if truth else ""
+        of_truth = ", next to the simulated robot's own" if truth else ""
         caption = (
             f"Deflection of each joint by a torque that loads it from rest, as {model} has it"
             f"{of_truth} (thin: other splits; band: {BAND:.0%} interval of the first). A panel "

@@ -308,10 +308,10 @@ class DigitalTwin:
 
         `torque` (n, n_joints) [N m or N] then loads each joint about, or along, its axis.
         """
-        own = np.zeros((3 * torque.shape[1], len(torque)))
-        own[::3] = torque.T
-        turning = np.zeros_like(own) if self._hysteresis else None
-        return self._law.angle(own, turning)[::3].T
+        on_springs = np.zeros((3 * torque.shape[1], len(torque)))
+        on_springs[::3] = torque.T
+        turning = np.zeros_like(on_springs) if self._hysteresis else None
+        return self._law.angle(on_springs, turning)[::3].T
 
     def equilibrium(
         self, q: FloatArray, wrench: FloatArray, turning: FloatArray | None = None

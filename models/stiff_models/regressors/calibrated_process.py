@@ -1,4 +1,4 @@
-"""What the families share whose intervals come from Gaussian processes."""
+"""Intervals of Gaussian processes, calibrated at poses that were left out."""
 
 from __future__ import annotations
 
@@ -78,9 +78,9 @@ class CalibratedProcess(FittedModel):
                     continue
             # as wide as an interval is there: beyond the fold's training range, too
             copy.calibration_ = np.ones(len(AXES))
-            found = copy.predict_interval(left_out.q, left_out.wrench, ONE_DEVIATION)
-            middle = (found.lower + found.upper) / 2.0
-            yield 2.0 * (middle - left_out.deflection) / (found.upper - found.lower)
+            interval = copy.predict_interval(left_out.q, left_out.wrench, ONE_DEVIATION)
+            middle = (interval.lower + interval.upper) / 2.0
+            yield 2.0 * (middle - left_out.deflection) / (interval.upper - interval.lower)
 
     def _for_a_fold(self) -> Self:
         """Return an unfitted copy, which may be fitted sooner."""
@@ -90,8 +90,8 @@ class CalibratedProcess(FittedModel):
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
         """Return the central interval of each axis' predictive normal, its noise included.
 
-        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis alone. Beyond the
-        training range it is wider, as `TrainingRange.widened` says.
+        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis by itself. Beyond
+        the training range it is wider, as `TrainingRange.widened` says.
         """
 
         def within(q: FloatArray, wrench: FloatArray) -> Interval:

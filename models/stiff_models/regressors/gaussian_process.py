@@ -92,11 +92,11 @@ def minimum(
     `tolerance` is the relative gain at which a search ends; None: SciPy's own, 2e-9.
     """
     options: Any = {} if tolerance is None else {"ftol": tolerance}
-    found = [
+    optima = [
         minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         for start in starts
     ]
-    best = min(found, key=lambda one: one.fun)
+    best = min(optima, key=lambda optimum: optimum.fun)
     if not best.success:
         warnings.warn(
             "hyperparameters of a Gaussian process: the likelihood search stopped early "

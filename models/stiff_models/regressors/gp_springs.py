@@ -1,6 +1,6 @@
 """`gp-springs`: Gaussian processes over the torque-deflection curves of virtual springs.
 
-The covariance and the posterior are those of `spring_process.py`. Here are its hyperparameters,
+`spring_process.py` has the covariance and the posterior. Here are its hyperparameters,
 with weak priors from the robot's size, and the model. SI: rad, N, N m, m.
 """
 
@@ -47,9 +47,9 @@ SPREAD = 3.2
 """Standard deviation of a hyperparameter's logarithm: the prior allows a factor of 25 either way,
 and only holds what the samples say nothing of."""
 SIZE_SPREAD = 1.6
-"""That of the sizes of curves: ln 5, as for the springs that `identification` identifies. With 5
-poses it leaves 0.85 to 1.03 of the error that 3.2 leaves (eight data sets), with the FANUC's 34 it
-leaves 1.05."""
+"""The same for the sizes of curves: ln 5, as for the springs that `identification` identifies.
+With 5 poses it leaves 0.85 to 1.03 of the error that 3.2 leaves (eight data sets), with the FANUC's
+34 it leaves 1.05."""
 LIKELIHOOD_TOLERANCE = 1e-6
 """Relative: the search ends when a step gains less, a few thousandths of a log-likelihood."""
 LOST = ("lost", "lost again")
@@ -61,7 +61,7 @@ ARCMIN = math.pi / 180.0 / 60.0
 
 @dataclass(frozen=True)
 class Prior:
-    """Where the search of a hyperparameter's logarithm begins, and what holds it.
+    """A prior of a hyperparameter's logarithm, from which its search begins.
 
     Attributes:
         start: the prior's mean, and the first value.
@@ -82,7 +82,7 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Hyperparameters:
-    """What the logarithms that the search moves stand for.
+    """Meaning of the logarithms that the search moves.
 
     Attributes:
         priors: by name. "own 0" is ln c of the first joint's own spring; "across" is added to it
@@ -104,8 +104,8 @@ class Hyperparameters:
     def covariance(self, theta: FloatArray) -> SpringCovariance:
         """Return the covariance of these logarithms."""
         value = dict(zip(self.priors, theta.tolist(), strict=True))
-        own = np.array([value[f"own {joint}"] for joint in self.joint])
-        slope = np.exp(2.0 * (own + np.where(self.across, value["across"], 0.0)))
+        compliance = np.array([value[f"own {joint}"] for joint in self.joint])
+        slope = np.exp(2.0 * (compliance + np.where(self.across, value["across"], 0.0)))
         bend = np.where(self.across, value["bend across"], value["bend own"])
         size, remainder = slope * self.scale**2, None
         if "remainder" in value:
@@ -124,21 +124,24 @@ class Hyperparameters:
             remainder=remainder,
         )
 
-    def slopes(self, covariance: SpringCovariance, found: LikelihoodSlopes) -> FloatArray:
+    def slopes(self, covariance: SpringCovariance, likelihood: LikelihoodSlopes) -> FloatArray:
         """Return the derivatives of a likelihood by the logarithms."""
-        by_bend, by_lost = covariance.bend * found.by_bend, covariance.lost * found.by_lost
-        by_size = 2.0 * (covariance.slope * found.by_slope + by_bend + by_lost.sum(axis=0))
+        by_bend, by_lost = (
+            covariance.bend * likelihood.by_bend,
+            covariance.lost * likelihood.by_lost,
+        )
+        by_size = 2.0 * (covariance.slope * likelihood.by_slope + by_bend + by_lost.sum(axis=0))
         slopes = {f"own {joint}": slope for joint, slope in enumerate(self._by_joint(by_size))} | {
             "across": by_size[self.across].sum(),
             "bend own": 2.0 * by_bend[~self.across].sum(),
             "bend across": 2.0 * by_bend[self.across].sum(),
-            "length": found.by_length,
+            "length": likelihood.by_length,
             **dict(zip(LOST, 2.0 * by_lost.sum(axis=1), strict=True)),
-            "width": found.by_width,
-            "noise": 2.0 * covariance.noise * found.by_noise,
-            "remainder": found.by_remainder,
-            "pose": found.by_features[: self.n_pose_features].sum(),
-            "load": found.by_features[self.n_pose_features :].sum(),
+            "width": likelihood.by_width,
+            "noise": 2.0 * covariance.noise * likelihood.by_noise,
+            "remainder": likelihood.by_remainder,
+            "pose": likelihood.by_features[: self.n_pose_features].sum(),
+            "load": likelihood.by_features[self.n_pose_features :].sum(),
         }
         return np.array([slopes[name] for name in self.priors])
 
@@ -150,7 +153,7 @@ class Hyperparameters:
 class GpSprings(CalibratedProcess, GeometryModel):
     """Gaussian processes over the curves of virtual springs, plus a small remainder.
 
-    A fitted geometry is that of linear springs, as many as here.
+    With tcp="fit" or lever="fit" the point is fitted with as many linear springs.
 
     Attributes:
         springs: 18: three virtual springs per joint (18 of a robot with six), about its axis and
@@ -213,9 +216,9 @@ class GpSprings(CalibratedProcess, GeometryModel):
 
         def loss(theta: FloatArray) -> tuple[float, FloatArray]:
             covariance, away = hyper.covariance(theta), theta - mean
-            found = likelihood.slopes(covariance)
-            value = 0.5 * float(precision @ away**2) - found.value
-            return value, precision * away - hyper.slopes(covariance, found)
+            slopes = likelihood.slopes(covariance)
+            value = 0.5 * float(precision @ away**2) - slopes.value
+            return value, precision * away - hyper.slopes(covariance, slopes)
 
         bounds = [(prior.low, prior.high) for prior in priors]
         start = mean if self._begin is None else self._begin
@@ -283,8 +286,9 @@ class GpSprings(CalibratedProcess, GeometryModel):
 
     def _virtual_joints(self, robot: Robot) -> tuple[IntArray, IntArray]:
         """Return joint and kind (of `virtual_jacobian`'s six) of each spring."""
-        own = 6 * np.arange(robot.n_joints) + _own_kind(robot)
-        return np.divmod(np.array(virtual_joints(robot, 3)) if self.springs == 18 else own, 6)
+        if self.springs == 18:
+            return np.divmod(np.array(virtual_joints(robot, 3)), 6)
+        return np.arange(robot.n_joints), _own_kind(robot)
 
     def _hyperparameters(self, train: Samples, robot: Robot, loads: SpringLoads) -> Hyperparameters:
         joint, kind = self._virtual_joints(robot)
@@ -317,10 +321,10 @@ class GpSprings(CalibratedProcess, GeometryModel):
         """Take curves, stiffnesses and lost motions of the joints' own springs."""
         process, calibration = self.process_, float(np.sqrt(np.mean(self.calibration_**2)))
         joint, kind = self._virtual_joints(robot)
-        own = np.flatnonzero(kind == _own_kind(robot)[joint])
+        own_springs = np.flatnonzero(kind == _own_kind(robot)[joint])
         self.curves_: dict[str, FloatArray] = {}
         slopes, errors = np.empty((2, robot.n_joints, len(_PLACES)))
-        for k, spring in enumerate(own):
+        for k, spring in enumerate(own_springs):
             loaded = process.loads.loaded[spring]
             full = float(loaded[np.abs(loaded).argmax()]) or float(process.covariance.scale[spring])
             torque = np.linspace(-full, full, CURVE_POINTS)
@@ -333,24 +337,26 @@ class GpSprings(CalibratedProcess, GeometryModel):
             slopes[k] = steps @ turn
             variance = np.einsum("pi,ij,pj->p", steps, covariance, steps)
             errors[k] = calibration * np.sqrt(np.maximum(variance, 0.0))
-        straight = process.loads.effects(process.loads.loaded - process.loads.unloaded)[own]
+        straight = process.loads.effects(process.loads.loaded - process.loads.unloaded)[own_springs]
         self.springs_ = _identified(robot, slopes, errors, straight)
         noise = {"noise [mm]": 1e3 * math.sqrt(process.covariance.noise)}
         self.diagnostics_ = {
             **self.springs_.report(),
-            **self._lost_motion(robot, own),
+            **self._lost_motion(robot, own_springs),
             **noise,
             **self._geometry_report(),
         }
 
-    def _lost_motion(self, robot: Robot, own: IntArray) -> dict[str, float]:
+    def _lost_motion(self, robot: Robot, springs: IntArray) -> dict[str, float]:
         """Return the full width of each joint's lost motion, and its standard error."""
         numbers: dict[str, float] = {}
-        found = self.process_.lost_motion(own)
+        widths, errors = self.process_.lost_motion(springs)
         calibration = float(np.sqrt(np.mean(self.calibration_**2)))
-        for name, turns, size, error in zip(robot.joint_names, robot.turns, *found, strict=True):
+        for name, turns, width, error in zip(
+            robot.joint_names, robot.turns, widths, errors, strict=True
+        ):
             unit, factor = ("arcmin", 1.0 / ARCMIN) if turns else ("mm", 1e3)
-            numbers[spring_key("lost motion", name, unit)] = factor * float(size)
+            numbers[spring_key("lost motion", name, unit)] = factor * float(width)
             key = spring_key("lost motion standard error", name, unit)
             numbers[key] = factor * calibration * float(error)
         return numbers
@@ -383,7 +389,7 @@ def _first_compliance(train: Samples, robot: Robot, size: float) -> FloatArray:
 
 
 def _unit_rows(matrix: FloatArray) -> FloatArray:
-    """Return the rows, except those of zeros, scaled to length 1."""
+    """Return the rows scaled to length 1, without rows of zeros."""
     size = np.linalg.norm(matrix, axis=1, keepdims=True)
     return np.asarray((matrix / np.where(size > 0.0, size, 1.0))[size[:, 0] > 0.0])
 
@@ -401,12 +407,12 @@ def _identified(
     least = np.maximum(0.3 * errors, TINY_SLOPE)
     compliance, error = np.maximum(slopes, least).ravel(), errors.ravel()
     log_error = error / compliance
-    known = log_error <= LARGEST_ERROR
+    is_known = log_error <= LARGEST_ERROR
     return IdentifiedSprings(
         compliance=compliance,
-        known=known,
+        known=is_known,
         log_error=log_error,
-        rank=int(known.sum()),
+        rank=int(is_known.sum()),
         condition=float(np.linalg.cond(_unit_rows(straight))),
         names=tuple(names),
         units=tuple(units),

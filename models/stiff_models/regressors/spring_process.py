@@ -114,18 +114,18 @@ class SpringCovariance:
         matrix = (self.regressor(first).T * self.term_variance) @ self.regressor(second)
         blocks = matrix.reshape(3, n, 3, m)
         for s in np.flatnonzero(self.bend):
-            own = self.bend[s] * self._bends(int(s), first, second)
-            for axis, other in np.ndindex(3, 3):
-                part = own * first.move[s, axis][:, None]
-                part *= second.move[s, other]
-                blocks[axis, :, other] += part
+            turned = self.bend[s] * self._bends(int(s), first, second)
+            for row, column in np.ndindex(3, 3):
+                part = turned * first.move[s, row][:, None]
+                part *= second.move[s, column]
+                blocks[row, :, column] += part
         if self.remainder is not None:
-            own = self.rest(first, second)
+            part = self.remainder_between(first, second)
             for axis in range(3):
-                blocks[axis, :, axis] += own
+                blocks[axis, :, axis] += part
         return matrix
 
-    def rest(self, first: SpringLoads, second: SpringLoads) -> FloatArray:
+    def remainder_between(self, first: SpringLoads, second: SpringLoads) -> FloatArray:
         """Return the (n, m) covariance of one axis of the remainder, m^2; there must be one."""
         assert self.remainder is not None
         scaled = map(self.remainder.scaled, (first.features, second.features))
@@ -183,10 +183,10 @@ class SpringCovariance:
         """Return the (n, m) correlation of a spring's loaded minus unloaded Matern parts."""
         unit = ROOT3 / self.unit_length[s]
         sums = np.zeros((len(first), len(second)))
-        for sign, one in ((1.0, first.loaded), (-1.0, first.unloaded)):
-            for other_sign, other in ((1.0, second.loaded), (-1.0, second.unloaded)):
-                apart = np.abs(unit * one[s][:, None] - unit * other[s])
-                sums += sign * other_sign * _matern32(apart)
+        for left_sign, left_torque in ((1.0, first.loaded), (-1.0, first.unloaded)):
+            for sign, torque in ((left_sign, second.loaded), (-left_sign, second.unloaded)):
+                apart = np.abs(unit * left_torque[s][:, None] - unit * torque[s])
+                sums += sign * _matern32(apart)
         return sums
 
 
@@ -204,7 +204,7 @@ class Likelihood:
     Memory that is new for each covariance costs more than what is computed in it, so it is kept.
 
     Args:
-        loads: those of the n training samples.
+        loads: torques in the n training samples.
         deflection: (3, n) m.
     """
 
@@ -213,7 +213,7 @@ class Likelihood:
         n, n_springs = len(loads), len(loads.loaded)
         self._loads, self._outputs = loads, deflection.ravel()
         self._pairs = np.empty((3, 2 * n, 2 * n))
-        self._correlation, self._stretch, self._own, self._part = np.empty((4, n, n_springs, n))
+        self._correlation, self._stretch, self._turned, self._part = np.empty((4, n, n_springs, n))
         self._gain = np.empty((3 * n, 3 * n))
 
     def slopes(self, covariance: SpringCovariance) -> LikelihoodSlopes:
@@ -222,23 +222,17 @@ class Likelihood:
         The value is minus infinity, and the slopes are zero, if rounding leaves the covariance
         without a Cholesky factor.
         """
-        loads, n, n_springs = self._loads, len(self._loads), len(covariance.scale)
+        loads, remainder = self._loads, covariance.remainder
+        n, n_springs = len(loads), len(covariance.scale)
         regressor = covariance.regressor(loads)
         matrix = (regressor.T * covariance.term_variance) @ regressor
-        blocks = matrix.reshape(3, n, 3, n)
-        self._correlate(covariance)
-        weighed = (loads.move * covariance.bend[:, None, None]).transpose(2, 1, 0)
-        for axis in range(3):
-            part = np.multiply(self._correlation, loads.move[:, axis], out=self._part)
-            blocks[:, :, axis] += (weighed @ part).transpose(1, 0, 2)
-        if covariance.remainder is not None:
-            scaled = covariance.remainder.scaled(loads.features)
-            rest, rest_slope = covariance.remainder.with_slope(scaled)
-            shares = loads.load @ loads.load.T
-            rest *= shares
-            rest_slope *= shares
+        self._add_bends(covariance, matrix)
+        correlation = stretch = scaled = np.zeros(0)
+        if remainder is not None:
+            scaled = remainder.scaled(loads.features)
+            correlation, stretch = self._remainder(remainder, scaled)
             for axis in range(3):
-                blocks[axis, :, axis] += rest
+                matrix.reshape(3, n, 3, n)[axis, :, axis] += correlation
         matrix[np.diag_indices(3 * n)] += covariance.noise
         try:
             # the matrix is symmetric: its transpose is in the order that LAPACK writes over
@@ -249,31 +243,14 @@ class Likelihood:
         value = -0.5 * float(self._outputs @ weights) - float(np.log(np.diag(factor)).sum())
         value -= 1.5 * n * math.log(2.0 * math.pi)
 
-        gain = self._gain  # d value = sum of gain * d covariance
-        np.multiply.outer(0.5 * weights, weights, out=gain)
-        inverse, _ = dpotri(factor, lower=1, overwrite_c=1)  # its lower triangle, zeros above
-        inverse *= -0.5
-        gain += inverse
-        inverse[np.diag_indices(3 * n)] = 0.0
-        gain += inverse.T
-        parts = gain.reshape(3, n, 3, n)
-        own = self._own
-        for axis in range(3):
-            columns = parts[:, :, axis].transpose(1, 0, 2)
-            part = np.matmul(loads.move.transpose(2, 0, 1), columns, out=self._part)
-            part *= loads.move[:, axis]
-            if axis:
-                own += part
-            else:
-                own[:] = part
+        gain = self._fill_gain(factor, weights)
+        by_bend, by_length = self._slopes_by_bends(covariance, gain)
         by_remainder, by_features = 0.0, np.zeros(0)
-        if covariance.remainder is not None:
-            of_rest = parts[0, :, 0] + parts[1, :, 1] + parts[2, :, 2]
-            by_remainder = 2.0 * float(np.vdot(of_rest, rest))
-            of_rest *= rest_slope
-            by_features = of_rest.sum(axis=0) @ scaled**2 - (scaled * (of_rest @ scaled)).sum(
-                axis=0
-            )
+        if remainder is not None:
+            part = np.einsum("anam->nm", gain.reshape(3, n, 3, n))
+            by_remainder = 2.0 * float(np.vdot(part, correlation))
+            part = part * stretch
+            by_features = part.sum(axis=0) @ scaled**2 - (scaled * (part @ scaled)).sum(axis=0)
         gained, is_lost = regressor @ gain, covariance.lost > 0.0
         by_term, by_lost = np.einsum("si,si->s", gained, regressor), np.zeros(is_lost.shape)
         by_lost[is_lost] = by_term[n_springs:]
@@ -282,14 +259,58 @@ class Likelihood:
         return LikelihoodSlopes(
             value=value,
             by_slope=by_term[:n_springs],
-            by_bend=np.einsum("isj,isj->s", own, self._correlation),
+            by_bend=by_bend,
             by_lost=by_lost,
             by_width=2.0 * float(by_width),
-            by_length=float(covariance.bend @ np.einsum("isj,isj->s", own, self._stretch)),
+            by_length=by_length,
             by_noise=float(np.trace(gain)),
             by_remainder=by_remainder,
             by_features=2.0 * by_features,
         )
+
+    def _add_bends(self, covariance: SpringCovariance, matrix: FloatArray) -> None:
+        """Add the curves' Matern parts to the (3 n, 3 n) covariance."""
+        n = len(self._loads)
+        self._correlate(covariance)
+        move, blocks = self._loads.move, matrix.reshape(3, n, 3, n)
+        weighed = (move * covariance.bend[:, None, None]).transpose(2, 1, 0)
+        for axis in range(3):
+            part = np.multiply(self._correlation, move[:, axis], out=self._part)
+            blocks[:, :, axis] += (weighed @ part).transpose(1, 0, 2)
+
+    def _remainder(
+        self, remainder: Covariance, scaled: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the remainder's (n, n) covariance of an axis, and `Covariance.with_slope`'s."""
+        shares = self._loads.load @ self._loads.load.T
+        correlation, stretch = remainder.with_slope(scaled)
+        return correlation * shares, stretch * shares
+
+    def _fill_gain(self, factor: FloatArray, weights: FloatArray) -> FloatArray:
+        """Return the (3 n, 3 n) gain: a change of the value is its sum with the covariance's."""
+        np.multiply.outer(0.5 * weights, weights, out=self._gain)
+        inverse, _ = dpotri(factor, lower=1, overwrite_c=1)  # its lower triangle, zeros above
+        inverse *= -0.5
+        self._gain += inverse
+        inverse[np.diag_indices(len(inverse))] = 0.0
+        self._gain += inverse.T
+        return self._gain
+
+    def _slopes_by_bends(
+        self, covariance: SpringCovariance, gain: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Return the derivatives by the variances of Matern parts, and by ln l."""
+        n, move = len(self._loads), self._loads.move
+        for axis in range(3):
+            columns = gain.reshape(3, n, 3, n)[:, :, axis].transpose(1, 0, 2)
+            part = np.matmul(move.transpose(2, 0, 1), columns, out=self._part)
+            part *= move[:, axis]
+            if axis:
+                self._turned += part
+            else:
+                self._turned[:] = part
+        by_length = covariance.bend @ np.einsum("isj,isj->s", self._turned, self._stretch)
+        return np.einsum("isj,isj->s", self._turned, self._correlation), float(by_length)
 
     def _correlate(self, covariance: SpringCovariance) -> None:
         """Fill the (n, n_springs, n) correlations of turns, and their derivatives by ln l."""
@@ -317,7 +338,7 @@ class LikelihoodSlopes:
     Attributes:
         value: of the likelihood.
         by_slope, by_bend: (n_springs,) by the variances of those names.
-        by_lost: (2, n_springs) by those of lost motion.
+        by_lost: (2, n_springs) by the variances of lost motion.
         by_width, by_length: by ln h and ln l.
         by_noise: by the noise's variance.
         by_remainder: by the logarithm of the remainder's standard deviation; 0 without it.
@@ -347,7 +368,7 @@ class SpringProcess:
 
     Attributes:
         covariance: its hyperparameters.
-        loads: those of the training samples.
+        loads: torques in the training samples.
         factor: (3 n, 3 n) lower Cholesky factor of the training deflections' covariance.
         weights: (3 n,) inverse of that covariance times the deflections.
     """
@@ -375,20 +396,20 @@ class SpringProcess:
 
     def mean(self, loads: SpringLoads) -> FloatArray:
         """Return the (n, 3) predicted deflection, m: each curve's mean times what it moves."""
-        covariance, known = self.covariance, self.loads
+        covariance, training = self.covariance, self.loads
         # a straight line, lost motion: their means are numbers, one each
-        sizes = covariance.term_variance * (covariance.regressor(known) @ self.weights)
+        sizes = covariance.term_variance * (covariance.regressor(training) @ self.weights)
         mean = (sizes @ covariance.regressor(loads)).reshape(3, -1)
-        shares = np.einsum("skn,kn->sn", known.move, self.weights.reshape(3, -1))
+        shares = np.einsum("skn,kn->sn", training.move, self.weights.reshape(3, -1))
         for s in np.flatnonzero(covariance.bend):
-            knots = np.concatenate([known.loaded[s], known.unloaded[s]])
+            knots = np.concatenate([training.loaded[s], training.unloaded[s]])
             height = covariance.bend[s] * np.concatenate([shares[s], -shares[s]])
             curve = partial(_curve_mean, knots, height, ROOT3 / covariance.unit_length[s])
             mean += loads.move[s] * (curve(loads.loaded[s]) - curve(loads.unloaded[s]))
         if covariance.remainder is not None:
-            for rows in _blocks(len(loads), len(known)):
-                own = covariance.rest(loads.take(rows), known)
-                mean[:, rows] += self.weights.reshape(3, -1) @ own.T
+            for rows in _blocks(len(loads), len(training)):
+                part = covariance.remainder_between(loads.take(rows), training)
+                mean[:, rows] += self.weights.reshape(3, -1) @ part.T
         return mean.T
 
     def mean_and_deviation(self, loads: SpringLoads) -> tuple[FloatArray, FloatArray]:
@@ -402,13 +423,13 @@ class SpringProcess:
             variance[rows] -= np.einsum("ij,ij->j", solved, solved).reshape(3, -1).T
         return mean, np.sqrt(np.maximum(variance, self.covariance.noise))
 
-    def between(self, loads: SpringLoads, others: SpringLoads) -> FloatArray:
+    def between(self, loads: SpringLoads, second: SpringLoads) -> FloatArray:
         """Return the (3, n, m) covariance of each axis at two sets of samples, noise excluded."""
         covariance = self.covariance
-        known = cho_solve((self.factor, True), covariance.between(self.loads, others))
-        posterior = covariance.between(loads, others)
-        posterior -= covariance.between(loads, self.loads) @ known
-        blocks = posterior.reshape(3, len(loads), 3, len(others))
+        solved = cho_solve((self.factor, True), covariance.between(self.loads, second))
+        posterior = covariance.between(loads, second)
+        posterior -= covariance.between(loads, self.loads) @ solved
+        blocks = posterior.reshape(3, len(loads), 3, len(second))
         return np.stack([blocks[axis, :, axis] for axis in range(3)])
 
     def curve(self, spring: int, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -432,7 +453,7 @@ class SpringProcess:
         loads, lost = self.loads, self.covariance.lost
         prior = lost.sum(axis=0)[springs]
         effects = [loads.effects(turn) for turn in self.covariance.lost_motion(loads)]
-        between = sum(size[:, None] * one for size, one in zip(lost, effects, strict=True))[springs]
+        between = np.einsum("ps,psr->sr", lost, effects)[springs]
         solved = solve_triangular(self.factor, between.T, lower=True, check_finite=False)
         variance = prior - np.einsum("ij,ij->j", solved, solved)
         return math.pi * (between @ self.weights), math.pi * np.sqrt(np.maximum(variance, 0.0))

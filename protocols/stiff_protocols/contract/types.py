@@ -276,7 +276,7 @@ class BenchmarkData:
             cannot be asked again. It can be pickled. Only the scorer calls it: no model sees it,
             and it is no part of the hash.
         joint_turn: true turn [rad or m] of joints by (n, n_joints) torques [N m or N], which only
-            a simulation knows: for figures. No model sees it, and it is no part of the hash.
+            a simulation knows: for figures. No model sees it, and the hash does not contain it.
     """
 
     samples: Samples
