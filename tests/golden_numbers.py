@@ -349,9 +349,8 @@ def few_steps() -> Iterator[None]:
     """As `same_everywhere`, and short where no option makes it so."""
 
     def search(loss: Any, start: Any, **known: Any) -> Any:
-        return minimize(
-            loss, start, **known, options={"maxiter": SEARCH_STEPS} if len(start) > 3 else {}
-        )
+        known["options"] = {"maxiter": SEARCH_STEPS} if len(start) > 3 else {}
+        return minimize(loss, start, **known)
 
     with (
         same_everywhere(),

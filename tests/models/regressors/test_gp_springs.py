@@ -11,7 +11,7 @@ from sklearn.gaussian_process.kernels import Matern
 
 from helpers.made_robots import random_chain
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_datasets.twin.robot_twin import ArmFamily
+from stiff_datasets.twin.robot_twin import ArmFamily, Ur5Twin
 from stiff_models.physics.full_vjm import FullVjm
 from stiff_models.physics.kinematics import (
     gravity_torque,
@@ -200,8 +200,8 @@ def test_more_samples_than_the_process_learns_from_are_drawn_at_random(twin):
 
 
 @pytest.mark.slow
-def test_the_bands_of_curves_hold_the_true_curves_where_nothing_but_joints_gives_way():
-    data = ArmFamily(robot=3, effects="none").load()
+def test_the_bands_of_curves_hold_most_true_curves_where_no_link_bends():
+    data = Ur5Twin().load()
     model = GpSprings().fit(data.samples, robot=data.robot)
     inside = []
     for joint, (at, turn, deviation) in enumerate(points.T for points in model.curves_.values()):
@@ -209,4 +209,5 @@ def test_the_bands_of_curves_hold_the_true_curves_where_nothing_but_joints_gives
         torque[:, joint] = at
         true = data.joint_turn(torque)[:, joint]
         inside.append((np.abs(turn - true) < 2.0 * deviation).mean())
-    assert np.mean(inside) > 0.85
+    assert np.median(inside) > 0.95
+    assert np.mean(inside) > 0.75
