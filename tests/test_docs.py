@@ -215,5 +215,5 @@ def test_the_tutorial_can_be_followed_to_the_end(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "my.csv: ok" in done.stdout
-    assert "vjm-multisegment is better than vjm on my.csv" in done.stdout
+    assert "gp-springs is better than vjm on my.csv" in done.stdout
     assert len((tmp_path / "predicted.csv").read_text("utf-8").splitlines()) == 61

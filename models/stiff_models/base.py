@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator
 from stiff_models.io import saved
 from stiff_protocols.contract.errors import ModelError, NotFittedError
 from stiff_protocols.contract.training_range import TrainingRange
-from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
+from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot, Samples
 
 if TYPE_CHECKING:
     import torch
@@ -34,8 +34,8 @@ def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) ->
     return Interval(mean - half, mean + half, coverage)
 
 
-def left_out_fifths(samples: Samples, seed: int) -> Iterator[tuple[Samples, Samples]]:
-    """Yield the samples without those of a fifth of the poses, and these, for each fifth.
+def folds_of_poses(samples: Samples, seed: int) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield the rows that are learned from and those that are left out, for a fifth of the poses.
 
     Of fewer than `FOLDS` poses, at least two, each one is left out.
     """
@@ -43,7 +43,12 @@ def left_out_fifths(samples: Samples, seed: int) -> Iterator[tuple[Samples, Samp
 
     n_folds = min(FOLDS, len(np.unique(samples.pose_id)))
     folds = GroupKFold(n_folds, shuffle=True, random_state=seed)
-    for learned, left_out in folds.split(samples.q, groups=samples.pose_id):
+    yield from folds.split(samples.q, groups=samples.pose_id)
+
+
+def left_out_fifths(samples: Samples, seed: int) -> Iterator[tuple[Samples, Samples]]:
+    """Yield the samples of `folds_of_poses`."""
+    for learned, left_out in folds_of_poses(samples, seed):
         yield samples.take(learned), samples.take(left_out)
 
 

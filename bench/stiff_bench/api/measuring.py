@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.tables import Text
@@ -32,8 +34,9 @@ from stiff_datasets.twin.constants import (
 )
 from stiff_datasets.twin.effects import parse_effects
 from stiff_datasets.twin.twin import TwinExperiment
-from stiff_models.catalog import REFERENCE_MODEL
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_models.catalog import REFERENCE_MODEL, model_info
+from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 
 def plan_poses(
@@ -159,7 +162,18 @@ def validate(
     """
     measured = RobotWords(robot, urdf, tcp, tip).read()[0]
     options = FileOptions(no_torque, sheet, pose_tolerance)
-    return validation.validate(Path(file), measured, options)
+    return validation.validate(Path(file), measured, options, _left_out_errors)
+
+
+def _left_out_errors(samples: Samples, robot: Robot) -> FloatArray:
+    """Return (n, 3) errors [m] of `gp-springs` at samples that it did not learn from; or NaN."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StiffBenchWarning)  # the report says the same
+        try:
+            model = model_info("gp-springs").load()().fit(samples, robot=robot)
+        except ModelError:
+            return np.full((len(samples), 3), np.nan)
+    return np.asarray(model.left_out_errors_at_)
 
 
 def simulate(

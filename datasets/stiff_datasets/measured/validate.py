@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
@@ -66,6 +66,7 @@ SAME_UNIT = 2.2
 1.9 times as compliant as `softness` takes for usual."""
 TIES_SHOWN = 2
 LARGEST_SHOWN = 5
+FEWEST_CURVE_POSES, MOST_CURVE_SAMPLES = 10, 500
 WIDTH = 100
 
 
@@ -103,7 +104,16 @@ class ValidationReport:
         return "\n".join(lines)
 
 
-def validate(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> ValidationReport:
+LeftOutErrors = Callable[[Samples, Robot], FloatArray]
+"""Returns (n, 3) errors [m] of a better model than linear springs at samples left out; or NaN."""
+
+
+def validate(
+    path: Path,
+    robot: Robot,
+    options: FileOptions = DEFAULTS,
+    left_out_errors: LeftOutErrors | None = None,
+) -> ValidationReport:
     """Check a file of measured samples.
 
     Args:
@@ -111,6 +121,8 @@ def validate(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Valid
         robot: that was measured.
         options: what is not in the file; a data card FILE.md next to it may say, too, that no
             torques were measured.
+        left_out_errors: of springs with curves, for facts; None: there are none. It is called for
+            10 poses or more and at most 500 samples.
 
     Raises:
         ConfigError: the file has no such sheet, or several with tables and none is asked for.
@@ -158,6 +170,9 @@ def validate(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Valid
         *([warning(change.text, change.rows)] if change else []),
         *(_spring_findings(data, pose, diagnosis, lines) if data.regressor().any() else ()),
     ]
+    is_affordable = FEWEST_CURVE_POSES <= len(np.unique(pose)) and len(pose) <= MOST_CURVE_SAMPLES
+    if left_out_errors and is_affordable and not diagnosis.best and data.regressor().any():
+        found.extend(_curve_facts(samples, left_out_errors(samples, robot), lines))
     return ValidationReport(
         path,
         warnings=tuple(each for each in found if each.level == "warning"),
@@ -310,6 +325,24 @@ def _spring_findings(
     yield fact("largest residuals", f"{listed} mm (median {np.median(residual_mm):.3g})")
     if not best:
         yield from outlier_findings(lines, outliers)
+
+
+def _curve_facts(samples: Samples, errors: FloatArray, lines: IntArray) -> list[Finding]:
+    """Return what springs with curves leave; they show errors that linear springs hide."""
+    if not np.isfinite(errors).all() or not samples.deflection.any():
+        return []
+    size = np.linalg.norm(errors, axis=1)  # m
+    explained = 1.0 - float((size**2).sum() / (samples.deflection**2).sum())
+    worst = np.argsort(-size)[:LARGEST_SHOWN]
+    listed = ", ".join(f"row {lines[i]} {size[i] * MM_PER_M:.3g}" for i in worst)
+    rms, median = (MM_PER_M * float(each) for each in (np.sqrt(np.mean(size**2)), np.median(size)))
+    return [
+        fact(
+            "springs with curves",
+            f"{explained:.1%} explained, cross-validated (gp-springs); residual {rms:.3g} mm RMS",
+        ),
+        fact("their largest residuals", f"{listed} mm (median {median:.3g})"),
+    ]
 
 
 def _explains_little(given: Fit) -> bool:

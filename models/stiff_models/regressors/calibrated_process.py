@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Gt
 from sklearn.base import clone
 
-from stiff_models.base import FittedModel, left_out_fifths, normal_interval
+from stiff_models.base import FittedModel, folds_of_poses, normal_interval
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Samples
 
@@ -41,6 +41,8 @@ class CalibratedProcess(FittedModel):
             repeats differ by is found there.
         instrument_noise_: m, what was taken.
         calibration_: (3,) what the standard deviations of each axis are multiplied by.
+        left_out_errors_at_: (n, 3) error [m] at each training sample of the fit without it; NaN
+            where there is none.
     """
 
     instrument_noise_mm: Annotated[float, Gt(0.0)] | None = None
@@ -54,6 +56,7 @@ class CalibratedProcess(FittedModel):
         self.instrument_noise_ = stated if given is None else given / 1000.0
         super().fit(train, robot=robot, validation=validation, seed=seed)
         self.calibration_ = np.ones(len(AXES))
+        self.left_out_errors_at_ = np.full((len(train), len(AXES)), np.nan)
         if errors := list(self._errors_of_folds(train, robot, validation, seed)):
             self.calibration_ = np.sqrt((np.vstack(errors) ** 2).mean(axis=0))
         return self
@@ -65,7 +68,8 @@ class CalibratedProcess(FittedModel):
         n_poses = len(np.unique(train.pose_id))
         if n_poses < FEWEST_POSES:
             return
-        for learned, left_out in left_out_fifths(train, seed):
+        for rows, left_out_rows in folds_of_poses(train, seed):
+            learned, left_out = train.take(rows), train.take(left_out_rows)
             copy = self._for_a_fold()
             copy.instrument_noise_ = self.instrument_noise_
             with warnings.catch_warnings():
@@ -79,8 +83,9 @@ class CalibratedProcess(FittedModel):
             # as wide as an interval is there: beyond the fold's training range, too
             copy.calibration_ = np.ones(len(AXES))
             interval = copy.predict_interval(left_out.q, left_out.wrench, ONE_DEVIATION)
-            middle = (interval.lower + interval.upper) / 2.0
-            yield 2.0 * (middle - left_out.deflection) / (interval.upper - interval.lower)
+            error = (interval.lower + interval.upper) / 2.0 - left_out.deflection
+            self.left_out_errors_at_[left_out_rows] = error
+            yield 2.0 * error / (interval.upper - interval.lower)
 
     def _for_a_fold(self) -> Self:
         """Return an unfitted copy, which may be fitted sooner."""

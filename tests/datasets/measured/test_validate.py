@@ -430,3 +430,20 @@ def test_the_tcp_is_shown_in_the_frame_in_which_it_was_given(twin, tmp_path):
     robot = shipped_robot("kr10_r1100_2", tcp=(-0.06, 0.0, 0.08))
     report = Measurement(twin.samples, robot, tmp_path / "my.csv").report()
     assert "TCP (-0.06, 0, 0.08) m" in only(report.facts, "robot").message
+
+
+def test_a_better_model_lists_the_rows_that_it_predicts_worst_when_left_out(fanucs):
+    errors = np.full((len(fanucs.samples), 3), 1e-4)
+    errors[6] *= 10.0
+    fanucs.report()
+    options = FileOptions(no_torque=True)
+    facts = validate(fanucs.path, fanucs.robot, options, lambda *_: errors).facts
+    assert "explained" in only(facts, "springs with curves").message
+    assert only(facts, "their largest residuals").message.startswith(
+        f"their largest residuals: row 8 {1e3 * np.linalg.norm(errors[6]):.3g}"
+    )
+    errors[3] = np.nan
+    assert not any(
+        "curves" in each.message
+        for each in validate(fanucs.path, fanucs.robot, options, lambda *_: errors).facts
+    )
