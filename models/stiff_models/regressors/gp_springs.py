@@ -116,8 +116,9 @@ class Hyperparameters:
         return SpringCovariance(
             slope=slope,
             bend=size * np.exp(2.0 * bend),
-            lost=np.where(self.across, 0.0, size) * np.exp([[2.0 * value[name]] for name in LOST]),
-            width=math.exp(value["width"]),
+            lost=np.where(self.across, 0.0, size)
+            * np.exp([[2.0 * value.get(name, -math.inf)] for name in LOST]),
+            width=math.exp(value.get("width", 0.0)),
             length=math.exp(value["length"]),
             scale=self.scale,
             noise=math.exp(2.0 * value["noise"]),
@@ -158,6 +159,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     Attributes:
         springs: 18: three virtual springs per joint (18 of a robot with six), about its axis and
             the two across it (along them at a prismatic joint); 6: one per joint.
+        lost_motion: whether joints have lost motion, near zero torque and taken up by every load.
         remainder: whether a process of pose and load takes up what no spring explains.
         search_rows: training samples that the search for hyperparameters uses at most (drawn at
             random).
@@ -174,6 +176,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     """
 
     springs: Literal[6, 18] = 18
+    lost_motion: bool = True
     remainder: bool = True
     search_rows: Annotated[int, Ge(10)] = 300
     most_samples: Annotated[int, Ge(10)] = 2000
@@ -304,12 +307,13 @@ class GpSprings(CalibratedProcess, GeometryModel):
             "bend own": Prior.near(-1.0),
             "bend across": Prior.near(-1.0),
             "length": Prior(math.log(0.5), -4.0, 3.0),
-            **dict.fromkeys(LOST, Prior(-1.5, -5.0, 3.0)),
-            "width": Prior(math.log(0.05), -5.0, 0.0),
             "noise": Prior(
                 noise + math.log(3.0), noise, max(noise + 2.3, math.log(0.3 * size)), math.inf
             ),
         }
+        if self.lost_motion:
+            priors |= dict.fromkeys(LOST, Prior(-1.5, -5.0, 3.0))
+            priors["width"] = Prior(math.log(0.05), -5.0, 0.0)
         if self.remainder:
             small, least = math.log(0.05 * size), math.log(1e-3 * size)
             priors["remainder"] = Prior(small, least, math.log(size), math.inf)
@@ -342,12 +346,12 @@ class GpSprings(CalibratedProcess, GeometryModel):
         noise = {"noise [mm]": 1e3 * math.sqrt(process.covariance.noise)}
         self.diagnostics_ = {
             **self.springs_.report(),
-            **self._lost_motion(robot, own_springs),
+            **(self._lost_motions(robot, own_springs) if self.lost_motion else {}),
             **noise,
             **self._geometry_report(),
         }
 
-    def _lost_motion(self, robot: Robot, springs: IntArray) -> dict[str, float]:
+    def _lost_motions(self, robot: Robot, springs: IntArray) -> dict[str, float]:
         """Return the full width of each joint's lost motion, and its standard error."""
         numbers: dict[str, float] = {}
         widths, errors = self.process_.lost_motion(springs)

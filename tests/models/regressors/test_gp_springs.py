@@ -46,7 +46,9 @@ def some(hyper, rng):
     return start + 0.3 * rng.normal(size=len(start))
 
 
-@pytest.mark.parametrize("options", [{}, {"springs": 6}, {"remainder": False}])
+@pytest.mark.parametrize(
+    "options", [{}, {"springs": 6}, {"remainder": False, "lost_motion": False}]
+)
 def test_slopes_of_the_likelihood_are_its_differences(twin, options, rng):
     _, loads, hyper, deflection = prepared(twin, **options)
     likelihood, theta = Likelihood(loads, deflection), some(hyper, rng)
