@@ -106,7 +106,7 @@ def spring_units(robot: Robot, springs: Springs) -> dict[str, str]:
         for joint in robot.joint_names
         for name, kind in kinds
     ]
-    return dict(units[k] for k in _chosen(robot, springs))
+    return dict(units[k] for k in spring_columns(robot, springs))
 
 
 @lru_cache(32)
@@ -122,7 +122,7 @@ def typical_springs(robot: Robot, springs: Springs) -> FloatArray:
     for joint, kind in enumerate(robot.joint_types):
         turn = kind == "revolute"
         typical[joint, 2 if turn else 5] = own[joint, 0 if turn else 1]
-    found = typical.ravel()[_chosen(robot, springs)]
+    found = typical.ravel()[spring_columns(robot, springs)]
     found.flags.writeable = False
     return found
 
@@ -138,11 +138,11 @@ def spring_regressor(
         wrench: (n, 6) N and N m at the TCP, base frame.
         springs: virtual springs a joint.
     """
-    joint, own = np.divmod(_chosen(robot, springs), 6)
+    joint, own = np.divmod(spring_columns(robot, springs), 6)
     return unit_deflections(virtual_jacobian(robot, q)[:, :, joint, own], wrench)
 
 
-def _chosen(robot: Robot, springs: Springs) -> list[int]:
+def spring_columns(robot: Robot, springs: Springs) -> list[int]:
     """Return which virtual joints have springs, of `virtual_jacobian`'s six a joint in a row."""
     return [
         6 * joint + k
