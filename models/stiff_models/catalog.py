@@ -211,6 +211,14 @@ MODELS = (
         missing_because="stiff_models.regressors.optional_packages:missing_tabpfn",
         library="tabpfn",
     ),
+    ModelInfo(
+        key="tabicl",
+        target="stiff_models.regressors.tabular:TabIcl",
+        summary="TabICL, an open network that learned to predict from small tables",
+        reference="Qu, Holzmueller, Varoquaux and Le Morvan 2026 (TabICLv2); package tabicl",
+        missing_because="stiff_models.regressors.optional_packages:missing_tabicl",
+        library="tabicl",
+    ),
 )
 
 FAMILIES = (
