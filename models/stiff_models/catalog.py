@@ -78,9 +78,9 @@ MODELS = (
     ModelInfo(
         key="ft-mlp",
         target="stiff_models.transfer.ft_mlp:FtMlp",
-        version=4,
-        summary="mlp-pretrained, fine-tuned on the measured training samples",
-        reference="the method of the source paper",
+        version=5,
+        summary="pre-trained network, fine-tuned on what the best of three VJMs leaves",
+        reference="the method of the source paper with anchor=none, or with its preset",
         uses_validation=True,
         quick=_QUICK_SOURCE | {"epochs": 10},
         grids={
@@ -130,7 +130,7 @@ MODELS = (
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
-        version=7,
+        version=8,
         summary="mean of several ft-mlp with different seeds",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,
