@@ -126,6 +126,7 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
         {},
         {"training": "best"},
         {"recipe": "paper"},
+        *({"anchor": name} | LEARNS for name in ("none", "vjm", "vjm-multisegment", "vjm-full")),
         OTHER_SOURCE | LEARNS,
         *(
             {"freeze": freeze} | LEARNS

@@ -18,6 +18,7 @@ from sklearn.base import clone
 from stiff_models.base import FittedModel, left_out_fifths
 from stiff_models.networks.torch_parts import Difference, EncodedNetwork, SumOf, physics_module
 from stiff_models.networks.training import Rows
+from stiff_models.networks.training_plan import TrainingPlan
 from stiff_models.physics.vjm import Physics, fitted_physics
 from stiff_models.transfer.pretrained_mlp import PretrainedMlp
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
@@ -26,6 +27,8 @@ from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 Anchor = Literal["auto", "none", "teacher", "vjm", "vjm-multisegment", "vjm-full"]
 TEACHERS: tuple[Physics, ...] = get_args(Physics)
 """Models that anchor="teacher" chooses from; a teacher that is only named need not be one."""
+ANCHORED_STEPS = 300
+"""Pre-training steps of recipe="fast": an anchored network need not know the teacher by heart."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -61,6 +64,11 @@ class AnchoredMlp(PretrainedMlp):
                 self.best_params_["anchor"] = name
             self.teacher_ = fitted_physics(name, train, robot)
         super()._fit(train, robot, validation, seed)
+
+    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
+        plan = super()._recipe_plan(n_rows)
+        short = self.is_anchored and self.recipe == "fast"
+        return replace(plan, steps=ANCHORED_STEPS) if short else plan
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         if self.teacher_ is None:

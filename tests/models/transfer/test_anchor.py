@@ -13,7 +13,7 @@ from stiff_models.networks.torch_parts import physics_module
 from stiff_models.physics.full_vjm import FullVjm
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel, fitted_physics
-from stiff_models.transfer.anchor import TEACHERS, chosen_teacher
+from stiff_models.transfer.anchor import ANCHORED_STEPS, TEACHERS, chosen_teacher
 from stiff_models.transfer.deep_ensemble import DeepEnsemble
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
@@ -71,6 +71,20 @@ def test_the_teacher_is_chosen_that_predicts_left_out_poses_best(teacher, parts,
         assert chosen_teacher(samples.take(np.arange(3)), robot, 0) in TEACHERS
     else:
         assert chosen_teacher(samples, robot, 0) == teacher
+
+
+@pytest.mark.parametrize(
+    ("options", "steps"),
+    [
+        ({}, ANCHORED_STEPS),
+        ({"anchor": "none"}, 2000),
+        ({"recipe": "best"}, 4000),
+        ({"recipe": "paper"}, 100_000),
+        ({"pretrain_steps": 7}, 7),
+    ],
+)
+def test_an_anchored_network_is_pre_trained_for_fewer_steps(options, steps):
+    assert FtMlp(**options)._pretraining_plan(1000).steps == steps
 
 
 def test_a_single_pose_has_the_simplest_teacher(parts):
