@@ -36,7 +36,7 @@ class AnchoredMlp(PretrainedMlp):
     """Pre-trained MLP whose prediction before fine-tuning is a teacher's.
 
     The teacher is identified on the training samples, even if the network was pre-trained on
-    another robot's. A family that fine-tunes comes after this class.
+    another robot's.
 
     Attributes:
         anchor: "teacher" (of vjm, vjm-multisegment and vjm-full the one with the least error at
@@ -54,6 +54,7 @@ class AnchoredMlp(PretrainedMlp):
         return self.anchor != "none" and not (self.anchor == "auto" and self.paper_source)
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        super()._fit(train, robot, validation, seed)
         self.best_params_: dict[str, Any] = {}
         self.teacher_: FittedModel | None = None
         self.source_network_: torch.nn.Module
@@ -63,7 +64,6 @@ class AnchoredMlp(PretrainedMlp):
                 name = chosen_teacher(train, robot, seed)
                 self.best_params_["anchor"] = name
             self.teacher_ = fitted_physics(name, train, robot)
-        super()._fit(train, robot, validation, seed)
 
     def _recipe_plan(self, n_rows: int) -> TrainingPlan:
         plan = super()._recipe_plan(n_rows)

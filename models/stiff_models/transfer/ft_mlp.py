@@ -156,7 +156,7 @@ class FineTunedMlp(PretrainedMlp):
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class FtMlp(AnchoredMlp, FineTunedMlp):
+class FtMlp(FineTunedMlp, AnchoredMlp):
     """Fine-tuned MLP."""
 
     def fine_tuned_anew(self, train: Samples, validation: Samples | None, seed: int) -> Self:
