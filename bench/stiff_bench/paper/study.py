@@ -227,9 +227,8 @@ TRANSFER_DATA = {
 # second one finds it made
 _OWN_WAYS = (
     *(VJM, Variant("mlp-pretrained"), Variant("dt-cnn")),
-    *map(Variant, ("vjm-gp", "compliance-net", "tradaboost")),
-    *(Variant("ft-mlp"), Variant("ft-mlp", {"anchor": "none"})),
-    Variant("dt-cnn", {"supervision": "fine-tune"}),
+    *map(Variant, ("ft-mlp", "vjm-gp", "compliance-net", "tradaboost")),
+    *(Variant("ft-mlp", {"anchor": "none"}), Variant("dt-cnn", {"supervision": "fine-tune"})),
 )
 _OTHER_WAYS = (
     *(Variant("adann-2r", options) for options in ({}, {"supervision": "labels"})),
