@@ -192,7 +192,7 @@ def physics_module(fitted: FittedModel) -> torch.nn.Module:
 
 
 class Difference(torch.nn.Module):
-    """What fine-tuning has changed in a network's outputs."""
+    """Change of a network's outputs by fine-tuning."""
 
     def __init__(self, network: torch.nn.Module, before: torch.nn.Module) -> None:
         """Store the network, and what it was before."""

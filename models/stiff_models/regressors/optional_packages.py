@@ -52,5 +52,5 @@ def _tabicl_weights() -> Path:
     from tabicl import TabICLRegressor
 
     name = TabICLRegressor().checkpoint_version
-    kept = try_to_load_from_cache("jingang/TabICL", name)  # a path, or why there is none
-    return Path(kept if isinstance(kept, str) else name)
+    cached_file = try_to_load_from_cache("jingang/TabICL", name)  # a path, or why there is none
+    return Path(cached_file if isinstance(cached_file, str) else name)

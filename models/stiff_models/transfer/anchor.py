@@ -50,7 +50,7 @@ class AnchoredMlp(PretrainedMlp):
 
     @property
     def is_anchored(self) -> bool:
-        """Whether the prediction before fine-tuning is a teacher's."""
+        """Return whether the prediction before fine-tuning is a teacher's."""
         return self.anchor != "none" and not (self.anchor == "auto" and self.paper_source)
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -96,9 +96,9 @@ class AnchoredMlp(PretrainedMlp):
         """Return rows whose targets the network has to reach to predict with a teacher."""
         if teacher is None:
             return super()._measured_rows(samples)
-        left = samples.deflection - teacher.predict(samples.q, samples.wrench)
+        residual = samples.deflection - teacher.predict(samples.q, samples.wrench)
         before = self._predicted_by(self.source_network_, samples.q, samples.wrench)
-        return super()._measured_rows(replace(samples, deflection=left + before))
+        return super()._measured_rows(replace(samples, deflection=residual + before))
 
     def _teacher_of(self, samples: Samples) -> FittedModel | None:
         """Return the teacher identified on a part of the samples.
@@ -150,5 +150,5 @@ def chosen_teacher(samples: Samples, robot: Robot, seed: int) -> Physics:
 
 
 def _no_warnings() -> warnings.catch_warnings[None]:
-    """Ignore what is said of a part of the samples: the teacher of all has its own warnings."""
+    """Ignore warnings about a part of the samples: the teacher of all has its own."""
     return warnings.catch_warnings(action="ignore", category=StiffBenchWarning)

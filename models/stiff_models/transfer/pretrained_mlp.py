@@ -1,4 +1,4 @@
-"""What the families share whose MLP learns the source domain: presets and recipes."""
+"""Presets and recipes of the families whose MLP learns the source domain."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class PretrainedMlp(PretrainedModel, NetworkModel):
 
     @property
     def shares_pretraining(self) -> bool:
-        """Whether a pre-training serves all training parts of a robot."""
+        """Return whether a pre-training serves all training parts of a robot."""
         return self.recipe != "paper" and super().shares_pretraining
 
     @property
