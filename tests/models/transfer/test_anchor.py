@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models import load
 from stiff_models.networks.torch_parts import physics_module
 from stiff_models.physics.full_vjm import FullVjm
@@ -17,6 +18,7 @@ from stiff_models.transfer.anchor import ANCHORED_STEPS, TEACHERS, chosen_teache
 from stiff_models.transfer.deep_ensemble import DeepEnsemble
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_models.transfer.source_model import NO_TARGET_LABELS
 from stiff_protocols.contract.errors import ConfigError
 
 pytestmark = [
@@ -120,11 +122,27 @@ def test_the_papers_method_has_no_anchor(options, anchored):
     assert not MlpPretrained().is_anchored
 
 
+def test_the_labels_that_identify_a_teacher_are_declared():
+    model = MlpPretrained(anchor="vjm")
+    model.use_source(Kr10Twin(specimen=1).load())
+    assert model.regime == NO_TARGET_LABELS
+    assert FtMlp().regime == ""
+
+
 def test_without_an_anchor_fine_tuning_begins_as_the_pre_trained_network(parts):
     robot, train, _, test = parts
     before = MlpPretrained(**SMALL).fit(train, robot=robot, seed=3)
     model = FtMlp(**SMALL, epochs=0, anchor="none").fit(train, robot=robot, seed=3)
     np.testing.assert_array_equal(predicted(model, test), predicted(before, test))
+
+
+def test_the_teacher_is_of_the_robot_that_is_fitted_for_whatever_the_source(parts):
+    robot, train, _, test = parts
+    model = FtMlp(**SMALL, epochs=0, anchor="vjm-full")
+    model.use_source(Kr10Twin(specimen=1).load())
+    model.fit(train, robot=robot)
+    teacher = fitted_physics("vjm-full", train, robot)
+    np.testing.assert_array_equal(predicted(model, test), predicted(teacher, test))
 
 
 def test_one_pre_training_serves_every_anchor(parts, trainings, tmp_path, monkeypatch):
