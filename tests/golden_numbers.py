@@ -39,11 +39,11 @@ from stiff_models.networks.network_model import EncodedNetworkModel
 from stiff_models.networks.training import PRETRAINING_VERSION, Curve, Rows, train_network
 from stiff_models.networks.training_plan import Trainable, TrainingPlan
 from stiff_models.regressors import gaussian_process as likelihood
-from stiff_models.regressors.tabular import PytabkitModel, TabPfn
+from stiff_models.regressors.tabular import InContextModel, PytabkitModel
 from stiff_models.transfer import dt_cnn, ft_mlp
 from stiff_models.transfer.alignment import AlignedObjective, uses_target
 from stiff_models.transfer.cnn import Cnn, build_cnn
-from stiff_models.transfer.mlp_pretrained import PRETRAINING
+from stiff_models.transfer.pretrained_mlp import PRETRAINING
 from stiff_protocols.contract.interfaces import PredictsInterval
 from stiff_protocols.contract.types import BenchmarkData, FloatArray
 
@@ -59,7 +59,7 @@ KEYS = (
 
 CLOSED_FORM_M, NETWORK_M = 1e-9, 1e-6
 """How far a predicted deflection may lie from the kept one."""
-NETWORKS = (EncodedNetworkModel, PytabkitModel, TabPfn)
+NETWORKS = (EncodedNetworkModel, PytabkitModel, InContextModel)
 DEVIATION_M = 5e-4
 """A standard deviation of these deflections: what losses and outputs of networks are taken times,
 so that the same tolerance holds."""
@@ -126,6 +126,7 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
         {},
         {"training": "best"},
         {"recipe": "paper"},
+        *({"anchor": name} | LEARNS for name in ("none", "vjm", "vjm-multisegment", "vjm-full")),
         OTHER_SOURCE | LEARNS,
         *(
             {"freeze": freeze} | LEARNS

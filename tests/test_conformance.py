@@ -10,7 +10,12 @@ from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.saved import load
 from stiff_protocols.conformance.suite import check_model
 
-NOT_SAVABLE = ("realmlp", "tabm", "tabpfn")  # pickled by their packages, or another's weights
+NOT_SAVABLE = (
+    "realmlp",
+    "tabm",
+    "tabpfn",
+    "tabicl",
+)  # pickled by their packages, or another's weights
 
 
 @pytest.mark.usefixtures("small_source")

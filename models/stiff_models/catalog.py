@@ -86,9 +86,9 @@ MODELS = (
     ModelInfo(
         key="ft-mlp",
         target="stiff_models.transfer.ft_mlp:FtMlp",
-        version=4,
-        summary="mlp-pretrained, fine-tuned on the measured training samples",
-        reference="the method of the source paper",
+        version=5,
+        summary="pre-trained network, fine-tuned on what the best of three VJMs leaves",
+        reference="the method of the source paper with anchor=none, or with its preset",
         uses_validation=True,
         quick=_QUICK_SOURCE | {"epochs": 10},
         grids={
@@ -138,7 +138,7 @@ MODELS = (
     ModelInfo(
         key="deep-ensemble",
         target="stiff_models.transfer.deep_ensemble:DeepEnsemble",
-        version=7,
+        version=8,
         summary="mean of several ft-mlp with different seeds",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
         uses_validation=True,
@@ -218,6 +218,14 @@ MODELS = (
         reference="Hollmann et al. 2025; package tabpfn",
         missing_because="stiff_models.regressors.optional_packages:missing_tabpfn",
         library="tabpfn",
+    ),
+    ModelInfo(
+        key="tabicl",
+        target="stiff_models.regressors.tabular:TabIcl",
+        summary="TabICL, an open network that learned to predict from small tables",
+        reference="Qu, Holzmueller, Varoquaux and Le Morvan 2026 (TabICLv2); package tabicl",
+        missing_because="stiff_models.regressors.optional_packages:missing_tabicl",
+        library="tabicl",
     ),
 )
 

@@ -34,6 +34,7 @@ PRETRAINED = {
     *("mlp-pretrained", "ft-mlp", "ft-mlp, paper", "adann-2r", "compliance-net", "deep-ensemble"),
     *CNN,
 }
+ANCHORED = {"ft-mlp", "deep-ensemble"}
 SOURCE = PRETRAINED | {"mf-gp", "tradaboost"}
 SPRINGS = {"vjm"} | RESIDUAL | SOURCE  # one linear spring a joint
 FULL = {"vjm-full", "vjm-full, ridge"}
@@ -117,7 +118,7 @@ OUTCOMES: dict[str, Outcomes] = {
         BUCKLES,
         ({"vjm-multisegment, search"}, f"(works|{SLOPES}: A5 segment 2)"),
     ],
-    "slides and turns": NO_MASSES,
+    "slides and turns": [*NO_MASSES, (ANCHORED, "(works|warns: robot 'chain' has no masses)")],
     "slides alone": [
         *NO_MASSES,
         # a flat likelihood: rounding decides

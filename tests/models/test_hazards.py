@@ -124,7 +124,8 @@ def pairwise() -> set[tuple[str, str]]:
         third = len(pairs) // HAZARDS_A_MODEL
         chosen |= {pairs[(start + n * third) % len(pairs)] for n in range(HAZARDS_A_MODEL)}
     for start, hazard in enumerate(HAZARDS):
-        pairs = [pair for pair in MATRIX if pair[1] == hazard and pair[0] not in ALWAYS]
+        pairs = [pair for pair in MATRIX if pair[1] == hazard]
+        pairs = [pair for pair in pairs if expected(hazard, pair[0]) not in ALWAYS.values()]
         start %= len(pairs)
         walk = [*pairs[start:], *pairs[:start]]
         chosen |= set({expected(hazard, pair[0]): pair for pair in reversed(walk)}.values())

@@ -18,7 +18,7 @@ from stiff_bench.plan.cells import cell_tasks
 from stiff_models.networks.arithmetic import has_fast_bfloat16
 from stiff_models.networks.training_plan import TrainingPlan
 from stiff_models.transfer.ft_mlp import FINE_TUNING, FtMlp
-from stiff_models.transfer.mlp_pretrained import Recipe
+from stiff_models.transfer.pretrained_mlp import Recipe
 from stiff_protocols.contract.types import FloatArray, Samples
 from stiff_protocols.splits.random_splits import LeaveOneOut, PaperHoldout
 

@@ -20,7 +20,8 @@ from stiff_models.networks.arithmetic import has_fast_bfloat16
 from stiff_models.networks.network import Activation, build_network, linear_layers
 from stiff_models.networks.training import Rows, train_network
 from stiff_models.networks.training_plan import TrainingPlan
-from stiff_models.transfer.mlp_pretrained import PRETRAINING, MlpPretrained
+from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_models.transfer.pretrained_mlp import PRETRAINING
 from stiff_models.transfer.pretraining import divided
 from stiff_protocols.contract.types import FloatArray
 

@@ -34,11 +34,12 @@ from stiff_protocols.contract.errors import (
 )
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.interfaces import (
+    ChoosesOptions,
     IdentifiesSprings,
     PredictsInterval,
     ReportsDiagnostics,
 )
-from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.plugin import ModelInfo, in_words
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import (
@@ -312,13 +313,16 @@ class Model:
 
     @property
     def learned(self) -> list[str]:
-        """Lines that say what the fit found: a table of springs, and what else it reports."""
+        """Lines that say what the fit found: springs, chosen options, and what else it reports."""
         numbers, lines = self.diagnostics, []
         if isinstance(self.fitted, IdentifiesSprings):
             springs = self.fitted.springs_
             lines = ["", plain_text(springs_table(springs)), ""]
             of_springs = springs.report()
             numbers = {key: numbers[key] for key in numbers if key not in of_springs}
+        if isinstance(self.fitted, ChoosesOptions) and self.fitted.best_params_:
+            chosen = in_words(self.fitted.best_params_)
+            lines.append(f"- options chosen by inner cross-validation: {chosen}")
         return [*lines, *(f"- {name}: {value:.4g}" for name, value in numbers.items())]
 
     def report(self, data: Dataset, seed: int) -> Text:

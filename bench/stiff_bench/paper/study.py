@@ -40,7 +40,7 @@ FT_MLP = Variant("ft-mlp", {**PAPER_SOURCE, "training": "best"})
 """At the epoch that is best on the validation rows: Table 9's "optimized"."""
 FT_MLP_LAST_EPOCH = Variant("ft-mlp", {**PAPER_SOURCE, "training": "normal"})
 """Table 9's "normal"."""
-FT_MLP_OWN_SOURCE = Variant("ft-mlp", {"training": "best"})
+FT_MLP_OWN_SOURCE = Variant("ft-mlp", {"anchor": "none", "training": "best"})
 FT_MLP_PAPER_RECIPE = Variant("ft-mlp", {**FT_MLP.options, **PAPER_RECIPE})
 FT_MLP_PAPER_RECIPE_LAST_EPOCH = Variant("ft-mlp", {**FT_MLP_LAST_EPOCH.options, **PAPER_RECIPE})
 DT_CNN = Variant("dt-cnn", {"alignment": "none", "supervision": "none"})
@@ -227,13 +227,16 @@ TRANSFER_DATA = {
 # second one finds it made
 _OWN_WAYS = (
     *(VJM, Variant("mlp-pretrained"), Variant("dt-cnn")),
-    *map(Variant, ("vjm-gp", "compliance-net", "tradaboost")),
-    *(Variant("ft-mlp"), Variant("dt-cnn", {"supervision": "fine-tune"})),
+    *map(Variant, ("ft-mlp", "vjm-gp", "compliance-net", "tradaboost")),
+    *(Variant("ft-mlp", {"anchor": "none"}), Variant("dt-cnn", {"supervision": "fine-tune"})),
 )
 _OTHER_WAYS = (
     *(Variant("adann-2r", options) for options in ({}, {"supervision": "labels"})),
     Variant("deep-ensemble", {"members": 2}),
-    *(Variant("ft-mlp", {"source_teacher": f"vjm-{name}"}) for name in ("multisegment", "full")),
+    *(
+        Variant("ft-mlp", {"anchor": "none", "source_teacher": f"vjm-{name}"})
+        for name in ("multisegment", "full")
+    ),
     Variant("dt-cnn", {"alignment": "mk-mmd"}),
 )
 _OF_THE_KR10 = (Variant("ft-mlp", PAPER_SOURCE), Variant("dt-cnn", PAPER_SOURCE))

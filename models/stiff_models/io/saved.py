@@ -32,7 +32,7 @@ from stiff_protocols.contract.types import Robot
 if TYPE_CHECKING:
     import torch
 
-FORMAT = 4
+FORMAT = 5
 _OWN = "stiffbench"
 """Key that marks the dictionary of an object of ours: "model", "record" or "module"."""
 _OWN_PACKAGES = ("stiff_models", "stiff_protocols")

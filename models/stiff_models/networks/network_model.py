@@ -43,13 +43,19 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
     angle_encoding: AngleEncoding = "sincos"
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        return self.output_scaler_.undo(self._outputs(q, wrench))
+        return self._predicted_by(self.network_, q, wrench)
 
-    def _outputs(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the network's (n, n_outputs) outputs."""
+    def _predicted_by(
+        self, network: torch.nn.Module, q: FloatArray, wrench: FloatArray
+    ) -> FloatArray:
+        """Return the (n, 3) deflection, m, that a network of this model's shape predicts."""
+        return self.output_scaler_.undo(self._outputs(network, q, wrench))
+
+    def _outputs(self, network: torch.nn.Module, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return a network's (n, n_outputs) outputs."""
         inputs = self._inputs(q, wrench)
         with torch.no_grad():
-            outputs = [self.network_(part) for part in torch.split(inputs, PREDICTED_AT_ONCE)]
+            outputs = [network(part) for part in torch.split(inputs, PREDICTED_AT_ONCE)]
         return np.asarray(torch.cat(outputs).cpu().double().numpy())
 
     def _start(
@@ -124,14 +130,14 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
     ) -> TrainingPlan:
         """Return the plan with as many epochs, up to its own, as cross-validation chooses.
 
-        `rows` are those of `samples`. What a network knows before (physics, a pre-training) comes
-        from all of them, and counts for the shorter trainings.
+        `rows` are those of `samples`. The weights that a network starts with come from all of them,
+        which counts for the shorter trainings.
         """
         lengths = lengths_up_to(plan.steps)
         scale = torch.as_tensor(self.output_scaler_.scale, dtype=torch.float32).to(rows.inputs)
 
         def errors_of(learn: IntArray, held_out: IntArray) -> FloatArray:
-            learned, tested = rows.take(learn), rows.take(held_out)
+            learned, tested = self._rows_of_fold(samples, rows, learn, held_out)
             errors = {}
 
             def look(network: torch.nn.Module, length: int) -> None:
@@ -152,8 +158,14 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
             return np.stack([errors[length] for length in lengths])
 
         epochs = chosen_epochs(samples, lengths, errors_of, seed)
-        self.best_params_ = {"epochs": epochs}
+        self.best_params_ = {**getattr(self, "best_params_", {}), "epochs": epochs}
         return replace(plan, steps=epochs)
+
+    def _rows_of_fold(
+        self, samples: Samples, rows: Rows, learn: IntArray, held_out: IntArray
+    ) -> tuple[Rows, Rows]:
+        """Return the rows that a fold of the cross-validation learns from, and those left out."""
+        return rows.take(learn), rows.take(held_out)
 
     def _inputs(self, q: FloatArray, wrench: FloatArray) -> torch.Tensor:
         """Return what the network is given for each sample, (n, n_inputs) on the device."""

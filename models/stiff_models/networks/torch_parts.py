@@ -8,10 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+import numpy as np
 import torch
 
+from stiff_models.base import FittedModel
+from stiff_models.io.saved import key_of
 from stiff_models.networks.features import AngleEncoding, Scaler
 from stiff_models.physics.chain import Chain, Component
+from stiff_models.physics.full_vjm import FullVjm, spring_columns
+from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
+from stiff_models.physics.vjm import VirtualJointModel
+from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot
 
 
@@ -103,6 +110,99 @@ class VjmModule(torch.nn.Module):
         """Return the deflection."""
         components = q.unbind(dim=1), wrench.unbind(dim=1)
         return _stacked(self.chain.deflection(*components, self.compliance), q)
+
+
+class SpringsModule(torch.nn.Module):
+    """Linear virtual springs at the joints: ``d = J_v diag(c) J^T w`` of `vjm-full`."""
+
+    compliance: torch.Tensor
+
+    def __init__(self, robot: Robot, columns: list[int], compliance: FloatArray) -> None:
+        """Take the constants of `robot`, and the springs' `spring_columns` and compliances."""
+        super().__init__()
+        self.chain = Chain.of(robot, _cos_sin)
+        self.columns = columns
+        self.register_buffer("compliance", torch.tensor(compliance, dtype=torch.float64))
+
+    def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+        """Return the deflection."""
+        rows = _stacked(self.chain.virtual_jacobian(q.unbind(dim=1)), q)
+        rows = rows.reshape(-1, 6, 6 * q.shape[1])[:, :, self.columns]
+        turn = (wrench[:, None, :] @ rows)[:, 0] * self.compliance
+        return _moved(rows, turn)
+
+
+class SegmentsModule(torch.nn.Module):
+    """Piecewise linear joint springs under gravity's preload: `vjm-multisegment`."""
+
+    slopes: torch.Tensor
+    edges: torch.Tensor
+    widths: torch.Tensor
+
+    def __init__(
+        self, robot: Robot, breakpoints: FloatArray, slopes: FloatArray, *, gravity: bool
+    ) -> None:
+        """Take the constants of `robot`, breakpoints and slopes as of `segment_torques`."""
+        super().__init__()
+        self.chain = Chain.of(robot, _cos_sin)
+        self.jacobian = TorchJacobian(robot)
+        self.gravity = gravity
+        edges = np.pad(breakpoints, ((0, 0), (1, 0)))
+        widths = np.diff(edges, axis=1, append=np.inf)
+        for name, values in (("slopes", slopes), ("edges", edges), ("widths", widths)):
+            self.register_buffer(name, torch.tensor(values, dtype=torch.float64))
+
+    def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
+        """Return the deflection."""
+        rows = self.jacobian(q)
+        load = (wrench[:, None, :] @ rows)[:, 0]
+        preload = torch.zeros_like(load)
+        if self.gravity:
+            preload = _stacked(self.chain.gravity_torque(q.unbind(dim=1)), q)
+        return _moved(rows, self._turn(preload + load) - self._turn(preload))
+
+    def _turn(self, torque: torch.Tensor) -> torch.Tensor:
+        """Return the joints' turns [rad or m] under (n, n_joints) torques."""
+        beyond = (torque.abs()[:, :, None] - self.edges).clamp_min(0.0)
+        parts = torch.minimum(beyond, self.widths) * self.slopes
+        return torch.sign(torque) * parts.sum(dim=2)
+
+
+def _moved(rows: torch.Tensor, turn: torch.Tensor) -> torch.Tensor:
+    """Return the (n, 3) shift of the TCP by (n, k) turns of springs with (n, 6, k) Jacobians."""
+    shift: torch.Tensor = rows[:, :3] @ turn[:, :, None]
+    return shift[:, :, 0]
+
+
+def physics_module(fitted: FittedModel) -> torch.nn.Module:
+    """Return the prediction of a fitted virtual joint model; ConfigError for other physics."""
+    if isinstance(fitted, VirtualJointModel) and not fitted.congruence:
+        return VjmModule(fitted.robot_, fitted.springs_.compliance)
+    if isinstance(fitted, FullVjm):
+        columns = spring_columns(fitted.robot_, fitted.springs)
+        return SpringsModule(fitted.robot_, columns, fitted.compliance_)
+    if isinstance(fitted, MultiSegmentVjm):
+        return SegmentsModule(
+            fitted.robot_, fitted.breakpoints_, fitted.slopes_, gravity=fitted.gravity
+        )
+    raise ConfigError(
+        f"{key_of(fitted)} has no ONNX form with its options (valid: vjm without congruence, "
+        "vjm-full, vjm-multisegment)"
+    )
+
+
+class Difference(torch.nn.Module):
+    """Change of a network's outputs by fine-tuning."""
+
+    def __init__(self, network: torch.nn.Module, before: torch.nn.Module) -> None:
+        """Store the network, and what it was before."""
+        super().__init__()
+        self.network, self.before = network, before
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Return the difference of both networks' (n, k) outputs."""
+        changed: torch.Tensor = self.network(inputs) - self.before(inputs)
+        return changed
 
 
 class SumOf(torch.nn.Module):

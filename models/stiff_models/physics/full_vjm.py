@@ -109,7 +109,7 @@ def spring_units(robot: Robot, springs: Springs) -> dict[str, str]:
         for joint in robot.joint_names
         for name, kind in kinds
     ]
-    return dict(units[k] for k in virtual_joints(robot, springs))
+    return dict(units[k] for k in spring_columns(robot, springs))
 
 
 @lru_cache(32)
@@ -125,7 +125,7 @@ def typical_springs(robot: Robot, springs: Springs) -> FloatArray:
     for joint, kind in enumerate(robot.joint_types):
         turn = kind == "revolute"
         typical[joint, 2 if turn else 5] = own[joint, 0 if turn else 1]
-    found = typical.ravel()[virtual_joints(robot, springs)]
+    found = typical.ravel()[spring_columns(robot, springs)]
     found.flags.writeable = False
     return found
 
@@ -149,11 +149,11 @@ def spring_twists(robot: Robot, q: FloatArray, springs: Springs) -> FloatArray:
 
     Arguments as of `spring_regressor`.
     """
-    joint, own = np.divmod(virtual_joints(robot, springs), 6)
+    joint, own = np.divmod(spring_columns(robot, springs), 6)
     return virtual_jacobian(robot, q)[:, :, joint, own]
 
 
-def virtual_joints(robot: Robot, springs: Springs) -> list[int]:
+def spring_columns(robot: Robot, springs: Springs) -> list[int]:
     """Return which virtual joints have springs, of `virtual_jacobian`'s six a joint in a row."""
     return [
         6 * joint + k

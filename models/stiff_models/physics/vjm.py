@@ -28,8 +28,11 @@ Physics = Literal["vjm", "vjm-multisegment", "vjm-full"]
 """Keys of the virtual joint models: what other families build on."""
 
 
-def fitted_physics(name: Physics, samples: Samples, robot: Robot) -> FittedModel:
-    """Return the model with its default options, identified on the samples; errors as of `fit`."""
+def fitted_physics(name: str, samples: Samples, robot: Robot) -> FittedModel:
+    """Return the model with its default options, identified on the samples; errors as of `fit`.
+
+    `name` is its key, of `Physics` or another.
+    """
     fitted: FittedModel = model_info(name).load()().fit(samples, robot=robot)
     return fitted
 

@@ -17,7 +17,7 @@ from annotated_types import Ge
 
 from stiff_models.networks.features import encode
 from stiff_models.physics.fitted_geometry import GeometryModel
-from stiff_models.physics.full_vjm import virtual_joints
+from stiff_models.physics.full_vjm import spring_columns
 from stiff_models.physics.kinematics import (
     joint_torque,
     unit_deflections,
@@ -290,7 +290,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _virtual_joints(self, robot: Robot) -> tuple[IntArray, IntArray]:
         """Return joint and kind (of `virtual_jacobian`'s six) of each spring."""
         if self.springs == 18:
-            return np.divmod(np.array(virtual_joints(robot, 3)), 6)
+            return np.divmod(np.array(spring_columns(robot, 3)), 6)
         return np.arange(robot.n_joints), _own_kind(robot)
 
     def _hyperparameters(self, train: Samples, robot: Robot, loads: SpringLoads) -> Hyperparameters:

@@ -1,4 +1,4 @@
-"""Networks for tables: `realmlp` and `tabm` of the package pytabkit, and `tabpfn`."""
+"""Networks for tables: `realmlp` and `tabm` of the package pytabkit, `tabpfn` and `tabicl`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from annotated_types import Ge
 from sklearn.multioutput import MultiOutputRegressor
 
 from stiff_models.device import RunsOnDevice, torch_device
-from stiff_models.regressors.optional_packages import missing_tabpfn
+from stiff_models.regressors.optional_packages import missing_tabicl, missing_tabpfn
 from stiff_models.regressors.regressor_model import RegressorModel, for_three_outputs
 from stiff_models.regressors.standardised_model import StandardisedRows
 from stiff_protocols.contract.errors import ConfigError, NotSavable
@@ -112,33 +112,61 @@ class TabM(PytabkitModel):
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class TabPfn(RunsOnDevice, RegressorModel):
-    """TabPFN in context: fitting keeps the training rows; one context an axis.
+class InContextModel(RunsOnDevice, RegressorModel):
+    """Base of the families that predict in context: fitting keeps the training rows.
+
+    There is one context per axis. The package's weights are never downloaded here.
 
     Attributes:
-        model_path: file of weights of a TabPFN regressor (.ckpt); empty: the package's default
-            file in its own cache folder.
+        model_path: file of weights of the package's regressor (.ckpt); empty: the package's default
+            file in its cache folder.
     """
 
     model_path: str = ""
+
+    @abstractmethod
+    def missing(self) -> str:
+        """Return why it cannot be used here: no package, or no weights; "" where it can."""
+
+    @abstractmethod
+    def _in_context(self, **settings: Any) -> Any:
+        """Return the package's regressor with the shared settings."""
+
+    def save(self, path: Path) -> None:
+        """Raise NotSavable: the weights are not ours to pass on."""
+        raise NotSavable(f"a {type(self).__name__} cannot be saved: its weights are not ours")
+
+    def _regressor(self, seed: int) -> Any:
+        if reason := self.missing():  # the package would go for a download
+            raise ConfigError(f"{type(self).__name__.lower()}: {reason}")
+        regressor = self._in_context(device=torch_device(self.device).type, random_state=seed)
+        return for_three_outputs(regressor)
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class TabPfn(InContextModel):
+    """TabPFN with the package's defaults."""
 
     def missing(self) -> str:
         """Return why it cannot be used here: no package, or no weights; "" where it can."""
         return missing_tabpfn(self.model_path)
 
-    def save(self, path: Path) -> None:
-        """Raise NotSavable: the weights' licence is not ours to pass on."""
-        raise NotSavable("a TabPFN cannot be saved: its weights are not ours to pass on")
-
-    def _regressor(self, seed: int) -> Any:
-        if reason := self.missing():  # the package would go for a download
-            raise ConfigError(f"tabpfn: {reason}")
+    def _in_context(self, **settings: Any) -> Any:
         from tabpfn import TabPFNRegressor
 
-        return for_three_outputs(
-            TabPFNRegressor(
-                model_path=self.model_path or "auto",
-                device=torch_device(self.device).type,
-                random_state=seed,
-            )
-        )
+        return TabPFNRegressor(model_path=self.model_path or "auto", **settings)
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class TabIcl(InContextModel):
+    """TabICL with the package's defaults."""
+
+    def missing(self) -> str:
+        """Return why it cannot be used here: no package, or no weights; "" where it can."""
+        return missing_tabicl(self.model_path)
+
+    def _in_context(self, **settings: Any) -> Any:
+        from tabicl import TabICLRegressor
+
+        path = self.model_path or None
+        return TabICLRegressor(model_path=path, allow_auto_download=False, **settings)

@@ -20,7 +20,7 @@ from stiff_models.networks.features import Scaler, encode
 from stiff_models.networks.network import ChosenActivation, linear_layers
 from stiff_models.networks.torch_parts import EncodedNetwork, TorchJacobian
 from stiff_models.physics.kinematics import jacobian, joint_torque
-from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_models.transfer.ft_mlp import FineTunedMlp
 from stiff_models.transfer.source import SourceDomain
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
@@ -55,7 +55,7 @@ class ComplianceNetwork(torch.nn.Module):
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class ComplianceNet(FtMlp):
+class ComplianceNet(FineTunedMlp):
     """Structure-preserving network.
 
     Its constant case is the teacher of the source domain, so that pre-training on a source with

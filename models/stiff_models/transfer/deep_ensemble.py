@@ -46,9 +46,10 @@ def common_error(pair: FloatArray, members: int) -> FloatArray:
 class DeepEnsemble(FtMlp):
     """Mean of `members` fine-tuned MLPs; every option of `ft-mlp` is every member's.
 
-    With training="cv" the first member chooses the number of epochs for all. What the members err
-    in common is seen at poses that were left out: two of the pre-trained networks are fine-tuned
-    without each fifth of the training poses (the springs of their source domain are those of all).
+    The first member chooses for all: the teacher, and with training="cv" the number of epochs. What
+    the members err in common is seen at poses that were left out: two of the pre-trained networks
+    are fine-tuned without each fifth of the training poses, with a teacher identified without them
+    (the springs of their source domain are those of all).
     Their mean's errors there hold a part of the scatter among networks too, which the members'
     spread brings into an interval once more, so it is taken off.
 
@@ -66,9 +67,10 @@ class DeepEnsemble(FtMlp):
                 f"{len(train)} are of one"
             )
         first = self._member(0).fit(train, robot=robot, validation=validation, seed=seed)
-        chosen: dict[str, Any] = {}
+        self.best_params_ = first.best_params_
+        chosen: dict[str, Any] = dict(first.best_params_)
         if self.training == "cv":
-            chosen = {"training": "normal", "epochs": first.best_params_["epochs"]}
+            chosen["training"] = "normal"
         self.members_ = [first]
         seeds = np.random.default_rng(seed).integers(2**31, size=self.members - 1).tolist()
         for number, own in enumerate(seeds, start=1):

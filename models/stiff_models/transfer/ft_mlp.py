@@ -2,7 +2,7 @@
 
 The method of the source paper: VJM identified on the training part -> source domain ->
 pre-training -> fine-tuning of the layers that a freeze strategy leaves free, on the mean
-absolute error.
+absolute error. Ours is anchored: fine-tuning begins as the best of three VJMs (`anchor.py`).
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from stiff_models.networks.network import linear_layers
 from stiff_models.networks.network_model import Selection
 from stiff_models.networks.training import Curve, Rows, Visits, train_network
 from stiff_models.networks.training_plan import Trainable, TrainingPlan
+from stiff_models.transfer.anchor import AnchoredMlp
 from stiff_models.transfer.freeze import Stage, stages
-from stiff_models.transfer.mlp_pretrained import MlpPretrained, Recipe
+from stiff_models.transfer.pretrained_mlp import PretrainedMlp, Recipe
 from stiff_protocols.contract.types import Robot, Samples
 
 _FAST = TrainingPlan(steps=400, learning_rate=1e-4, loss="mae", optimizer="adam")
@@ -37,8 +38,8 @@ FINE_TUNING: dict[Recipe, TrainingPlan] = {
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class FtMlp(MlpPretrained):
-    """Fine-tuned MLP.
+class FineTunedMlp(PretrainedMlp):
+    """Base of the families whose pre-trained MLP is fine-tuned.
 
     Attributes:
         freeze: layers that fine-tuning trains: "layers:1,2" (hidden layers from 1, "out" for the
@@ -92,18 +93,6 @@ class FtMlp(MlpPretrained):
             "training MAE [mm]": float(learned.mean()) * 1000.0,  # of all axes together
             "training STDE [mm]": float(learned.std()) * 1000.0,
         }
-
-    def fine_tuned_anew(self, train: Samples, validation: Samples | None, seed: int) -> Self:
-        """Return a copy of this fitted model, fine-tuned from its pre-training on other samples.
-
-        With training="cv" the number of epochs stays the one that was chosen.
-        """
-        anew, plan, training = copy.copy(self), self._fine_tuning_plan(), self.training
-        if training == "cv":
-            plan, training = replace(plan, steps=self.best_params_["epochs"]), "normal"
-        anew.network_ = copy.deepcopy(self.source_network_)
-        anew._learn_measured(train, validation, plan, seed, training)
-        return anew
 
     def _learn(
         self,
@@ -164,6 +153,25 @@ class FtMlp(MlpPretrained):
             unfreeze_every=self.unfreeze_every,
             l2sp_alpha=self.l2sp_alpha,
         )
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class FtMlp(FineTunedMlp, AnchoredMlp):
+    """Fine-tuned MLP."""
+
+    def fine_tuned_anew(self, train: Samples, validation: Samples | None, seed: int) -> Self:
+        """Return a copy of this fitted model, fine-tuned from its pre-training on other samples.
+
+        Its teacher is identified on them, too. With training="cv" the number of epochs stays the
+        one that was chosen.
+        """
+        anew, plan, training = copy.copy(self), self._fine_tuning_plan(), self.training
+        if training == "cv":
+            plan, training = replace(plan, steps=self.best_params_["epochs"]), "normal"
+        anew.teacher_ = self._teacher_of(train)
+        anew.network_ = copy.deepcopy(self.source_network_)
+        anew._learn_measured(train, validation, plan, seed, training)
+        return anew
 
 
 def _rates(network: torch.nn.Module, stage: Stage) -> dict[torch.Tensor, float]:

@@ -95,7 +95,10 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
 
         def judge() -> dict[str, FloatArray]:
             parts = some_of(learn, test)
-            residual = [self.predict(part.q, part.wrench) - part.deflection for part in parts]
+            residual = [
+                self._predicted_by(self.network_, part.q, part.wrench) - part.deflection
+                for part in parts
+            ]
             return {"residual": np.stack(residual)}
 
         plan = self._pretraining_plan(len(rows))
@@ -168,7 +171,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             def judge() -> dict[str, FloatArray]:
                 residual = []
                 for part in some_of(learn, test):
-                    outputs = self._outputs(part.q, part.wrench).reshape(part.parts.shape)
+                    outputs = self._outputs(network, part.q, part.wrench).reshape(part.parts.shape)
                     residual.append(outputs * scale + mean - part.parts)
                 scaled = targets.reshape(learn.parts.shape)
                 return {

@@ -16,6 +16,7 @@ EXTRAS = {
     "pyarrow": "data",
     "pytabkit": "tabular",
     "scikit_posthocs": "diagrams",
+    "tabicl": "tabicl",
     "tabpfn": "tabpfn",
     "tomli_w": "data",
 }

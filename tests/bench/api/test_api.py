@@ -101,6 +101,14 @@ def test_a_model_fits_predicts_scores_and_is_the_same_after_a_file(twin, tmp_pat
     assert again.name == "vjm"
 
 
+def test_a_fit_reports_the_options_that_it_chose(twin, small_source):
+    small = {"width": 8, "pretrain_steps": 2, "epochs": 10, "device": "cpu"}
+    model = sb.make_model("ft-mlp", **small).fit(twin)
+    chosen = "anchor={anchor}, epochs={epochs}".format(**model.fitted.best_params_)
+    assert f"- options chosen by inner cross-validation: {chosen}" in model.learned
+    assert not [line for line in sb.make_model("vjm").fit(twin).learned if "chosen" in line]
+
+
 def test_a_model_warns_once_beyond_its_training_range_also_after_a_file(twin, tmp_path):
     samples = twin.samples
     fitted = sb.make_model("vjm").fit(twin)

@@ -23,6 +23,7 @@ pytestmark = pytest.mark.usefixtures("small_source")
 
 NEITHER = Arithmetic("highest", bfloat16=False)
 SMALL = {"width": 8, "pretrain_steps": 10, "device": "cpu", "source_poses": "data"}
+SMALL |= {"anchor": "none"}
 
 
 @pytest.fixture(autouse=True)

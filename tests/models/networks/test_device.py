@@ -14,7 +14,7 @@ from stiff_models.networks.training_plan import Trainable
 from stiff_models.transfer.cnn import build_cnn
 from stiff_models.transfer.dt_cnn import FAST
 from stiff_models.transfer.ft_mlp import FINE_TUNING
-from stiff_models.transfer.mlp_pretrained import PRETRAINING
+from stiff_models.transfer.pretrained_mlp import PRETRAINING
 
 ELSEWHERE = torch.device("meta")  # holds no numbers, but refuses tensors of other devices
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 import pytest
 import torch
 
-from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
+from stiff_models.physics.vjm import Physics, VirtualJointModel, joint_deflection
 from stiff_models.regressors.baselines import ZeroModel
 from stiff_models.regressors.on_physics import OnPhysics, VjmBoosting, VjmGp
 from stiff_models.regressors.residual_mlp import ResidualMlp
-from stiff_protocols.contract.errors import ConfigError
 
 COMPLIANCE = 1.0 / np.array([5e5, 4e5, 3e5, 4e4, 4e4, 3e4])  # rad/(N m)
 
@@ -77,9 +77,11 @@ def test_validation_rows_reach_the_residual_network_and_never_the_physics(parts)
     assert (one != other).all() and np.isfinite([one, other]).all()
 
 
-def test_the_torch_form_of_the_residual_network_holds_its_physics(parts):
+@pytest.mark.parametrize("physics", get_args(Physics))
+def test_the_torch_form_of_the_residual_network_holds_its_physics(physics, parts):
     robot, train, _, test = parts
-    model = ResidualMlp(layers=1, width=8, epochs=5, device="cpu").fit(train, robot=robot)
+    model = ResidualMlp(physics=physics, layers=1, width=8, epochs=5, device="cpu")
+    model.fit(train, robot=robot)
     # torch takes no read-only array
     inputs = (torch.tensor(test.q), torch.tensor(test.wrench))
     np.testing.assert_allclose(
@@ -87,5 +89,3 @@ def test_the_torch_form_of_the_residual_network_holds_its_physics(parts):
         model.predict(test.q, test.wrench),
         atol=1e-9,
     )
-    with pytest.raises(ConfigError, match="vjm-full"):
-        model.set_params(physics="vjm-full")._torch_module()

@@ -1,14 +1,18 @@
-"""`realmlp`, `tabm` and `tabpfn`: what they say without their package, what they do with it."""
+"""`realmlp`, `tabm`, `tabpfn`, `tabicl`: what they say without a package, what they do with it."""
 
 from __future__ import annotations
 
 import importlib.util
+import sys
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from sklearn.neighbors import KNeighborsRegressor
 
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.regressors import optional_packages
-from stiff_models.regressors.tabular import RealMlp, TabPfn
+from stiff_models.regressors.tabular import RealMlp, TabIcl, TabPfn
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 
@@ -17,22 +21,75 @@ def test_without_its_package_a_family_names_the_extra(monkeypatch):
     for package, extra, reason in (
         ("pytabkit", "tabular", optional_packages.missing_pytabkit()),
         ("tabpfn", "tabpfn", optional_packages.missing_tabpfn()),
+        ("tabicl", "tabicl", optional_packages.missing_tabicl()),
     ):
         assert reason == f"needs the package {package}: pip install 'stiffbench[{extra}]'"
     data = Kr10Twin().load()
-    with pytest.raises(ConfigError, match="needs the package tabpfn"):
-        TabPfn(device="cpu").fit(data.samples, robot=data.robot)
+    for cls, package in ((TabPfn, "tabpfn"), (TabIcl, "tabicl")):
+        with pytest.raises(ConfigError, match=f"{package}: needs the package {package}"):
+            cls(device="cpu").fit(data.samples, robot=data.robot)
 
 
-def test_weights_that_are_not_there_are_named_and_never_fetched(tmp_path, monkeypatch):
+@pytest.mark.parametrize("key", ["tabpfn", "tabicl"])
+def test_weights_that_are_not_there_are_named_and_never_fetched(key, tmp_path, monkeypatch):
     monkeypatch.setattr(optional_packages, "missing", lambda package: "")
+    missing = getattr(optional_packages, f"missing_{key}")
     file = tmp_path / "weights.ckpt"
-    assert f"{file} is not there" in optional_packages.missing_tabpfn(str(file))
+    assert f"{file} is not there" in missing(str(file)) and f"{key}.model_path" in missing(
+        str(file)
+    )
     file.touch()
-    assert optional_packages.missing_tabpfn(str(file)) == ""
+    assert missing(str(file)) == ""
 
 
-@pytest.mark.parametrize("model", [RealMlp(), TabPfn()])
+class NearestRow(KNeighborsRegressor):
+    """What the package tabicl is in these tests: a regressor of one output."""
+
+    checkpoint_version = "tabicl-regressor.ckpt"
+
+    def __init__(self, model_path=None, allow_auto_download=True, device=None, random_state=None):
+        super().__init__(n_neighbors=1)
+        self.model_path, self.allow_auto_download = model_path, allow_auto_download
+        self.device, self.random_state = device, random_state
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.target_tags.multi_output = False
+        return tags
+
+
+@pytest.fixture
+def fake_tabicl(monkeypatch):
+    monkeypatch.setattr(optional_packages, "missing", lambda package: "")
+    monkeypatch.setitem(sys.modules, "tabicl", SimpleNamespace(TabICLRegressor=NearestRow))
+
+
+def test_tabicl_predicts_each_axis_with_the_weights_that_are_there(fake_tabicl, tmp_path, parts):
+    robot, train, _, _ = parts
+    weights = tmp_path / "weights.ckpt"
+    weights.touch()
+    model = TabIcl(model_path=str(weights), device="cpu").fit(train, robot=robot, seed=3)
+    predicted = model.predict(train.q, train.wrench)
+    np.testing.assert_allclose(predicted, train.deflection, atol=1e-12)
+    for axis in model.regressor_.estimators_:
+        assert (axis.model_path, axis.random_state) == (str(weights), 3)
+        assert axis.device == "cpu" and not axis.allow_auto_download
+
+
+@pytest.mark.parametrize("kept", [None, "weights.ckpt"])
+def test_tabicls_own_weights_are_looked_for_in_its_cache_alone(
+    fake_tabicl, kept, tmp_path, monkeypatch
+):
+    (tmp_path / "weights.ckpt").touch()
+    found = None if kept is None else str(tmp_path / kept)
+    hub = SimpleNamespace(try_to_load_from_cache=lambda repository, name: found)
+    monkeypatch.setitem(sys.modules, "huggingface_hub", hub)
+    reason = optional_packages.missing_tabicl()
+    assert (reason == "") is (kept is not None)
+    assert kept or "tabicl-regressor.ckpt is not there" in reason
+
+
+@pytest.mark.parametrize("model", [RealMlp(), TabPfn(), TabIcl()])
 def test_what_cannot_be_saved_says_so(model, tmp_path):
     with pytest.raises(StoreError, match="cannot be saved"):
         model.save(tmp_path / "model")

@@ -110,8 +110,9 @@ def test_fine_tuning_begins_with_the_other_robots_network_and_learns_the_targets
     target, ur5
 ):
     before = predicted(fitted(MlpPretrained(**TINY), target, ur5), target)
-    untouched = predicted(fitted(FtMlp(**TINY, epochs=0), target, ur5), target)
-    tuned = predicted(fitted(FtMlp(**TINY, freeze="full", epochs=30), target, ur5), target)
+    options = TINY | {"anchor": "none"}
+    untouched = predicted(fitted(FtMlp(**options, epochs=0), target, ur5), target)
+    tuned = predicted(fitted(FtMlp(**options, freeze="full", epochs=30), target, ur5), target)
     np.testing.assert_array_equal(untouched, before)
     left = [np.abs(each - target.samples.deflection).mean() for each in (before, tuned)]
     assert left[1] < left[0]

@@ -1,0 +1,238 @@
+"""Anchored transfer: before fine-tuning a network predicts what its teacher predicts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models import load
+from stiff_models.networks.torch_parts import physics_module
+from stiff_models.physics.full_vjm import FullVjm
+from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
+from stiff_models.physics.vjm import VirtualJointModel, fitted_physics
+from stiff_models.transfer.anchor import ANCHORED_STEPS, TEACHERS, chosen_teacher
+from stiff_models.transfer.deep_ensemble import DeepEnsemble
+from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_models.transfer.source_model import NO_TARGET_LABELS
+from stiff_protocols.contract.errors import ConfigError
+
+pytestmark = [
+    pytest.mark.usefixtures("small_source"),
+    pytest.mark.filterwarnings("ignore::stiff_protocols.contract.errors.StiffBenchWarning"),
+]
+SMALL = {"width": 8, "pretrain_steps": 5, "device": "cpu"}
+
+
+def predicted(model, samples):
+    return model.predict(samples.q, samples.wrench)
+
+
+def errors(model, samples):
+    return np.linalg.norm(predicted(model, samples) - samples.deflection, axis=1)
+
+
+@pytest.mark.parametrize("anchor", TEACHERS)
+@pytest.mark.parametrize(
+    ("cls", "options"),
+    [(FtMlp, {"epochs": 0}), (MlpPretrained, {}), (DeepEnsemble, {"epochs": 0, "members": 2})],
+)
+def test_without_fine_tuning_an_anchored_network_is_its_teacher_exactly(
+    anchor, cls, options, parts
+):
+    robot, train, _, test = parts
+    model = cls(**SMALL, **options, anchor=anchor).fit(train, robot=robot, seed=3)
+    teacher = fitted_physics(anchor, train, robot)
+    np.testing.assert_array_equal(predicted(model, test), predicted(teacher, test))
+
+
+def test_fine_tuning_changes_an_anchored_prediction_by_what_it_changes_in_the_network(parts):
+    robot, train, _, test = parts
+    options = SMALL | {"epochs": 60, "learning_rate": 3e-3, "training": "normal"}
+    model = FtMlp(**options, anchor="vjm", freeze="full").fit(train, robot=robot, seed=3)
+    change = predicted(model, test) - predicted(model.teacher_, test)
+    networks = [
+        model._predicted_by(network, test.q, test.wrench)
+        for network in (model.network_, model.source_network_)
+    ]
+    np.testing.assert_allclose(change, networks[0] - networks[1], atol=1e-15)
+    assert errors(model, train).mean() < 0.9 * errors(model.teacher_, train).mean()
+
+
+@pytest.mark.parametrize("teacher", TEACHERS)
+def test_the_teacher_is_chosen_that_predicts_left_out_poses_best(teacher, parts, rng):
+    robot, train, _, _ = parts
+    truth = fitted_physics(teacher, train, robot)
+    noise = rng.normal(scale=2e-6, size=train.deflection.shape)
+    samples = replace(train, deflection=predicted(truth, train) + noise)
+    if teacher == "vjm":  # the others hold it, but for their own priors
+        assert chosen_teacher(samples.take(np.arange(3)), robot, 0) in TEACHERS
+    else:
+        assert chosen_teacher(samples, robot, 0) == teacher
+
+
+@pytest.mark.parametrize(
+    ("options", "steps"),
+    [
+        ({}, ANCHORED_STEPS),
+        ({"anchor": "none"}, 2000),
+        ({"recipe": "best"}, 4000),
+        ({"recipe": "paper"}, 100_000),
+        ({"pretrain_steps": 7}, 7),
+    ],
+)
+def test_an_anchored_network_is_pre_trained_for_fewer_steps(options, steps):
+    assert FtMlp(**options)._pretraining_plan(1000).steps == steps
+
+
+def test_a_single_pose_has_the_simplest_teacher(parts):
+    robot, train, _, _ = parts
+    one = replace(train.take(np.arange(5)), pose_id=np.full(5, "p"))
+    assert chosen_teacher(one, robot, 0) == "vjm"
+
+
+def test_the_chosen_teacher_is_reported_and_an_ensembles_members_have_the_first_ones(parts):
+    robot, train, _, _ = parts
+    chosen = chosen_teacher(train, robot, 3)
+    alone = FtMlp(**SMALL, epochs=10, training="normal").fit(train, robot=robot, seed=3)
+    assert alone.best_params_ == {"anchor": chosen}
+    several = DeepEnsemble(**SMALL, epochs=10, members=2).fit(train, robot=robot, seed=3)
+    assert several.best_params_ == {"anchor": chosen, "epochs": several.members_[1].epochs}
+    assert several.members_[1].anchor == chosen
+
+
+@pytest.mark.parametrize(
+    ("options", "anchored"),
+    [
+        ({}, True),
+        ({"anchor": "none"}, False),
+        ({"preset": "paper"}, False),
+        ({"recipe": "paper"}, False),
+        ({"preset": "paper", "anchor": "teacher"}, True),
+    ],
+)
+def test_the_papers_method_has_no_anchor(options, anchored):
+    assert FtMlp(**options).is_anchored is anchored
+    assert DeepEnsemble(**options).is_anchored is anchored
+    assert not MlpPretrained(**options | {"anchor": "none"}).is_anchored
+    assert not MlpPretrained().is_anchored
+
+
+def test_the_labels_that_identify_a_teacher_are_declared():
+    model = MlpPretrained(anchor="vjm")
+    model.use_source(Kr10Twin(specimen=1).load())
+    assert model.regime == NO_TARGET_LABELS
+    assert FtMlp().regime == ""
+
+
+def test_without_an_anchor_fine_tuning_begins_as_the_pre_trained_network(parts):
+    robot, train, _, test = parts
+    before = MlpPretrained(**SMALL).fit(train, robot=robot, seed=3)
+    model = FtMlp(**SMALL, epochs=0, anchor="none").fit(train, robot=robot, seed=3)
+    np.testing.assert_array_equal(predicted(model, test), predicted(before, test))
+
+
+def test_the_teacher_is_of_the_robot_that_is_fitted_for_whatever_the_source(parts):
+    robot, train, _, test = parts
+    model = FtMlp(**SMALL, epochs=0, anchor="vjm-full")
+    model.use_source(Kr10Twin(specimen=1).load())
+    model.fit(train, robot=robot)
+    teacher = fitted_physics("vjm-full", train, robot)
+    np.testing.assert_array_equal(predicted(model, test), predicted(teacher, test))
+
+
+def test_one_pre_training_serves_every_anchor(parts, trainings, tmp_path, monkeypatch):
+    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
+    robot, train, _, _ = parts
+    for anchor in ("none", *TEACHERS):
+        FtMlp(**SMALL, epochs=0, anchor=anchor).fit(train, robot=robot)
+    assert trainings == ["pre-train"]
+
+
+def test_a_fold_has_a_teacher_that_never_saw_the_poses_left_out(parts, monkeypatch):
+    robot, train, _, _ = parts
+    learn, held_out = np.arange(60), np.arange(60, 90)
+    seen = []
+
+    def witnessed(samples, lengths, errors_of, seed):
+        seen.append(errors_of(learn, held_out))
+        return 0
+
+    monkeypatch.setattr("stiff_models.networks.network_model.chosen_epochs", witnessed)
+    FtMlp(**SMALL, epochs=10, anchor="vjm-full").fit(train, robot=robot, seed=2)
+    teacher = fitted_physics("vjm-full", train.take(learn), robot)
+    np.testing.assert_allclose(seen[0][0], errors(teacher, train.take(held_out)), atol=2e-9)
+    assert (seen[0][1] != seen[0][0]).any()
+
+
+def test_a_part_that_identifies_no_spring_has_the_teacher_of_all_samples(parts):
+    robot, train, _, _ = parts
+    model = FtMlp(**SMALL, epochs=0, anchor="vjm").fit(train, robot=robot)
+    idle = replace(train, wrench=np.zeros_like(train.wrench))
+    assert model._teacher_of(idle) is model.teacher_
+    assert model._teacher_of(train) is not model.teacher_
+
+
+def test_a_network_fine_tuned_on_a_part_has_that_parts_teacher(parts):
+    robot, train, _, test = parts
+    part = train.take(np.arange(60))
+    model = FtMlp(**SMALL, epochs=0, anchor="vjm-full").fit(train, robot=robot, seed=3)
+    anew = model.fine_tuned_anew(part, None, 3)
+    expected = predicted(fitted_physics("vjm-full", part, robot), test)
+    np.testing.assert_array_equal(predicted(anew, test), expected)
+    assert (predicted(model, test) != expected).any()
+
+
+@pytest.mark.parametrize("cls", [FtMlp, MlpPretrained])
+def test_a_loaded_anchored_network_predicts_the_same(cls, parts, tmp_path):
+    robot, train, _, test = parts
+    options = {"epochs": 10, "training": "normal"} if cls is FtMlp else {}
+    model = cls(**SMALL, **options, anchor="vjm-multisegment").fit(train, robot=robot)
+    model.save(tmp_path / "model")
+    loaded = load(tmp_path / "model")
+    np.testing.assert_array_equal(predicted(loaded, test), predicted(model, test))
+    anew = type(loaded.teacher_).__name__
+    assert anew == "MultiSegmentVjm"
+
+
+PHYSICS = (
+    VirtualJointModel(),
+    FullVjm(),
+    FullVjm(springs=6, solver="ridge"),
+    MultiSegmentVjm(),
+    MultiSegmentVjm(segments=4, gravity=False),
+)
+
+
+@pytest.mark.parametrize("slide", [False, True])
+@pytest.mark.parametrize("model", PHYSICS, ids=str)
+def test_a_physical_model_predicts_the_same_in_torch(model, slide, parts):
+    robot, train, _, test = parts
+    if slide:
+        robot = replace(robot, joint_types=("prismatic", *robot.joint_types[1:]))
+    model.fit(train, robot=robot)
+    module = physics_module(model)
+    ours = module(torch.tensor(test.q), torch.tensor(test.wrench)).numpy()
+    np.testing.assert_allclose(ours, predicted(model, test), atol=1e-12)
+
+
+def test_physics_without_a_torch_form_is_refused(parts):
+    robot, train, _, _ = parts
+    model = VirtualJointModel(congruence=True).fit(train, robot=robot)
+    with pytest.raises(ConfigError, match=r"vjm has no ONNX form.*valid: vjm"):
+        physics_module(model)
+
+
+@pytest.mark.parametrize("anchor", TEACHERS)
+def test_the_exported_module_of_an_anchored_network_holds_its_teacher(anchor, parts):
+    robot, train, _, test = parts
+    options = {"epochs": 10, "training": "normal", "learning_rate": 1e-3}
+    model = FtMlp(**SMALL, **options, anchor=anchor).fit(train, robot=robot)
+    with torch.no_grad():
+        module = model._torch_module()
+        ours = module(torch.tensor(test.q), torch.tensor(test.wrench)).numpy()
+    np.testing.assert_allclose(ours, predicted(model, test), atol=1e-8)
