@@ -24,7 +24,7 @@ from stiff_models.transfer.pretrained_mlp import PretrainedMlp
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
-Anchor = Literal["auto", "none", "teacher", "vjm", "vjm-multisegment", "vjm-full"]
+Anchor = Literal["auto", "none", "teacher", "vjm", "vjm-multisegment", "vjm-full", "gp-springs"]
 TEACHERS: tuple[Physics, ...] = get_args(Physics)
 """Models that anchor="teacher" chooses from; a teacher that is only named need not be one."""
 ANCHORED_STEPS = 300
@@ -40,9 +40,9 @@ class AnchoredMlp(PretrainedMlp):
 
     Attributes:
         anchor: "teacher" (of vjm, vjm-multisegment and vjm-full the one with the least error at
-            training poses that are left out), one of them by name, or "none" (the prediction
-            before fine-tuning is the pre-trained network's: the source paper's method); "auto":
-            "none" with the paper's source, else "teacher".
+            training poses that are left out), one of them or gp-springs by name, or "none" (the
+            prediction before fine-tuning is the pre-trained network's: the source paper's method);
+            "auto": "none" with the paper's source, else "teacher".
         teacher_: the fitted teacher; None without an anchor.
     """
 
