@@ -24,9 +24,10 @@ from stiff_models.physics.kinematics import (
     virtual_gravity_torque,
     virtual_jacobian,
 )
-from stiff_models.physics.vjm import identify_joints, stiffness_unit, why_rigid
+from stiff_models.physics.vjm import identify_joints, why_rigid
 from stiff_models.regressors.calibrated_process import CalibratedProcess
 from stiff_models.regressors.gaussian_process import Covariance, minimum
+from stiff_models.regressors.joint_curves import JointCurves
 from stiff_models.regressors.spring_process import (
     Likelihood,
     LikelihoodSlopes,
@@ -35,12 +36,7 @@ from stiff_models.regressors.spring_process import (
     SpringProcess,
 )
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.identification import (
-    LARGEST_ERROR,
-    IdentifiedSprings,
-    spring_key,
-    typical_joints,
-)
+from stiff_protocols.contract.identification import typical_joints
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 
 SPREAD = 3.2
@@ -54,9 +50,6 @@ LIKELIHOOD_TOLERANCE = 1e-6
 """Relative: the search ends when a step gains less, a few thousandths of a log-likelihood."""
 LOST = ("lost", "lost again")
 AXES_OF_WRENCH = 6
-TINY_SLOPE = 1e-15  # rad/(N m) or m/N: no joint is so stiff
-CURVE_POINTS = 41  # of a spring's curve, from full torque on one side to the other
-ARCMIN = math.pi / 180.0 / 60.0
 
 
 @dataclass(frozen=True)
@@ -323,56 +316,18 @@ class GpSprings(CalibratedProcess, GeometryModel):
 
     def _report(self, robot: Robot) -> None:
         """Take curves, stiffnesses and lost motions of the joints' own springs."""
-        process, calibration = self.process_, float(np.sqrt(np.mean(self.calibration_**2)))
         joint, kind = self._virtual_joints(robot)
-        own_springs = np.flatnonzero(kind == _own_kind(robot)[joint])
-        self.curves_: dict[str, FloatArray] = {}
-        slopes, errors = np.empty((2, robot.n_joints, len(_PLACES)))
-        for k, spring in enumerate(own_springs):
-            loaded = process.loads.loaded[spring]
-            full = float(loaded[np.abs(loaded).argmax()]) or float(process.covariance.scale[spring])
-            torque = np.linspace(-full, full, CURVE_POINTS)
-            turn, covariance = process.curve(int(spring), torque)
-            deviation = calibration * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-            order = np.argsort(torque)
-            points = np.stack([torque, turn, deviation], axis=1)
-            self.curves_[f"spring {robot.joint_names[k]}"] = points[order]
-            steps = _PLACES / (torque[1] - torque[0])
-            slopes[k] = steps @ turn
-            variance = np.einsum("pi,ij,pj->p", steps, covariance, steps)
-            errors[k] = calibration * np.sqrt(np.maximum(variance, 0.0))
-        straight = process.loads.effects(process.loads.loaded - process.loads.unloaded)[own_springs]
-        self.springs_ = _identified(robot, slopes, errors, straight)
-        noise = {"noise [mm]": 1e3 * math.sqrt(process.covariance.noise)}
+        springs = np.flatnonzero(kind == _own_kind(robot)[joint])
+        calibration = float(np.sqrt(np.mean(self.calibration_**2)))
+        curves = JointCurves.of(self.process_, robot, springs, calibration)
+        self.curves_ = curves.points
+        self.springs_ = curves.stiffness
         self.diagnostics_ = {
-            **self.springs_.report(),
-            **(self._lost_motions(robot, own_springs) if self.lost_motion else {}),
-            **noise,
+            **curves.stiffness.report(),
+            **(curves.lost_motion if self.lost_motion else {}),
+            "noise [mm]": 1e3 * math.sqrt(self.process_.covariance.noise),
             **self._geometry_report(),
         }
-
-    def _lost_motions(self, robot: Robot, springs: IntArray) -> dict[str, float]:
-        """Return the full width of each joint's lost motion, and its standard error."""
-        numbers: dict[str, float] = {}
-        widths, errors = self.process_.lost_motion(springs)
-        calibration = float(np.sqrt(np.mean(self.calibration_**2)))
-        for name, turns, width, error in zip(
-            robot.joint_names, robot.turns, widths, errors, strict=True
-        ):
-            unit, factor = ("arcmin", 1.0 / ARCMIN) if turns else ("mm", 1e3)
-            numbers[spring_key("lost motion", name, unit)] = factor * float(width)
-            key = spring_key("lost motion standard error", name, unit)
-            numbers[key] = factor * calibration * float(error)
-        return numbers
-
-
-_WORDS = ("no", "half", "full")
-_PLACES = np.zeros((len(_WORDS), CURVE_POINTS))
-"""Weights of a curve's points whose sum over the step is its slope at no, half, full torque."""
-_middle, _half, _full = CURVE_POINTS // 2, 3 * CURVE_POINTS // 4, CURVE_POINTS - 1
-_PLACES[0, [_middle, _middle + 1]] = -1.0, 1.0
-_PLACES[1, [_half - 1, _half + 1]] = -0.5, 0.5
-_PLACES[2, [_full - 1, _full]] = -1.0, 1.0
 
 
 def _own_kind(robot: Robot) -> IntArray:
@@ -390,34 +345,3 @@ def _first_compliance(train: Samples, robot: Robot, size: float) -> FloatArray:
     typical = typical_joints(robot)
     moved = np.einsum("nki,ni,i->nk", robot.jacobian(train.q)[:, :3], torque, typical)
     return typical * size / float(np.sqrt(np.mean(moved**2)))
-
-
-def _unit_rows(matrix: FloatArray) -> FloatArray:
-    """Return the rows scaled to length 1, without rows of zeros."""
-    size = np.linalg.norm(matrix, axis=1, keepdims=True)
-    return np.asarray((matrix / np.where(size > 0.0, size, 1.0))[size[:, 0] > 0.0])
-
-
-def _identified(
-    robot: Robot, slopes: FloatArray, errors: FloatArray, straight: FloatArray
-) -> IdentifiedSprings:
-    """Return (n_joints, 3) slopes and their standard errors [rad/(N m) or m/N] as stiffnesses.
-
-    `straight` (n_joints, n) is the training deflection by each joint at unit compliance.
-    """
-    names = [f"{name} at {word} torque" for name in robot.joint_names for word in _WORDS]
-    units = [stiffness_unit(kind) for kind in robot.joint_types for _ in _WORDS]
-    # a slope that may as well be negative has the size of its error
-    least = np.maximum(0.3 * errors, TINY_SLOPE)
-    compliance, error = np.maximum(slopes, least).ravel(), errors.ravel()
-    log_error = error / compliance
-    is_known = log_error <= LARGEST_ERROR
-    return IdentifiedSprings(
-        compliance=compliance,
-        known=is_known,
-        log_error=log_error,
-        rank=int(is_known.sum()),
-        condition=float(np.linalg.cond(_unit_rows(straight))),
-        names=tuple(names),
-        units=tuple(units),
-    )
