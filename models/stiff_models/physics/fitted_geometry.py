@@ -33,6 +33,7 @@ from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 Tcp = Literal["given", "fit", "prior"]
 Lever = Literal["given", "fit"]
+Moves = Literal["tcp", "force"]
 
 Regressor = Callable[[FloatArray, FloatArray], FloatArray]
 """Turns (n, 6, n_springs) twists of the TCP by a unit motion of each spring and (n, 6) wrenches at
@@ -45,6 +46,7 @@ Where samples tell the point it changes nothing; elsewhere the point stays near 
 ROUNDS = 3
 """Searches, each with the noise that the one before leaves."""
 STEP = 1e-5  # m, of the differences
+CURVATURE_STEP = 1e-3  # m, of second differences
 CONVERGED = 1e-7  # relative
 INTERVAL = 0.9
 
@@ -130,7 +132,7 @@ def fitted_geometry(
     twists: FloatArray,
     regressor: Regressor,
     *,
-    moves: Literal["tcp", "force"] = "tcp",
+    moves: Moves = "tcp",
     sigma: float = FIT_SIGMA,
 ) -> Geometry:
     """Estimate the measured point, or the force's point, together with a model's compliances.
@@ -156,9 +158,33 @@ def fitted_geometry(
         noise = problem.noise(offset)
         offset = problem.searched(offset, noise, sigma)
     covariance = problem.covariance(offset, problem.noise(offset), sigma)
+    return geometry_at(robot, offset, covariance, moves)
+
+
+def geometry_at(robot: Robot, offset: FloatArray, covariance: FloatArray, moves: Moves) -> Geometry:
+    """Return the geometry with the point moved by (3,) `offset`, last joint's frame, m."""
     if moves == "force":
         return Geometry(robot, offset, covariance, robot.tcp)
     return Geometry(replace(robot, tcp=robot.tcp + offset), np.zeros(3), covariance, robot.tcp)
+
+
+def inverse_curvature(
+    loss: Callable[[FloatArray], float], offset: FloatArray, sigma: float
+) -> FloatArray:
+    """Return the (3, 3) inverse of a loss's second derivatives at (3,) `offset`, m^2.
+
+    Of a negative log-probability it is the covariance of the offset, to first order. No standard
+    deviation is larger than the prior's `sigma` [m].
+    """
+    steps = CURVATURE_STEP * np.eye(3)
+    curvature = np.empty((3, 3))
+    for i, first in enumerate(steps):
+        for j, second in enumerate(steps[: i + 1]):
+            ends = loss(offset + first + second) + loss(offset - first - second)
+            ends -= loss(offset + first - second) + loss(offset - first + second)
+            curvature[i, j] = curvature[j, i] = ends / (2.0 * CURVATURE_STEP) ** 2
+    precision, axes = np.linalg.eigh(curvature)
+    return np.asarray(axes / np.maximum(precision, sigma**-2) @ axes.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +195,7 @@ class _Problem:
     rotation: FloatArray
     twists: FloatArray
     regressor: Regressor
-    moves: Literal["tcp", "force"]
+    moves: Moves
 
     def matrix(self, offset: FloatArray) -> FloatArray:
         """Return (3 n, n_columns) the model's regressor."""
@@ -270,6 +296,21 @@ class GeometryModel(FittedModel):
                 "measured point (valid with lever='fit': tcp='given')"
             )
 
+    @property
+    def fits_point(self) -> bool:
+        """Return whether a point is estimated."""
+        return not self.tcp == self.lever == "given"
+
+    @property
+    def moves(self) -> Moves:
+        """Return what moves with the point that is estimated."""
+        return "force" if self.lever == "fit" else "tcp"
+
+    @property
+    def sigma(self) -> float:
+        """Return the prior's standard deviation of each coordinate, m."""
+        return 1e-3 * self.tcp_sigma_mm if self.tcp == "prior" else FIT_SIGMA
+
     def predict_at_tcp(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, 3) deflection [m] of the robot's own TCP under wrenches that act there.
 
@@ -303,15 +344,15 @@ class GeometryModel(FittedModel):
         """
         self.check_params()
         self.geometry_ = None
-        if self.tcp == self.lever == "given":
+        if not self.fits_point:
             return train, robot
         self.geometry_ = fitted_geometry(
             train,
             robot,
             twists_of(robot, train.q),
             regressor,
-            moves="force" if self.lever == "fit" else "tcp",
-            sigma=1e-3 * self.tcp_sigma_mm if self.tcp == "prior" else FIT_SIGMA,
+            moves=self.moves,
+            sigma=self.sigma,
         )
         return self.geometry_.samples_at_tcp(train), self.geometry_.robot
 

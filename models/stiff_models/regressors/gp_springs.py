@@ -8,15 +8,23 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from annotated_types import Ge
+from scipy.optimize import minimize
 
 from stiff_models.networks.features import encode
-from stiff_models.physics.fitted_geometry import GeometryModel
+from stiff_models.physics.fitted_geometry import (
+    STEP,
+    Geometry,
+    GeometryModel,
+    fitted_geometry,
+    geometry_at,
+    inverse_curvature,
+)
 from stiff_models.physics.full_vjm import spring_columns
 from stiff_models.physics.kinematics import (
     joint_torque,
@@ -48,6 +56,9 @@ With 5 poses it leaves 0.85 to 1.03 of the error that 3.2 leaves (eight data set
 34 it leaves 1.05."""
 LIKELIHOOD_TOLERANCE = 1e-6
 """Relative: the search ends when a step gains less, a few thousandths of a log-likelihood."""
+ROUNDS = 2
+"""Searches of the point, each followed by one of the hyperparameters."""
+POINT_SCALE = 0.01  # m, of the search for the point
 LOST = ("lost", "lost again")
 AXES_OF_WRENCH = 6
 
@@ -93,6 +104,21 @@ class Hyperparameters:
     across: BoolArray
     scale: FloatArray
     n_pose_features: int
+
+    @property
+    def start(self) -> FloatArray:
+        """Mean of each prior."""
+        return np.array([prior.start for prior in self.priors.values()])
+
+    @property
+    def precision(self) -> FloatArray:
+        """Inverse variance of each prior."""
+        return np.array([prior.spread**-2 for prior in self.priors.values()])
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """Bounds of each logarithm."""
+        return [(prior.low, prior.high) for prior in self.priors.values()]
 
     def covariance(self, theta: FloatArray) -> SpringCovariance:
         """Return the covariance of these logarithms."""
@@ -147,7 +173,7 @@ class Hyperparameters:
 class GpSprings(CalibratedProcess, GeometryModel):
     """Gaussian processes over the curves of virtual springs, plus a small remainder.
 
-    With tcp="fit" or lever="fit" the point is fitted with as many linear springs.
+    With tcp="fit", tcp="prior" or lever="fit" the point is the most probable one, too.
 
     Attributes:
         springs: 18: three virtual springs per joint (18 of a robot with six), about its axis and
@@ -174,7 +200,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     search_rows: Annotated[int, Ge(10)] = 300
     most_samples: Annotated[int, Ge(10)] = 2000
 
-    _begin: FloatArray | None = field(default=None, init=False)
+    _begin: GpSprings | None = field(default=None, init=False)
 
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
@@ -186,12 +212,12 @@ class GpSprings(CalibratedProcess, GeometryModel):
 
     def _for_a_fold(self) -> Self:
         copy = super()._for_a_fold()
-        copy._begin = self.theta_  # the search moves on from there
+        copy._begin = self  # the searches move on from there
         return copy
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        self.check_params()
         train = self._affordable(train, seed)
-        train, robot = self._placed(train, robot, self._twists, unit_deflections)
         if not robot.masses.any():
             warnings.warn(
                 f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
@@ -201,25 +227,101 @@ class GpSprings(CalibratedProcess, GeometryModel):
             )
         self.load_scale_ = np.abs(train.wrench).max(axis=0)
         self.load_scale_[self.load_scale_ == 0.0] = 1.0
-        loads, deflection = self._loads(robot, train.q, train.wrench), train.deflection.T
-        hyper = self._hyperparameters(train, robot, loads)
+        hyper = self._hyperparameters(train, robot, self._loads(robot, train.q, train.wrench))
         rows = np.random.default_rng(seed).permutation(len(train))[: self.search_rows]
-        rows.sort()
-        likelihood = Likelihood(loads.take(rows), deflection[:, rows])
-        priors = hyper.priors.values()
-        mean = np.array([prior.start for prior in priors])
-        precision = np.array([prior.spread**-2 for prior in priors])
+        seen = train.take(np.sort(rows))
+        begin = self._begin
+        self.theta_: FloatArray = hyper.start if begin is None else begin.theta_
+        self.geometry_ = None if begin is None else begin.geometry_
+        self.theta_ = self._likeliest(hyper, seen, robot)
+        if self.fits_point:
+            self._search_point(hyper, seen, robot, whole=begin is None)
+        self.process_ = self._process(hyper.covariance(self.theta_), train, robot)
+
+    def _likeliest(self, hyper: Hyperparameters, samples: Samples, robot: Robot) -> FloatArray:
+        """Return the most probable hyperparameters for the geometry as it is."""
+        loads = self._measured_loads(robot, samples.q, samples.wrench)
+        likelihood = Likelihood(loads, samples.deflection.T)
 
         def loss(theta: FloatArray) -> tuple[float, FloatArray]:
-            covariance, away = hyper.covariance(theta), theta - mean
+            covariance, away = hyper.covariance(theta), theta - hyper.start
             slopes = likelihood.slopes(covariance)
-            value = 0.5 * float(precision @ away**2) - slopes.value
-            return value, precision * away - hyper.slopes(covariance, slopes)
+            value = 0.5 * float(hyper.precision @ away**2) - slopes.value
+            return value, hyper.precision * away - hyper.slopes(covariance, slopes)
 
-        bounds = [(prior.low, prior.high) for prior in priors]
-        start = mean if self._begin is None else self._begin
-        self.theta_ = minimum(loss, [start], bounds, LIKELIHOOD_TOLERANCE)
-        self.process_ = SpringProcess.of(hyper.covariance(self.theta_), loads, deflection)
+        return minimum(loss, [self.theta_], hyper.bounds, LIKELIHOOD_TOLERANCE)
+
+    def _search_point(
+        self, hyper: Hyperparameters, samples: Samples, robot: Robot, *, whole: bool
+    ) -> None:
+        """Set the most probable point and hyperparameters.
+
+        The search begins at the given point and at the one of linear springs; that of a fold
+        (`whole` is false) goes on from where it is.
+        """
+        if not whole:
+            self.geometry_ = self._likeliest_geometry(hyper, samples, robot)
+            self.theta_ = self._likeliest(hyper, samples, robot)
+            return
+        begin, optima = self.theta_, []
+        linear = fitted_geometry(
+            samples,
+            robot,
+            self._twists(robot, samples.q),
+            unit_deflections,
+            moves=self.moves,
+            sigma=self.sigma,
+        )
+        for start in (None, linear):
+            self.theta_, self.geometry_ = begin, start
+            for _ in range(ROUNDS):
+                self.geometry_ = self._likeliest_geometry(hyper, samples, robot)
+                self.theta_ = self._likeliest(hyper, samples, robot)
+            offset, away = self._offset(robot), self.theta_ - hyper.start
+            loss = self._loss_of_point(hyper, samples, robot)(offset)
+            loss += 0.5 * float(hyper.precision @ away**2)
+            optima.append((loss, self.theta_, offset))
+        _, self.theta_, offset = min(optima, key=lambda optimum: optimum[0])
+        loss_of = self._loss_of_point(hyper, samples, robot)
+        covariance = inverse_curvature(loss_of, offset, self.sigma)
+        self.geometry_ = geometry_at(robot, offset, covariance, self.moves)
+
+    def _likeliest_geometry(
+        self, hyper: Hyperparameters, samples: Samples, robot: Robot
+    ) -> Geometry:
+        """Return the most probable point for the hyperparameters as they are."""
+        loss = self._loss_of_point(hyper, samples, robot)
+        start = self._offset(robot)
+        options: Any = {"eps": STEP / POINT_SCALE, "ftol": LIKELIHOOD_TOLERANCE}
+
+        def scaled_loss(steps: FloatArray) -> float:
+            return loss(steps * POINT_SCALE)
+
+        found = minimize(scaled_loss, start / POINT_SCALE, method="L-BFGS-B", options=options)
+        return geometry_at(robot, found.x * POINT_SCALE, np.zeros((3, 3)), self.moves)
+
+    def _offset(self, robot: Robot) -> FloatArray:
+        """Return the point's (3,) offset from the given one as it is, m."""
+        return np.zeros(3) if self.geometry_ is None else self.geometry_.point - robot.tcp
+
+    def _loss_of_point(
+        self, hyper: Hyperparameters, samples: Samples, robot: Robot
+    ) -> Callable[[FloatArray], float]:
+        """Return the negative log-probability of the point's (3,) offset [m] from the given one."""
+        covariance, unknown = hyper.covariance(self.theta_), np.zeros((3, 3))
+
+        def loss(offset: FloatArray) -> float:
+            self.geometry_ = geometry_at(robot, offset, unknown, self.moves)
+            process = self._process(covariance, samples, robot)
+            return 0.5 * float(offset @ offset) / self.sigma**2 - process.log_likelihood
+
+        return loss
+
+    def _process(
+        self, covariance: SpringCovariance, samples: Samples, robot: Robot
+    ) -> SpringProcess:
+        loads = self._measured_loads(robot, samples.q, samples.wrench)
+        return SpringProcess.of(covariance, loads, samples.deflection.T)
 
     def _affordable(self, train: Samples, seed: int) -> Samples:
         """Return the samples, or as many of them as the process learns from, drawn at random."""
@@ -238,8 +340,8 @@ class GpSprings(CalibratedProcess, GeometryModel):
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:
         """Return how deflections go together, as `PredictsCovariance` says; errors as `predict`."""
-        first = self._measured_loads(*self._checked(q, wrench))
-        second = self._measured_loads(*self._checked(other_q, other_wrench))
+        first = self._measured_loads(self.robot_, *self._checked(q, wrench))
+        second = self._measured_loads(self.robot_, *self._checked(other_q, other_wrench))
         scale = self.calibration_[:, None, None] ** 2
         return np.asarray(self.process_.between(first, second) * scale)
 
@@ -254,12 +356,12 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _mean_and_deviation(
         self, q: FloatArray, wrench: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        return self.process_.mean_and_deviation(self._measured_loads(q, wrench))
+        return self.process_.mean_and_deviation(self._measured_loads(self.robot_, q, wrench))
 
-    def _measured_loads(self, q: FloatArray, wrench: FloatArray) -> SpringLoads:
-        """Return the loads by wrenches at the given TCP, and the motions of the measured point."""
+    def _measured_loads(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> SpringLoads:
+        """Return the loads by wrenches at the robot's TCP; they move the measured point."""
         if self.geometry_ is None:
-            return self._loads(self.robot_, q, wrench)
+            return self._loads(robot, q, wrench)
         return self._loads(self.geometry_.robot, q, self.geometry_.wrench_at_tcp(q, wrench))
 
     def _loads(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> SpringLoads:

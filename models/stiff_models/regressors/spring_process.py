@@ -394,6 +394,12 @@ class SpringProcess:
         weights = cho_solve((factor, True), deflection.ravel(), check_finite=False)
         return cls(covariance, loads, factor, weights)
 
+    @property
+    def log_likelihood(self) -> float:
+        """Log marginal likelihood of the training deflections, without its constant."""
+        energy = float(((self.factor.T @ self.weights) ** 2).sum())
+        return -0.5 * energy - float(np.log(np.diag(self.factor)).sum())
+
     def mean(self, loads: SpringLoads) -> FloatArray:
         """Return the (n, 3) predicted deflection, m: each curve's mean times what it moves."""
         covariance, training = self.covariance, self.loads
