@@ -51,7 +51,7 @@ FALSIFIED = {
     "z -30 mm": (0.0, 0.0, -0.03),
 }
 """The measured and loaded point from the card's TCP, last joint's frame, m."""
-PATH_MODELS = ("vjm", "vjm-full", "vjm-multisegment")
+PATH_MODELS = ("vjm", "vjm-full", "vjm-multisegment", "gp-springs")
 
 
 def screws_of(coupled: bool) -> FloatArray:

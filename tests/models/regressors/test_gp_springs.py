@@ -213,3 +213,20 @@ def test_the_bands_of_curves_hold_most_true_curves_where_no_link_bends():
         inside.append((np.abs(turn - true) < 2.0 * deviation).mean())
     assert np.median(inside) > 0.95
     assert np.mean(inside) > 0.75
+
+
+@pytest.mark.slow
+def test_a_point_that_lies_elsewhere_is_found_to_a_few_millimetres_by_the_likelihood():
+    data = Ur5Twin().load()
+    card = replace(data.robot, tcp=data.robot.tcp + [0.0, 0.0, 0.03])
+    model = GpSprings(tcp="fit").fit(data.samples, robot=card)
+    assert model.geometry_ is not None
+    away = model.geometry_.robot.tcp - data.robot.tcp
+    assert np.linalg.norm(away) < 0.01
+    assert (np.abs(away) < 3.0 * np.sqrt(np.diag(model.geometry_.covariance))).all()
+    given = GpSprings().fit(data.samples, robot=data.robot)
+    q, wrench = data.samples.q, data.samples.wrench
+    difference = model.predict(q, wrench) - given.predict(q, wrench)
+    assert np.abs(difference).max() < 0.1 * np.abs(data.samples.deflection).max()
+    at_card = model.predict_at_tcp(q, wrench)
+    assert np.linalg.norm(at_card - model.predict(q, wrench), axis=1).mean() > 1e-5
