@@ -218,7 +218,7 @@ def test_the_bands_of_curves_hold_most_true_curves_where_no_link_bends():
 @pytest.mark.slow
 def test_a_point_that_lies_elsewhere_is_found_to_a_few_millimetres_by_the_likelihood():
     data = Ur5Twin().load()
-    card = replace(data.robot, tcp=data.robot.tcp + [0.0, 0.0, 0.03])
+    card = replace(data.robot, tcp=data.robot.tcp + np.array([0.0, 0.0, 0.03]))
     model = GpSprings(tcp="fit").fit(data.samples, robot=card)
     assert model.geometry_ is not None
     away = model.geometry_.robot.tcp - data.robot.tcp
