@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, cast
+from typing import Annotated, ClassVar, Literal, cast
 
 import numpy as np
 from annotated_types import Gt
@@ -285,7 +285,7 @@ class GeometryModel(FittedModel):
     tcp_sigma_mm: Annotated[float, Gt(0)] = 50.0
     lever: Lever = "given"
 
-    added_later = ("tcp", "tcp_sigma_mm", "lever")
+    added_later: ClassVar[tuple[str, ...]] = ("tcp", "tcp_sigma_mm", "lever")
     geometry_ = cast("Geometry | None", None)
 
     def check_params(self) -> None:

@@ -10,7 +10,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from annotated_types import Ge
@@ -200,6 +200,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     search_rows: Annotated[int, Ge(10)] = 300
     most_samples: Annotated[int, Ge(10)] = 2000
 
+    added_later: ClassVar[tuple[str, ...]] = (*GeometryModel.added_later, "lost_motion")
     _begin: GpSprings | None = field(default=None, init=False)
 
     def fit(
