@@ -66,7 +66,7 @@ SAME_UNIT = 2.2
 1.9 times as compliant as `softness` takes for usual."""
 TIES_SHOWN = 2
 LARGEST_SHOWN = 5
-FEWEST_CURVE_POSES, MOST_CURVE_SAMPLES = 10, 500
+FEWEST_CURVE_POSES, MOST_CURVE_SAMPLES = 10, 200
 WIDTH = 100
 
 
@@ -122,7 +122,7 @@ def validate(
         options: what is not in the file; a data card FILE.md next to it may say, too, that no
             torques were measured.
         left_out_errors: of springs with curves, for facts; None: there are none. It is called for
-            10 poses or more and at most 500 samples.
+            10 poses or more and at most 200 samples.
 
     Raises:
         ConfigError: the file has no such sheet, or several with tables and none is asked for.
