@@ -177,10 +177,10 @@ def test_files_without_torques_are_used_and_registered_where_that_is_said(tmp_pa
 
 
 def test_simulated_samples_validate_and_run(tmp_path):
-    words = ["data", "simulate", "--twin", "ur5", "--samples", "200", "--output", "s.parquet"]
+    words = ["data", "simulate", "--twin", "ur5", "--samples", "60", "--output", "s.parquet"]
     done = bench_here(*words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "200 SIMULATED samples" in done.stdout
+    assert "60 SIMULATED samples" in done.stdout
     robot = ["--robot", "ur5"]
     checked = bench_here("data", "validate", "s.parquet", *robot, cwd=tmp_path)
     assert checked.returncode == 0, checked.stdout
