@@ -61,7 +61,7 @@ MODELS = (
         key="gp-springs",
         target="stiff_models.regressors.gp_springs:GpSprings",
         summary="Gaussian processes over the torque-deflection curves of 18 virtual springs",
-        reference="docs/definitions.md, Gaussian processes over springs; hysteresis after Masing 1926",
+        reference="docs/definitions.md; lost motion that every load takes up again: Masing 1926",
         quick={"search_rows": 10},
         grids={"default": {"springs": (6, 18), "remainder": (True, False)}},
     ),
