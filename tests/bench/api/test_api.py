@@ -101,6 +101,7 @@ def test_a_model_fits_predicts_scores_and_is_the_same_after_a_file(twin, tmp_pat
     assert again.name == "vjm"
 
 
+@pytest.mark.slow
 def test_a_fit_reports_the_options_that_it_chose(twin, small_source):
     small = {"width": 8, "pretrain_steps": 2, "epochs": 10, "device": "cpu"}
     model = sb.make_model("ft-mlp", **small).fit(twin)
@@ -284,6 +285,7 @@ def test_what_there_is_is_a_table_and_what_it_is_a_text():
     assert sb.check("zero").kept
 
 
+@pytest.mark.slow
 def test_a_file_without_torques_is_read_and_validated_where_that_is_said(tmp_path):
     file, torques = tmp_path / "my.csv", ["tx_Nm", "ty_Nm", "tz_Nm"]
     measured = sb.load_dataset("fanuc-r2000ic")

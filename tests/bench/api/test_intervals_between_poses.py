@@ -14,7 +14,7 @@ CASES = [(name, key) for name in between.DATASETS for key in between.MODELS]
 @pytest.mark.parametrize(
     ("name", "key"),
     [
-        pytest.param(*case, marks=[pytest.mark.slow] * (case != ("kr10-twin", "gp")))
+        pytest.param(*case, marks=pytest.mark.slow)
         for case in CASES
         if case[1] != "deep-ensemble"  # 5 minutes each; docs/models.md has them
     ],

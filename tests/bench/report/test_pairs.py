@@ -72,6 +72,7 @@ def test_compare_and_leaderboard_judge_a_pair_by_the_same_numbers(tmp_path, n_sp
         assert one.posterior.a_better == pytest.approx(other.posterior.a_better, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_page_has_one_verdict_on_a_pair_and_compare_says_where_its_own_is_another(tmp_path):
     """Asked alone, the pair a and b differs; among 15 pairs it does not."""
     models = {name: steady(4e-4, 5e-4, 9e-4) for name in ("c", "d", "e", "f")}

@@ -45,6 +45,7 @@ def test_blocks_have_poses_loads_and_noise_of_their_own(tmp_path, kr10, monkeypa
     assert len(np.unique(samples.wrench, axis=0)) == 100
 
 
+@pytest.mark.slow
 def test_the_same_words_write_the_same_bytes(tmp_path):
     for name in ("a", "b", "c"):
         simulate(tmp_path / f"{name}.csv", omni(seed=int(name == "c")), 30)

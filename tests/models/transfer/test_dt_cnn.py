@@ -89,6 +89,7 @@ def test_unsupervised_labels_of_the_target_change_nothing_but_the_source(parts, 
     assert np.abs(moved - predictions(fit(parts, **identified), parts)).max() > 0
 
 
+@pytest.mark.slow
 def test_fine_tuning_learns_every_weight_for_the_chosen_epochs_and_keeps_the_batch_statistics(
     parts,
 ):

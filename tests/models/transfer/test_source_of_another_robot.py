@@ -144,6 +144,7 @@ def test_co_kriging_has_the_other_robots_vjm_as_its_low_fidelity(target, ur5, mo
     np.testing.assert_allclose(at_measured, predicted(vjm_of(ur5), target), atol=1e-15)
 
 
+@pytest.mark.slow
 def test_every_member_of_an_ensemble_has_the_same_foreign_source(target, ur5):
     options = TINY | {"epochs": 2}
     ensemble = fitted(DeepEnsemble(**options, members=2), target, ur5, seed=4)
