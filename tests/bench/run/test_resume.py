@@ -34,7 +34,7 @@ from stiff_bench.store.database import (
 PLUGIN = Path(hostile_models.__file__)
 N_SPLITS = 20
 N_CELLS = 2 * N_SPLITS  # with the reference model
-SLOW_RUN = ["run", "--plugin", str(PLUGIN), "--model", "Good@seconds=0.05"]
+SLOW_RUN = ["run", "--plugin", str(PLUGIN), "--model", "Good@seconds=0.12"]
 SLOW_RUN += ["--splits", str(N_SPLITS)]
 RERUN = {name: Execution(rerun=name) for name in ("missing", "failed", "all")}
 
