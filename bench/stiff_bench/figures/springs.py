@@ -10,12 +10,13 @@ from functools import partial
 from itertools import count, takewhile
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, subtitle
-from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
+from stiff_bench.figures.style import Look, looks, name_panels, new_panels, share_legend, short
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import robot_of_results, true_joint_turns
 from stiff_bench.store.database import read_data
@@ -63,18 +64,11 @@ def springs_figure(
         bends = bends[bends < top]
         heights = np.interp(bends, at, median)
         axes.plot(bends, heights, **blue.points(), markersize=4.5, label="breakpoint", zorder=4)
-        key = _stiffness(data, joint)
-        found = [one.diagnostics[key] for one in linear if key in one.diagnostics]
-        if found:
-            straight = 1e3 * at * np.median(1.0 / np.array(found))
-            axes.plot(at, straight, color=orange.color, linestyle="--", label=REFERENCE_MODEL)
+        _draw_linear(axes, data, joint, linear, at, orange)
         for most in np.quantile(torque[:, joint], _SHARES):
             axes.axvspan(0.0, float(most), color="0.5", alpha=0.1, linewidth=0.0)
-        turns = data.torque_units[joint] == "Nm"
         axes.set(xlim=(0.0, 1.02 * top), ylim=(0.0, None))
-        axes.set_xlabel("torque [N m]" if turns else "force [N]")
-        axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
-        axes.set_title(short(data.joint_names[joint]), loc="left")
+        _label(axes, data, joint)
     name_panels(panels)
     share_legend(figure, panels[:1])
     return figure
@@ -102,24 +96,41 @@ def curves_figure(
         low, high = 1e3 * (turn - reach * deviation), 1e3 * (turn + reach * deviation)
         axes.fill_between(at, low, high, color=blue.color, alpha=0.2, linewidth=0.0)
         axes.plot(at, 1e3 * turn, color=blue.color, linewidth=1.6, label=model)
-        key = _stiffness(data, joint)
-        stiffness = [fit.diagnostics[key] for fit in linear if key in fit.diagnostics]
-        if stiffness:
-            straight = 1e3 * at * np.median(1.0 / np.array(stiffness))
-            axes.plot(at, straight, **orange.connected(), label=REFERENCE_MODEL)
+        _draw_linear(axes, data, joint, linear, at, orange)
         if truth is not None:
             torque = np.zeros((len(at), len(data.joint_names)))
             torque[:, joint] = at
             true = 1e3 * truth(torque)[:, joint]
             axes.plot(at, true, **green.connected(), linewidth=0.9, label="true (simulation)")
-        turns = data.torque_units[joint] == "Nm"
         axes.set(xlim=(at[0], at[-1]))
-        axes.set_xlabel("torque [N m]" if turns else "force [N]")
-        axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
-        axes.set_title(short(data.joint_names[joint]), loc="left")
+        _label(axes, data, joint)
     name_panels(panels)
     share_legend(figure, panels[:1])
     return figure
+
+
+def _draw_linear(
+    axes: Axes,
+    data: StoredData,
+    joint: int,
+    linear: Sequence[CellResult],
+    at: FloatArray,
+    look: Look,
+) -> None:
+    """Draw the median linear spring of some fits at (n,) torques, if they identified it."""
+    key = _stiffness(data, joint)
+    stiffness = [fit.diagnostics[key] for fit in linear if key in fit.diagnostics]
+    if stiffness:
+        straight = 1e3 * at * np.median(1.0 / np.array(stiffness))
+        axes.plot(at, straight, **look.connected(), label=REFERENCE_MODEL)
+
+
+def _label(axes: Axes, data: StoredData, joint: int) -> None:
+    """Write a joint's name, and what the axes are with their units."""
+    turns = data.torque_units[joint] == "Nm"
+    axes.set_xlabel("torque [N m]" if turns else "force [N]")
+    axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
+    axes.set_title(short(data.joint_names[joint]), loc="left")
 
 
 def gather(source: FigureSource) -> Prepared:

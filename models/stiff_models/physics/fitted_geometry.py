@@ -346,15 +346,14 @@ class GeometryModel(FittedModel):
         self.geometry_ = None
         if not self.fits_point:
             return train, robot
-        self.geometry_ = fitted_geometry(
-            train,
-            robot,
-            twists_of(robot, train.q),
-            regressor,
-            moves=self.moves,
-            sigma=self.sigma,
-        )
+        self.geometry_ = self._linear_geometry(train, robot, twists_of(robot, train.q), regressor)
         return self.geometry_.samples_at_tcp(train), self.geometry_.robot
+
+    def _linear_geometry(
+        self, train: Samples, robot: Robot, twists: FloatArray, regressor: Regressor
+    ) -> Geometry:
+        """Return the geometry that the options ask for, of a model linear in its compliances."""
+        return fitted_geometry(train, robot, twists, regressor, moves=self.moves, sigma=self.sigma)
 
     def _geometry_report(self) -> dict[str, float]:
         return self.geometry_.report() if self.geometry_ else {}

@@ -15,7 +15,6 @@ Given the breakpoints T it is linear in the slopes c >= 0. SI: rad, N, N m, m.
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -28,10 +27,11 @@ from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torq
 from stiff_models.physics.vjm import (
     identify_springs,
     stiffness_unit,
+    warn_no_masses,
     warn_unexplained,
     warn_unidentifiable,
 )
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.identification import spring_key, typical_joints
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
@@ -144,13 +144,8 @@ class MultiSegmentVjm(GeometryModel):
         train, robot = self._placed(train, robot, jacobian, self._regressor(robot, train.q))
         loaded = _loaded_joints(robot, train.q, train.wrench, gravity=self.gravity)
         self.breakpoints_ = self._breakpoints(loaded, train)
-        if self.gravity and not robot.masses.any():
-            warnings.warn(
-                f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
-                "the load turned them (gravity preload 0)",
-                StiffBenchWarning,
-                stacklevel=3,
-            )
+        if self.gravity:
+            warn_no_masses(robot)
         springs = {
             f"{name} segment {k + 1}": stiffness_unit(kind)
             for name, kind in zip(robot.joint_names, robot.joint_types, strict=True)

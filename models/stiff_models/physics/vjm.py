@@ -145,6 +145,17 @@ def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training sam
         )
 
 
+def warn_no_masses(robot: Robot) -> None:
+    """Warn that gears have no preload where the robot's masses are not known."""
+    if not robot.masses.any():
+        warnings.warn(
+            f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
+            "the load turned them (gravity preload 0)",
+            StiffBenchWarning,
+            stacklevel=4,
+        )
+
+
 def warn_unexplained(compliance: FloatArray, samples: Samples) -> None:
     """Warn where every spring was found rigid."""
     if not compliance.any():

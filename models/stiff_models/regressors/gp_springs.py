@@ -21,7 +21,6 @@ from stiff_models.physics.fitted_geometry import (
     STEP,
     Geometry,
     GeometryModel,
-    fitted_geometry,
     geometry_at,
     inverse_curvature,
 )
@@ -32,7 +31,7 @@ from stiff_models.physics.kinematics import (
     virtual_gravity_torque,
     virtual_jacobian,
 )
-from stiff_models.physics.vjm import identify_joints, why_rigid
+from stiff_models.physics.vjm import identify_joints, warn_no_masses, why_rigid
 from stiff_models.regressors.calibrated_process import CalibratedProcess
 from stiff_models.regressors.gaussian_process import Covariance, minimum
 from stiff_models.regressors.joint_curves import JointCurves
@@ -151,7 +150,9 @@ class Hyperparameters:
             covariance.lost * likelihood.by_lost,
         )
         by_size = 2.0 * (covariance.slope * likelihood.by_slope + by_bend + by_lost.sum(axis=0))
-        slopes = {f"own {joint}": slope for joint, slope in enumerate(self._by_joint(by_size))} | {
+        slopes = {
+            f"own {joint}": slope for joint, slope in enumerate(np.bincount(self.joint, by_size))
+        } | {
             "across": by_size[self.across].sum(),
             "bend own": 2.0 * by_bend[~self.across].sum(),
             "bend across": 2.0 * by_bend[self.across].sum(),
@@ -164,9 +165,6 @@ class Hyperparameters:
             "load": likelihood.by_features[self.n_pose_features :].sum(),
         }
         return np.array([slopes[name] for name in self.priors])
-
-    def _by_joint(self, values: FloatArray) -> FloatArray:
-        return np.asarray(np.bincount(self.joint, values), dtype=np.float64)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -219,13 +217,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_params()
         train = self._affordable(train, seed)
-        if not robot.masses.any():
-            warnings.warn(
-                f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
-                "the load turned them (gravity preload 0)",
-                StiffBenchWarning,
-                stacklevel=4,
-            )
+        warn_no_masses(robot)
         self.load_scale_ = np.abs(train.wrench).max(axis=0)
         self.load_scale_[self.load_scale_ == 0.0] = 1.0
         hyper = self._hyperparameters(train, robot, self._loads(robot, train.q, train.wrench))
@@ -237,11 +229,11 @@ class GpSprings(CalibratedProcess, GeometryModel):
         self.theta_ = self._likeliest(hyper, seen, robot)
         if self.fits_point:
             self._search_point(hyper, seen, robot, whole=begin is None)
-        self.process_ = self._process(hyper.covariance(self.theta_), train, robot)
+        self.process_ = self._process(hyper.covariance(self.theta_), train, robot, self.geometry_)
 
     def _likeliest(self, hyper: Hyperparameters, samples: Samples, robot: Robot) -> FloatArray:
         """Return the most probable hyperparameters for the geometry as it is."""
-        loads = self._measured_loads(robot, samples.q, samples.wrench)
+        loads = self._measured_loads(robot, self.geometry_, samples.q, samples.wrench)
         likelihood = Likelihood(loads, samples.deflection.T)
 
         def loss(theta: FloatArray) -> tuple[float, FloatArray]:
@@ -265,14 +257,8 @@ class GpSprings(CalibratedProcess, GeometryModel):
             self.theta_ = self._likeliest(hyper, samples, robot)
             return
         begin, optima = self.theta_, []
-        linear = fitted_geometry(
-            samples,
-            robot,
-            self._twists(robot, samples.q),
-            unit_deflections,
-            moves=self.moves,
-            sigma=self.sigma,
-        )
+        twists = self._twists(robot, samples.q)
+        linear = self._linear_geometry(samples, robot, twists, unit_deflections)
         for start in (None, linear):
             self.theta_, self.geometry_ = begin, start
             for _ in range(ROUNDS):
@@ -312,16 +298,20 @@ class GpSprings(CalibratedProcess, GeometryModel):
         covariance, unknown = hyper.covariance(self.theta_), np.zeros((3, 3))
 
         def loss(offset: FloatArray) -> float:
-            self.geometry_ = geometry_at(robot, offset, unknown, self.moves)
-            process = self._process(covariance, samples, robot)
+            geometry = geometry_at(robot, offset, unknown, self.moves)
+            process = self._process(covariance, samples, robot, geometry)
             return 0.5 * float(offset @ offset) / self.sigma**2 - process.log_likelihood
 
         return loss
 
     def _process(
-        self, covariance: SpringCovariance, samples: Samples, robot: Robot
+        self,
+        covariance: SpringCovariance,
+        samples: Samples,
+        robot: Robot,
+        geometry: Geometry | None,
     ) -> SpringProcess:
-        loads = self._measured_loads(robot, samples.q, samples.wrench)
+        loads = self._measured_loads(robot, geometry, samples.q, samples.wrench)
         return SpringProcess.of(covariance, loads, samples.deflection.T)
 
     def _affordable(self, train: Samples, seed: int) -> Samples:
@@ -341,8 +331,10 @@ class GpSprings(CalibratedProcess, GeometryModel):
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:
         """Return how deflections go together, as `PredictsCovariance` says; errors as `predict`."""
-        first = self._measured_loads(self.robot_, *self._checked(q, wrench))
-        second = self._measured_loads(self.robot_, *self._checked(other_q, other_wrench))
+        first = self._fitted_loads(*self._checked(q, wrench))
+        second = self._measured_loads(
+            self.robot_, self.geometry_, *self._checked(other_q, other_wrench)
+        )
         scale = self.calibration_[:, None, None] ** 2
         return np.asarray(self.process_.between(first, second) * scale)
 
@@ -357,13 +349,19 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _mean_and_deviation(
         self, q: FloatArray, wrench: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        return self.process_.mean_and_deviation(self._measured_loads(self.robot_, q, wrench))
+        return self.process_.mean_and_deviation(self._fitted_loads(q, wrench))
 
-    def _measured_loads(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> SpringLoads:
+    def _fitted_loads(self, q: FloatArray, wrench: FloatArray) -> SpringLoads:
+        """Return the loads for the robot and the geometry that were fitted."""
+        return self._measured_loads(self.robot_, self.geometry_, q, wrench)
+
+    def _measured_loads(
+        self, robot: Robot, geometry: Geometry | None, q: FloatArray, wrench: FloatArray
+    ) -> SpringLoads:
         """Return the loads by wrenches at the robot's TCP; they move the measured point."""
-        if self.geometry_ is None:
+        if geometry is None:
             return self._loads(robot, q, wrench)
-        return self._loads(self.geometry_.robot, q, self.geometry_.wrench_at_tcp(q, wrench))
+        return self._loads(geometry.robot, q, geometry.wrench_at_tcp(q, wrench))
 
     def _loads(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> SpringLoads:
         twists = self._twists(robot, q)

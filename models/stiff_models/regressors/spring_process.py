@@ -448,8 +448,11 @@ class SpringProcess:
         move[spring, 0], loaded[spring] = 1.0, torque
         pose, load = np.zeros((n, self.loads.pose.shape[1])), np.zeros((n, 6))
         alone = SpringLoads(move, np.zeros_like(loaded), loaded, pose, load)
-        only_springs = replace(self, covariance=replace(self.covariance, remainder=None))
-        return only_springs.mean(alone)[:, 0], only_springs.between(alone, alone)[0]
+        # the other springs and the remainder do not move: they are not computed
+        bend = np.where(np.arange(n_springs) == spring, self.covariance.bend, 0.0)
+        covariance = replace(self.covariance, bend=bend, remainder=None)
+        only_spring = replace(self, covariance=covariance)
+        return only_spring.mean(alone)[:, 0], only_spring.between(alone, alone)[0]
 
     def lost_motion(self, springs: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the (n_chosen,) full width of lost motions and its standard deviation, rad or m.
