@@ -22,7 +22,7 @@ from stiff_datasets.twin.constants import TwinConstants, shipped_constants, spec
 from stiff_datasets.twin.kr10_twin import CALIBRATIONS
 from stiff_datasets.twin.robot_twin import random_poses
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
-from stiff_models.catalog import model_info
+from stiff_models.model_catalog import model_info
 from stiff_models.physics.fitted_geometry import fitted_geometry, moved_twists, moved_wrench
 from stiff_models.physics.full_vjm import spring_twists
 from stiff_models.physics.kinematics import unit_deflections

@@ -29,10 +29,9 @@ import torch
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
-from golden_commands import text_of
 from helpers.quick_models import twin_data
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.catalog import MODELS, model_info
+from stiff_models.model_catalog import MODELS, model_info
 from stiff_models.networks import arithmetic, epochs, network_model, training
 from stiff_models.networks.network import build_network
 from stiff_models.networks.network_model import EncodedNetworkModel
@@ -425,6 +424,14 @@ def main(path: Path = KEPT, keys: Iterable[str] = KEYS) -> str:
     if not refused:
         path.write_text(text_of(fresh) + "\n")
     return "\n".join(refused)
+
+
+def text_of(content: Any) -> str:
+    """Return JSON with a line for each list, so that a difference can be read."""
+    if not content or not isinstance(content, dict):
+        return json.dumps(content)
+    lines = [f"{json.dumps(name)}: {text_of(entry)}" for name, entry in content.items()]
+    return "{\n" + ",\n".join(lines) + "\n}"
 
 
 if __name__ == "__main__":

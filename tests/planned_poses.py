@@ -17,7 +17,7 @@ from stiff_bench.run.whole_fit import whole_fit
 from stiff_datasets.planning.plan import MeasurementPlan, candidate_plan
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.twin import TwinExperiment
-from stiff_models.catalog import model_info
+from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.types import Samples
 
 TWINS = {"kr10-twin": "kr10_r1100_2", "ur5-twin": "ur5", "arm-family (gp12)": "gp12"}

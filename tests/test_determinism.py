@@ -13,7 +13,7 @@ import pytest
 
 from helpers.quick_models import KEYS, fitted, twin_data
 from stiff_bench.run.cell import compute_cell
-from stiff_models.catalog import model_info
+from stiff_models.model_catalog import model_info
 
 pytestmark = pytest.mark.xdist_group("processes")  # what they predict is kept
 

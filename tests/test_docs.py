@@ -24,8 +24,8 @@ from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell
 from stiff_datasets.measured.sample_files import sample_table
-from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.protocol_catalog import PROTOCOLS
 from stiff_protocols.scoring.metrics import METRICS
 
 pytestmark = pytest.mark.xdist_group("site")  # one process builds it

@@ -61,8 +61,8 @@ def test_the_engines_rooms_are_described_in_the_order_of_their_imports():
     described = [re.findall(r"`(\w+)/`", line.split("|")[1]) for line in lines]
     contracts = SETTINGS["tool"]["importlinter"]["contracts"]
     (layers,) = (one["layers"] for one in contracts if one.get("containers") == ["stiff_bench"])
-    rooms = [sorted(layer.split(" | ")) for layer in layers if layer != "console"]
-    assert [sorted(names) for names in described] == rooms
+    packages = [sorted(layer.split(" | ")) for layer in layers if layer != "console"]
+    assert [sorted(names) for names in described] == packages
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "bench/README.md", "docs/performance.md"])

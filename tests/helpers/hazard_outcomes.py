@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from stiff_models.catalog import MODELS
+from stiff_models.model_catalog import MODELS
 
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     **{info.key: (info.key, {}) for info in MODELS},

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.catalog import FAMILIES, MODELS, model_info
+from stiff_models.model_catalog import FAMILIES, MODELS, model_info
 from stiff_protocols.contract.types import BenchmarkData
 
 KEYS = [*(info.key for info in MODELS), *(family.example for family in FAMILIES)]

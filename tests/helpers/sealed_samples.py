@@ -12,7 +12,7 @@ import pytest
 
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.run.cell import compute_cell
-from stiff_models.catalog import REFERENCE_MODEL, model_info
+from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray, IntArray, Samples
 

@@ -12,7 +12,7 @@ import pytest
 
 import golden_numbers
 from golden_numbers import KEPT, KEYS, PRETRAINING_KEY, VARIANTS, finding, library, made, main
-from stiff_models.catalog import FAMILIES, model_info
+from stiff_models.model_catalog import FAMILIES, model_info
 from stiff_models.networks import optimizers as muon
 from stiff_models.regressors import gaussian_process as likelihood
 from stiff_models.transfer import freeze

@@ -20,7 +20,7 @@ import stiff_models.transfer.source
 from helpers.hazard_outcomes import ALWAYS, ROWS, VARIANTS, expected
 from helpers.made_hazards import HAZARDS, Case
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.catalog import model_info
+from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.errors import ModelError, StiffBenchError, StiffBenchWarning
 from stiff_protocols.contract.identification import nonnegative
 from stiff_protocols.contract.types import FloatArray

@@ -33,7 +33,7 @@ from stiff_bench.store.database import FILE, ResultStore, stored_results, stored
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.simulate import simulate
 from stiff_datasets.twin.twin import TwinExperiment
-from stiff_models.catalog import model_info
+from stiff_models.model_catalog import model_info
 
 N_CELLS = 1000
 

@@ -42,7 +42,7 @@ from stiff_datasets.planning.plan_gain import (
     variance_gain,
 )
 from stiff_datasets.robots.robot import ChainModel
-from stiff_models.catalog import REFERENCE_MODEL
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import (
     ConfigError,

@@ -34,7 +34,7 @@ from stiff_datasets.twin.constants import (
 )
 from stiff_datasets.twin.effects import parse_effects
 from stiff_datasets.twin.twin import TwinExperiment
-from stiff_models.catalog import REFERENCE_MODEL, model_info
+from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 

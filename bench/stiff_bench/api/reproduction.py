@@ -17,7 +17,7 @@ from stiff_bench.paper.pages import write_leaderboard, write_paper
 from stiff_bench.run.machine import usable_cores
 from stiff_bench.run.runner import chosen_execution
 from stiff_bench.store.database import ResultStore, stored_statuses
-from stiff_models.catalog import MODELS
+from stiff_models.model_catalog import MODELS
 
 What = Literal["paper", "leaderboard", "effects", "transfer"]
 WRITERS = {

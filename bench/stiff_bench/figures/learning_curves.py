@@ -21,7 +21,7 @@ from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, between, marks_in, mean_length, with_linear
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, counted
-from stiff_models.catalog import REFERENCE_MODEL
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.splits.sample_efficiency import condition_of
 

@@ -21,7 +21,7 @@ from stiff_bench.store.newest import Slot
 from stiff_bench.tables import metric_table
 from stiff_bench.tables.metric_table import mark_of, pooled_prediction
 from stiff_bench.tables.units import counted, first_few
-from stiff_models.catalog import REFERENCE_MODEL
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.contract.record import CellResult, Presentation

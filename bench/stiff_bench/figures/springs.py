@@ -21,7 +21,7 @@ from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import robot_of_results, true_joint_turns
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
-from stiff_models.catalog import REFERENCE_MODEL
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.identification import spring_key
 from stiff_protocols.contract.interfaces import SPRING_CURVE

@@ -26,7 +26,7 @@ from stiff_bench.tables.metric_table import mean_over
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM
-from stiff_models.catalog import REFERENCE_MODEL
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.types import KNOWN
 

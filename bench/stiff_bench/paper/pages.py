@@ -21,7 +21,7 @@ from stiff_bench.store.database import FILE, read_manifests, stored_results
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.render import markdown_code, markdown_text, render
 from stiff_bench.tables.units import counted
-from stiff_models.catalog import MODELS
+from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.files import make_folder, written_whole
 from stiff_protocols.contract.record import CellResult

@@ -13,7 +13,7 @@ import numpy as np
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.request import RunPlan, loaded
 from stiff_bench.plan.search import tuned_models
-from stiff_models.catalog import MODELS
+from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, said_by
 from stiff_protocols.contract.interfaces import (
     ChecksRobot,

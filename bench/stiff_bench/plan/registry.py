@@ -17,9 +17,8 @@ from types import ModuleType
 from typing import Literal, TypeVar, cast
 
 from stiff_bench.console import say
-from stiff_datasets.catalog import DATASETS
-from stiff_models.catalog import FAMILIES, MODELS
-from stiff_protocols.catalog import PROTOCOLS
+from stiff_datasets.dataset_catalog import DATASETS
+from stiff_models.model_catalog import FAMILIES, MODELS
 from stiff_protocols.contract.errors import ConfigError, said_by, unknown_name
 from stiff_protocols.contract.plugin import (
     DatasetInfo,
@@ -28,6 +27,7 @@ from stiff_protocols.contract.plugin import (
     PluginInfo,
     ProtocolInfo,
 )
+from stiff_protocols.protocol_catalog import PROTOCOLS
 
 OURS = "stiffbench"
 """Origin of the lines that are shipped."""

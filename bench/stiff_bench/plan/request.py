@@ -13,7 +13,7 @@ from stiff_bench.plan.options import Choice, Chosen, options_of
 from stiff_bench.plan.registry import Info, Registry
 from stiff_bench.plan.words import chosen_dataset
 from stiff_bench.store.samples import StoredData
-from stiff_models.catalog import REFERENCE_MODEL
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,

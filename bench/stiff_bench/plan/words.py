@@ -16,7 +16,7 @@ from stiff_bench.console import say
 from stiff_bench.plan.options import Choice, Chosen, options_of, parse_option
 from stiff_bench.plan.registry import EVERY_MODEL, Kind, Registry
 from stiff_bench.store.names import split_word
-from stiff_datasets.catalog import MEASURED_FILE
+from stiff_datasets.dataset_catalog import MEASURED_FILE
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.robots.robot import ChainModel, read_chain, robot_of
 from stiff_datasets.robots.shipped import DEFAULT_ROBOT, named_robot

@@ -21,7 +21,7 @@ from stiff_bench.tables.metric_table import (
 )
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import counted
-from stiff_models.catalog import REFERENCE_MODEL
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.identification import spring_key
 from stiff_protocols.contract.plugin import kind_label

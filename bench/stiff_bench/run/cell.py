@@ -22,7 +22,7 @@ from stiff_bench.run.fit import (
     fit_and_predict,
     unrepeated,
 )
-from stiff_models.catalog import REFERENCE_MODEL, model_info
+from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import ModelError, StiffBenchError
 from stiff_protocols.contract.interfaces import CorrectsPaths
 from stiff_protocols.contract.record import CellResult

@@ -45,7 +45,7 @@ from stiff_bench.run.execution import Execution
 from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.outcome import most_bytes, read_outcome
 from stiff_bench.run.progress import Display
-from stiff_models.catalog import REFERENCE_MODEL, model_info
+from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import DataError, said_by
 from stiff_protocols.contract.progress import Progress
 from stiff_protocols.contract.record import CellResult

@@ -18,7 +18,7 @@ from stiff_bench.tables.fit_notes import number_notes, outcome_notes, size_notes
 from stiff_bench.tables.published import MARK, NOTE, published_errors
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, percent
-from stiff_models.catalog import REFERENCE_MODEL
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.plugin import STIFFNESS, kind_label
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import AXES, KNOWN, Interval, Prediction

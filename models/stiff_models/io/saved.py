@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from sklearn.base import BaseEstimator
 
-from stiff_models.catalog import MODELS, model_info
+from stiff_models.model_catalog import MODELS, model_info
 from stiff_protocols.contract.errors import DataError, ModelError, NotFittedError, StiffBenchError
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.source_code import code_of

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from stiff_models.base import FittedModel
-from stiff_models.catalog import model_info
+from stiff_models.model_catalog import model_info
 from stiff_models.physics.congruence import linearised_at_best, loaded_deflection
 from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_models.physics.kinematics import jacobian, joint_deflection, unit_deflections

@@ -1,4 +1,4 @@
-"""The values that pass between the floors: frozen, shape-checked once, SI units.
+"""The values that pass between the layers: frozen, shape-checked once, SI units.
 
 Angles are in rad, forces in N, torques in N m, lengths and deflections in m. A wrench is
 force first, acts at the tool centre point (TCP) and is expressed in the robot base frame.

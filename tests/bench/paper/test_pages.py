@@ -12,7 +12,7 @@ from helpers.made_results import MadeResults
 from stiff_bench.paper.pages import former_models, write_leaderboard, write_paper
 from stiff_bench.paper.study import DT_CNN
 from stiff_bench.store.database import stored_results
-from stiff_models.catalog import MODELS
+from stiff_models.model_catalog import MODELS
 
 
 @pytest.mark.slow

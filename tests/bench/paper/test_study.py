@@ -26,7 +26,7 @@ from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import unfinished
 from stiff_bench.store.database import ResultStore
-from stiff_models.catalog import MODELS
+from stiff_models.model_catalog import MODELS
 
 KEYS = [info.key for info in MODELS]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from stiff_bench.plan.registry import Registry, build_registry, plugin_files
-from stiff_models.catalog import MODELS
+from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelFamily, ModelInfo
 

@@ -20,7 +20,7 @@ from stiff_bench.run.cell import compute_cell
 from stiff_bench.run.cell_process import Limits
 from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.store.database import read_manifests, read_results
-from stiff_models.catalog import model_info
+from stiff_models.model_catalog import model_info
 
 pytestmark = pytest.mark.xdist_group("isolated")  # one server of processes
 PLUGIN = Path(hostile_models.__file__)

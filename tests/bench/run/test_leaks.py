@@ -13,9 +13,9 @@ from helpers.run_requests import computed, with_model
 from helpers.sealed_samples import Leak, computed_under_seal, with_other_test_deflections
 from stiff_bench.tables.metric_table import SELECTION_MARK, TRAINING_MARK, build_tables
 from stiff_bench.tables.render import render
-from stiff_models.catalog import FAMILIES, MODELS, model_info
-from stiff_protocols.catalog import PROTOCOLS
+from stiff_models.model_catalog import FAMILIES, MODELS, model_info
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.protocol_catalog import PROTOCOLS
 from stiff_protocols.scoring.metrics import metric
 from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 

@@ -13,7 +13,7 @@ from helpers.sealed_samples import with_other_test_deflections
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.metric_table import build_tables
-from stiff_models.catalog import MODELS
+from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import Range
 from stiff_protocols.scoring.metrics import metric

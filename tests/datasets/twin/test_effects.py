@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from helpers.command_line import assert_refused, bench_here
-from stiff_datasets.catalog import DATASETS
+from stiff_datasets.dataset_catalog import DATASETS
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import paper_poses
 from stiff_datasets.twin.constants import read_constants, shipped_constants, specimen_springs

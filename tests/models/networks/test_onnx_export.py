@@ -11,7 +11,7 @@ import torch
 
 from helpers.made_samples import samples_with
 from helpers.quick_models import KEYS, quick_model, twin_data
-from stiff_models.catalog import model_info
+from stiff_models.model_catalog import model_info
 from stiff_models.networks.mlp import Mlp
 from stiff_models.networks.onnx_export import export_onnx
 from stiff_models.physics.vjm import joint_deflection

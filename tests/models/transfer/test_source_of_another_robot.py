@@ -10,7 +10,7 @@ from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models import load
-from stiff_models.catalog import MODELS, model_info
+from stiff_models.model_catalog import MODELS, model_info
 from stiff_models.physics.kinematics import jacobian
 from stiff_models.physics.vjm import VirtualJointModel, fitted_physics
 from stiff_models.regressors import mf_gp

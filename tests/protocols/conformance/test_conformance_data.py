@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_protocols.catalog import PROTOCOLS
 from stiff_protocols.conformance.data import check_dataset, check_protocol
 from stiff_protocols.contract.types import Split
+from stiff_protocols.protocol_catalog import PROTOCOLS
 from stiff_protocols.splits.extrapolation import SpaceTransfer
 from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 
