@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from stiff_bench.api.model import Model, coverage_of_each_axis, load_model, make_model
     from stiff_bench.api.path import compensate_path, example_path
     from stiff_bench.api.results import Results, merge, open_results
-    from stiff_bench.api.robot import Robot
+    from stiff_bench.api.robots import load_robot, read_robot
     from stiff_bench.api.tables import Tables
-    from stiff_protocols.contract.types import Samples
+    from stiff_protocols.contract.types import Robot, Samples
 
 _PLACES = {
     "stiff_bench.api.catalog": (
@@ -47,9 +47,9 @@ _PLACES = {
     "stiff_bench.api.model": ("Model", "coverage_of_each_axis", "load_model", "make_model"),
     "stiff_bench.api.path": ("compensate_path", "example_path"),
     "stiff_bench.api.results": ("Results", "merge", "open_results"),
-    "stiff_bench.api.robot": ("Robot",),
+    "stiff_bench.api.robots": ("load_robot", "read_robot"),
     "stiff_bench.api.tables": ("Tables",),
-    "stiff_protocols.contract.types": ("Samples",),
+    "stiff_protocols.contract.types": ("Robot", "Samples"),
 }
 _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}
 
@@ -72,11 +72,13 @@ __all__ = [
     "list_protocols",
     "load_dataset",
     "load_model",
+    "load_robot",
     "make_model",
     "merge",
     "open_results",
     "paper_table",
     "plan_poses",
+    "read_robot",
     "read_samples",
     "show",
     "simulate",

@@ -13,7 +13,7 @@ from stiff_bench.plan.words import choices
 from stiff_bench.run.cell import compute_cell
 from stiff_protocols.contract.record import CellResult
 
-CHOOSING = ("models", "datasets", "protocols", "settings", "data", "robot")
+CHOOSING = ("models", "datasets", "protocols", "settings")
 
 
 def planned(registry: Registry | None = None, **changes: Any) -> RunPlan:

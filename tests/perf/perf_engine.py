@@ -23,13 +23,14 @@ from helpers.command_line import BENCH, peak_mib
 from helpers.made_board import made_board
 from helpers.perf_case import OURS, figure, ours_or_peer
 from helpers.run_requests import planned
-from stiff_bench.api.run import Run
+from stiff_bench.api.data import Dataset
+from stiff_bench.api.evaluation import Run
 from stiff_bench.cli.run import execute
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import RunPlan
-from stiff_bench.plan.words import RobotWords
 from stiff_bench.run.execution import Execution
 from stiff_bench.store.database import FILE, ResultStore, stored_results, stored_statuses
+from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.simulate import simulate
 from stiff_datasets.twin.twin import TwinExperiment
@@ -142,8 +143,8 @@ def of_samples(n: int, folder: Path) -> RunPlan:
     path = folder / f"{n}.csv"
     constants = shipped_constants("kr10_r1100_2")
     simulate(path, TwinExperiment(constants, loads="omni", specimen=0, seed=0), n)
-    robot = RobotWords("kr10-r1100-2")
-    return planned(models=("zero", "vjm"), datasets=(), data=(path,), robot=robot)
+    data = Dataset.of_file(path, "kr10-r1100-2", FileOptions())
+    return planned(models=("zero", "vjm"), datasets=(data.choice,))
 
 
 def of_splits(n: int, _: Path) -> RunPlan:

@@ -41,7 +41,7 @@ from stiff_datasets.planning.plan_gain import (
     plan_gain,
     variance_gain,
 )
-from stiff_datasets.robots.robot import ChainModel
+from stiff_datasets.robots.robot import shipped_chain
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import (
@@ -147,14 +147,13 @@ class PosePlan:
         return "\n".join(lines)
 
 
-def first_plan(robot: Robot, papers: ChainModel | None, how: PlanOptions) -> PosePlan:
+def first_plan(robot: Robot, how: PlanOptions, *, is_papers: bool = False) -> PosePlan:
     """Return a plan for a robot of which nothing is measured.
 
     Args:
         robot: that will be measured.
-        papers: the chain of the source paper's KR10, whose plan and stiffnesses are known; None:
-            it is another robot.
         how: the poses are chosen.
+        is_papers: it is the source paper's KR10, whose plan and stiffnesses are known.
 
     Raises:
         ConfigError: an argument is out of range.
@@ -163,11 +162,12 @@ def first_plan(robot: Robot, papers: ChainModel | None, how: PlanOptions) -> Pos
     reference = np.full(robot.n_joints, REFERENCE_COMPLIANCE)
     pool = how.drawn(robot, n_poses)
     regressors = regressor(robot, pool.q, pool.wrench)
-    if papers is not None:
+    if is_papers:
         stiffness = published_stiffness()
         reference = np.array([1.0 / stiffness[joint] for joint in robot.joint_names])
-    if papers is not None and how.poses is None and how.criterion is None:
+    if is_papers and how.poses is None and how.criterion is None:
         name = "the paper's plan"
+        papers = shipped_chain(robot.name, tcp=[*robot.tcp_on_flange])
         plan = paper_plan(papers, how.payload_kg, how.seed, how.clearance)
     else:
         design = SpringDesign(regressors, how.criterion or "d-optimal")
@@ -185,7 +185,7 @@ def first_plan(robot: Robot, papers: ChainModel | None, how: PlanOptions) -> Pos
         ["condition number", *(each.condition for each in judged)],
         ["log det of information", *(each.log_det for each in judged)],
     ]
-    if papers is not None:  # errors are relative to stiffnesses that must be known
+    if is_papers:  # errors are relative to stiffnesses that must be known
         errors = (100.0 * each.worst_error for each in judged)
         rows.insert(1, ["worst joint's standard error [%]", *errors])
     names = (name, f"mean of {N_RANDOM} random", "best random")

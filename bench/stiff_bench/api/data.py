@@ -12,18 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiff_bench.api.catalog import registry
+from stiff_bench.api.robots import as_robot
 from stiff_bench.api.tables import Text
 from stiff_bench.plan.options import Choice, check_option
 from stiff_bench.plan.registry import Kind
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import (
-    RobotWords,
-    chosen,
-    chosen_dataset,
-    held_data,
-    measured_file,
-    own_file,
-)
+from stiff_bench.plan.words import chosen, chosen_dataset, held_data, measured_file
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
@@ -58,6 +52,11 @@ class Dataset:
     """
 
     choice: Choice[DatasetInfo]
+
+    @classmethod
+    def of_file(cls, file: Path | str, robot: str | Robot, options: FileOptions) -> Dataset:
+        """Return the data set of a file, which is read when it is needed; see `read_samples`."""
+        return cls(measured_file(Path(file), as_robot(robot), options))
 
     @classmethod
     def from_samples(
@@ -197,7 +196,7 @@ def check_dataset(data: object) -> None:
     """
     if isinstance(data, Dataset | BenchmarkData):
         return
-    robot = "robot: Robot.from_urdf(file, tcp=...) or Robot.shipped(name)"
+    robot = "robot: read_robot(urdf, tcp=...) or load_robot(name)"
     hints = {
         "DataFrame": f"Dataset.from_frame(frame, robot) makes one; {robot}",
         "Samples": f"Dataset.from_samples(samples, robot) makes one; {robot}",
@@ -227,10 +226,7 @@ def load_dataset(name: str, **options: Any) -> Dataset:
 def read_samples(
     file: Path | str,
     *,
-    urdf: Path | str | None = None,
-    robot: str | Robot | None = None,
-    tcp: Sequence[float] | None = None,
-    tip: str | None = None,
+    robot: str | Robot,
     no_torque: bool = False,
     sheet: str | None = None,
     pose_tolerance: float = POSE_TOLERANCE,
@@ -239,11 +235,7 @@ def read_samples(
 
     Args:
         file: CSV, Excel or Parquet; its columns are those of `bench data validate`.
-        urdf: of the robot that was measured.
-        robot: in its place, the name of a shipped robot, or a `Robot`.
-        tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
-            the origin with `urdf`.
-        tip: last link of the chain in `urdf`; None: the end of the longest chain.
+        robot: that was measured: the name of a shipped one, or a `Robot`.
         no_torque: no torques were measured: their columns may be missing, or zero.
         sheet: of an Excel file; None: the only one that holds a table.
         pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one
@@ -251,52 +243,33 @@ def read_samples(
             warned of.
 
     Raises:
-        ConfigError: there is no robot, or there are two; or the file has no such sheet, or several
-            with tables and none is named.
+        ConfigError: there is no such robot; or the file has no such sheet, or several with tables
+            and none is named.
         DataError: a file cannot be read, or a value cannot be; the message names row and column.
     """
-    if isinstance(robot, Robot):
-        if (urdf, tcp, tip) != (None, None, None):
-            raise ConfigError(
-                "robot is a Robot: it has its own geometry, leave out urdf, tcp and tip"
-            )
-        known = robot
-    else:
-        if (urdf is None) == (robot is None):
-            raise ConfigError("give the robot: one of urdf=... and robot=...")
-        known = RobotWords(robot, urdf, tcp, tip).read()[0]
-    options = FileOptions(no_torque, sheet, pose_tolerance)
-    dataset = Dataset(measured_file(Path(file), known, options))
-    dataset.data  # noqa: B018
+    dataset = Dataset.of_file(file, robot, FileOptions(no_torque, sheet, pose_tolerance))
+    dataset.data  # noqa: B018  # so that what is wrong is said here
     return dataset
 
 
-def dataset_of_words(
-    key: str,
-    *,
-    settings: Sequence[str],
-    no_torque: bool,
-    sheet: str | None,
-    pose_tolerance: float,
-    robot: str | None,
-    urdf: Path | None,
-    tcp: Sequence[float] | None,
-    tip: str | None,
+def dataset_of_word(
+    word: str, robot: Robot | None, options: FileOptions, settings: Sequence[str]
 ) -> Dataset:
-    """Return the data set of a key or a file, with the options of `bench data info`.
+    """Return the data set of a key or of a file, as `bench data info` names it.
 
     Raises:
         ConfigError: the key or an option is unknown, or the robot of the file is not named.
     """
-    path, words = Path(key), RobotWords(robot, urdf, tcp, tip)
-    options = FileOptions(no_torque, sheet, pose_tolerance)
+    path = Path(word)
     if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
         if settings:
-            raise ConfigError(f"--set {settings[0]!r}: the file {key} has no options")
-        return Dataset(own_file(path, words, options))
-    if words.given or options != DEFAULTS or path.is_file():
+            raise ConfigError(f"--set {settings[0]!r}: the file {word} has no options")
+        if robot is None:
+            raise ConfigError(f"{word}: needs its robot too: --urdf FILE.urdf or --robot NAME")
+        return Dataset.of_file(path, robot, options)
+    if robot is not None or options != DEFAULTS or path.is_file():
         raise ConfigError(
-            f"{key}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
+            f"{word}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
             "--robot, --urdf, --tip, --tcp, --no-torque, --sheet or --pose-tolerance)"
         )
-    return Dataset(chosen_dataset(key, settings, registry()))
+    return Dataset(chosen_dataset(word, settings, registry()))

@@ -1,4 +1,4 @@
-"""Fitting and testing of models under protocols."""
+"""Fitting and testing of models under protocols: a run, from a notebook or a command line."""
 
 from __future__ import annotations
 
@@ -8,24 +8,180 @@ import tempfile
 import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+from stiff_bench.analysis.forecast import (
+    LONGEST_FIT_S,
+    LONGEST_S,
+    Timings,
+    forecast,
+    forecast_line,
+    forecast_table,
+    time_fits,
+    untimed_fits,
+)
 from stiff_bench.api.catalog import registry
-from stiff_bench.api.data import Dataset, check_dataset, choice_of
+from stiff_bench.api.data import Dataset, check_dataset
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.api.process import pinned
 from stiff_bench.api.results import Results
-from stiff_bench.api.run import Run
-from stiff_bench.plan.options import Chosen
-from stiff_bench.plan.request import plan_run, with_reference
-from stiff_bench.run.runner import chosen_execution
+from stiff_bench.api.tables import Tables
+from stiff_bench.console import say
+from stiff_bench.plan.cells import CellTask, cell_tasks
+from stiff_bench.plan.options import Choice, Chosen
+from stiff_bench.plan.request import RunPlan, plan_run, with_reference
+from stiff_bench.plan.words import choices
+from stiff_bench.run.execution import Execution
+from stiff_bench.run.progress import display
+from stiff_bench.run.runner import chosen_execution, run_cells
+from stiff_bench.store.database import ResultStore
+from stiff_bench.tables.render import render
+from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.plugin import ModelInfo
+
+DEFAULT_DATASET = "kr10-twin"
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is to be computed, checked.
+
+    Attributes:
+        plans: for one folder.
+        execution: how.
+    """
+
+    plans: Sequence[RunPlan]
+    execution: Execution
+
+    @cached_property
+    def tasks(self) -> list[CellTask]:
+        """Every cell of the plans.
+
+        Raises:
+            StiffBenchError: the data cannot be loaded or divided.
+        """
+        return list(cell_tasks(*self.plans))
+
+    def forecast(self) -> Tables:
+        """Return what would be computed of each model, and how long all takes, in a sentence.
+
+        One fit is timed of each model and data set whose model has no stored fit, not on a cluster.
+
+        Raises:
+            StiffBenchError: the data cannot be loaded or divided.
+        """
+        plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
+        untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
+        timed: Timings = {}
+        facts = self.execution.facts
+        if untimed and not facts["dask"]:
+            n_models = len({task.shown.model for task in untimed})
+            say(
+                f"timing a fit of {counted(n_models, 'model')} without a stored one, for at most "
+                f"{LONGEST_S + LONGEST_FIT_S:g} s"
+            )
+            timing = chosen_execution(
+                plan, registry(), threads=int(facts["threads"]), timeout=LONGEST_FIT_S
+            )
+            timed = time_fits(untimed, timing)
+        forecasts = forecast(self.tasks, plan.output, rerun=rerun, timed=timed)
+        tables = [forecast_table(forecasts, jobs)]
+        text_as = partial(render, tables, command=plan.command)
+        return Tables(lambda: tables, text_as, forecast_line(forecasts[-1], jobs))
+
+    def compute(self) -> Results:
+        """Compute what is missing; return the results of all.
+
+        Raises:
+            StiffBenchError: the data cannot be loaded or divided, or the output not written.
+        """
+        plan, tasks = self.plans[0], self.tasks
+        store = ResultStore(plan.output)
+        for warning in dict.fromkeys(task.shown.warning for task in tasks if task.shown.warning):
+            say(f"warning: {warning}")
+        with display() as shown:
+            finished = run_cells(tasks, plan.command, store, self.execution, shown)
+        metrics = tuple(one.key for one in plan.metrics)
+        return Results(plan.output, metrics, plan.command, finished)
+
+
+def prepare_run(
+    models: Sequence[str | Choice[ModelInfo]],
+    datasets: Sequence[str | Dataset],
+    protocols: Sequence[str],
+    *,
+    settings: Sequence[str] = (),
+    metrics: Sequence[str] = (),
+    coverage: float | None = None,
+    splits: int | None = None,
+    seed: int = 0,
+    device: str = "auto",
+    output: Path,
+    command: str,
+    **how: Any,
+) -> Run:
+    """Return a run that is checked; `settings` are of the words among the first three arguments.
+
+    The other arguments are those of `evaluate`; `how` is of `chosen_execution`.
+
+    Raises:
+        ConfigError: a name, an option or a value is wrong.
+    """
+    plan = plan_run(
+        with_reference(_asked(models, datasets, protocols, settings), registry()),
+        registry(),
+        output=output,
+        metrics=metrics,
+        splits=splits,
+        seed=seed,
+        device=device,
+        command=command,
+        coverage=coverage,
+    )
+    return Run([plan], chosen_execution(plan, registry(), **how))
+
+
+def _asked(
+    models: Sequence[str | Choice[ModelInfo]],
+    datasets: Sequence[str | Dataset],
+    protocols: Sequence[str],
+    settings: Sequence[str],
+) -> Chosen:
+    chosen = [one.choice if isinstance(one, Dataset) else one for one in datasets]
+    return choices(
+        registry(), models=models, datasets=chosen, protocols=protocols, settings=settings
+    )
+
+
+def model_and_data(
+    models: Sequence[str],
+    datasets: Sequence[str | Dataset],
+    *,
+    settings: Sequence[str] = (),
+    device: str = "auto",
+) -> tuple[Model, Dataset]:
+    """Return the model and the data set of `bench fit`, checked as those of a run.
+
+    Raises:
+        ConfigError: an option or a value is wrong, or there are several of one kind.
+    """
+    if len(datasets) != 1:
+        raise ConfigError("give one of --dataset KEY and --data FILE.csv")
+    asked = _asked(models, datasets, (), settings)
+    plan = plan_run(asked, registry(), output=Path(), device=device)
+    if len(plan.models) != 1:
+        raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
+    return Model(plan.models[0]), Dataset(plan.datasets[0])
 
 
 def evaluate(
     models: str | type | Model | Sequence[str | type | Model],
-    datasets: str | Dataset | Sequence[str | Dataset] = "kr10-twin",
+    datasets: str | Dataset | Sequence[str | Dataset] = DEFAULT_DATASET,
     *,
     protocol: str | Sequence[str] = "holdout",
     splits: int | None = None,
@@ -73,29 +229,27 @@ def evaluate(
             "processes cannot import; leave out jobs=..., or define it in a file and call "
             "use_plugin(file)"
         )
-    data = [
-        Dataset(choice_of("dataset", one, {})) if isinstance(one, str) else one
-        for one in _listed(datasets)
-    ]
-    for dataset in data:
-        check_dataset(dataset)
-    names = [choice_of("protocol", one, {}) for one in _listed(protocol)]
+    for dataset in (data := _listed(datasets)):
+        if not isinstance(dataset, str):
+            check_dataset(dataset)
     folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
-    plan = plan_run(
-        with_reference(Chosen(asked, [one.choice for one in data], names), registry()),
-        registry(),
-        output=folder,
+    run = prepare_run(
+        asked,
+        data,
+        _listed(protocol),
         metrics=metrics,
+        coverage=coverage,
         splits=splits,
         seed=seed,
         device=device,
-        coverage=coverage,
+        output=folder,
         command="stiffbench.evaluate(...)",
+        threads=pinned(),
+        jobs=jobs,
+        isolate=False if local else None,
     )
-    isolate = False if local else None
-    execution = chosen_execution(plan, registry(), threads=pinned(), jobs=jobs, isolate=isolate)
     with _script_not_imported():
-        results = Run([plan], execution).compute()
+        results = run.compute()
     if output is None:
         weakref.finalize(results, shutil.rmtree, folder, ignore_errors=True)
     return results

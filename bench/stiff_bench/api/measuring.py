@@ -12,10 +12,18 @@ import numpy as np
 
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
+from stiff_bench.api.robots import (
+    as_robot,
+    load_robot,
+    payload_of,
+    read_robot,
+    robot_words,
+    shipped_name,
+)
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import RobotWords, measured_file
+from stiff_bench.plan.words import measured_file
 from stiff_bench.run.progress import display
 from stiff_datasets.measured import registered, ur5_pose_error
 from stiff_datasets.measured import validate as validation
@@ -48,10 +56,7 @@ def plan_poses(
     payload: float | None = None,
     clearance: float = 0.2,
     seed: int = 0,
-    robot: str | None = None,
-    urdf: Path | str | None = None,
-    tcp: Sequence[float] | None = None,
-    tip: str | None = None,
+    robot: str | Robot | None = None,
     after: Path | str | None = None,
     model: str | None = None,
     workspace: Path | str | None = None,
@@ -71,11 +76,7 @@ def plan_poses(
         payload: kg; None: the shipped robot's.
         clearance: smallest distance of the arm from the base column, m.
         seed: of all random numbers.
-        robot: name of a shipped robot; None, without `urdf`: the KR10.
-        urdf: of another robot.
-        tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
-            the origin with `urdf`.
-        tip: last link of the chain in `urdf`; None: the end of the longest chain.
+        robot: that will be measured: the name of a shipped one, or a `Robot`; None: the KR10.
         after: file of the poses that are measured already; the plan goes on from them, and their
             learning curve says what more poses would gain. None: there are none.
         model: that will be fitted to all poses, with `after`; None: "vjm". The poses are chosen
@@ -92,7 +93,7 @@ def plan_poses(
         DataError: a file cannot be read, or is of another robot.
         StoreError: the file cannot be written, or exists.
     """
-    output, words = Path(output), RobotWords(robot, urdf, tcp, tip)
+    output, arm = Path(output), as_robot(robot)
     check_plan_file(output)
     options = FileOptions(no_torque, sheet, pose_tolerance)
     if after is None:
@@ -108,14 +109,13 @@ def plan_poses(
                 raise ConfigError(
                     "describes what comes after a measurement; give --after too", name
                 )
-    arm, chain, known_payload = words.read()
-    payload = known_payload if payload is None else payload
+    payload = payload_of(arm) if payload is None else payload
     if payload is None:
         raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")
     how = pose_plans.PlanOptions(poses, criterion, candidates, payload, clearance, seed)
     if after is None:
         with display():
-            found = pose_plans.first_plan(arm, chain if words.is_papers else None, how)
+            found = pose_plans.first_plan(arm, how, is_papers=shipped_name(arm) == DEFAULT_ROBOT)
         measured, curve = None, []
     else:
         file = measured_file(Path(after), arm, options)
@@ -125,16 +125,13 @@ def plan_poses(
             found = pose_plans.next_plan(measured, how, workspace)
             curve = pose_plans.curve_text(measured, len(found.plan.q), seed)
     write_plan(output, found.plan, arm)
-    return Text(found.report(output, arm, words.text, measured, curve))
+    return Text(found.report(output, arm, robot_words(arm), measured, curve))
 
 
 def validate(
     file: Path | str,
     *,
-    robot: str | None = None,
-    urdf: Path | str | None = None,
-    tcp: Sequence[float] | None = None,
-    tip: str | None = None,
+    robot: str | Robot | None = None,
     no_torque: bool = False,
     sheet: str | None = None,
     pose_tolerance: float = POSE_TOLERANCE,
@@ -143,11 +140,7 @@ def validate(
 
     Args:
         file: CSV, Excel or Parquet.
-        robot: that was measured, the name of a shipped one; None, without `urdf`: the KR10.
-        urdf: of another robot.
-        tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
-            the origin with `urdf`.
-        tip: last link of the chain in `urdf`; None: the end of the longest chain.
+        robot: that was measured: the name of a shipped one, or a `Robot`; None: the KR10.
         no_torque: no torques were measured: their columns may be missing, or zero.
         sheet: of an Excel file; None: the only one that holds a table.
         pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one
@@ -157,12 +150,10 @@ def validate(
         A report that prints itself; its `verdict` is "ok", "suspicious" or "invalid".
 
     Raises:
-        ConfigError: two robots are named, or an unknown one.
-        DataError: the URDF cannot be read.
+        ConfigError: there is no robot of this name.
     """
-    measured = RobotWords(robot, urdf, tcp, tip).read()[0]
     options = FileOptions(no_torque, sheet, pose_tolerance)
-    return validation.validate(Path(file), measured, options, _left_out_errors)
+    return validation.validate(Path(file), as_robot(robot), options, _left_out_errors)
 
 
 def _left_out_errors(samples: Samples, robot: Robot) -> FloatArray:
@@ -254,14 +245,19 @@ def register(
     """Register a measurement and return what is odd in it and what to do with it.
 
     `stated` is of `FileOptions`.
+
+    Raises:
+        ConfigError: there is a tip and no URDF, or it cannot be registered.
     """
-    RobotWords(None, urdf, tcp, tip)  # a tip without a URDF is refused before anything is written
+    if urdf is None and tip is not None:
+        raise ConfigError(f"{tip}: names a link of a URDF; give --urdf too", "tip")
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
     x, y, z = default if tcp is None else tcp
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StiffBenchWarning)
         place = registered.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
-    report = validate(csv, urdf=urdf, tcp=tcp, tip=tip, **stated)
+    robot = load_robot(tcp=tcp) if urdf is None else read_robot(urdf, tcp=tcp, tip=tip)
+    report = validate(csv, robot=robot, **stated)
     read = [str(warning.message).removeprefix(f"{csv.absolute()}: ") for warning in caught]
     messages = dict.fromkeys([*read, *(finding.message for finding in report.warnings)])
     odd = [f"warning: {message}" for message in messages]

@@ -15,13 +15,13 @@ from stiff_bench.analysis.path_correction import (
     held_positions,
 )
 from stiff_bench.api.model import Model, blamed_on
-from stiff_bench.plan.words import RobotWords
+from stiff_bench.api.robots import as_robot, payload_of
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_datasets.measured.path_file import LoadFrame, tool_of, write_path
 from stiff_datasets.measured.sample_files import MM_PER_M
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import check_new_file
-from stiff_protocols.contract.robot import STANDARD_GRAVITY
+from stiff_protocols.contract.robot import STANDARD_GRAVITY, Robot
 from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M
 from stiff_protocols.paths.example import drivable_path
 from stiff_protocols.paths.path import SHAPES
@@ -34,10 +34,7 @@ def example_path(
     size: float = 200.0,
     points: int = 401,
     load: Sequence[float] | None = None,
-    robot: str | None = None,
-    urdf: Path | str | None = None,
-    tcp: Sequence[float] | None = None,
-    tip: str | None = None,
+    robot: str | Robot | None = None,
     hold: Mapping[str, float | None] | None = None,
 ) -> str:
     """Write a path in front of a robot that it can drive, and return what was written.
@@ -48,10 +45,7 @@ def example_path(
         size: edge, diameter or length; of iso9283 the edge of the cube, mm.
         points: number of points.
         load: (6,) process load, N and N m, base frame; None: a quarter of the payload downwards.
-        robot: name of a shipped robot; None, without `urdf`: the KR10.
-        urdf: of another robot.
-        tcp: (3,) tool centre point in the frame of the last link, m.
-        tip: last link of the chain in `urdf`; None: the end of the longest chain.
+        robot: that drives it: the name of a shipped one, or a `Robot`; None: the KR10.
         hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
             which it is held.
 
@@ -64,9 +58,9 @@ def example_path(
     check_new_file(output)
     if shape not in SHAPES:
         raise unknown_name("shape", shape, SHAPES)
-    arm, _, payload = RobotWords(robot, urdf, tcp, tip).read()
+    arm = as_robot(robot)
     if load is None:
-        if payload is None:
+        if (payload := payload_of(arm)) is None:
             raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
         load = (0.0, 0.0, -0.25 * payload * STANDARD_GRAVITY, 0.0, 0.0, 0.0)
     held = held_positions(arm, hold or {})

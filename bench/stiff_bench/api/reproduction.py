@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from stiff_bench.api.catalog import registry
+from stiff_bench.api.evaluation import Run
 from stiff_bench.api.results import Results
-from stiff_bench.api.run import Run
 from stiff_bench.console import say
 from stiff_bench.paper import study
 from stiff_bench.paper.effects import write_effects, write_transfer

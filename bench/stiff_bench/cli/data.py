@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +14,7 @@ from stiff_bench.cli.options import (
     file_options,
     output_option,
     plugin_option,
+    robot_of_data,
     robot_options,
     seed_option,
     settings_option,
@@ -21,6 +22,9 @@ from stiff_bench.cli.options import (
 )
 from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import print_text
+
+if TYPE_CHECKING:
+    from stiff_protocols.contract.types import Robot
 
 
 @click.group(cls=Commands)
@@ -30,7 +34,7 @@ def data() -> None:
 
 @data.command()
 @click.argument("key", metavar="KEY|FILE")
-@robot_options
+@robot_of_data
 @file_options
 @click.option(
     "--output",
@@ -41,14 +45,18 @@ def data() -> None:
 )
 @settings_option
 @plugin_option
-def info(key: str, output: Path, **words: Any) -> None:
+def info(
+    key: str, robot: Robot | None, output: Path, settings: tuple[str, ...], **stated: Any
+) -> None:
     """Print the card and statistics of a data set, and draw an overview.
 
     KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
     """
-    from stiff_bench.api.data import dataset_of_words
+    from stiff_bench.api.data import dataset_of_word
+    from stiff_datasets.measured.file_options import FileOptions
 
-    print_text(dataset_of_words(key, **words).describe(output))
+    dataset = dataset_of_word(key, robot, FileOptions(**stated), settings)
+    print_text(dataset.describe(output))
 
 
 @data.command()
@@ -120,16 +128,16 @@ def plan(**words: Any) -> None:
 @click.argument("file", type=FILE)
 @robot_options
 @file_options
-def validate(file: Path, **words: Any) -> int:
+def validate(file: Path, robot: Robot | None, **stated: Any) -> int:
     """Check a measured file and name the likeliest mistake in it.
 
     Exit status: 0 ok; 1 suspicious, the report says why; 2 invalid, no command can use the file.
     """
     from stiff_bench.api import measuring
 
-    report = measuring.validate(file, **words)
+    report = measuring.validate(file, robot=robot, **stated)
     print_text(repr(report))
-    if all(words[name] is None for name in ("robot", "urdf", "tcp")):
+    if robot is None:
         print_text(f"Robot: {measuring.DEFAULT_ROBOT}, the default (--robot, --urdf).")
     return ("ok", "suspicious", "invalid").index(report.verdict)
 

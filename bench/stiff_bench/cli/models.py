@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -22,6 +23,9 @@ from stiff_bench.cli.options import (
 )
 from stiff_bench.console import print_text, warnings_said
 
+if TYPE_CHECKING:
+    from stiff_bench.api.data import Dataset
+
 model_file_option = click.option(
     "--model", type=FILE, required=True, metavar="FILE", help="Model file of `bench fit`."
 )
@@ -36,19 +40,29 @@ model_file_option = click.option(
 @device_option
 @plugin_option
 @output_option("FILE")
-def fit(output: Path, seed: int, **words: Any) -> None:
+def fit(
+    output: Path,
+    seed: int,
+    device: str,
+    models: tuple[str, ...],
+    datasets: tuple[str, ...],
+    data: Sequence[Dataset],
+    settings: tuple[str, ...],
+) -> None:
     """Fit a model to all samples of a data set and save it.
 
     As in `bench run`, a network finds its number of epochs by cross-validation and then learns
     from every sample; with `training=best`, a fifth of the poses chooses the epoch instead.
     """
-    from stiff_bench.api.run import model_and_data
+    from stiff_bench.api.evaluation import model_and_data
+    from stiff_protocols.contract.files import check_new_file
 
-    model, data = model_and_data(output, **words)
+    model, samples = model_and_data(models, [*datasets, *data], settings=settings, device=device)
+    check_new_file(output)
     with warnings_said():
-        model.fit(data, seed=seed)
+        model.fit(samples, seed=seed)
     model.save(output)
-    print_text(f"{output}: {model.report(data, seed)}")
+    print_text(f"{output}: {model.report(samples, seed)}")
 
 
 @click.command()

@@ -8,13 +8,16 @@ import sys
 from collections.abc import Callable
 from functools import partial, reduce, wraps
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
 from stiff_bench.api import LARGEST_POSE_TOLERANCE, POSE_TOLERANCE, RESULTS
 from stiff_bench.api.process import pinned
 from stiff_protocols.contract.errors import ConfigError
+
+if TYPE_CHECKING:
+    from stiff_protocols.contract.types import Robot
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Context = click.Context | None
@@ -286,28 +289,83 @@ urdf_options = together(
     ),
     tcp_option,
 )
-robot_options = together(
-    click.option(
+
+
+def robot_options(command: Command) -> Command:
+    """Add the options that name a robot; the command gets it as `robot`, None without any."""
+    return _robot_options(command, has_default=True)
+
+
+def _robot_options(command: Command, *, has_default: bool) -> Command:
+    @click.option(
         "--robot",
         metavar="NAME",
         help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic "
         "or an arm of `arm-family` such as gp12.",
-    ),
-    urdf_options,
-)
+    )
+    @urdf_options
+    @wraps(command)
+    def call(
+        *,
+        robot: str | None,
+        urdf: Path | None,
+        tip: str | None,
+        tcp: tuple[float, ...] | None,
+        **words: Any,
+    ) -> Any:
+        from stiff_bench.api.robots import DEFAULT_ROBOT, load_robot, read_robot
 
-data_options = together(
-    click.option(
+        if urdf is not None and robot is not None:
+            raise ConfigError(f"{robot} and urdf {urdf}: give one of them", "robot")
+        if urdf is None and tip is not None:
+            raise ConfigError(f"{tip}: names a link of a URDF; give --urdf too", "tip")
+        found = None
+        if urdf is not None:
+            found = read_robot(urdf, tcp=tcp, tip=tip)
+        elif robot is not None or (tcp is not None and has_default):
+            found = load_robot(DEFAULT_ROBOT if robot is None else robot, tcp=tcp)
+        elif tcp is not None:
+            raise ConfigError(f"{tcp}: of which robot? Give --urdf or --robot too", "tcp")
+        return command(robot=found, **words)
+
+    return cast(Command, call)
+
+
+def data_options(command: Command) -> Command:
+    """Add the options that name files of samples; the command gets data sets as `data`."""
+
+    @click.option(
         "--data",
         type=FILE,
         multiple=True,
         metavar="FILE",
         help="Your own measurement (.csv, .xlsx or .parquet), with --urdf or --robot; may be "
         "repeated.",
-    ),
-    file_options,
-    robot_options,
-)
+    )
+    @file_options
+    @robot_of_data
+    @wraps(command)
+    def call(*, data: tuple[Path, ...], robot: Robot | None, **words: Any) -> Any:
+        from stiff_bench.api.data import Dataset
+        from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
+
+        names = ("no_torque", "sheet", "pose_tolerance")
+        options = FileOptions(**{name: words.pop(name) for name in names})
+        if not data and robot is not None:
+            raise ConfigError("--robot and --urdf name the robot of --data; give it too")
+        if not data and options != DEFAULTS:
+            raise ConfigError(
+                "--no-torque, --sheet and --pose-tolerance are of a measured file; give --data too"
+            )
+        if data and robot is None:
+            raise ConfigError(f"{data[0]}: needs its robot too: --urdf FILE.urdf or --robot NAME")
+        files = [Dataset.of_file(file, robot, options) for file in data if robot is not None]
+        return command(data=files, **words)
+
+    return cast(Command, call)
+
+
+robot_of_data = partial(_robot_options, has_default=False)
 
 
 def command_line() -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -24,8 +25,9 @@ from stiff_bench.cli.options import (
 from stiff_bench.console import print_text, say
 
 if TYPE_CHECKING:
+    from stiff_bench.api.data import Dataset
+    from stiff_bench.api.evaluation import Run
     from stiff_bench.api.results import Results
-    from stiff_bench.api.run import Run
 
 
 @click.command()
@@ -66,15 +68,30 @@ if TYPE_CHECKING:
 )
 @format_option
 @click.option("--verbose", is_flag=True, help="Print what fits report, such as stiffnesses.")
-def run(fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
+def run(
+    fmt: str,
+    plan_only: bool,
+    verbose: bool,
+    models: tuple[str, ...],
+    datasets: tuple[str, ...],
+    protocols: tuple[str, ...],
+    data: Sequence[Dataset],
+    **words: Any,
+) -> int:
     """Fit and test models; print a table per data set and protocol.
 
     A fit is one model, trained and tested on one split. The VJM is fitted beside every model.
     Each result is stored in --output at once; the same command again computes what is missing.
     """
-    from stiff_bench.api.run import run_of_words
+    from stiff_bench.api.evaluation import DEFAULT_DATASET, prepare_run
 
-    asked = run_of_words(**words, command=command_line())
+    asked = prepare_run(
+        models,
+        [*datasets, *data] or [DEFAULT_DATASET],
+        protocols,
+        command=command_line(),
+        **words,
+    )
     return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
 
 

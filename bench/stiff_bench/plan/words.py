@@ -1,103 +1,23 @@
-"""The words of a command line: models, data sets and protocols with their options, and robots.
+"""The words of a command line: models, data sets and protocols with their options.
 
 They are taken apart here and nowhere else; what follows them has the typed `Choice`.
 """
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.console import say
 from stiff_bench.plan.options import Choice, Chosen, options_of, parse_option
 from stiff_bench.plan.registry import EVERY_MODEL, Kind, Registry
 from stiff_bench.store.names import split_word
 from stiff_datasets.dataset_catalog import MEASURED_FILE
-from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
-from stiff_datasets.robots.robot import ChainModel, read_chain, robot_of
-from stiff_datasets.robots.shipped import DEFAULT_ROBOT, named_robot
+from stiff_datasets.measured.file_options import FileOptions
 from stiff_protocols.contract.errors import ConfigError, unknown_name
-from stiff_protocols.contract.plugin import DatasetInfo
+from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo
 from stiff_protocols.contract.types import BenchmarkData, Robot
-
-DEFAULT_DATASET = "kr10-twin"
-
-
-@dataclass(frozen=True)
-class RobotWords:
-    """What names a robot; None was not given.
-
-    Attributes:
-        robot: name of a shipped one.
-        urdf: file of another one.
-        tcp: (3,) tool centre point in the frame of the last link, m.
-        tip: last link of the chain in `urdf`.
-
-    Raises:
-        ConfigError: there is a tip and no URDF.
-    """
-
-    robot: str | None = None
-    urdf: Path | str | None = None
-    tcp: Sequence[float] | None = None
-    tip: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.urdf is None and self.tip is not None:
-            raise ConfigError(f"{self.tip}: names a link of a URDF; give --urdf too", "tip")
-
-    @property
-    def given(self) -> bool:
-        """Whether any of them was given."""
-        return self != NO_ROBOT
-
-    @property
-    def text(self) -> str:
-        """The same as words of a command line, with a space before; "" for none."""
-        tcp = None if self.tcp is None else ",".join(map(str, self.tcp))
-        pairs = (
-            *(("--robot", self.robot), ("--urdf", self.urdf)),
-            *(("--tip", self.tip), ("--tcp", tcp)),
-        )
-        return "".join(f" {name} {shlex.quote(str(value))}" for name, value in pairs if value)
-
-    @property
-    def is_papers(self) -> bool:
-        """Whether it is the shipped KR10 of the source paper."""
-        return self.urdf is None and self.robot in (None, DEFAULT_ROBOT)
-
-    def read(self) -> tuple[Robot, ChainModel, float | None]:
-        """Return the robot, its chain, and its payload in kg if it is known.
-
-        The first call prints what was chosen in a description that leaves a choice.
-
-        Raises:
-            ConfigError: two robots were named, an unknown one, or an unknown tip.
-            DataError: the URDF cannot be read.
-        """
-        return self._read
-
-    @cached_property
-    def _read(self) -> tuple[Robot, ChainModel, float | None]:
-        if self.urdf is not None:
-            if self.robot is not None:
-                raise ConfigError(f"{self.robot} and urdf {self.urdf}: give one of them", "robot")
-            tcp = (0.0, 0.0, 0.0) if self.tcp is None else self.tcp
-            chain, payload_kg = read_chain(Path(self.urdf), tcp=tcp, tip=self.tip), None
-            for note in chain.notes:
-                say(f"note: {note}")
-        else:
-            shipped = named_robot(DEFAULT_ROBOT if self.robot is None else self.robot)
-            chain, payload_kg = shipped.chain(self.tcp), shipped.payload_kg
-        return robot_of(chain), chain, payload_kg
-
-
-NO_ROBOT = RobotWords()
-"""No robot was named."""
 
 
 def parse_settings(
@@ -188,56 +108,31 @@ def chosen_dataset(word: str, settings: Sequence[str], registry: Registry) -> Ch
 def choices(
     registry: Registry,
     *,
-    models: Sequence[str],
-    datasets: Sequence[str] = (),
+    models: Sequence[str | Choice[ModelInfo]],
+    datasets: Sequence[str | Choice[DatasetInfo]] = (),
     protocols: Sequence[str] = (),
     settings: Sequence[str] = (),
-    data: Sequence[Path] = (),
-    options: FileOptions = DEFAULTS,
-    robot: RobotWords = NO_ROBOT,
 ) -> Chosen:
-    """Return what is chosen by the options of these names.
-
-    "all" stands for every model that is registered; without a data set and a file, it is the
-    default one.
+    """Return what words and choices stand for; "all" stands for every model that is registered.
 
     Raises:
         ConfigError: a key, option or value is unknown or wrong.
     """
     if not models:
         raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
-    if not data and robot.given:
-        raise ConfigError(
-            "--robot, --urdf, --tip and --tcp describe the robot of --data; give it too"
-        )
-    if not data and options != DEFAULTS:
-        raise ConfigError(
-            "--no-torque, --sheet and --pose-tolerance describe a measured file; give --data too"
-        )
-    every = [key for word in models for key in (registry.models if word == EVERY_MODEL else [word])]
-    if not data and not datasets:
-        datasets = [DEFAULT_DATASET]
-    words: dict[Kind, Sequence[str]] = {"model": every, "dataset": datasets, "protocol": protocols}
-    found = chosen(words, settings, registry)
-    keys = {choice.info.key for of_kind in found.values() for choice in of_kind}
-    for path in data:
-        if path.name in keys:
-            why = f"something else in this run is called {path.name!r}"
-            raise ConfigError(f"--data {path}: {why}; give a file once, or rename it")
-        keys.add(path.name)
-        found["dataset"].append(own_file(path, robot, options))
-    return Chosen(found["model"], found["dataset"], found["protocol"])
-
-
-def own_file(data: Path, robot: RobotWords, options: FileOptions) -> Choice[DatasetInfo]:
-    """Return the data set that stands for the user's own file.
-
-    Raises:
-        ConfigError: its robot is not named.
-    """
-    if robot.urdf is None and robot.robot is None:
-        raise ConfigError(f"{data}: needs its robot too: --urdf FILE.urdf or --robot NAME")
-    return measured_file(data, robot.read()[0], options)
+    every = [one for word in models for one in (registry.models if word == EVERY_MODEL else [word])]
+    given: dict[Kind, Sequence[str | Choice[Any]]] = {
+        "model": every,
+        "dataset": datasets,
+        "protocol": protocols,
+    }
+    words = {kind: [one for one in of if isinstance(one, str)] for kind, of in given.items()}
+    found = {kind: iter(of) for kind, of in chosen(words, settings, registry).items()}
+    in_order = {
+        kind: [next(found[kind]) if isinstance(one, str) else one for one in of]
+        for kind, of in given.items()
+    }
+    return Chosen(in_order["model"], in_order["dataset"], in_order["protocol"])
 
 
 def measured_file(path: Path, robot: Robot, options: FileOptions) -> Choice[DatasetInfo]:

@@ -126,7 +126,7 @@ def test_no_fit_is_started_when_the_time_of_a_plan_is_over(tmp_path, monkeypatch
 
 @pytest.mark.slow
 def test_a_fit_that_takes_longer_is_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiff_bench.api.run.LONGEST_FIT_S", 0.5)
+    monkeypatch.setattr("stiff_bench.api.evaluation.LONGEST_FIT_S", 0.5)
     words = ("run", "--model", "ft-mlp", "--model", "zero", "--splits", "1", "--plan")
     done = bench_here(*words, "--output", "new", cwd=tmp_path)
     assert "more than" in done.stdout and not (tmp_path / "new").exists()

@@ -165,10 +165,8 @@ def test_frames_files_and_arrays_hold_the_same_samples(twin, tmp_path):
         sb.Dataset.from_frame(wrong, twin.robot)
     with pytest.raises(DataError, match="q3_deg"):  # beyond its limits
         sb.Dataset.from_frame(twin.frame().assign(q3_deg=170.0), twin.robot)
-    with pytest.raises(ConfigError, match="robot"):
-        sb.read_samples(file)
-    with pytest.raises(ConfigError, match="tcp"):
-        sb.read_samples(file, robot=twin.robot, tcp=(0, 0, 0))
+    with pytest.raises(ConfigError, match="robot 'kr11'"):
+        sb.read_samples(file, robot="kr11")
 
 
 def test_two_data_sets_of_one_name_are_refused_and_one_given_twice_is_computed_once(twin):
@@ -331,7 +329,6 @@ def test_results_are_merged_and_drawn(twin, tmp_path):
         (lambda: sb.open_results("none").leaderboard(axis="w"), "axis 'w'"),
         (lambda: sb.open_results("none").leaderboard(), "results none"),
         (lambda: sb.figure("9", models=["gp"]), "model gp"),
-        (lambda: sb.validate("x.csv", robot="ur5", urdf="my.urdf"), "robot ur5"),
         (lambda: sb.simulate("x.csv", twin="ur6"), "twin 'ur6'"),
         (lambda: sb.plan_poses("x.csv", robot="fanuc-r2000ic"), "payload of fanuc"),
     ],
@@ -468,14 +465,14 @@ def test_robots_come_from_descriptions_and_by_name(kr10):
     from importlib.resources import as_file, files
 
     with as_file(files("stiff_datasets.robots") / "kr10_r1100_2.urdf") as urdf:
-        robot = sb.Robot.from_urdf(urdf, tcp=(0.06, 0.0, 0.08))
-    shipped = sb.Robot.shipped("kr10-r1100-2")
+        robot = sb.read_robot(urdf, tcp=(0.06, 0.0, 0.08))
+    shipped = sb.load_robot("kr10-r1100-2")
     np.testing.assert_array_equal(robot.tcp, shipped.tcp)
     np.testing.assert_array_equal(robot.placements, kr10.placements)
 
 
 def test_every_robot_that_the_api_gives_is_a_robot_of_the_api(kr10, twin):
-    for robot in (sb.Robot.shipped("ur5"), twin.robot, kr10):
+    for robot in (sb.load_robot("ur5"), twin.robot, kr10):
         assert isinstance(robot, sb.Robot)
     assert not isinstance("ur5", sb.Robot)
 

@@ -180,7 +180,7 @@ def test_help_loads_nothing_heavy(tmp_path):
             ["151 poses", "test_fraction"],
         ),
         (["run", "--model", "vjm", "--data", "x.csv"], ["x.csv", "--urdf"]),
-        (["run", "--model", "vjm", "--tcp", "0,0,0"], ["--data"]),
+        (["run", "--model", "vjm", "--tcp", "0,0,0"], ["--urdf or --robot"]),
         (["run", "--model", "vjm", "--no-torque"], ["--no-torque", "give --data"]),
         ([*FANUC, "--tcp", "1,2"], ["--tcp", "'1,2'", "in m"]),
         ([*FANUC, "--tcp", "80,0,60"], ["tcp", "in m"]),
@@ -212,14 +212,9 @@ FIT = ["fit", "--model", "vjm", "--output", "new", "--data", "good.csv", "--urdf
             ["run", "--model", "ft-mlp", "--output", "bytes/out"],
             ["--output bytes/out", "cannot be made"],
         ),
-        (["run", "--model", "vjm", "--data", "vjm", "--robot", "ur5"], ["--data vjm", "rename"]),
         (["data", "info", "bytes"], ["bytes: no file of samples (valid: an ending .csv"]),
         (["data", "info", "bytes.xlsx", "--robot", "ur5"], ["bytes.xlsx: not an Excel table"]),
         (["show", "vjm@congruence=true"], ["'vjm@congruence=true'", "give 'vjm' alone"]),
-        (
-            ["run", "--model", "vjm", *(2 * ["--data", "good.csv"]), "--robot", "ur5"],
-            ["--data good.csv: something else in this run is called 'good.csv'"],
-        ),
         (["run", "--model", "vjm", *("--data", "no.csv"), "--robot", "ur5"], ["no.csv: cannot be"]),
     ],
 )

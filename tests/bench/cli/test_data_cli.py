@@ -116,12 +116,13 @@ def test_a_stopped_simulation_leaves_nothing_behind(tmp_path):
 
 
 def test_a_plan_of_ones_own_robot_needs_its_payload(tmp_path):
-    words = ["data", "plan", "--urdf", str(ROBOTS / "ur5.urdf"), "--tcp", "0,0.06,0.08"]
+    tree_urdf(tmp_path / "arm.urdf", arm_lines("base", "a", 6))
+    words = ["data", "plan", "--urdf", "arm.urdf", "--tcp", "0,0.06,0.08"]
     words += ["--candidates", "300", "--poses", "20", "--output", "plan.csv"]
-    assert_refused(bench_here(*words, cwd=tmp_path), "--payload of ur5", "in kg")
+    assert_refused(bench_here(*words, cwd=tmp_path), "--payload of arm", "in kg")
     done = bench_here(*words, "--payload", "5", cwd=tmp_path)
     assert done.returncode == 0 and (tmp_path / "plan.csv").is_file()
-    assert "bench data validate plan.csv --urdf" in done.stdout
+    assert "bench data validate plan.csv with the same --urdf" in done.stdout
     assert "worst joint" not in done.stdout  # its error would be relative to nothing known
 
 
@@ -280,7 +281,7 @@ def test_a_description_with_a_gripper_is_planned_read_and_registered_with_one_no
     assert len(notes) == 2 and "'hand_tcp'" in notes[0] and "to_left, to_right" in notes[1]
     robot = ["--urdf", "arm.urdf", "--tip", "hand", "--tcp", "0.1,0,0.1"]
     done = bench_here(*plan, *robot[2:], "--output", "q.csv", cwd=tmp_path)
-    assert "hand_tcp" not in done.stderr and "--tip hand --tcp 0.1," in done.stdout
+    assert "hand_tcp" not in done.stderr and "the same --urdf, --tip" in done.stdout
     assert (tmp_path / "p.csv").read_text() == (tmp_path / "q.csv").read_text()
     table = pd.read_csv(tmp_path / "p.csv").assign(dx_mm=0.1, dy_mm=0.2, dz_mm=-0.3)
     for name in ("a.csv", "b.csv"):

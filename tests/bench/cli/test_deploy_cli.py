@@ -191,7 +191,7 @@ PREDICT = ["predict", "--model", "vjm.stiff", "--input", "loads.csv", "--output"
         (["export", "--model", "vjm.stiff", "--output", "loads.csv"], "loads.csv: exists"),
         ([*FIT, "none/vjm.stiff"], "no folder none"),
         ([*FIT[:3], "--output", "new"], "one of --dataset KEY and --data"),
-        ([*FIT, "new", "--data", "my.csv"], "one of --dataset KEY and --data"),
+        ([*FIT, "new", "--data", "my.csv", "--robot", "ur5"], "one of --dataset KEY and --data"),
         ([*PREDICT, "out.xlsx"], "Excel files are read, not written (valid: .csv, .parquet)"),
     ],
 )

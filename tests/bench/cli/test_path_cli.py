@@ -473,7 +473,7 @@ def test_the_page_on_paths_can_be_followed_to_the_end(tmp_path, monkeypatch):
 def track(tmp_path_factory):
     """An arm on a track: its URDF, and the file of a model that is fitted to joint springs."""
     folder = tmp_path_factory.mktemp("track")
-    robot = sb.Robot.from_urdf(tree_urdf(folder / "track.urdf", track_lines()), tcp=(0.1, 0, 0.1))
+    robot = sb.read_robot(tree_urdf(folder / "track.urdf", track_lines()), tcp=(0.1, 0, 0.1))
     rng = np.random.default_rng(0)
     q = rng.uniform(robot.lower, robot.upper, size=(60, 7))
     wrench = rng.normal(size=(60, 6)) * np.repeat([50.0, 5.0], 3)

@@ -17,7 +17,7 @@ from helpers.command_line import bench, bench_here, n_stored, started, wait_unti
 from helpers.made_results import damage, tear
 from helpers.run_requests import planned
 from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.api.run import Run
+from stiff_bench.api.evaluation import Run
 from stiff_bench.cli.run import execute
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.runner import PROCESS
