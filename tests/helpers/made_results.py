@@ -77,7 +77,7 @@ class MadeResults:
         self._store.write_data(data)
         of_model = model if isinstance(model, Variant) else Variant.of_word(model)
         of_data = Variant.of_word(dataset)
-        about = {"kind": "simulated", "task": "stiffness"} | shown
+        about = {"kind": "simulated"} | shown
         presentation = Presentation(of_model.name, dataset, protocol, **about)
         keys = []
         for index in range(max(len(errors_mm), *(split + 1 for split in failed), 0)):
