@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from helpers.made_samples import samples_with
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_bench.store.names import Variant
-from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 from stiff_protocols.contract.types import BenchmarkData, IntArray, Interval, Prediction
 from stiff_protocols.scoring.metrics import metric_records

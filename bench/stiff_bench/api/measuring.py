@@ -22,8 +22,8 @@ from stiff_datasets.measured import validate as validation
 from stiff_datasets.measured.file_options import POSE_TOLERANCE, FileOptions
 from stiff_datasets.planning.design import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
-from stiff_datasets.robots.shipped import DEFAULT_ROBOT as DEFAULT_ROBOT
-from stiff_datasets.robots.shipped import named_robot
+from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
+from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_datasets.twin import simulate as simulation
 from stiff_datasets.twin.constants import (
     TwinConstants,

@@ -51,6 +51,6 @@ class Robot(contract.Robot, metaclass=_EveryRobot):
         Raises:
             ConfigError: there is no such robot.
         """
-        from stiff_datasets.robots.shipped import named_robot
+        from stiff_datasets.robots.shipped_robots import named_robot
 
         return named_robot(name).robot()

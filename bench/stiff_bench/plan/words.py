@@ -18,8 +18,8 @@ from stiff_bench.plan.registry import EVERY_MODEL, Kind, Registry
 from stiff_bench.store.names import split_word
 from stiff_datasets.dataset_catalog import MEASURED_FILE
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
-from stiff_datasets.robots.robot import ChainModel, read_chain, robot_of
-from stiff_datasets.robots.shipped import DEFAULT_ROBOT, named_robot
+from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT, named_robot
+from stiff_datasets.robots.urdf_reader import ChainModel, read_chain, robot_of
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Robot

@@ -19,7 +19,7 @@ from stiff_bench.analysis.verdict import Question
 from stiff_bench.cli.compare import compare as compare_command
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.tables.metric_table import TRAINING_MARK
-from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.types import BenchmarkData
 
