@@ -22,7 +22,8 @@ from helpers.run_requests import planned
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.store import database as store
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_datasets.robots.robot import ChainModel, shipped_chain, shipped_robot
+from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robot
+from stiff_datasets.robots.urdf_reader import ChainModel
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 from stiff_protocols.splits.random_splits import Holdout
 

@@ -105,20 +105,6 @@ DATASETS = (
         published="table_10",
         missing_because="stiff_datasets.measured.registered:missing",
     ),
-    DatasetInfo(
-        key="ur5-pose-error",
-        target="stiff_datasets.measured.ur5_pose_error:Ur5PoseError",
-        kind="measured",
-        task="pose-error",
-        summary="1,020 pose errors of an unloaded UR5",
-        reference="data card: stiff_datasets/data/ur5_pose_error.md",
-        caveats=(
-            "ur5-pose-error is no stiffness data: no load was applied, the deflections are pose "
-            "errors.",
-        ),
-        card="data/ur5_pose_error.md",
-        missing_because="stiff_datasets.measured.ur5_pose_error:missing",
-    ),
 )
 
 MEASURED_FILE = DatasetInfo(

@@ -24,7 +24,7 @@ from stiff_datasets.measured import registered
 from stiff_datasets.measured.load_file import read_loads
 from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.measured.sample_files import sample_table, write_table
-from stiff_datasets.robots.robot import load_robot
+from stiff_datasets.robots.urdf_reader import load_robot
 from stiff_datasets.twin.constants import read_constants
 from stiff_protocols.contract.types import Robot
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from helpers.made_samples import samples_with
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_bench.store.names import Variant
-from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 from stiff_protocols.contract.types import BenchmarkData, IntArray, Interval, Prediction
 from stiff_protocols.scoring.metrics import metric_records
@@ -77,7 +77,7 @@ class MadeResults:
         self._store.write_data(data)
         of_model = model if isinstance(model, Variant) else Variant.of_word(model)
         of_data = Variant.of_word(dataset)
-        about = {"kind": "simulated", "task": "stiffness"} | shown
+        about = {"kind": "simulated"} | shown
         presentation = Presentation(of_model.name, dataset, protocol, **about)
         keys = []
         for index in range(max(len(errors_mm), *(split + 1 for split in failed), 0)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from stiff_datasets.robots.robot import joint_type_and_axis
+from stiff_datasets.robots.urdf_reader import joint_type_and_axis
 
 
 def elastic_pinocchio(chain):

@@ -20,7 +20,7 @@ import torch
 from helpers.made_samples import samples_with
 from helpers.perf_case import OURS, needed, ours_or_peer
 from helpers.quick_models import twin_data
-from stiff_datasets.robots.robot import shipped_chain, shipped_robot
+from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robot
 from stiff_models.physics.kinematics import jacobian, joint_deflection
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.source import simulate, source_design

@@ -201,7 +201,7 @@ def _estimates(report: ModelComparison) -> Table:
         about: list[Entry] = [
             *(name.dataset, name.protocol, name.condition, name.seed, one.n_splits),
             *(name.data_sha256, name.source_sha256, one.selects_on_test),
-            *(mark_of(one.a), mark_of(one.b), one.a.task),
+            *(mark_of(one.a), mark_of(one.b)),
             *(one.n_train, one.n_test, one.n_poses),
         ]
         rows += [
@@ -212,7 +212,7 @@ def _estimates(report: ModelComparison) -> Table:
         ]
     columns = [
         *text_columns("dataset", "protocol", "condition", "seed", "splits", "data_sha256"),
-        *text_columns("source_sha256", "selects_on_test", "mark_a", "mark_b", "task", "n_train"),
+        *text_columns("source_sha256", "selects_on_test", "mark_a", "mark_b", "n_train"),
         *text_columns("n_test", "n_poses", "error", "method", "verdict"),
         *_number_columns(report),
     ]

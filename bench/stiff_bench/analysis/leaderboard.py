@@ -37,7 +37,6 @@ from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import TRAINING_MARK, mark_of
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.plugin import STIFFNESS, kind_label
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.paired import LEVEL, ranked
 
@@ -139,11 +138,7 @@ def build_leaderboard(
     cases = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
     data_of = stored.data_of
     with no_garbage_collection():
-        usable = [
-            case
-            for case in of_newest_data(cases)
-            if case.shown.task == STIFFNESS and not case.shown.reports_training
-        ]
+        usable = [case for case in of_newest_data(cases) if not case.shown.reports_training]
         names = chosen_models(usable, models)
         n_run = {case: sum(name in case.competitors for name in names) for case in usable}
         shown = sorted((case for case in usable if n_run[case] > 1), key=in_order)
@@ -155,7 +150,7 @@ def build_leaderboard(
         if not shown:
             why = "".join(f"; {note.removesuffix('.')}" for note in notes)
             raise ConfigError(
-                "there is nothing to rank: no two models have results on the same stiffness data, "
+                "there is nothing to rank: no two models have results on the same data, "
                 f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
             )
         names = [name for name in names if any(name in c.competitors for c in shown)]
@@ -197,9 +192,6 @@ def _data_notes(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> 
     for line in same_name_other_data(cases, data_of):
         yield f"{line.removesuffix('.')}, those of the newest run count, the others are left out."
     yield from left_out_notes(cases)
-    others = {c.name.dataset: c.shown for c in cases if c.shown.task != STIFFNESS}
-    for dataset, shown in sorted(others.items()):
-        yield f"{dataset} is left out: it is {kind_label(shown.kind, shown.task)}."
     for protocol in sorted({c.name.protocol for c in cases if c.shown.reports_training}):
         yield f"{protocol} is left out: {TRAINING_MARK}."
 

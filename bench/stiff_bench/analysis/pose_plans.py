@@ -41,7 +41,7 @@ from stiff_datasets.planning.plan_gain import (
     plan_gain,
     variance_gain,
 )
-from stiff_datasets.robots.robot import shipped_chain
+from stiff_datasets.robots.shipped_robots import shipped_chain
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import (

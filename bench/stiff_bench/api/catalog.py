@@ -64,7 +64,7 @@ def list_models() -> Tables:
 def list_datasets() -> Tables:
     """Return the key of every data set, its kind, and what it is."""
     known = registry().datasets
-    rows = [[key, known[str(key)].label, what] for key, what in _rows(known)]
+    rows = [[key, known[str(key)].kind, what] for key, what in _rows(known)]
     return _listed("datasets", ("key", "kind", "what it is"), rows)
 
 
@@ -118,7 +118,7 @@ def show(key: str) -> Text:
     parts = [f"{info.key}: {info.summary}"]
     parts += [f"reference: {info.reference}"] if info.reference else []
     if isinstance(info, DatasetInfo):
-        parts.append(f"kind: {info.label}")
+        parts.append(f"kind: {info.kind}")
         parts += [f"caveat: {caveat}" for caveat in info.caveats]
     if why := info.missing():
         parts.append(f"cannot be used here yet: {why}")

@@ -22,7 +22,7 @@ from stiff_bench.tables.units import counted
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.files import make_folder
-from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo
+from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 
 if TYPE_CHECKING:
@@ -143,15 +143,14 @@ class Dataset:
             StoreError: the picture cannot be written.
         """
         from stiff_bench.data_tools.info import dataset_info
-        from stiff_bench.data_tools.picture import DEFLECTION, save_picture
+        from stiff_bench.data_tools.picture import save_picture
 
         data, info, options = self.data, self.choice.info, self.choice.options_text
         name = f"{info.key} {options}".strip().replace("/", "_").replace(", ", "_")
         picture = Path(folder) / f"{name.replace(' ', '_')}.png"
         make_folder(picture.parent)
-        title = ", ".join(filter(None, (f"{info.key} ({info.label})", options)))
-        quantity = DEFLECTION if info.task == STIFFNESS else f"The {info.task} (no load is applied)"
-        save_picture(data, title, picture, quantity)
+        title = ", ".join(filter(None, (f"{info.key} ({info.kind})", options)))
+        save_picture(data, title, picture)
         return Text(dataset_info(info, data, picture, options))
 
     def __getitem__(self, rows: slice | int | Sequence[int] | Sequence[bool] | Any) -> Dataset:
@@ -177,7 +176,7 @@ class Dataset:
 
     def __repr__(self) -> str:
         """Name it, its samples and its robot."""
-        return f"Dataset {self.name} ({self.choice.info.label})\n{self.samples!r}\n{self.robot!r}"
+        return f"Dataset {self.name} ({self.choice.info.kind})\n{self.samples!r}\n{self.robot!r}"
 
 
 def _slice_text(rows: slice) -> str:

@@ -25,13 +25,13 @@ from stiff_bench.console import say
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import measured_file
 from stiff_bench.run.progress import display
-from stiff_datasets.measured import registered, ur5_pose_error
+from stiff_datasets.measured import registered
 from stiff_datasets.measured import validate as validation
 from stiff_datasets.measured.file_options import POSE_TOLERANCE, FileOptions
 from stiff_datasets.planning.design import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
-from stiff_datasets.robots.shipped import DEFAULT_ROBOT as DEFAULT_ROBOT
-from stiff_datasets.robots.shipped import named_robot
+from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
+from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_datasets.twin import simulate as simulation
 from stiff_datasets.twin.constants import (
     TwinConstants,
@@ -227,11 +227,6 @@ def _constants(twin: str) -> TwinConstants:
     for note in constants.chain().notes:
         say(f"note: {note}")
     return constants
-
-
-def fetch(source: Path | None = None) -> tuple[Path, ...]:
-    """Get and check the files of `ur5-pose-error`, from a folder or the internet."""
-    return ur5_pose_error.fetch(source)
 
 
 def register(

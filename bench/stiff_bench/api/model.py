@@ -329,7 +329,7 @@ class Model:
         """Return what was fitted to which data, what the fit found, and the data's caveats."""
         info = data.choice.info
         lines = [
-            f"{self.name}, fitted to {data.name} ({info.label}, {len(data)} samples), robot "
+            f"{self.name}, fitted to {data.name} ({info.kind}, {len(data)} samples), robot "
             f"{data.robot.name}, seed {seed}",
             *self.learned,
             *(f"- {line}" for line in (*info.caveats, self.note) if line),

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from stiff_bench.console import say
-from stiff_datasets.robots import robot as descriptions
-from stiff_datasets.robots.shipped import DEFAULT_ROBOT as DEFAULT_ROBOT
-from stiff_datasets.robots.shipped import ROBOTS, named_robot
+from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
+from stiff_datasets.robots.shipped_robots import named_robot, shipped_robots
+from stiff_datasets.robots.urdf_reader import read_chain, robot_of
 from stiff_protocols.contract.types import Robot
 
 
@@ -24,7 +24,7 @@ def load_robot(name: str = DEFAULT_ROBOT, *, tcp: Sequence[float] | None = None)
     Raises:
         ConfigError: there is no such robot.
     """
-    return descriptions.robot_of(named_robot(name).chain(tcp))
+    return robot_of(named_robot(name).chain(tcp))
 
 
 def read_robot(
@@ -42,12 +42,10 @@ def read_robot(
         ConfigError: no link is called `tip`.
         DataError: it is not a URDF, or the chain has a joint that is not supported.
     """
-    chain = descriptions.read_chain(
-        Path(urdf), tcp=(0.0, 0.0, 0.0) if tcp is None else tcp, tip=tip
-    )
+    chain = read_chain(Path(urdf), tcp=(0.0, 0.0, 0.0) if tcp is None else tcp, tip=tip)
     for note in chain.notes:
         say(f"note: {note}")
-    return descriptions.robot_of(chain)
+    return robot_of(chain)
 
 
 def as_robot(robot: str | Robot | None) -> Robot:
@@ -61,7 +59,7 @@ def as_robot(robot: str | Robot | None) -> Robot:
 
 def shipped_name(robot: Robot) -> str:
     """Return the name of the shipped robot that one is, with any tool; "" for another robot."""
-    for name, shipped in ROBOTS.items():
+    for name, shipped in shipped_robots().items():
         if shipped.urdf == robot.name:
             own = shipped.robot()
             geometry = ("placements", "axes", "lower", "upper")

@@ -185,20 +185,6 @@ def simulate(**words: Any) -> None:
 
 
 @data.command()
-@click.argument("key", type=click.Choice(["ur5-pose-error"]), metavar="KEY")
-@click.option("--from", "source", type=FILE, metavar="DIR", help="Folder of downloaded files.")
-def fetch(key: str, source: Path | None) -> None:
-    """Download and check the files of a data set that is not shipped.
-
-    KEY is ur5-pose-error.
-    """
-    from stiff_bench.api import measuring
-
-    for path in measuring.fetch(source):
-        print_text(f"{key}: {path}")
-
-
-@data.command()
 @click.argument("key", type=click.Choice(["kr10-measured"]), metavar="KEY")
 @click.argument("file", type=FILE)
 @urdf_options

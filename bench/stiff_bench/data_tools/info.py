@@ -151,7 +151,7 @@ def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options:
     Raises:
         DataError: there are no samples, or the card is not in the package.
     """
-    lines = [f"{info.key} ({info.label}): {info.summary}"]
+    lines = [f"{info.key} ({info.kind}): {info.summary}"]
     if options:
         note = " (the card below describes the defaults)" if info.card else ""
         lines.append(f"options: {options}{note}")

@@ -41,10 +41,7 @@ WIDE_RATIO = 30.0
 """Joints whose torques differ by more than this are drawn on a symmetric logarithmic axis."""
 
 
-DEFLECTION = "Deflection of the TCP under load"
-
-
-def save_picture(data: BenchmarkData, title: str, path: Path, quantity: str = DEFLECTION) -> None:
+def save_picture(data: BenchmarkData, title: str, path: Path) -> None:
     """Draw at least one sample and write the page as PNG, PDF or SVG, as the suffix says.
 
     Raises:
@@ -53,10 +50,10 @@ def save_picture(data: BenchmarkData, title: str, path: Path, quantity: str = DE
     """
     check_suffix(path)
     with drawing(_STYLE):
-        save_figure(_draw(data, title, quantity), path)
+        save_figure(_draw(data, title), path)
 
 
-def _draw(data: BenchmarkData, title: str, quantity: str) -> Figure:
+def _draw(data: BenchmarkData, title: str) -> Figure:
     from matplotlib.figure import Figure
 
     samples = data.samples
@@ -68,7 +65,7 @@ def _draw(data: BenchmarkData, title: str, quantity: str) -> Figure:
     cloud, loads, histograms, torques = pages.flat
     _draw_poses(cloud, data, poses)
     _draw_directions(loads, samples.wrench[:, :3])
-    _draw_deflections(histograms, samples.deflection, quantity)
+    _draw_deflections(histograms, samples.deflection)
     _draw_torques(torques, data)
     return figure
 
@@ -172,11 +169,11 @@ def _draw_directions(page: SubFigure, force: FloatArray) -> None:
     bar.ax.set_visible(len(force) > 0)
 
 
-def _draw_deflections(page: SubFigure, deflection: FloatArray, quantity: str) -> None:
+def _draw_deflections(page: SubFigure, deflection: FloatArray) -> None:
     """Draw a histogram for each component, with common bins."""
     from matplotlib.ticker import MaxNLocator
 
-    _head(page, f"(c) {quantity}, base frame")
+    _head(page, "(c) Deflection of the TCP under load, base frame")
     millimetres = deflection * MM
     edges = np.histogram_bin_edges(millimetres, bins="auto")
     if len(edges) - 1 > MOST_BINS:

@@ -23,7 +23,6 @@ from stiff_bench.tables.metric_table import mark_of, pooled_prediction
 from stiff_bench.tables.units import counted, first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import Prediction
 from stiff_protocols.scoring.metrics import norm_errors
@@ -62,7 +61,7 @@ def marks_in(cases: Iterable[Case], models: Collection[str]) -> str:
 
 def subtitle(case: Case) -> str:
     """Return which data set, protocol and condition a picture shows."""
-    about = f"{case.name.dataset} ({kind_label(case.shown.kind, case.shown.task)})"
+    about = f"{case.name.dataset} ({case.shown.kind})"
     return ", ".join(filter(None, [about, case.name.protocol, case.name.condition]))
 
 

@@ -29,12 +29,11 @@ from stiff_bench.paper.table import (
 from stiff_bench.tables.published import published_errors, published_lines, published_stiffness
 from stiff_bench.tables.table import Column, Entry, Table
 from stiff_bench.tables.units import MM
-from stiff_datasets.twin.calibrate import VjmFigures
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.identification import spring_key
-from stiff_protocols.contract.types import AXES, Samples
+from stiff_protocols.contract.types import AXES, FloatArray, Samples
 
 NEEDS_NO_RESULTS = {
     **dict.fromkeys((1, 4, 5), "is the paper's alone"),
@@ -81,13 +80,18 @@ def fitted_vjm(specimen: int = 0) -> tuple[Samples, Any]:
 
 
 @cache
-def _vjm_figures() -> tuple[VjmFigures, ...]:
-    """Return the figures of the VJM on the samples that it is fitted to, specimen by specimen."""
-    figures = list[VjmFigures]()
+def _vjm_figures() -> tuple[dict[str, FloatArray], ...]:
+    """Return the VJM's errors, m, by axis on the samples it is fitted to, and its stiffnesses.
+
+    One entry a specimen: "mae", "stde", "me" (3,) and "stiffness" (n_joints,), N m/rad.
+    """
+    figures = []
     for samples, model in map(fitted_vjm, SPECIMENS):
-        error = model.predict(samples.q, samples.wrench) - samples.deflection
+        size = np.abs(model.predict(samples.q, samples.wrench) - samples.deflection)
+        errors = {"mae": size.mean(axis=0), "stde": size.std(axis=0), "me": size.max(axis=0)}
         names = [spring_key("stiffness", joint, "Nm/rad") for joint in published_stiffness()]
-        figures.append(VjmFigures.of(error, np.array([model.diagnostics_[one] for one in names])))
+        stiffness = np.array([model.diagnostics_[one] for one in names])
+        figures.append(errors | {"stiffness": stiffness})
     return tuple(figures)
 
 
@@ -98,7 +102,7 @@ def _table_2(_: PaperResults) -> list[Table]:
     values = published_errors("table_2")["VJM"]
     published: Published = {at: values[place] for at, place in places.items()}
     ours: list[Published] = [
-        {at: getattr(one, key)[AXES.index(axis)] * MM for at, (key, axis) in places.items()}
+        {at: one[key][AXES.index(axis)] * MM for at, (key, axis) in places.items()}
         for one in _vjm_figures()
     ]
     caption = "VJM on the samples it was identified on: errors by axis"
@@ -111,7 +115,8 @@ def _table_3(_: PaperResults) -> list[Table]:
         ((joint,), "stiffness"): value / KILO for joint, value in published_stiffness().items()
     }
     ours: list[Published] = [
-        dict(zip(published, (one.stiffness / KILO).tolist(), strict=True)) for one in _vjm_figures()
+        dict(zip(published, (one["stiffness"] / KILO).tolist(), strict=True))
+        for one in _vjm_figures()
     ]
     caption = "VJM: joint stiffness identified on all samples"
     return _vjm_table(3, caption, "10^3 Nm/rad", "joint", 2, published, ours)

@@ -207,7 +207,6 @@ def _of_protocol(
             dataset=dataset.name,
             protocol=choice.name,
             kind=dataset.info.kind,
-            task=dataset.info.task,
             regime=", ".join(filter(None, regimes)),
             picked_on_test=protocol.selects_on_test and chooses,
             selects_on_test=protocol.selects_on_test,

@@ -22,7 +22,7 @@ from stiff_protocols.contract.errors import (
     said_by,
 )
 from stiff_protocols.contract.interfaces import ChecksParams, NamesSources
-from stiff_protocols.contract.plugin import STIFFNESS, DatasetInfo, ModelInfo, ProtocolInfo
+from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.record import Cell
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, check_coverage
 from stiff_protocols.scoring.metrics import Metric, metric
@@ -103,13 +103,9 @@ def plan_run(
 
 
 def with_reference(asked: Chosen, registry: Registry) -> Chosen:
-    """Return what is chosen with the reference model before the others, where it is not among them.
-
-    It belongs to deflections under a load.
-    """
+    """Return what is chosen, with the reference model before the others."""
     info = registry.model(REFERENCE_MODEL)
-    there = REFERENCE_MODEL in (model.name for model in asked.models)
-    if there or any(dataset.info.task != STIFFNESS for dataset in asked.datasets):
+    if REFERENCE_MODEL in (model.name for model in asked.models):
         return asked
     return replace(asked, models=[Choice.of(info), *asked.models])
 

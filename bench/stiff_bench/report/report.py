@@ -34,7 +34,6 @@ from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
 from stiff_bench.tables.units import PRINTED, counted, first_few
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
 from stiff_protocols.contract.files import written_whole
-from stiff_protocols.contract.plugin import kind_label
 
 
 @dataclass(frozen=True)
@@ -146,7 +145,7 @@ def _summary(verdict: str, asked: Asked, data_of: Callable[[str], StoredData]) -
     n_results = sum(len(one.done) for one in competitors)
     failures = [failure for one in competitors for failure in one.failures.values()]
     n_skipped = sum(failure.status == "skipped" for failure in failures)
-    kinds = dict.fromkeys(kind_label(one.kind, one.task) for one in (case.shown for case in cases))
+    kinds = dict.fromkeys(case.shown.kind for case in cases)
     n_models = len({one.name for one in competitors})
     return Block(
         "Summary",

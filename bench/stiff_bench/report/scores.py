@@ -24,7 +24,6 @@ from stiff_bench.tables.units import counted
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.identification import spring_key
-from stiff_protocols.contract.plugin import kind_label
 from stiff_protocols.scoring.metrics import METRICS, Metric
 
 MOST_NOTES = 200
@@ -103,7 +102,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
             size: list[Entry] = [data.robot, _tcp(data), len(data.measured), n_poses]
         except StoreError:
             size = [None, None, None, None]
-        rows.append([case.name.dataset, kind_label(shown.kind, shown.task), *size, sha256])
+        rows.append([case.name.dataset, shown.kind, *size, sha256])
     columns = [
         *(Column(name, "text") for name in ("data set", "kind", "robot")),
         *(Column("TCP, frame of the last link [m]", "text"), Column("samples"), Column("poses")),

@@ -168,7 +168,8 @@ _parsed = lru_cache(maxsize=4096)(orjson.loads)
 
 @lru_cache(maxsize=4096)
 def _presentation(model: str, dataset: str, protocol: str, rest: str) -> Presentation:
-    shown = orjson.loads(rest)
+    stored = orjson.loads(rest)
+    shown = {name: stored[name] for name in _SHOWN if name in stored}
     return Presentation(model, dataset, protocol, **{**shown, "caveats": tuple(shown["caveats"])})
 
 

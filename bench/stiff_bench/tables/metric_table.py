@@ -19,7 +19,6 @@ from stiff_bench.tables.published import MARK, NOTE, published_errors
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.plugin import STIFFNESS, kind_label
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import AXES, KNOWN, Interval, Prediction
 from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric, metric_records
@@ -78,7 +77,7 @@ def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -
         if not keys.isdisjoint(key for key, _ in values)
     }
     notes += [f"[{MARK}]: {NOTE}."] if published else []
-    kind, n_splits = kind_label(shown.kind, shown.task), len({r.cell.split_index for r in group})
+    kind, n_splits = shown.kind, len({r.cell.split_index for r in group})
     facts: dict[str, Entry] = {
         **{"dataset": shown.dataset, "kind": kind},
         **{"protocol": shown.protocol, "condition": cell.condition},
@@ -129,7 +128,7 @@ def _beside_models(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[C
 def _beside(result: CellResult, name: str) -> CellResult | None:
     """Return the result that another prediction of a cell is; None where it has none."""
     found = result.prediction
-    if found is None or result.shown.task != STIFFNESS:
+    if found is None:
         return None
     known = {row: found.known.get(key) for key, row in KNOWN.items()}
     if (other := ({REFERENCE_MODEL: found.reference} | known)[name]) is None:
@@ -151,7 +150,7 @@ def setting(
 
     A text of `n_splits` says how many, such as "1 to 5 splits".
     """
-    data = f"{shown.dataset} ({kind_label(shown.kind, shown.task)})"
+    data = f"{shown.dataset} ({shown.kind})"
     protocol = " | ".join(filter(None, (shown.protocol, condition)))
     splits = n_splits if isinstance(n_splits, str) else counted(n_splits, "split")
     return f"{data}{after_data}{protocol}, {splits}, seed {seed}"

@@ -6,7 +6,7 @@ from hashlib import sha256
 from importlib.resources import as_file, files
 
 from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.robots.shipped import named_robot
+from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import BenchmarkData
 

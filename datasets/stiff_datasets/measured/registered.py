@@ -93,7 +93,8 @@ class Registration:
             DataError: see `stiff_datasets.measured.measured.read_samples`.
         """
         from stiff_datasets.measured.measured import MeasuredData
-        from stiff_datasets.robots.robot import load_robot, shipped_robot
+        from stiff_datasets.robots.shipped_robots import shipped_robot
+        from stiff_datasets.robots.urdf_reader import load_robot
 
         if self.urdf is not None:
             robot = load_robot(self.urdf, tcp=self.tcp, tip=self.tip)

@@ -28,7 +28,7 @@ from stiff_datasets.planning.design import Design
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses, paper_poses
 from stiff_datasets.planning.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
-from stiff_datasets.robots.robot import ChainModel, robot_of
+from stiff_datasets.robots.urdf_reader import ChainModel, robot_of
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY

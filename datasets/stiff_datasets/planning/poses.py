@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from stiff_datasets.robots.robot import ChainModel
+from stiff_datasets.robots.urdf_reader import ChainModel
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, TextArray
 

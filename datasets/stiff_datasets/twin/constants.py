@@ -64,14 +64,8 @@ from pydantic import (
 
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.reachable import CLEARANCE
-from stiff_datasets.robots.robot import (
-    LONGEST_TCP_M,
-    ChainModel,
-    read_chain,
-    robot_of,
-    shipped_chain,
-    shipped_names,
-)
+from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_names
+from stiff_datasets.robots.urdf_reader import LONGEST_TCP_M, ChainModel, read_chain, robot_of
 from stiff_datasets.twin.beams import Beams, Tube
 from stiff_datasets.twin.springs import (
     SOFTEST,

@@ -12,7 +12,6 @@ EXTRAS = {
     "onnxscript": "onnx",
     "openpyxl": "data",
     "optuna": "tune",
-    "pooch": "data",
     "pyarrow": "data",
     "pytabkit": "tabular",
     "scikit_posthocs": "diagrams",

@@ -12,8 +12,6 @@ from typing import Any
 
 from stiff_protocols.contract.errors import ConfigError
 
-STIFFNESS = "stiffness"
-
 DEFAULT_GRID = "default"
 """Name of the grid that is searched where no other is asked for."""
 
@@ -153,28 +151,15 @@ class DatasetInfo(PluginInfo):
 
     Attributes:
         kind: "simulated" or "measured"; printed with every table.
-        task: "stiffness", or what else the deflections are ("pose-error"); tables of another
-            task say so, and no leaderboard of stiffness models holds them.
         caveats: printed under every table that contains the data set.
         published: name of the table in `results/published` that belongs beneath; "" for none.
         card: the data card, a path inside the package `stiff_datasets`; "" for none.
     """
 
     kind: str
-    task: str = STIFFNESS
     caveats: tuple[str, ...] = ()
     published: str = ""
     card: str = ""
-
-    @property
-    def label(self) -> str:
-        """Kind, and the task where it is not stiffness."""
-        return kind_label(self.kind, self.task)
-
-
-def kind_label(kind: str, task: str) -> str:
-    """Return a data set's kind, and its task where that is not stiffness."""
-    return kind if task == STIFFNESS else f"{kind} {task}, not stiffness"
 
 
 @dataclass(frozen=True, kw_only=True)

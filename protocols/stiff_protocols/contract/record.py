@@ -182,7 +182,6 @@ class Presentation:
         model, dataset, protocol: keys with the options that differ from their defaults, e.g.
             "ft-mlp@freeze=full".
         kind: of the data, e.g. "simulated".
-        task: "stiffness", or what else the deflections are.
         regime: how the model used training labels; "" for nothing to say.
         source: what the model's simulated source domain is; "" where it has none.
         picked_on_test: the model chose its epoch on the test part.
@@ -200,7 +199,6 @@ class Presentation:
     dataset: str
     protocol: str
     kind: str
-    task: str
     regime: str = ""
     picked_on_test: bool = False
     selects_on_test: bool = False

@@ -19,7 +19,7 @@ from stiff_bench.analysis.verdict import Question
 from stiff_bench.cli.compare import compare as compare_command
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.tables.metric_table import TRAINING_MARK
-from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.types import BenchmarkData
 
@@ -222,7 +222,6 @@ def test_what_must_stand_beside_the_names_stands_there(tmp_path):
     folder = store_results(
         tmp_path,
         PAIR,
-        task="pose-error",
         caveats=("made by hand.",),
         selects_on_test=True,
         warning="the test part picks the epoch.",
@@ -231,7 +230,7 @@ def test_what_must_stand_beside_the_names_stands_there(tmp_path):
     report = report_on(folder)
     text = shown(report)
     assert "**A = a [target labels not trained on], B = b [epoch picked on test part]" in text
-    assert "made (measured pose-error, not stiffness)" in text
+    assert "made (measured)" in text
     *_, last, _ = json.loads(shown(report, "json"))["tables"]
     said = "\n".join(last["notes"])
     for note in ("Different training data", "b alone picked", "the test part picks", "by hand."):

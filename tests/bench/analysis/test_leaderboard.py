@@ -174,10 +174,6 @@ def test_of_data_that_changed_under_one_name_those_of_the_newest_run_count(
     ("models", "dataset", "about", "said"),
     [
         (
-            *("ab", "ur5-pose-error", {"task": "pose-error", "kind": "measured"}),
-            "ur5-pose-error is left out: it is measured pose-error, not stiffness.",
-        ),
-        (
             *("ab", "own", {"protocol": "paper-holdout@read_on=all", "reports_training": True}),
             f"paper-holdout@read_on=all is left out: {TRAINING_MARK}.",
         ),

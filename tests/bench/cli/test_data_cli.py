@@ -20,7 +20,6 @@ from stiff_datasets.measured.sample_files import sample_table
 
 ROBOTS = files("stiff_datasets") / "robots"
 FANUC_CSV = str(files("stiff_datasets") / "data" / "fanuc_r2000ic.csv")
-POSE_ERRORS = Path(__file__).parents[4] / "shared" / "data" / "ur5_wam_jacobi"
 
 
 @pytest.fixture()
@@ -225,24 +224,6 @@ def test_info_takes_a_data_sets_options(tmp_path):
     assert "options: specimen=3" in shown[1]
     pictures = sorted(path.name for path in (tmp_path / "results/info").iterdir())
     assert pictures == ["kr10-twin.png", "kr10-twin_specimen=3.png"]
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not POSE_ERRORS.is_dir(), reason="no public files beside this checkout")
-def test_pose_errors_are_fetched_and_never_called_stiffness(tmp_path, home):
-    words = ["run", "--model", "mlp", "--set", "mlp.epochs=2", "--dataset", "ur5-pose-error"]
-    assert_refused(bench_here(*words, cwd=tmp_path, env=home), "bench data fetch ur5-pose-error")
-    fetched = bench_here(
-        "data", "fetch", "ur5-pose-error", "--from", str(POSE_ERRORS), cwd=tmp_path, env=home
-    )
-    assert fetched.returncode == 0, fetched.stderr
-    done = bench_here(*words, cwd=tmp_path, env=home)
-    assert done.returncode == 0, done.stderr
-    assert "ur5-pose-error (measured pose-error, not stiffness)" in done.stdout
-    assert "no stiffness data" in done.stdout
-    info = bench_here("data", "info", "ur5-pose-error", cwd=tmp_path, env=home)
-    assert info.returncode == 0, info.stderr
-    assert "grid (1000), random (20)" in info.stdout
 
 
 @pytest.mark.parametrize(

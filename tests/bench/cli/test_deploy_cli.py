@@ -15,7 +15,7 @@ from helpers.command_line import assert_refused, bench_here
 from stiff_bench.api.model import load_model
 from stiff_bench.cli import models as deploy_cli
 from stiff_datasets.measured.sample_files import sample_table, write_table
-from stiff_datasets.robots.robot import load_robot
+from stiff_datasets.robots.urdf_reader import load_robot
 from stiff_models import load
 from stiff_models.physics.vjm import joint_deflection
 from stiff_protocols.contract.errors import DataError

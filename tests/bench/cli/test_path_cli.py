@@ -20,7 +20,7 @@ from stiff_bench.analysis.path_correction import CorrectedPath
 from stiff_bench.api.path import compensate_path, example_path
 from stiff_datasets.measured.path_file import path_table, tool_of
 from stiff_datasets.measured.sample_files import read_sheet
-from stiff_datasets.robots.shipped import ROBOTS
+from stiff_datasets.robots.shipped_robots import shipped_robots
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -260,12 +260,12 @@ def test_repeated_points_and_parquet_files_are_taken(square, corrected, vjm, tmp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", shipped_robots())
 def test_every_shipped_robot_has_an_example_that_it_can_drive(robot, tmp_path):
     example_path("square", tmp_path / "p.csv", robot=robot, load=(0.0, 0.0, -9.0, 0.0, 0.0, 0.0))
     table = pd.read_csv(tmp_path / "p.csv")
     assert (table["fz_N"] == -9.0).all()
-    arm = ROBOTS[robot].robot()
+    arm = shipped_robots()[robot].robot()
     found = path_table(read_sheet(tmp_path / "p.csv"), arm, tool_of(arm, None))
     assert follow(arm, found.path.position, found.path.rotation).ok.all()
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 import pytest
 
 from helpers.command_line import bench_here
-from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import with_reference
-from stiff_bench.plan.words import choices
 from stiff_bench.store.database import read_results
 
 
@@ -29,11 +26,3 @@ def test_the_reference_model_is_stored_once_beside_what_is_asked_for(tmp_path, a
     assert done.stdout.count("| vjm ") == 1
     compared = bench_here("compare", "zero", "vjm", "--results", "out", cwd=tmp_path)
     assert compared.returncode == 0 and "vjm is better than zero" in compared.stdout
-
-
-def test_data_without_loads_have_no_reference_model():
-    registry = build_registry()
-    words = {"models": ("zero",), "protocols": ("holdout",)}
-    for dataset, models in {"kr10-twin": ["vjm", "zero"], "ur5-pose-error": ["zero"]}.items():
-        asked = choices(registry, datasets=(dataset,), **words)
-        assert [one.name for one in with_reference(asked, registry).models] == models

@@ -17,7 +17,7 @@ from stiff_bench.data_tools.picture import save_picture
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Quantity
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_datasets.robots.robot import load_robot, read_chain
+from stiff_datasets.robots.urdf_reader import load_robot, read_chain
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import DatasetInfo

@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import nnls
 
 from stiff_datasets.measured.fanuc_r2000ic import CSV_SHA256, FanucR2000iC
-from stiff_datasets.robots.shipped import named_robot
+from stiff_datasets.robots.shipped_robots import named_robot
 
 HALF = np.pi / 2
 TCP = (0.0069, 0.2453, 0.3193)  # m, flange frame, as published

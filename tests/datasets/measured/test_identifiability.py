@@ -12,8 +12,7 @@ from helpers.made_robots import planar_arm
 from stiff_datasets.measured.identifiability import DEFLECTION_NOISE, identifiability, regressor
 from stiff_datasets.planning.design import SpringDesign
 from stiff_datasets.planning.plan_gain import plan_gain
-from stiff_datasets.robots.robot import shipped_robot
-from stiff_datasets.robots.shipped import named_robot
+from stiff_datasets.robots.shipped_robots import named_robot, shipped_robot
 from stiff_models.physics.vjm import compliance_regressor
 from stiff_protocols.contract.errors import DataError
 

@@ -23,7 +23,7 @@ from stiff_datasets.measured.hypotheses import reading
 from stiff_datasets.measured.measured import read_samples
 from stiff_datasets.measured.sample_files import sample_table, sheet_of
 from stiff_datasets.measured.validate import validate
-from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_datasets.twin.robot_twin import ArmFamily
 from stiff_models.physics.vjm import identify_joints, joint_deflection
 from stiff_protocols.contract.errors import DataError

@@ -35,8 +35,8 @@ from stiff_datasets.planning.reachable import (
     keeps_clear,
     lowest_height,
 )
-from stiff_datasets.robots.robot import load_robot, robot_of, shipped_robot
-from stiff_datasets.robots.shipped import named_robot
+from stiff_datasets.robots.shipped_robots import named_robot, shipped_robot
+from stiff_datasets.robots.urdf_reader import load_robot, robot_of
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 
 ROBOTS = {"kr10-r1100-2": (10.0, 0.2), "fanuc-r2000ic": (165.0, 0.5)}  # payload kg, clearance m

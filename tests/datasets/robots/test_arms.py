@@ -7,7 +7,8 @@ import pytest
 
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.reachable import reachable_poses
-from stiff_datasets.robots.robot import robot_of, shipped_chain
+from stiff_datasets.robots.shipped_robots import shipped_chain
+from stiff_datasets.robots.urdf_reader import robot_of
 
 ANGLES_DEG = [(0, 0, 0, 0, 0, 0), (10, -20, 30, 40, 50, 60), (-35, -60, 20, -110, -45, 130)]
 FLANGES_MM = {

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from helpers.made_robots import arm_lines, gripper_lines, tree_urdf
-from stiff_datasets.robots.robot import read_chain, robot_of
+from stiff_datasets.robots.urdf_reader import read_chain, robot_of
 from stiff_protocols.contract.errors import ConfigError, DataError
 
 ARM = arm_lines("base", "a", 6)

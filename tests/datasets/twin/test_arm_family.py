@@ -11,7 +11,7 @@ from tabulate import tabulate
 
 from helpers.command_line import bench_here
 from stiff_datasets.planning.loads import hook_wrenches, stream
-from stiff_datasets.robots.shipped import ROBOTS
+from stiff_datasets.robots.shipped_robots import shipped_robots
 from stiff_datasets.twin.constants import shipped_constants, specimen_beams
 from stiff_datasets.twin.robot_twin import ARMS, ArmFamily
 from stiff_datasets.twin.twin import DigitalTwin
@@ -109,7 +109,7 @@ def test_makers_payloads_and_names_differ(constants):
     payloads = [twin.payload_kg for twin in constants]
     assert payloads == sorted(payloads) and (payloads[0], payloads[-1]) == (3.0, 240.0)
     for name, twin in zip(ARMS, constants, strict=True):
-        assert ROBOTS[name.replace("_", "-")].urdf == twin.urdf == twin.name == name
+        assert shipped_robots()[name.replace("_", "-")].urdf == twin.urdf == twin.name == name
 
 
 @pytest.mark.parametrize("number", NUMBERS)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from stiff_datasets.twin import calibrate
-from stiff_datasets.twin.calibrate import (
+import calibrate
+from calibrate import (
     SEARCHES,
     figures_text,
     line_figures,
@@ -133,7 +133,7 @@ def test_a_short_calibration_writes_constants_record_and_figures(
     assert done.exit_code == 0, done.output
     assert "| X MAE [mm]" in done.stdout and "calibrate 1/1" in done.stderr
     record = json.loads((output / f"{name}.json").read_text())
-    command = ["python -m stiff_datasets.twin.calibrate", *words, "--generations 1 --seed 0"]
+    command = ["python results/calibration/calibrate.py", *words, "--generations 1 --seed 0"]
     assert record["command"] == " ".join(command)
     assert len(record["specimens"]) == 10
     assert len(record["steps"]) == 1 + len(words) // 2  # the least squares

@@ -10,7 +10,7 @@ import pytest
 from helpers.made_robots import track_lines, tree_urdf
 from helpers.pinocchio_twin import pinocchio_torque
 from stiff_datasets.planning.poses import paper_poses
-from stiff_datasets.robots.robot import load_robot, read_chain, robot_of
+from stiff_datasets.robots.urdf_reader import load_robot, read_chain, robot_of
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
 from stiff_datasets.twin.springs import Gear, JointSprings, SlideSprings, SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment

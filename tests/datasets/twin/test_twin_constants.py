@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 
 from helpers.made_robots import track_lines, tree_urdf
-from stiff_datasets.robots.shipped import ROBOTS
 from stiff_datasets.twin.constants import (
     CATALOGUE,
     read_constants,
-    shipped_constants,
-    shipped_twins,
     specimen_springs,
 )
 from stiff_datasets.twin.robot_twin import RobotTwin, Ur5Twin
@@ -139,17 +136,6 @@ def test_the_ur5_twin_holds_151_poses_of_ten_robots_and_its_card_states_the_hash
     assert len({data.sha256 for data in specimens}) == 3
     card = (files("stiff_datasets") / "data" / "ur5_twin.md").read_text(encoding="utf-8")
     assert f"`{specimens[0].sha256}`" in card
-
-
-@pytest.mark.parametrize("name", sorted(shipped_twins().keys() & ROBOTS.keys()))
-def test_shipped_twins_have_the_tool_and_payload_of_the_shipped_robot(name):
-    constants, robot = shipped_constants(shipped_twins()[name]), ROBOTS[name]
-    assert (constants.urdf, constants.tcp_m, constants.payload_kg) == (
-        robot.urdf,
-        robot.tcp,
-        robot.payload_kg,
-    )
-    assert len(constants.joint) == constants.robot().n_joints
 
 
 def on_a_track(tmp_path, joints, words=""):

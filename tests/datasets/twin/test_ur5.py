@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from stiff_datasets.robots.robot import shipped_chain, shipped_robot
+from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robot
 
 HALF = np.pi / 2
 DH_ROWS = [  # d, a, alpha: frame i in frame i-1 is Rz(q) Tz(d) Tx(a) Rx(alpha)

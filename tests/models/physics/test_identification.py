@@ -11,7 +11,7 @@ import pytest
 from helpers.made_robots import seven_joint_arm
 from helpers.made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.full_vjm import FullVjm, spring_regressor
 from stiff_models.physics.kinematics import joint_deflection

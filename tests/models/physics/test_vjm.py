@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from helpers.made_samples import samples_with
-from stiff_datasets.robots.robot import shipped_robot
+from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_models.physics.vjm import (
     VirtualJointModel,
     identify_joints,

@@ -16,7 +16,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.resources import as_file, files
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -151,23 +150,6 @@ def robot_of(chain: ChainModel) -> Robot:
         tcp=chain.tcp,
         flange=chain.flange.homogeneous,
     )
-
-
-def shipped_names() -> tuple[str, ...]:
-    """Return the names of stiffbench's own URDF files, without their ending."""
-    folder = files("stiff_datasets.robots")
-    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".urdf")))
-
-
-def shipped_chain(name: str, *, tcp: Sequence[float]) -> ChainModel:
-    """Read one of stiffbench's own URDF files, named without its ending."""
-    with as_file(files("stiff_datasets.robots") / f"{name}.urdf") as path:
-        return read_chain(path, tcp=tcp)
-
-
-def shipped_robot(name: str, *, tcp: Sequence[float]) -> Robot:
-    """Read one of stiffbench's own URDF files, named without its ending, into a `Robot`."""
-    return robot_of(shipped_chain(name, tcp=tcp))
 
 
 def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str]]:

@@ -8,7 +8,7 @@ Loads and the gear catalogue stay as they are. Calibration 1 has normal noise an
 calibration 2 has a tracker of heavy tails and a bent wrist, wider ranges, starts from the
 constants of calibration 1 and ends with least squares.
 
-``python -m stiff_datasets.twin.calibrate`` searches, writes constants and record, and prints
+``python results/calibration/calibrate.py`` searches, writes constants and record, and prints
 the figures beside the paper's; with ``--figures`` it prints those of the shipped calibrations.
 """
 
@@ -61,7 +61,7 @@ WEIGHTS = (1.0, 1.0, 0.05, 0.1)
 """Of MAE, STDE, ME (one sample) and the stiffnesses, of which only the order counts."""
 _SIGNIFICANT_DIGITS, _ALL_DIGITS = 3, 15
 
-COMMAND = "python -m stiff_datasets.twin.calibrate"
+COMMAND = "python results/calibration/calibrate.py"
 MM = 1000.0
 """Millimetres a metre."""
 ERRORS = ("mae", "stde", "me")
@@ -422,8 +422,8 @@ def write_calibration(number: int, *, generations: int, seed: int, output: Path)
 @click.option(
     "--output",
     type=click.Path(path_type=Path),
-    default=Path("results/calibration"),
-    show_default=True,
+    default=Path(__file__).parent,
+    show_default="the folder of this file",
     metavar="DIR",
     help="Where constants and record go.",
 )
