@@ -215,7 +215,7 @@ FIT = ["fit", "--model", "vjm", "--output", "new", "--data", "good.csv", "--urdf
         (["run", "--model", "vjm", "--data", "vjm", "--robot", "ur5"], ["--data vjm", "rename"]),
         (["data", "info", "bytes"], ["bytes: no file of samples (valid: an ending .csv"]),
         (["data", "info", "bytes.xlsx", "--robot", "ur5"], ["bytes.xlsx: not an Excel table"]),
-        (["show", "vjm@congruence=true"], ["'vjm@congruence=true'", "give 'vjm' alone"]),
+        (["show", "vjm@tcp=fit"], ["'vjm@tcp=fit'", "give 'vjm' alone"]),
         (
             ["run", "--model", "vjm", *(2 * ["--data", "good.csv"]), "--robot", "ur5"],
             ["--data good.csv: something else in this run is called 'good.csv'"],
