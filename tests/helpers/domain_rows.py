@@ -5,12 +5,6 @@ from __future__ import annotations
 import torch
 
 
-def waves(n_rows: int, n_features: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return (n_rows, n_features) features of a source and of a target."""
-    index = torch.arange(n_rows * n_features, dtype=torch.float64).reshape(n_rows, n_features)
-    return torch.sin(1.0 + 1.7 * index**1.3), torch.cos(0.4 + 0.9 * index**1.5)
-
-
 def normal(n_rows: int, n_columns: int, seed: int) -> torch.Tensor:
     """Return (n_rows, n_columns) standard normal numbers."""
     return torch.randn(n_rows, n_columns, generator=torch.Generator().manual_seed(seed))
@@ -20,6 +14,3 @@ INPUTS, TARGETS, OF_TARGET = normal(50, 7, 0), normal(50, 3, 1), 1.0 + normal(40
 """A batch of a source's scaled inputs and deflections, and a target's inputs."""
 _INDEX = torch.arange(15, dtype=torch.float64).reshape(3, 5)
 SOURCE, TARGET = torch.sin(1.0 + 1.7 * _INDEX), torch.cos(0.4 + 0.9 * _INDEX**1.1)
-_MULTIPLES = torch.arange(1.0, 4.0, dtype=torch.float64)
-SOURCE_OUTPUTS = torch.sin(0.3 * SOURCE.sum(1, keepdim=True) * _MULTIPLES)
-TARGET_OUTPUTS = torch.cos(0.2 * TARGET.sum(1, keepdim=True) * _MULTIPLES)

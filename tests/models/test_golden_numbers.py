@@ -11,11 +11,10 @@ from typing import Any
 import pytest
 
 import golden_numbers
-from golden_numbers import KEPT, KEYS, PRETRAINING_KEY, VARIANTS, finding, library, made, main
+from golden_numbers import KEPT, KEYS, PRETRAINING_KEY, finding, library, made, main
 from stiff_models.model_catalog import FAMILIES, model_info
 from stiff_models.networks import optimizers as muon
 from stiff_models.regressors import gaussian_process as likelihood
-from stiff_models.transfer import freeze
 
 KNOWN: dict[str, Any] = json.loads(KEPT.read_text())
 
@@ -47,7 +46,6 @@ def test_every_family_has_a_place_and_what_is_in_no_catalogue_has_none() -> None
     ("key", "place", "name", "value"),
     [
         ("gp", likelihood, "NOISE_BOUNDS", (1e-3, 10.0)),
-        ("ft-mlp", freeze, "DISCRIMINATIVE_FACTOR", 2.5),
         (PRETRAINING_KEY, muon, "ITERATIONS", 2),
     ],
 )
@@ -55,9 +53,6 @@ def test_a_changed_constant_is_found(
     key: str, place: Any, name: str, value: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(place, name, value)
-    if key == "ft-mlp":  # one fit is enough
-        variants = [v for v in VARIANTS[key] if v.get("freeze") == "discriminative"]
-        monkeypatch.setitem(VARIANTS, key, variants)
     of = "PRETRAINING_VERSION" if key == PRETRAINING_KEY else "its version"
     assert finding(key, KNOWN, made(key)).startswith(f"numbers of {key} changed: raise {of}\n")
 

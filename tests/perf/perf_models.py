@@ -15,7 +15,6 @@ from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 from helpers.perf_case import OURS, ours_or_peer
 from helpers.quick_models import twin_data
 from stiff_models.networks.features import Scaler, encode
-from stiff_models.physics.congruence import LoadedRobot
 from stiff_models.physics.multi_segment_vjm import search_breakpoints
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, log_likelihood
 from stiff_models.regressors.gp_springs import GpSprings, Hyperparameters
@@ -25,7 +24,6 @@ from stiff_protocols.contract.types import FloatArray
 SCIKIT_LEARN = "scikit-learn"
 AUTOGRAD = "torch, reverse differentiation"
 BRUTE_FORCE = "every trial on all samples"
-EIGENVALUES = "eigenvalues of all"
 
 Rows = tuple[FloatArray, FloatArray]
 
@@ -190,25 +188,3 @@ def test_search(benchmark, who):
     np.testing.assert_array_equal(way(*case), knees)
     ours_or_peer(benchmark, who, {BRUTE_FORCE: 10.0})
     benchmark.pedantic(way, case, rounds=3, warmup_rounds=1)
-
-
-def all_eigenvalues(case: LoadedRobot, compliance: FloatArray) -> np.ndarray:
-    root = np.sqrt(compliance)
-    scaled = root[:, None] * case.congruence * root
-    symmetric = (scaled + scaled.transpose(0, 2, 1)) / 2
-    return np.flatnonzero(np.linalg.eigvalsh(symmetric)[:, -1] >= 1.0)
-
-
-@pytest.mark.benchmark(group="buckling check of 10,000 loaded samples")
-@pytest.mark.parametrize("who", [OURS, EIGENVALUES])
-def test_buckling_check(benchmark, who):
-    data, rng = twin_data(), np.random.default_rng(0)
-    q = rng.uniform(data.robot.lower, data.robot.upper, size=(10_000, 6))
-    case = LoadedRobot.of(data.robot, q, data.samples.wrench[np.arange(10_000) % len(data.samples)])
-    for compliance in (np.full(6, 1e-2), np.full(6, 1e-4)):  # the first lets some buckle
-        np.testing.assert_array_equal(
-            case.beyond_buckling(compliance), all_eigenvalues(case, compliance)
-        )
-    ours_or_peer(benchmark, who, {EIGENVALUES: 3.0}, work=10_000, unit="sample")
-    way = LoadedRobot.beyond_buckling if who == OURS else all_eigenvalues
-    benchmark.pedantic(way, (case, compliance), rounds=5, warmup_rounds=1)

@@ -55,7 +55,7 @@ TRUSTED = (
     "sklearn._loss.loss.HalfTweedieLoss",
     "sklearn._loss.loss.HalfTweedieLossIdentity",
 )
-"""Types that are read beside those that skops trusts; `compiled_trees` checks the four trees."""
+"""Types that are read beside those that skops trusts."""
 
 
 def key_of(model: object) -> str:
@@ -143,8 +143,6 @@ def _content(data: bytes) -> Mapping[str, Any]:
     """What `save` gave to skops, seen through for what skops does not look at."""
     import skops.io
 
-    from stiff_models.io.compiled_trees import check_compiled_trees
-
     _check_archive(data)
     content: Mapping[str, Any] = skops.io.loads(data, trusted=list(TRUSTED))
     if content["format"] != FORMAT:
@@ -152,7 +150,6 @@ def _content(data: bytes) -> Mapping[str, Any]:
             f"has format {content['format']}, written by stiffbench {content['written_by']} "
             f"(valid here: {FORMAT})"
         )
-    check_compiled_trees(content)
     return content
 
 

@@ -10,13 +10,13 @@ half the error, and three iterations of Newton and Schulz are enough.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import torch
 
 from stiff_models.networks.network import linear_layers
-from stiff_models.networks.training_plan import Trainable, TrainingPlan
+from stiff_models.networks.training_plan import TrainingPlan
 
 MOMENTUM = 0.95
 EVERY = 3  # a matrix moves in every third step, in turn: orthogonalising costs as much as a batch
@@ -134,31 +134,31 @@ ADAM_RATE_BESIDE_MUON = 4e-3  # of biases and of the first and last layer
 def optimizers(
     network: torch.nn.Module,
     plan: TrainingPlan,
-    trainable: Trainable,
+    trainable: Sequence[torch.nn.Parameter],
     inputs: torch.Tensor,
     *,
     bfloat16: bool,
 ) -> list[torch.optim.Optimizer]:
-    """Return the optimizers, each parameter in one group of its own rate.
+    """Return the optimizers of the `trainable` parameters.
 
     `inputs` are (n, n_inputs) of the rows that `network` learns from; `bfloat16`: low precision is
     at hand.
     """
-    rates = trainable.rates
+    rate, decay = plan.learning_rate, plan.weight_decay
     if plan.optimizer == "sgd":
-        return [torch.optim.SGD(_groups(rates, plan.learning_rate))]
+        return [torch.optim.SGD(trainable, lr=rate)]
     if plan.optimizer == "adam":
-        groups = _groups(rates, plan.learning_rate)
-        return [torch.optim.Adam(groups, weight_decay=plan.weight_decay, fused=True)]
+        return [torch.optim.Adam(trainable, lr=rate, weight_decay=decay, fused=True)]
+    moving = set(trainable)
     hidden = [
         layer
         for layer in linear_layers(network)[1:-1]
-        if layer.weight in rates and layer.in_features == layer.out_features
+        if layer.weight in moving and layer.in_features == layer.out_features
     ]
     weights = {layer.weight for layer in hidden}
-    rest = {parameter: rate for parameter, rate in rates.items() if parameter not in weights}
+    rest = [parameter for parameter in trainable if parameter not in weights]
     optimizers: list[torch.optim.Optimizer] = [
-        torch.optim.Adam(_groups(rest, ADAM_RATE_BESIDE_MUON), fused=True)
+        torch.optim.Adam(rest, lr=ADAM_RATE_BESIDE_MUON, fused=True)
     ]
     if hidden:
         sample = inputs[:: max(1, len(inputs) // WHITENED_ROWS)][:WHITENED_ROWS]
@@ -166,22 +166,3 @@ def optimizers(
             Muon(network, hidden, sample, lr=plan.learning_rate, low_precision=bfloat16)
         )
     return optimizers
-
-
-def _groups(rates: Mapping[torch.Tensor, float], learning_rate: float) -> list[dict[str, object]]:
-    by_rate: dict[float, list[torch.Tensor]] = {}
-    for parameter, rate in rates.items():
-        by_rate.setdefault(rate, []).append(parameter)
-    return [{"params": group, "lr": rate * learning_rate} for rate, group in by_rate.items()]
-
-
-@torch.no_grad()
-def pull_back(origin: list[torch.Tensor], trainable: Trainable, learning_rate: float) -> None:
-    """Apply the penalty alpha/2 |w - w0|^2 as its proximal step.
-
-    Taken implicitly it is stable for every alpha and tends to w0 as alpha grows; as a gradient
-    an adaptive optimizer would rescale it away.
-    """
-    for (parameter, rate), first in zip(trainable.rates.items(), origin, strict=True):
-        shrink = 1.0 / (1.0 + trainable.pull * learning_rate * rate)
-        parameter.copy_(first + (parameter - first) * shrink)

@@ -176,7 +176,7 @@ def _moved(rows: torch.Tensor, turn: torch.Tensor) -> torch.Tensor:
 
 def physics_module(fitted: FittedModel) -> torch.nn.Module:
     """Return the prediction of a fitted virtual joint model; ConfigError for other physics."""
-    if isinstance(fitted, VirtualJointModel) and not fitted.congruence:
+    if isinstance(fitted, VirtualJointModel):
         return VjmModule(fitted.robot_, fitted.springs_.compliance)
     if isinstance(fitted, FullVjm):
         columns = spring_columns(fitted.robot_, fitted.springs)
@@ -185,10 +185,7 @@ def physics_module(fitted: FittedModel) -> torch.nn.Module:
         return SegmentsModule(
             fitted.robot_, fitted.breakpoints_, fitted.slopes_, gravity=fitted.gravity
         )
-    raise ConfigError(
-        f"{key_of(fitted)} has no ONNX form with its options (valid: vjm without congruence, "
-        "vjm-full, vjm-multisegment)"
-    )
+    raise ConfigError(f"{key_of(fitted)} has no ONNX form (valid: vjm, vjm-full, vjm-multisegment)")
 
 
 class Difference(torch.nn.Module):

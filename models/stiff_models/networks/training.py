@@ -13,8 +13,8 @@ import numpy as np
 import torch
 
 from stiff_models.networks.arithmetic import arithmetic
-from stiff_models.networks.optimizers import optimizers, pull_back
-from stiff_models.networks.training_plan import Trainable, TrainingPlan, loss_function
+from stiff_models.networks.optimizers import optimizers
+from stiff_models.networks.training_plan import TrainingPlan, loss_function
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import FloatArray, IntArray
@@ -101,7 +101,7 @@ def train_network(
     *,
     seed: int,
     phase: str,
-    trainable: Trainable | None = None,
+    trainable: Sequence[torch.nn.Parameter] | None = None,
     validation: Rows | None = None,
     objective: Objective | None = None,
     visits: Visits = MappingProxyType({}),
@@ -123,9 +123,10 @@ def train_network(
     Raises:
         ModelError: the loss became NaN or infinite.
     """
-    trainable = trainable or Trainable.all_of(network)
+    trainable = [*network.parameters()] if trainable is None else trainable
+    moving = set(trainable)
     for parameter in network.parameters():
-        parameter.requires_grad_(parameter in trainable.rates)
+        parameter.requires_grad_(parameter in moving)
     held_out = validation if plan.keep_best else None
     kind = arithmetic(rows.inputs.device, mixed_precision=plan.mixed_precision)
     with kind.in_force(), torch.random.fork_rng():
@@ -144,13 +145,13 @@ class _Run:
         network: torch.nn.Module,
         rows: Rows,
         plan: TrainingPlan,
-        trainable: Trainable,
+        trainable: Sequence[torch.nn.Parameter],
         validation: Rows | None,
         seed: int,
         objective: Objective | None,
         bfloat16: bool,
     ) -> None:
-        self.network, self.plan, self.trainable = network, plan, trainable
+        self.network, self.plan = network, plan
         self.device, self.bfloat16, self.objective = rows.inputs.device, bfloat16, objective
         if objective is None:
             frozen, self.tail = _split_at_first_moving(network, trainable)
@@ -168,14 +169,13 @@ class _Run:
         self.highest = [[g["lr"] for g in opt.param_groups] for opt in self.optimizers]
         self.generator = torch.Generator().manual_seed(seed)
         self.order = torch.empty(0, dtype=torch.int64)
-        self.kept = [tensor.detach() for tensor in trainable.rates]
+        self.kept = [parameter.detach() for parameter in trainable]
         self.validation_loss = math.nan
         self.best_step, self.best_loss = 0, math.inf
         self.best_weights: list[torch.Tensor] = []
 
     def steps(self, phase: str, visits: Visits) -> Curve:
         plan, points = self.plan, []
-        origin = [tensor.clone() for tensor in self.kept] if self.trainable.pull else []
         too_high = f"a learning rate of {plan.learning_rate:g} is too high here"
 
         def finite(loss: torch.Tensor, steps: int) -> float:
@@ -191,8 +191,6 @@ class _Run:
             self._visit(visits, step)
             loss = self.step(step)
             first = loss if step == 0 else first
-            if origin:
-                pull_back(origin, self.trainable, plan.learning_rate * plan.rate(step))
             if (step + 1) % REPORT_EVERY == 0 or step + 1 == plan.steps:
                 value = finite(loss, step + 1)
                 points.append((step + 1, value, self.validation_loss))
@@ -288,14 +286,15 @@ def _varies(values: torch.Tensor) -> bool:
 
 
 def _split_at_first_moving(
-    network: torch.nn.Module, trainable: Trainable
+    network: torch.nn.Module, trainable: Sequence[torch.nn.Parameter]
 ) -> tuple[torch.nn.Module, torch.nn.Module]:
     """Return the frozen part before the first layer that moves, and the part from there on.
 
     A network that is no plain sequence, or has batch statistics, stays whole.
     """
+    moving = set(trainable)
     if isinstance(network, torch.nn.Sequential) and not [*network.buffers()]:
         for index, module in enumerate(network):
-            if any(parameter in trainable.rates for parameter in module.parameters()):
+            if any(parameter in moving for parameter in module.parameters()):
                 return network[:index], network[index:]
     return torch.nn.Sequential(), network

@@ -1,8 +1,8 @@
-"""How a network is trained: plan, schedule, loss, and which parameters move."""
+"""How a network is trained: plan, schedule and loss."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -52,24 +52,6 @@ class TrainingPlan:
         rising = max(1, round(WARM_UP * self.steps))
         falling = max(1, self.steps - rising)
         return min((step + 1) / rising, (self.steps - step) / falling)
-
-
-@dataclass(frozen=True, eq=False)
-class Trainable:
-    """Which parameters move, and how fast.
-
-    Attributes:
-        rates: parameter -> factor on the plan's learning rate; all others stay as they are.
-        pull: strength alpha of the penalty alpha/2 |w - w0|^2 towards the first weights w0.
-    """
-
-    rates: Mapping[torch.Tensor, float]
-    pull: float = 0.0
-
-    @classmethod
-    def all_of(cls, network: torch.nn.Module) -> Trainable:
-        """Every parameter at the plan's own rate."""
-        return cls({parameter: 1.0 for parameter in network.parameters()})
 
 
 def loss_function(name: Loss) -> Callable[[torch.Tensor, torch.Tensor], torch.Tensor]:

@@ -47,7 +47,7 @@ tip."""
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class FullVjm(GeometryModel):
-    """The full VJM as a model; a load's own stiffness (congruence) is left out.
+    """The full VJM as a model.
 
     Attributes:
         springs: virtual springs per joint: 3 of the joint's kind (about the axes of a revolute

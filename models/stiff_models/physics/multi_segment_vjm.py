@@ -90,7 +90,7 @@ CANDIDATE_SHARES = np.linspace(0.1, 0.9, 17)  # of the search: each end keeps a 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class MultiSegmentVjm(GeometryModel):
-    """The multi-segment VJM as a model; a load's own stiffness (congruence) is left out.
+    """The multi-segment VJM as a model.
 
     The prior takes the segments of a joint for alike. A fitted geometry is found with breakpoints
     by quantile, unless they are given.

@@ -17,10 +17,9 @@ import numpy as np
 
 from stiff_models.base import FittedModel
 from stiff_models.model_catalog import model_info
-from stiff_models.physics.congruence import linearised_at_best, loaded_deflection
 from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_models.physics.kinematics import jacobian, joint_deflection, unit_deflections
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.identification import IdentifiedSprings, identify, typical_joints
 from stiff_protocols.contract.types import FloatArray, Robot, Samples, TextArray
 
@@ -72,28 +71,12 @@ def compliance_regressor(robot: Robot, q: FloatArray, wrench: FloatArray) -> Flo
     return unit_deflections(jacobian(robot, q), wrench)
 
 
-def identify_joints(
-    robot: Robot, samples: Samples, *, congruence: bool = False
-) -> IdentifiedSprings:
-    """Identify one spring a joint.
-
-    Args:
-        robot: the robot that was measured.
-        samples: what was measured.
-        congruence: identify the springs of the loaded robot, see `congruence.py`; rank,
-            condition number and standard errors are then those of the problem at its solution.
-
-    Raises:
-        ModelError: no joint can be identified.
-    """
-    if congruence:
-        problem = linearised_at_best(robot, samples)
-        matrix, target = problem.matrix, problem.target
-    else:
-        matrix = compliance_regressor(robot, samples.q, samples.wrench)
-        target = samples.deflection
+def identify_joints(robot: Robot, samples: Samples) -> IdentifiedSprings:
+    """Identify one spring per joint; ModelError if no joint can be identified."""
+    matrix = compliance_regressor(robot, samples.q, samples.wrench)
     springs = dict(zip(robot.joint_names, map(stiffness_unit, robot.joint_types), strict=True))
-    return identify_springs(springs, matrix, target, typical_joints(robot), samples.pose_id)
+    typical = typical_joints(robot)
+    return identify_springs(springs, matrix, samples.deflection, typical, samples.pose_id)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -101,36 +84,21 @@ class VirtualJointModel(GeometryModel):
     """The linear VJM as a model.
 
     Attributes:
-        congruence: include the load's own stiffness (conservative congruence, K - K_g);
-            predictions then are no longer linear in the wrench, and a load beyond buckling is a
-            ModelError. A fitted geometry is found without it.
         springs_: what was identified.
         diagnostics_: by name and unit: of each joint that the samples identify its stiffness,
             standard error and the ends of an interval that holds it with 90 % probability; of
             each other the prior's stiffness; rank and condition number; the fitted geometry.
     """
 
-    congruence: bool = False
-
-    def check_params(self) -> None:
-        """Raise ConfigError where options do not fit each other."""
-        super().check_params()
-        if self.congruence and self.lever == "fit":
-            raise ConfigError(
-                "congruence=True needs the load at the TCP, lever='fit' moves it (valid: "
-                "lever='given', tcp='fit')"
-            )
-
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         train, robot = self._placed(train, robot, jacobian, unit_deflections)
-        self.springs_ = identify_joints(robot, train, congruence=self.congruence)
+        self.springs_ = identify_joints(robot, train)
         self.diagnostics_ = self.springs_.report() | self._geometry_report()
         warn_unidentifiable(self.springs_)
         warn_unexplained(self.springs_.compliance, train)
 
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        deflection = loaded_deflection if self.congruence else joint_deflection
-        return deflection(robot, self.springs_.compliance, q, wrench)
+        return joint_deflection(robot, self.springs_.compliance, q, wrench)
 
 
 def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training samples") -> None:

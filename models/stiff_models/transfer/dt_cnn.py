@@ -64,7 +64,7 @@ class DtCnn(PretrainedModel):
         pool: "udtl" cannot tell apart the features of a neighbouring pair; "none" gives every
             feature its own place; "auto": the preset's.
         alignment: "none", "adabn" (batch statistics taken anew from target inputs), or the distance
-            of the features: "mk-mmd", "jmmd", "coral", "dann", "rsd", "dare-gram".
+            of the features: "mk-mmd", "coral", "dann".
         alignment_weight: weight of the distance against the loss on standardised outputs.
         supervision: "none" (no measured deflection trains the network) or "fine-tune" (all layers
             then learn from the measured training samples, for a number of epochs that

@@ -11,18 +11,16 @@ import copy
 import math
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 import torch
-from annotated_types import Ge
-from torch.nn.utils import parametrize
 
 from stiff_models.networks.mlp import Epochs, LearningRate
 from stiff_models.networks.network import linear_layers
 from stiff_models.networks.network_model import Selection
 from stiff_models.networks.training import Curve, Rows, Visits, train_network
-from stiff_models.networks.training_plan import Trainable, TrainingPlan
+from stiff_models.networks.training_plan import TrainingPlan
 from stiff_models.transfer.anchor import AnchoredMlp
 from stiff_models.transfer.freeze import Stage, stages
 from stiff_models.transfer.pretrained_mlp import PretrainedMlp, Recipe
@@ -43,8 +41,7 @@ class FineTunedMlp(PretrainedMlp):
 
     Attributes:
         freeze: layers that fine-tuning trains: "layers:1,2" (hidden layers from 1, "out" for the
-            output layer; any set), "first:k", "last:k", "full", "head", "gradual",
-            "discriminative", "l2sp", "lp-ft", "bias", "lora:r" (updates of rank r).
+            output layer; any set), "first:k", "last:k", "full", "head", "lp-ft".
         training: "cv" chooses the number of epochs (0, 10, 30, 100, 400, or the longest) by
             cross-validation and trains on all rows, "best" keeps the best epoch on the validation
             rows, "normal" the last.
@@ -52,9 +49,6 @@ class FineTunedMlp(PretrainedMlp):
         learning_rate: learning rate of fine-tuning; none: the recipe's.
         precision: of matrix products in fine-tuning: "float32", or "bfloat16" where the device has
             it, which is faster; losses then differ by about 1 %.
-        unfreeze_every: epochs between two layers of freeze="gradual".
-        l2sp_alpha: strength of the penalty of freeze="l2sp", on the weights that the
-            standardised network has.
     """
 
     freeze: str = "layers:1,2"
@@ -62,8 +56,6 @@ class FineTunedMlp(PretrainedMlp):
     epochs: Epochs | None = None
     learning_rate: LearningRate | None = None
     precision: Literal["float32", "bfloat16"] = "float32"
-    unfreeze_every: Annotated[int, Ge(1)] = 50
-    l2sp_alpha: Annotated[float, Ge(0.0)] = 1.0
 
     @property
     def regime(self) -> str:
@@ -113,19 +105,17 @@ class FineTunedMlp(PretrainedMlp):
         best_loss, best_weights = math.inf, copy.deepcopy(network.state_dict())
         for number, stage in enumerate(strategy):
             which = "" if len(strategy) == 1 else f" {number + 1}/{len(strategy)}"
-            low_rank = _low_rank_updates(network, stage, seed) if stage.rank else {}
+            layers = linear_layers(network)
             curve = train_network(
                 network,
                 rows,
                 replace(plan, steps=stage.epochs),
                 seed=seed,
                 phase=f"fine-tune{which}",
-                trainable=Trainable(low_rank or _rates(network, stage), stage.pull),
+                trainable=[p for number in stage.layers for p in layers[number].parameters()],
                 validation=validation,
                 visits=visits,
             )
-            if low_rank:
-                _merge_updates(network)
             curves.append(curve)
             if curve.best_loss < best_loss:
                 best_loss, best_weights = curve.best_loss, copy.deepcopy(network.state_dict())
@@ -146,13 +136,7 @@ class FineTunedMlp(PretrainedMlp):
         )
 
     def _stages(self, epochs: int) -> tuple[Stage, ...]:
-        return stages(
-            self.freeze,
-            hidden_layers=self.layers,
-            epochs=epochs,
-            unfreeze_every=self.unfreeze_every,
-            l2sp_alpha=self.l2sp_alpha,
-        )
+        return stages(self.freeze, hidden_layers=self.layers, epochs=epochs)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -172,50 +156,3 @@ class FtMlp(FineTunedMlp, AnchoredMlp):
         anew.network_ = copy.deepcopy(self.source_network_)
         anew._learn_measured(train, validation, plan, seed, training)
         return anew
-
-
-def _rates(network: torch.nn.Module, stage: Stage) -> dict[torch.Tensor, float]:
-    """Return the parameters that move with their factors on the learning rate."""
-    rates: dict[torch.Tensor, float] = {}
-    for number, layer in enumerate(linear_layers(network)):
-        if number in stage.rates:
-            rates[layer.bias] = stage.rates[number]
-            if not stage.biases_only:
-                rates[layer.weight] = stage.rates[number]
-    return rates
-
-
-class _LowRankUpdate(torch.nn.Module):
-    """Adds ``B A`` of rank r to a weight (Hu et al., "LoRA", 2021); B is zero at first."""
-
-    def __init__(self, weight: torch.Tensor, rank: int) -> None:
-        super().__init__()
-        n_out, n_in = weight.shape
-        self.down = torch.nn.Parameter(torch.randn(rank, n_in) / math.sqrt(n_in))
-        self.up = torch.nn.Parameter(torch.zeros(n_out, rank))
-        self.to(weight.device)
-
-    def forward(self, weight: torch.Tensor) -> torch.Tensor:
-        return weight + self.up @ self.down
-
-
-def _low_rank_updates(
-    network: torch.nn.Module, stage: Stage, seed: int
-) -> dict[torch.Tensor, float]:
-    """Give the hidden layers a low-rank update each, and return what moves."""
-    rates: dict[torch.Tensor, float] = {}
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        for number, layer in enumerate(linear_layers(network)):
-            if number in stage.rates:
-                update = _LowRankUpdate(layer.weight, stage.rank)
-                parametrize.register_parametrization(layer, "weight", update)
-                rates |= dict.fromkeys(update.parameters(), stage.rates[number])
-    return rates
-
-
-def _merge_updates(network: torch.nn.Module) -> None:
-    """Make the updates part of the weights."""
-    for layer in linear_layers(network):
-        if parametrize.is_parametrized(layer):
-            parametrize.remove_parametrizations(layer, "weight")

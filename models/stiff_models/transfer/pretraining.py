@@ -25,7 +25,7 @@ from stiff_models.networks.cache import Trained, remembered, training_digest
 from stiff_models.networks.features import NO_DEFLECTION, Scaler, encode
 from stiff_models.networks.network_model import EncodedNetworkModel
 from stiff_models.networks.training import Objective, Rows, train_network
-from stiff_models.networks.training_plan import Loss, Trainable, TrainingPlan
+from stiff_models.networks.training_plan import Loss, TrainingPlan
 from stiff_models.transfer.source import SourceDomain, simulate
 from stiff_models.transfer.source_model import SourceModel
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, Robot, Samples
@@ -138,7 +138,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             plan,
             seed=seed,
             phase="pre-train",
-            trainable=Trainable(dict.fromkeys(moving, 1.0)),
+            trainable=moving,
             objective=objective,
         )
         state = self.network_.state_dict()

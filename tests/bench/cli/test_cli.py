@@ -214,7 +214,7 @@ FIT = ["fit", "--model", "vjm", "--output", "new", "--data", "good.csv", "--urdf
         ),
         (["data", "info", "bytes"], ["bytes: no file of samples (valid: an ending .csv"]),
         (["data", "info", "bytes.xlsx", "--robot", "ur5"], ["bytes.xlsx: not an Excel table"]),
-        (["show", "vjm@congruence=true"], ["'vjm@congruence=true'", "give 'vjm' alone"]),
+        (["show", "vjm@tcp=fit"], ["'vjm@tcp=fit'", "give 'vjm' alone"]),
         (["run", "--model", "vjm", *("--data", "no.csv"), "--robot", "ur5"], ["no.csv: cannot be"]),
     ],
 )

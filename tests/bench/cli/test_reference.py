@@ -13,7 +13,7 @@ from stiff_bench.store.database import read_results
     [
         (("zero",), ["vjm", "zero"]),
         (("zero", "vjm"), ["vjm", "zero"]),
-        (("zero", "vjm@congruence=true"), ["vjm", "vjm@congruence=True", "zero"]),
+        (("zero", "vjm@tcp=fit"), ["vjm", "vjm@tcp=fit", "zero"]),
     ],
 )
 def test_the_reference_model_is_stored_once_beside_what_is_asked_for(tmp_path, asked, models):

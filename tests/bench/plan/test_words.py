@@ -64,7 +64,7 @@ def test_without_annotations_the_default_gives_the_type_and_a_key_may_hold_dots(
         ("ft-mlp.epochs=1.5", "no valid epochs"),
         ("ft-mlp.activation=swish", r"valid: auto \| relu .* \| sharp-gelu"),
         ("holdout.test_fraction=1", r"\(valid: number > 0 and < 1\)"),
-        ("vjm.congruence=maybe", r"'maybe' is no valid congruence \(valid: true \| false\)$"),
+        ("vjm.lever=maybe", r"'maybe' is no valid lever \(valid: given \| fit\)$"),
         ("ft-mlp.learning_rate=nan", "no valid learning_rate"),
         ("ft-mlp.freeze", "expected KEY.option=value"),
         ("freeze=full", "expected KEY.option=value"),

@@ -166,7 +166,7 @@ def test_values_of_a_file_get_their_options_types(grid_file):
         ("[knn]\nneighbours = {low = 1, high = 3}", ["is a range, which search=grid cannot try"]),
         ("[knn]\nneighbours = {low = 1, high = 3, log = 1}", ["'log': 1} (valid"]),
         ("[knn]\nweights = {low = 'uniform', high = 'distance'}", ["(valid: a list of values, or"]),
-        ("[ft-mlp]\nl2sp_alpha = {low = 0, high = 1, log = true}", ["low 0 has no logarithm"]),
+        ("[ft-mlp]\nepochs = {low = 0, high = 9, log = true}", ["low 0 has no logarithm"]),
         ("[ft-mlp]\nfreeze = ['full', 'layers:7']", ["freeze=layers:7: ", "'7' is no layer"]),
         ("knn = 3", ["knn is 3 (valid: tables [MODEL] of options)"]),
         ("[ft-mpl]\nfreeze = ['full']", ["has tables for ft-mpl, none for", "(ft-mlp, knn)"]),

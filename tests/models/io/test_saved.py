@@ -10,15 +10,26 @@ import zipfile
 
 import numpy as np
 import pytest
+import skops.io
 import torch
 from sklearn.base import BaseEstimator
+from sklearn.ensemble import (
+    GradientBoostingRegressor,
+    HistGradientBoostingRegressor,
+    RandomForestRegressor,
+)
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, Matern, WhiteKernel
 from sklearn.linear_model import LinearRegression
+from sklearn.multioutput import MultiOutputRegressor
+from sklearn.neighbors import KNeighborsRegressor
+from sklearn.neural_network import MLPRegressor
 from sklearn.preprocessing import FunctionTransformer
 
 from helpers.model_files import archived, changed, opened, saved_model
 from helpers.quick_models import quick_model, twin_data
 from stiff_models import load
-from stiff_models.io.saved import FORMAT, save
+from stiff_models.io.saved import FORMAT, TRUSTED, save
 from stiff_models.networks.mlp import Mlp
 from stiff_protocols.contract.errors import DataError, ModelError, NotFittedError, StoreError
 
@@ -37,6 +48,25 @@ def test_intervals_have_the_same_bits_after_a_round_trip(key, tmp_path):
     np.testing.assert_array_equal([ours.lower, ours.upper], [theirs.lower, theirs.upper])
     assert type(loaded) is type(model) and vars(loaded).keys() == vars(model).keys()
     assert loaded.robot_.name == "kr10_r1100_2"
+
+
+REGRESSORS = [
+    RandomForestRegressor(n_estimators=3, random_state=0),
+    MultiOutputRegressor(GradientBoostingRegressor(n_estimators=3)),
+    MultiOutputRegressor(HistGradientBoostingRegressor(max_iter=3)),
+    GaussianProcessRegressor(RBF() + Matern() * 2.0 + WhiteKernel(), optimizer=None),
+    KNeighborsRegressor(algorithm="kd_tree"),
+    KNeighborsRegressor(algorithm="ball_tree"),
+    MLPRegressor(hidden_layer_sizes=(5,), n_iter_no_change=2, tol=10.0),
+]
+
+
+@pytest.mark.parametrize("regressor", REGRESSORS, ids=lambda each: type(each).__name__)
+def test_a_trusted_regressor_predicts_the_same_bits_after_a_round_trip(regressor, rng):
+    inputs = rng.normal(size=(120, 4))
+    regressor.fit(inputs, inputs @ rng.normal(size=(4, 3)))
+    loaded = skops.io.loads(skops.io.dumps(regressor), trusted=list(TRUSTED))
+    np.testing.assert_array_equal(loaded.predict(inputs), regressor.predict(inputs))
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ from stiff_models.device import torch_device
 from stiff_models.networks.arithmetic import arithmetic
 from stiff_models.networks.network import build_network
 from stiff_models.networks.training import Rows, _Run
-from stiff_models.networks.training_plan import Trainable
 from stiff_models.transfer.cnn import build_cnn
 from stiff_models.transfer.dt_cnn import FAST
 from stiff_models.transfer.ft_mlp import FINE_TUNING
@@ -49,7 +48,7 @@ def elsewhere_as_on_a_gpu(monkeypatch):
 def test_a_step_of_training_stays_on_the_device_of_its_rows(network, plan, bfloat16):
     network = network.to(ELSEWHERE)
     rows = Rows(*(torch.zeros(1500, size, device=ELSEWHERE) for size in (18, 3)))
-    run = _Run(network, rows, plan, Trainable.all_of(network), None, 0, None, bfloat16)
+    run = _Run(network, rows, plan, [*network.parameters()], None, 0, None, bfloat16)
     assert [run.step(step).device for step in range(2)] == [ELSEWHERE] * 2
 
 
@@ -57,7 +56,7 @@ def test_a_step_of_training_stays_on_the_device_of_its_rows(network, plan, bfloa
 def test_a_step_with_rows_of_another_device_than_the_network_fails():
     rows = Rows(torch.zeros(4, 18), torch.zeros(4, 3))
     network = mlp().to(ELSEWHERE)
-    trainable = Trainable.all_of(network)
+    trainable = [*network.parameters()]
     with pytest.raises((RuntimeError, NotImplementedError)):
         _Run(network, rows, FINE_TUNING["fast"], trainable, None, 0, None, False).step(0)
 

@@ -80,7 +80,7 @@ def test_a_network_is_then_trained_so_long_on_all_rows(cls, parts, small_source)
     np.testing.assert_array_equal(model.predict(q, wrench), same.predict(q, wrench))
 
 
-@pytest.mark.parametrize("freeze", ["layers:1,2", "gradual", "lora:2"])
+@pytest.mark.parametrize("freeze", ["layers:1,2", "lp-ft"])
 def test_a_short_training_of_the_choice_is_the_training_of_that_length(
     freeze, parts, small_source, monkeypatch
 ):

@@ -22,7 +22,7 @@ STRATEGIES = {
     "head": {8},
     "first:2": {0, 2},
     "last:2": {6, 8},
-    **dict.fromkeys(("full", "gradual", "discriminative", "l2sp", "lp-ft", "bias"), EVERY),
+    **dict.fromkeys(("full", "lp-ft"), EVERY),
 }
 """Freeze strategy -> numbers of the modules that it lets move."""
 
@@ -55,25 +55,11 @@ def test_an_angle_and_the_same_angle_a_turn_later_are_one_input(parts):
 
 @pytest.mark.parametrize("freeze", STRATEGIES)
 def test_every_strategy_moves_its_own_parameters_and_no_others(freeze, parts):
-    model = fit(
-        FtMlp(**SMALL_SOURCE, epochs=60, unfreeze_every=5, freeze=freeze, training="normal"), parts
-    )
+    model = fit(FtMlp(**SMALL_SOURCE, epochs=20, freeze=freeze, training="normal"), parts)
     before, after = state(model.source_network_), state(model.network_)
     changed = {name for name in before if not np.array_equal(before[name], after[name])}
-    kinds = ("bias",) if freeze == "bias" else ("weight", "bias")
-    assert changed == {f"{layer}.{kind}" for layer in STRATEGIES[freeze] for kind in kinds}
-
-
-@pytest.mark.parametrize("rank", [1, 3])
-def test_a_low_rank_update_changes_hidden_weights_by_that_rank_alone(rank, parts):
-    model = fit(FtMlp(**SMALL_SOURCE, epochs=20, freeze=f"lora:{rank}", training="normal"), parts)
-    before, after = state(model.source_network_), state(model.network_)
-    assert before.keys() == after.keys()
-    hidden = [name for name in before if name.endswith("weight")][:-1]
-    assert {n for n in before if not np.array_equal(before[n], after[n])} == {*hidden}
-    for name in hidden:
-        singular = np.linalg.svd(after[name] - before[name], compute_uv=False)
-        assert (singular[rank:] < 1e-5 * singular[0]).all() and singular[rank - 1] > 0
+    moving = {f"{layer}.{kind}" for layer in STRATEGIES[freeze] for kind in ("weight", "bias")}
+    assert changed == moving
 
 
 def test_without_validation_rows_the_last_epoch_is_kept(parts):

@@ -149,7 +149,6 @@ def test_where_nothing_is_fitted_both_predictions_are_the_same_numbers(model, pa
     [
         (FullVjm, {"lever": "fit", "tcp": "fit"}),
         (MultiSegmentVjm, {"lever": "fit", "tcp": "prior"}),
-        (VirtualJointModel, {"lever": "fit", "congruence": True}),
     ],
 )
 def test_options_that_contradict_each_other_are_refused(model, options, kr10, rng):

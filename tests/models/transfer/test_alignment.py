@@ -11,26 +11,18 @@ from helpers.domain_rows import (
     INPUTS,
     OF_TARGET,
     SOURCE,
-    SOURCE_OUTPUTS,
     TARGET,
-    TARGET_OUTPUTS,
     TARGETS,
-    waves,
 )
 from stiff_models.transfer.alignment import (
     AlignedObjective,
     build_discriminator,
     coral,
-    dare_gram,
     domain_loss,
-    jmmd,
     mk_mmd,
     ramp,
-    rsd,
 )
 from stiff_models.transfer.cnn import build_cnn
-
-DISTANCES = ["mk-mmd", "jmmd", "coral", "dann", "rsd", "dare-gram"]
 
 
 def objective(alignment, weight=1.0, loss="huber", target=OF_TARGET):
@@ -55,7 +47,7 @@ def test_the_ramp_starts_after_a_sixth_and_ends_at_one():
     assert ramp(1.0) == pytest.approx(1.0, abs=1e-4)
 
 
-@pytest.mark.parametrize("alignment", DISTANCES)
+@pytest.mark.parametrize("alignment", ["mk-mmd", "coral", "dann"])
 def test_the_first_sixth_sees_the_source_alone(alignment):
     made = objective(alignment)
     elsewhere = objective(alignment, target=OF_TARGET + 100.0)
@@ -67,27 +59,16 @@ def test_the_first_sixth_sees_the_source_alone(alignment):
     assert value.item() == pytest.approx(expected.item(), rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("alignment", "distance"),
-    [
-        ("mk-mmd", lambda s, t, *_: mk_mmd(s, t)),
-        ("jmmd", lambda s, t, a, b: jmmd((s, a), (t, b))),
-        ("coral", lambda s, t, *_: coral(s, t)),
-        ("rsd", lambda s, t, *_: 1e-3 * rsd(s, t)),
-        ("dare-gram", lambda s, t, *_: dare_gram(s, t)),
-    ],
-)
+@pytest.mark.parametrize(("alignment", "distance"), [("mk-mmd", mk_mmd), ("coral", coral)])
 def test_then_the_distance_comes_in_with_its_weight(alignment, distance):
-    # 30 target rows: all of them are in every batch, and fewer than the 36 of the papers
+    # 30 target rows: all of them are in every batch
     target = OF_TARGET[:30]
     made = objective(alignment, weight=0.7, loss="mse", target=target)
     order = torch.randperm(30, generator=torch.Generator().manual_seed(3))
     value = made(0.5, INPUTS, TARGETS)
-    source_features, target_features, outputs, others = together(made, target=target[order])
-    if alignment in ("rsd", "dare-gram"):
-        source_features = source_features[:30]
+    source_features, target_features, outputs, _ = together(made, target=target[order])
     expected = (outputs - TARGETS).square().mean() + 0.7 * ramp(0.5) * distance(
-        source_features, target_features, outputs, others
+        source_features, target_features
     )
     assert value.item() == pytest.approx(expected.item(), rel=1e-4)
 
@@ -120,23 +101,11 @@ def test_target_batches_are_as_long_as_the_sources_and_reach_every_row():
     assert len({tuple(row.tolist()) for row in batches[0]}) == 16  # no row twice in a batch
 
 
-def joint(source, target):
-    """JMMD of features whose first two columns serve as outputs."""
-    return jmmd((source, source[:, :2]), (target, target[:, :2]))
-
-
-CASES = [
-    *((distance, SOURCE, TARGET) for distance in (mk_mmd, joint, coral)),
-    *((distance, *waves(5, 12)) for distance in (rsd, dare_gram)),
-]
-
-
-@pytest.mark.parametrize(("distance", "source", "target"), CASES)
-def test_identical_samples_have_no_distance_and_others_the_same_both_ways(distance, source, target):
-    assert distance(source, source).item() == pytest.approx(0.0, abs=1e-6)
-    assert distance(source, source.flip(0)).item() == pytest.approx(0.0, abs=1e-6)
-    assert distance(source, target).item() > 0.01
-    assert distance(source, target).item() == pytest.approx(distance(target, source).item())
+@pytest.mark.parametrize("distance", [mk_mmd, coral])
+def test_identical_samples_have_no_distance_and_others_the_same_both_ways(distance):
+    assert distance(SOURCE, SOURCE.flip(0)).item() == pytest.approx(0.0, abs=1e-6)
+    assert distance(SOURCE, TARGET).item() > 0.01
+    assert distance(SOURCE, TARGET).item() == pytest.approx(distance(TARGET, SOURCE).item())
 
 
 @pytest.mark.parametrize(
@@ -145,24 +114,15 @@ def test_identical_samples_have_no_distance_and_others_the_same_both_ways(distan
         # skada 0.6.0, skada.deep.losses._maximum_mean_discrepancy with five Gaussians; UDTL,
         # loss/DAN.py (commit 9a349e9)
         (mk_mmd(SOURCE, TARGET), 3.1061729937692517),
-        # UDTL, loss/JAN.py (commit 9a349e9), JAN with fix_sigma_list=[None, None]
-        (jmmd((SOURCE, SOURCE_OUTPUTS), (TARGET, TARGET_OUTPUTS)), 5.0915652118071755),
         # skada 0.6.0, skada.deep.losses.deepcoral_loss
         (coral(SOURCE, TARGET), 0.06320981503793319),
-        # TLLIB, tllib/alignment/rsd.py (commit 9fcd99c), with trade_off=0.1
-        (rsd(*waves(3, 8)), 2.71243444628567),
-        # github.com/ismailnejjar/DARE-GRAM, code/dSprites/dare_gram.py (commit 5bbb90d),
-        # DARE_GRAM_LOSS (threshold 0.9, trade-offs 0.05 and 0.001), in float64 on the CPU
-        (dare_gram(*waves(7, 8)), 0.036728754748028815),
-        (dare_gram(*waves(3, 5)), 0.04348716300863118),
-        (dare_gram(*waves(8, 5)), 0.04468708658960039),
     ],
 )
 def test_values_are_those_of_public_implementations(value, published):
     assert value.item() == pytest.approx(published, rel=1e-9)
 
 
-@pytest.mark.parametrize("distance", [mk_mmd, joint, coral])
+@pytest.mark.parametrize("distance", [mk_mmd, coral])
 @pytest.mark.parametrize("same", [True, False])
 def test_gradients_are_finite_also_where_all_rows_are_the_same(distance, same):
     source = torch.ones(4, 6) if same else torch.randn(4, 6)
@@ -187,32 +147,6 @@ def test_the_gradient_of_mk_mmd_holds_the_bandwidth_fixed():
 
     slope = (value(1e-6) - value(-1e-6)) / 2e-6
     assert source.grad[1, 2].item() == pytest.approx(slope, rel=1e-6)
-
-
-@pytest.mark.parametrize("distance", [rsd, dare_gram])
-def test_gradients_are_those_of_finite_differences(distance):
-    source, target = (rows.requires_grad_() for rows in waves(4, 9))
-    assert torch.autograd.gradcheck(distance, (source, target))
-
-
-@pytest.mark.parametrize("distance", [rsd, dare_gram])
-@pytest.mark.parametrize("case", ["zeros", "ones", "repeated rows", "identical domains", "few"])
-def test_gradients_are_finite_where_singular_values_meet(distance, case):
-    generator = torch.Generator().manual_seed(0)
-    source, target = (torch.relu(torch.randn(6, 16, generator=generator)) for _ in range(2))
-    if case in ("zeros", "ones"):
-        source = torch.full((6, 16), float(case == "ones"))
-    elif case == "repeated rows":
-        target = target[[0, 0, 1, 1, 2, 2]]
-    elif case == "identical domains":
-        target = source.clone()
-    else:
-        source, target = source[:2], target[:2]
-    source, target = source.requires_grad_(), target.requires_grad_()
-    distance(source, target).backward()
-    for rows in (source, target):
-        assert rows.grad.dtype == torch.float32
-        assert torch.isfinite(rows.grad).all() and rows.grad.abs().max() < 1e3
 
 
 THREE = torch.tensor([[1.0, -2.0], [0.5, 3.0], [2.0, 1.0]])

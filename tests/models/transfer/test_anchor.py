@@ -19,7 +19,6 @@ from stiff_models.transfer.deep_ensemble import DeepEnsemble
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
 from stiff_models.transfer.source_model import NO_TARGET_LABELS
-from stiff_protocols.contract.errors import ConfigError
 
 pytestmark = [
     pytest.mark.usefixtures("small_source"),
@@ -218,13 +217,6 @@ def test_a_physical_model_predicts_the_same_in_torch(model, slide, parts):
     module = physics_module(model)
     ours = module(torch.tensor(test.q), torch.tensor(test.wrench)).numpy()
     np.testing.assert_allclose(ours, predicted(model, test), atol=1e-12)
-
-
-def test_physics_without_a_torch_form_is_refused(parts):
-    robot, train, _, _ = parts
-    model = VirtualJointModel(congruence=True).fit(train, robot=robot)
-    with pytest.raises(ConfigError, match=r"vjm has no ONNX form.*valid: vjm"):
-        physics_module(model)
 
 
 @pytest.mark.parametrize("anchor", TEACHERS)
