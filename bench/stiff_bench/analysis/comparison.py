@@ -19,8 +19,7 @@ from stiff_bench.analysis.collected import (
     split_sizes,
     test_share,
 )
-from stiff_bench.analysis.critical_difference import dataset_of, family_of
-from stiff_bench.analysis.ranking import scored_case
+from stiff_bench.analysis.ranking import dataset_of, family_of, scored_case
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import (
     Estimate,
@@ -43,11 +42,12 @@ from stiff_protocols.contract.types import AXES, FloatArray, IntArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
 from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
 from stiff_protocols.scoring.paired import wilcoxon_signed_rank
-from stiff_protocols.scoring.ranks import FEWEST_DATASETS
 
 NORM = "norm"
 ERRORS = (*AXES, NORM)
 """What is compared: the absolute error along each axis, and the length of the error vector."""
+FEWEST_DATASETS = 5
+"""With fewer data sets no p value over them is given."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Ranks of models over data sets and protocols. Numbers alone; `leaderboard_tables` prints them.
 
 A mean rank over fewer cases is another quantity: a model that lacks a result anywhere has none.
-Ranks, tests and the critical difference are computed among the models that are shown and complete.
+Ranks and tests are computed among the models that are shown and complete.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from stiff_bench.analysis.collected import (
     no_garbage_collection,
     same_name_other_data,
 )
-from stiff_bench.analysis.critical_difference import RankAnalysis, rank_analyses
 from stiff_bench.analysis.ranking import (
     Ranking,
     ScoredCase,
@@ -53,7 +52,6 @@ class RankedModel:
         won: cases in which no model has a better score.
         like_best: cases in which it is the best or cannot be told from it; None: no test
             applies to them all.
-        within_cd: it lies within the critical difference of the best; None: there is none.
     """
 
     name: str
@@ -62,7 +60,6 @@ class RankedModel:
     high: float
     won: int
     like_best: int | None
-    within_cd: bool | None
 
 
 @dataclass(frozen=True)
@@ -72,13 +69,11 @@ class Section:
     Attributes:
         selects_on_test: their protocols let models pick the epoch on the test part.
         unranked: the others by name -> case -> why it has no result there.
-        analyses: over data sets, the one over all protocols first.
     """
 
     selects_on_test: bool
     cases: tuple[ScoredCase, ...]
     unranked: Mapping[str, Mapping[CaseName, str]]
-    analyses: tuple[RankAnalysis, ...]
 
     @functools.cached_property
     def ranked(self) -> tuple[RankedModel, ...]:
@@ -86,7 +81,7 @@ class Section:
         names = complete_models(self.cases)
         if len(names) < 2:
             return ()
-        return tuple(_ranked([one.ranking(names) for one in self.cases], self.analyses[0]))
+        return tuple(_ranked([one.ranking(names) for one in self.cases]))
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -223,10 +218,10 @@ def _section(scored: list[ScoredCase], names: Sequence[str], selects_on_test: bo
         if not (name in complete and len(complete) > 1)
         and any(name in one.case.competitors for one in scored)
     }
-    return Section(selects_on_test, tuple(scored), unranked, tuple(rank_analyses(scored)))
+    return Section(selects_on_test, tuple(scored), unranked)
 
 
-def _ranked(rankings: Sequence[Ranking], over_datasets: RankAnalysis) -> list[RankedModel]:
+def _ranked(rankings: Sequence[Ranking]) -> list[RankedModel]:
     mean_ranks = np.mean([ranking.ranks for ranking in rankings], axis=0)  # (m,)
     low, high = _rank_interval(rankings, mean_ranks)
     won = np.sum([ranking.is_best for ranking in rankings], axis=0)
@@ -239,7 +234,6 @@ def _ranked(rankings: Sequence[Ranking], over_datasets: RankAnalysis) -> list[Ra
             high=float(high[column]),
             won=int(won[column]),
             like_best=None if like_best is None else int(like_best[column]),
-            within_cd=over_datasets.like_best(name),
         )
         for column, name in enumerate(rankings[0].models)
     ]

@@ -8,11 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
-from stiff_bench.analysis.critical_difference import dataset_of, family_of, of_robots
 from stiff_bench.analysis.leaderboard import (
     Leaderboard,
     Section,
@@ -23,6 +21,8 @@ from stiff_bench.analysis.ranking import (
     ScoredCase,
     complete_models,
     correction_text,
+    dataset_of,
+    family_of,
     times_like_best,
 )
 from stiff_bench.analysis.sort_key import SortKey
@@ -36,27 +36,26 @@ from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.scoring.paired import LEVEL
 
 BEST, LIKE_BEST = "*", "≈"
-_TESTS = ("Nemenyi", "Conover")
 
 
 def render_leaderboard(board: Leaderboard, fmt: str, command: str) -> str:
     """Return the tables as text of a format of `render`; `command` makes them.
 
     csv has the ranks alone, a line a model and number; json has each model's score in each
-    case, too, and all pairs of models.
+    case, too.
     """
     tables = []
     for section in board.sections:
         tables += [_ranks(section, board)] if fmt == "csv" else section_tables(section, board)
-        tables += _details(section, board) if fmt == "json" else []
+        tables += [_scores(section, board)] if fmt == "json" else []
     about = {"sort_key": board.key.text, "direction": board.key.metric.direction}
     return render(tables, fmt, command, about=about)
 
 
 def section_tables(section: Section, board: Leaderboard) -> list[Table]:
-    """Return ranks, scores by protocol, critical differences and costs of one section."""
+    """Return ranks, scores by protocol and costs of one section."""
     tables = [_ranks(section, board), *_by_protocol(section, board.key)]
-    tables += [_analyses(section, board), _costs(section)]
+    tables.append(_costs(section))
     return [replace(table, brief=True) for table in tables if table.rows]
 
 
@@ -74,7 +73,6 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
             Quantity(low=model.low, high=model.high) if np.isfinite(model.low) else None,
             model.won,
             None if model.like_best is None else Quantity(share=(model.like_best, n_cases)),
-            None if model.within_cd is None else "yes" if model.within_cd else "no",
             Quantity(share=(n_cases, n_cases)),
         ]
         for model in section.ranked
@@ -82,7 +80,7 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
     ]
     for name, missing in section.unranked.items():
         done = Quantity(share=(n_cases - len(missing), n_cases))
-        rows.append([Name(name, section.mark_under(name)), *[None] * 6, done])
+        rows.append([Name(name, section.mark_under(name)), *[None] * 5, done])
     return Table(
         title=(
             f"Leaderboard, {counted(n_cases, 'comparison')}: {_scope(section)}{apart} | sorted "
@@ -91,8 +89,7 @@ def _ranks(section: Section, board: Leaderboard) -> Table:
         columns=[
             *(Column("model", "text"), Column("place"), Column("mean rank", format=".2f")),
             Column(f"{percent(1.0 - LEVEL)} interval", format=".2f"),
-            *(Column("won"), Column("tied with best")),
-            *(Column("within CD of the best", "text"), Column("results")),
+            *(Column("won"), Column("tied with best"), Column("results")),
         ],
         rows=rows,
         notes=[*_rank_notes(section, board), *board.provenance],
@@ -253,53 +250,6 @@ def _scores_of(section: Section, scored: Sequence[ScoredCase], key: SortKey) -> 
     return found
 
 
-def _analyses(section: Section, board: Leaderboard) -> Table:
-    """Return a row for each analysis that has an outcome."""
-    rows: list[list[Entry]] = []
-    types = set()
-    for analysis in section.analyses:
-        if (outcome := analysis.outcome) is None:
-            continue
-        types |= {robot.type for robot in analysis.families}
-        upper = np.triu_indices(len(analysis.models), k=1)
-        conover = None if outcome.conover is None else outcome.conover < LEVEL
-        told = [
-            Quantity(share=(int(apart[upper].sum()), len(upper[0])))
-            if apart is not None and analysis.differs
-            else None
-            for apart in (analysis.apart, conover)
-        ]
-        groups = [f"{{{', '.join(analysis.models[i] for i in group)}}}" for group in outcome.groups]
-        rows.append(
-            [
-                *(analysis.text, of_robots(analysis.families), len(analysis.models)),
-                *(outcome.friedman_p, outcome.critical_difference, *told),
-                (", ".join(groups) or "none") if analysis.differs else "all (Friedman)",
-            ]
-        )
-    kinds = " and ".join(section.kinds)
-    one_type = f"all robots are of one type ({', '.join(types)}, {kinds}): not valid for others."
-    return Table(
-        title=f"Critical difference over robots | {board.key.text}",
-        columns=[
-            Column("protocol, condition", "text"),
-            Column("robots", "text"),
-            Column("models"),
-            Column("Friedman p", format=".2g"),
-            Column("CD", format=".2f"),
-            *(Column(f"pairs: {test}", format=_of) for test in _TESTS),
-            Column("groups, best first", "text"),
-        ],
-        rows=rows,
-        notes=[one_type] if len(types) == 1 else [],
-        about=_about(section, "critical difference"),
-    )
-
-
-def _of(pairs: Quantity) -> str:
-    return " of ".join(map(str, pairs.share or ()))
-
-
 def _costs(section: Section) -> Table:
     """Return what models cost, in the ranks' order; one whose costs nobody knows is not there."""
     costs = {
@@ -374,44 +324,6 @@ _COSTS = {
     )
 }
 """Metric -> its column."""
-
-
-def _details(section: Section, board: Leaderboard) -> list[Table]:
-    """Return each model's score in each case, and ranks and pairs of each analysis."""
-    ranks: list[list[Entry]] = []
-    pairs: list[list[Entry]] = []
-    for one in section.analyses:
-        if (outcome := one.outcome) is None:
-            continue
-        block = (one.protocol, one.condition)
-        robots = ", ".join(robot.text for robot in one.families)
-        for model, rank in zip(one.models, outcome.mean_ranks.tolist(), strict=True):
-            ranks.append([model, *block, robots, rank])
-        for i, j in combinations(range(len(one.models)), 2):
-            conover = None if outcome.conover is None else float(outcome.conover[i, j])
-            p_values = float(outcome.nemenyi[i, j]), conover
-            pairs.append([one.models[i], one.models[j], *block, *p_values])
-    over_robots = [
-        Table(
-            "Mean ranks over robots",
-            [
-                *text_columns("model", "protocol", "condition", "robots"),
-                Column("mean rank over robots", format=".2f"),
-            ],
-            ranks,
-            about=_about(section, "mean ranks over robots"),
-        ),
-        Table(
-            "Pairs over robots",
-            [
-                *text_columns("model", "other", "protocol", "condition"),
-                *(Column(f"{test} p", format=".2g") for test in _TESTS),
-            ],
-            pairs,
-            about=_about(section, "pairs over robots"),
-        ),
-    ]
-    return [_scores(section, board), *(over_robots if ranks else [])]
 
 
 def _scores(section: Section, board: Leaderboard) -> Table:

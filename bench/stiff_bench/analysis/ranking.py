@@ -31,6 +31,19 @@ from stiff_protocols.contract.types import BoolArray, FloatArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
 from stiff_protocols.scoring.paired import ROPE_M, ranked
 
+SEED, SPECIMEN = "seed", "specimen"
+"""Options of data sets that only repeat one, and that make another robot of its type."""
+
+
+def dataset_of(name: CaseName) -> str:
+    """Return a data set's name without the option that only repeats it."""
+    return name.variant.without(SEED).name
+
+
+def family_of(name: CaseName) -> str:
+    """Return a data set's name without the options that make another robot of its type."""
+    return name.variant.without(SEED, SPECIMEN).name
+
 
 @dataclass(frozen=True, eq=False)
 class ScoredCase:

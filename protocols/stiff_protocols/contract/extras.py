@@ -15,7 +15,6 @@ EXTRAS = {
     "pooch": "data",
     "pyarrow": "data",
     "pytabkit": "tabular",
-    "scikit_posthocs": "diagrams",
     "tabicl": "tabicl",
     "tabpfn": "tabpfn",
     "tomli_w": "data",
