@@ -19,7 +19,7 @@ from stiff_bench.analysis.collected import (
     split_sizes,
     test_share,
 )
-from stiff_bench.analysis.ranking import dataset_of, family_of, scored_case
+from stiff_bench.analysis.scored_case import dataset_of, family_of, scored_case
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import (
     Estimate,
