@@ -74,14 +74,14 @@ class Row:
         return self.means[0] - self.means[1]
 
     @property
-    def main(self) -> Estimate:
+    def estimate(self) -> Estimate:
         """The estimate that is shown first: over splits where there is one."""
         return self.over_splits or self.over_poses
 
     @property
     def cautious(self) -> Estimate:
         """The estimate with the wider interval: the one to speak of where one alone is named."""
-        return max(self.main, self.over_poses, key=lambda one: one.high - one.low)
+        return max(self.estimate, self.over_poses, key=lambda one: one.high - one.low)
 
 
 @dataclass(frozen=True)
