@@ -19,8 +19,7 @@ from stiff_bench.analysis.collected import (
     split_sizes,
     test_share,
 )
-from stiff_bench.analysis.critical_difference import dataset_of, family_of
-from stiff_bench.analysis.ranking import scored_case
+from stiff_bench.analysis.scored_case import dataset_of, family_of, scored_case
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import (
     Estimate,
@@ -43,11 +42,12 @@ from stiff_protocols.contract.types import AXES, FloatArray, IntArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
 from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
 from stiff_protocols.scoring.paired import wilcoxon_signed_rank
-from stiff_protocols.scoring.ranks import FEWEST_DATASETS
 
 NORM = "norm"
 ERRORS = (*AXES, NORM)
 """What is compared: the absolute error along each axis, and the length of the error vector."""
+FEWEST_DATASETS = 5
+"""With fewer data sets no p value over them is given."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,14 @@ class Row:
         return self.means[0] - self.means[1]
 
     @property
-    def main(self) -> Estimate:
+    def estimate(self) -> Estimate:
         """The estimate that is shown first: over splits where there is one."""
         return self.over_splits or self.over_poses
 
     @property
     def cautious(self) -> Estimate:
         """The estimate with the wider interval: the one to speak of where one alone is named."""
-        return max(self.main, self.over_poses, key=lambda one: one.high - one.low)
+        return max(self.estimate, self.over_poses, key=lambda one: one.high - one.low)
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,10 @@ docs/comparing.md says what the columns and marks mean.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 from stiff_bench.analysis.comparison import NORM, Across, Comparison, ModelComparison, Row
 from stiff_bench.analysis.verdict import Estimate, Question, Verdict, decide
@@ -15,7 +17,7 @@ from stiff_bench.analysis.where import Place
 from stiff_bench.store.names import label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
 
 VERDICTS: dict[Verdict, str] = {
@@ -193,32 +195,6 @@ def _notes(report: ModelComparison) -> Iterator[str]:
     yield from report.provenance
 
 
-def _estimates(report: ModelComparison) -> Table:
-    """Return what each method says of each error in each case."""
-    rows: list[list[Entry]] = []
-    for one in report.comparisons:
-        name = one.name
-        about: list[Entry] = [
-            *(name.dataset, name.protocol, name.condition, name.seed, one.n_splits),
-            *(name.data_sha256, name.source_sha256, one.selects_on_test),
-            *(mark_of(one.a), mark_of(one.b)),
-            *(one.n_train, one.n_test, one.n_poses),
-        ]
-        rows += [
-            [*about, row.error, method, _verdict(row), *_numbers(row.means, found)]
-            for row in one.rows
-            for method, found in (("over splits", row.over_splits), ("over poses", row.over_poses))
-            if found is not None
-        ]
-    columns = [
-        *text_columns("dataset", "protocol", "condition", "seed", "splits", "data_sha256"),
-        *text_columns("source_sha256", "selects_on_test", "mark_a", "mark_b", "n_train"),
-        *text_columns("n_test", "n_poses", "error", "method", "verdict"),
-        *_number_columns(report),
-    ]
-    return Table("Estimates by each method | mean error, mm", columns, rows, unit=_UNIT)
-
-
 _UNIT, _LENGTH, _DIFFERENCE = PRINTED["m"][0], ".4f", "+.4f"
 
 
@@ -227,32 +203,40 @@ def _p_text(found: Quantity) -> str:
     return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
-def _number_columns(report: ModelComparison) -> list[Column]:
-    return [
-        Column("A", unit=_UNIT, format=_LENGTH),
-        Column("B", unit=_UNIT, format=_LENGTH),
-        Column("A - B", unit=_UNIT, format=_DIFFERENCE),
-        Column(f"{percent(report.question.confidence)} interval", unit=_UNIT, format=_DIFFERENCE),
-        Column("p", format=_p_text),
-        *(
-            Column(f"P({outcome})", format=lambda found: _chance(found.value or 0.0))
-            for outcome in ("A better", "equivalent", "B better")
-        ),
-    ]
-
-
-def _numbers(means: tuple[float, float], estimate: Estimate) -> list[Entry]:
-    """Return the cells of `_number_columns`."""
-    (a, b), posterior = means, estimate.posterior
-    return [
-        *(MM * length for length in (a, b, a - b)),
-        _interval(estimate),
-        *(estimate.p_value, posterior.a_better, posterior.equivalent, posterior.b_better),
-    ]
+def _chance_text(found: Quantity) -> str:
+    return _chance(found.value or 0.0)
 
 
 def _interval(estimate: Estimate) -> Quantity:
     return Quantity(low=MM * estimate.low, high=MM * estimate.high)
+
+
+def _number_columns(
+    report: ModelComparison, of: Callable[[Any], Any] = lambda row: row
+) -> list[Column]:
+    """Return the columns that all tables share; a new one is one entry.
+
+    `of` returns, of what a row of the table is of, what has `means` [m] and an `estimate`.
+    """
+
+    def column(name: str, value: Callable[[Any], Entry], unit: str, spec: Any) -> Column:
+        return Column(name, unit=unit, format=spec, value=lambda row: value(of(row)))
+
+    interval = f"{percent(report.question.confidence)} interval"
+    return [
+        column("A", lambda row: MM * row.means[0], _UNIT, _LENGTH),
+        column("B", lambda row: MM * row.means[1], _UNIT, _LENGTH),
+        column("A - B", lambda row: MM * (row.means[0] - row.means[1]), _UNIT, _DIFFERENCE),
+        column(interval, lambda row: _interval(row.estimate), _UNIT, _DIFFERENCE),
+        column("p", lambda row: row.estimate.p_value, "", _p_text),
+        column("P(A better)", lambda row: row.estimate.posterior.a_better, "", _chance_text),
+        column("P(equivalent)", lambda row: row.estimate.posterior.equivalent, "", _chance_text),
+        column("P(B better)", lambda row: row.estimate.posterior.b_better, "", _chance_text),
+    ]
+
+
+def _text_column(name: str, value: Callable[[Any], Entry], hidden: bool = False) -> Column:
+    return Column(name, "text", hidden=hidden, value=value)
 
 
 def _errors(report: ModelComparison) -> Table:
@@ -260,25 +244,23 @@ def _errors(report: ModelComparison) -> Table:
     name = found.name
     a, b = (marked(shown.model, mark_of(shown)) for shown in (found.a, found.b))
     where = setting(found.a, name.condition, found.n_splits, name.seed)
-    over_poses = Column("interval over poses", unit=_UNIT, format=_DIFFERENCE)
-    return Table(
+    over_poses = Column(
+        "interval over poses",
+        unit=_UNIT,
+        format=_DIFFERENCE,
+        value=lambda row: _interval(row.over_poses),
+    )
+    return Table.of(
         f"A = {a}, B = {b} | {where} | mean error, mm",
         [
-            *(Column("mean error", "text"), *_number_columns(report)),
+            _text_column(
+                "mean error", lambda row: "3-D" if row.error == NORM else row.error.upper()
+            ),
+            *_number_columns(report),
             *([over_poses] if found.over_splits else []),
-            Column("verdict", "text"),
+            _text_column("verdict", lambda row: _shown_verdict(row, report)),
         ],
-        [
-            [
-                *(
-                    "3-D" if row.error == NORM else row.error.upper(),
-                    *_numbers(row.means, row.main),
-                ),
-                *([_interval(row.over_poses)] if found.over_splits else []),
-                _shown_verdict(row, report),
-            ]
-            for row in found.rows
-        ],
+        found.rows,
         unit=_UNIT,
     )
 
@@ -286,20 +268,112 @@ def _errors(report: ModelComparison) -> Table:
 def _cases(report: ModelComparison) -> Table:
     called = label_parts(one.name for one in report.comparisons)
     kinds = " and ".join(dict.fromkeys(one.a.kind for one in report.comparisons))
-    return Table(
+    return Table.of(
         f"A = {report.a}, B = {report.b} | {len(report.comparisons)} comparisons ({kinds}) | "
         "mean 3-D error, mm",
         [
-            *(Column("comparison", "text"), Column("splits")),
-            *(*_number_columns(report), Column("verdict", "text")),
+            _text_column("comparison", lambda one: Name(_joined(*called[one.name]), _marks(one))),
+            Column("splits", value=lambda one: one.n_splits),
+            *_number_columns(report, lambda one: one.row(NORM)),
+            _text_column("verdict", lambda one: _shown_verdict(one.row(NORM), report)),
+        ],
+        report.comparisons,
+        unit=_UNIT,
+    )
+
+
+def _places(report: ModelComparison, places: Sequence[Place]) -> Table:
+    numbers = _number_columns(report)
+    return Table.of(
+        "Where each is better (these fits) | mean 3-D error, mm",
+        [
+            _text_column("where", place_text),
+            _text_column("kind", lambda place: place.factor.kind, hidden=True),
+            Column("samples", value=lambda place: place.n_samples),
+            Column("poses", value=lambda place: place.errors.n_tested),
+            *numbers[:5],
+            *(replace(column, hidden=True) for column in numbers[5:]),
+            _text_column("verdict", lambda place: VERDICTS[place.verdict]),
+        ],
+        places,
+        unit=_UNIT,
+    )
+
+
+def _over_datasets(report: ModelComparison) -> Table:
+    def count(verdict: Verdict) -> Column:
+        return Column(VERDICTS[verdict], value=lambda one: one.verdicts.count(verdict))
+
+    return Table.of(
+        "Over data sets | mean 3-D error, mm",
+        [
+            _text_column(
+                "over data sets of one robot type", lambda one: _across_name(one, report.across)
+            ),
+            Column("data sets", value=lambda one: len(one.verdicts)),
+            *map(count, VERDICTS),
+            Column(
+                *("mean A - B", "number", _UNIT, _DIFFERENCE),
+                value=lambda one: MM * one.mean_difference,
+            ),
+            Column("p over data sets", format=_p_text, value=lambda one: one.p_value),
+        ],
+        report.across,
+        unit=_UNIT,
+    )
+
+
+class Method(NamedTuple):
+    """What one method says of one error in one case."""
+
+    case: Comparison
+    row: Row
+    name: str
+    estimate: Estimate
+
+    @property
+    def means(self) -> tuple[float, float]:
+        """Errors of A and of B, m."""
+        return self.row.means
+
+    @property
+    def mark_a(self) -> str:
+        """What must stand beside A's numbers."""
+        return mark_of(self.case.a)
+
+    @property
+    def mark_b(self) -> str:
+        """What must stand beside B's numbers."""
+        return mark_of(self.case.b)
+
+
+_ESTIMATE_TEXTS = {
+    **{name: f"case.name.{name}" for name in ("dataset", "protocol", "condition", "seed")},
+    "splits": "case.n_splits",
+    **{name: f"case.name.{name}" for name in ("data_sha256", "source_sha256")},
+    "selects_on_test": "case.selects_on_test",
+    **{"mark_a": "mark_a", "mark_b": "mark_b", "task": "case.a.task"},
+    **{name: f"case.{name}" for name in ("n_train", "n_test", "n_poses")},
+    **{"error": "row.error", "method": "name"},
+}
+"""Column of the estimates -> where a `Method` has it."""
+
+
+def _estimates(report: ModelComparison) -> Table:
+    """Return what each method says of each error in each case."""
+    return Table.of(
+        "Estimates by each method | mean error, mm",
+        [
+            *(_text_column(name, attrgetter(place)) for name, place in _ESTIMATE_TEXTS.items()),
+            _text_column("verdict", lambda one: _verdict(one.row)),
+            *_number_columns(report),
         ],
         [
-            [
-                *(Name(_joined(*called[one.name]), _marks(one)), one.n_splits),
-                *(*_numbers(row.means, row.main), _shown_verdict(row, report)),
-            ]
-            for one in report.comparisons
-            for row in [one.row(NORM)]
+            Method(case, row, name, found)
+            for case in report.comparisons
+            for row in case.rows
+            for name, found in (("over splits", row.over_splits), ("over poses", row.over_poses))
+            if found is not None
         ],
         unit=_UNIT,
     )
@@ -330,27 +404,6 @@ def _shown_verdict(row: Row, report: ModelComparison) -> str:
     return f"{_verdict(row)}{' (poses)' if of_splits in ('a', 'b') else ''}"
 
 
-def _over_datasets(report: ModelComparison) -> Table:
-    return Table(
-        "Over data sets | mean 3-D error, mm",
-        [
-            Column("over data sets of one robot type", "text"),
-            *(Column(name) for name in ("data sets", *VERDICTS.values())),
-            Column("mean A - B", unit=_UNIT, format=_DIFFERENCE),
-            Column("p over data sets", format=_p_text),
-        ],
-        [
-            [
-                *(_across_name(one, report.across), len(one.verdicts)),
-                *(one.verdicts.count(verdict) for verdict in VERDICTS),
-                *(MM * one.mean_difference, one.p_value),
-            ]
-            for one in report.across
-        ],
-        unit=_UNIT,
-    )
-
-
 def _across_name(one: Across, among: Sequence[Across]) -> Name:
     alike = [(other.family, other.protocol, other.condition) for other in among]
     repeated = alike.count((one.family, one.protocol, one.condition)) > 1
@@ -358,27 +411,6 @@ def _across_name(one: Across, among: Sequence[Across]) -> Name:
     fits = "these fits" if one.of_fits else ""
     text = _joined(one.family, one.protocol, one.condition, seed, fits)
     return Name(text, SELECTS_ON_TEST if one.selects_on_test else "")
-
-
-def _places(report: ModelComparison, places: Sequence[Place]) -> Table:
-    columns = _number_columns(report)
-    return Table(
-        "Where each is better (these fits) | mean 3-D error, mm",
-        [
-            *(Column("where", "text"), Column("kind", "text", hidden=True)),
-            *(Column("samples"), Column("poses"), *columns[:5]),
-            *(replace(column, hidden=True) for column in columns[5:]),
-            Column("verdict", "text"),
-        ],
-        [
-            [
-                *(place_text(place), place.factor.kind, place.n_samples, place.errors.n_tested),
-                *(*_numbers(place.means, place.estimate), VERDICTS[place.verdict]),
-            ]
-            for place in places
-        ],
-        unit=_UNIT,
-    )
 
 
 def place_text(place: Place) -> str:

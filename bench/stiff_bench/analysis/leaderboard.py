@@ -1,18 +1,19 @@
-"""Ranks of models over data sets and protocols. Numbers alone; `leaderboard_tables` prints them.
+"""Ranks of models over data sets and protocols; `leaderboard_tables` prints them.
 
 A mean rank over fewer cases is another quantity: a model that lacks a result anywhere has none.
-Ranks, tests and the critical difference are computed among the models that are shown and complete.
+Ranks and tests are computed among the models that are shown and complete.
 """
 
 from __future__ import annotations
 
-import functools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from pandas import DataFrame, Series
 
 from stiff_bench.analysis.collected import (
     Case,
@@ -23,9 +24,7 @@ from stiff_bench.analysis.collected import (
     no_garbage_collection,
     same_name_other_data,
 )
-from stiff_bench.analysis.critical_difference import RankAnalysis, rank_analyses
-from stiff_bench.analysis.ranking import (
-    Ranking,
+from stiff_bench.analysis.scored_case import (
     ScoredCase,
     complete_models,
     scored_case,
@@ -37,55 +36,48 @@ from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import TRAINING_MARK, mark_of
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.paired import LEVEL, ranked
 
 
-@dataclass(frozen=True)
-class RankedModel:
-    """A model with a result in every case.
-
-    Attributes:
-        mean_rank: over the cases, among the ranked models.
-        low, high: bounds of it over resampled poses, and itself; NaN where the metric cannot be
-            resampled.
-        won: cases in which no model has a better score.
-        like_best: cases in which it is the best or cannot be told from it; None: no test
-            applies to them all.
-        within_cd: it lies within the critical difference of the best; None: there is none.
-    """
-
-    name: str
-    mean_rank: float
-    low: float
-    high: float
-    won: int
-    like_best: int | None
-    within_cd: bool | None
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Section:
     """The cases that may be ranked together.
 
     Attributes:
         selects_on_test: their protocols let models pick the epoch on the test part.
-        unranked: the others by name -> case -> why it has no result there.
-        analyses: over data sets, the one over all protocols first.
+        unranked: models without a score in every case: name -> case -> why it has no score there.
     """
 
     selects_on_test: bool
     cases: tuple[ScoredCase, ...]
     unranked: Mapping[str, Mapping[CaseName, str]]
-    analyses: tuple[RankAnalysis, ...]
 
-    @functools.cached_property
-    def ranked(self) -> tuple[RankedModel, ...]:
-        """Models with a score in every case, by mean rank, then name; of one alone none."""
+    @cached_property
+    def ranked(self) -> DataFrame:
+        """The models with a score in every case by mean rank, then name; of one alone none.
+
+        A row a model. Columns: `place`; `mean_rank` over the cases, among the ranked models; `low`
+        and `high`, its bounds over draws of the poses, NaN where the metric cannot be resampled;
+        `won`, the cases in which no model has a better score; `like_best`, the cases in which it
+        is the best or cannot be told from it, NaN where no test applies to them all.
+        """
         names = complete_models(self.cases)
         if len(names) < 2:
-            return ()
-        return tuple(_ranked([one.ranking(names) for one in self.cases], self.analyses[0]))
+            return DataFrame()
+        scores = DataFrame([[case.mean(name) for name in names] for case in self.cases])
+        ranks = (scores * self.cases[0].key.sign).rank(axis="columns")  # (cases, models)
+        low, high = _rank_interval(self.cases, names, ranks.mean())
+        like_best = times_like_best(self.cases, names)
+        found = DataFrame(
+            {
+                "place": ranks.mean().rank(method="min").astype(int),
+                "mean_rank": ranks.mean(),
+                **{"low": low, "high": high},
+                "won": ranks.eq(ranks.min(axis="columns"), axis="index").sum(),
+                "like_best": [np.nan if like_best is None else like_best[name] for name in names],
+            }
+        )
+        return found.set_axis(names).sort_values("mean_rank", kind="stable")
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -95,7 +87,7 @@ class Section:
     @property
     def models(self) -> tuple[str, ...]:
         """All models, the ranked ones first."""
-        return (*(model.name for model in self.ranked), *self.unranked)
+        return (*self.ranked.index, *self.unranked)
 
     def mark_under(self, model: str, protocol: str = "") -> str:
         """Return what must stand beside a model's numbers, under one protocol or all."""
@@ -215,48 +207,31 @@ def _section(scored: list[ScoredCase], names: Sequence[str], selects_on_test: bo
         if not (name in complete and len(complete) > 1)
         and any(name in one.case.competitors for one in scored)
     }
-    return Section(selects_on_test, tuple(scored), unranked, tuple(rank_analyses(scored)))
-
-
-def _ranked(rankings: Sequence[Ranking], over_datasets: RankAnalysis) -> list[RankedModel]:
-    mean_ranks = np.mean([ranking.ranks for ranking in rankings], axis=0)  # (m,)
-    low, high = _rank_interval(rankings, mean_ranks)
-    won = np.sum([ranking.is_best for ranking in rankings], axis=0)
-    like_best = times_like_best(rankings)
-    models = [
-        RankedModel(
-            name=name,
-            mean_rank=float(mean_ranks[column]),
-            low=float(low[column]),
-            high=float(high[column]),
-            won=int(won[column]),
-            like_best=None if like_best is None else int(like_best[column]),
-            within_cd=over_datasets.like_best(name),
-        )
-        for column, name in enumerate(rankings[0].models)
-    ]
-    return sorted(models, key=lambda model: (model.mean_rank, model.name))
+    return Section(selects_on_test, tuple(scored), unranked)
 
 
 def _rank_interval(
-    rankings: Sequence[Ranking], mean_ranks: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the (m,) bounds of the mean rank over draws of the poses, the same in all cases.
+    cases: Sequence[ScoredCase], models: Sequence[str], mean_ranks: Series
+) -> tuple[Series, Series]:
+    """Return the bounds of the m mean ranks over draws of the poses, the same in all cases.
 
     A case none of whose poses was drawn is left out of the mean of that draw. Draws hold fewer
     poses than the data, so that close models change places more often in them and ranks draw
     nearer to the middle: bounds are widened to hold the mean rank itself.
     """
-    drawn = [ranked(means) for ranking in rankings if (means := ranking.drawn) is not None]
-    if not drawn:
-        nothing = np.full(len(rankings[0].models), np.nan)
-        return nothing, nothing
-    total, counts = np.zeros((2, *drawn[0].shape))
-    for ranks in drawn:
-        total += np.nan_to_num(ranks)
-        counts += np.isfinite(ranks)
+    ranks = [
+        ranked(drawn[:, [case.models.index(model) for model in models]])  # (B, m)
+        for case in cases
+        if (drawn := case.errors.drawn) is not None
+    ]
+    if not ranks:
+        return mean_ranks * np.nan, mean_ranks * np.nan
+    total, counts = np.zeros((2, *ranks[0].shape))
+    for of_case in ranks:
+        total += np.nan_to_num(of_case)
+        counts += np.isfinite(of_case)
     drew_some = counts.all(axis=1)
     low, high = np.quantile(
         total[drew_some] / counts[drew_some], [0.5 * LEVEL, 1.0 - 0.5 * LEVEL], axis=0
     )
-    return np.minimum(low, mean_ranks), np.maximum(high, mean_ranks)
+    return mean_ranks.clip(upper=low), mean_ranks.clip(lower=high)

@@ -1,6 +1,7 @@
-"""A leaderboard as tables. Here SI becomes mm and per cent.
+"""A leaderboard as tables: lists of columns, each of which makes its own cells. SI becomes mm here.
 
-docs/comparing.md says what the columns and marks mean.
+A new column is one entry: of the ranks in `RANKS`, of the costs in `COSTS`. docs/comparing.md says
+what the columns and marks mean.
 """
 
 from __future__ import annotations
@@ -8,21 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
+from functools import partial
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
+from pandas import DataFrame
 
-from stiff_bench.analysis.critical_difference import dataset_of, family_of, of_robots
-from stiff_bench.analysis.leaderboard import (
-    Leaderboard,
-    Section,
-    and_more,
-    caveats_of,
-)
-from stiff_bench.analysis.ranking import (
+from stiff_bench.analysis.leaderboard import Leaderboard, Section, and_more, caveats_of
+from stiff_bench.analysis.scored_case import (
     ScoredCase,
     complete_models,
     correction_text,
+    dataset_of,
+    family_of,
     times_like_best,
 )
 from stiff_bench.analysis.sort_key import SortKey
@@ -36,27 +36,25 @@ from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.scoring.paired import LEVEL
 
 BEST, LIKE_BEST = "*", "≈"
-_TESTS = ("Nemenyi", "Conover")
 
 
 def render_leaderboard(board: Leaderboard, fmt: str, command: str) -> str:
     """Return the tables as text of a format of `render`; `command` makes them.
 
     csv has the ranks alone, a line a model and number; json has each model's score in each
-    case, too, and all pairs of models.
+    case, too.
     """
     tables = []
     for section in board.sections:
         tables += [_ranks(section, board)] if fmt == "csv" else section_tables(section, board)
-        tables += _details(section, board) if fmt == "json" else []
+        tables += [_scores(section, board)] if fmt == "json" else []
     about = {"sort_key": board.key.text, "direction": board.key.metric.direction}
     return render(tables, fmt, command, about=about)
 
 
 def section_tables(section: Section, board: Leaderboard) -> list[Table]:
-    """Return ranks, scores by protocol, critical differences and costs of one section."""
-    tables = [_ranks(section, board), *_by_protocol(section, board.key)]
-    tables += [_analyses(section, board), _costs(section)]
+    """Return ranks, scores by protocol and costs of one section."""
+    tables = [_ranks(section, board), *_by_protocol(section, board.key), _costs(section)]
     return [replace(table, brief=True) for table in tables if table.rows]
 
 
@@ -64,38 +62,52 @@ def _about(section: Section, table: str) -> dict[str, object]:
     return {"table": table, "selects_on_test": section.selects_on_test}
 
 
+Standing = Mapping[str, Any]
+"""A row of `Section.ranked` with `model`, `n_results` and `n_cases`; the latter alone without a
+rank."""
+
+
+def _interval(model: Standing) -> Quantity | None:
+    known = np.isfinite(model.get("low", np.nan))
+    return Quantity(low=model["low"], high=model["high"]) if known else None
+
+
+def _tied(model: Standing) -> Quantity | None:
+    like_best = model.get("like_best", np.nan)
+    return None if np.isnan(like_best) else Quantity(share=(int(like_best), model["n_cases"]))
+
+
+RANKS = (
+    Column("model", "text", value=itemgetter("model")),
+    Column("place", value=lambda model: model.get("place")),
+    Column("mean rank", format=".2f", value=lambda model: model.get("mean_rank")),
+    Column(f"{percent(1.0 - LEVEL)} interval", format=".2f", value=_interval),
+    Column("won", value=lambda model: model.get("won")),
+    Column("tied with best", value=_tied),
+    Column("results", value=lambda model: Quantity(share=(model["n_results"], model["n_cases"]))),
+)
+"""The columns of the ranks, made from a `Standing`."""
+
+
 def _ranks(section: Section, board: Leaderboard) -> Table:
-    n_cases = len(section.cases)
+    n_cases, ranked = len(section.cases), section.ranked.to_dict("index")
     better = "larger" if board.key.sign < 0.0 else "smaller"
     apart = f" | {SELECTION_MARK}s: not a fair comparison" if section.selects_on_test else ""
-    rows: list[list[Entry]] = [
-        [
-            *(Name(model.name, section.mark_under(model.name)), place, model.mean_rank),
-            Quantity(low=model.low, high=model.high) if np.isfinite(model.low) else None,
-            model.won,
-            None if model.like_best is None else Quantity(share=(model.like_best, n_cases)),
-            None if model.within_cd is None else "yes" if model.within_cd else "no",
-            Quantity(share=(n_cases, n_cases)),
-        ]
-        for model in section.ranked
-        for place in [1 + sum(one.mean_rank < model.mean_rank for one in section.ranked)]
+    standings = [
+        {
+            "model": Name(model, section.mark_under(model)),
+            "n_cases": n_cases,
+            "n_results": n_cases - len(section.unranked.get(model, ())),
+            **ranked.get(model, {}),
+        }
+        for model in section.models
     ]
-    for name, missing in section.unranked.items():
-        done = Quantity(share=(n_cases - len(missing), n_cases))
-        rows.append([Name(name, section.mark_under(name)), *[None] * 6, done])
-    return Table(
-        title=(
-            f"Leaderboard, {counted(n_cases, 'comparison')}: {_scope(section)}{apart} | sorted "
-            f"by mean rank of {board.key.text} ({better} is better)"
-        ),
-        columns=[
-            *(Column("model", "text"), Column("place"), Column("mean rank", format=".2f")),
-            Column(f"{percent(1.0 - LEVEL)} interval", format=".2f"),
-            *(Column("won"), Column("tied with best")),
-            *(Column("within CD of the best", "text"), Column("results")),
-        ],
-        rows=rows,
-        notes=[*_rank_notes(section, board), *board.provenance],
+    return Table.of(
+        f"Leaderboard, {counted(n_cases, 'comparison')}: {_scope(section)}{apart} | sorted by mean "
+        f"rank of {board.key.text} ({better} is better)",
+        RANKS,
+        standings,
+        [*_rank_notes(section, board), *board.provenance],
         about=_about(section, "ranks"),
     )
 
@@ -164,49 +176,53 @@ def _lacking(unranked: Mapping[str, Mapping[CaseName, str]], called: Mapping[Cas
 
 def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
     """Yield a table for each robot type and protocol; its columns are the conditions."""
-    unit, _ = PRINTED[key.metric.unit]
     apart = f" | {SELECTION_MARK}s" if section.selects_on_test else ""
     for (_, protocol), of_protocol in grouped(
         section.cases, lambda one: (family_of(one.name), one.name.protocol)
     ).items():
         n_datasets = len({dataset_of(one.name) for one in of_protocol})
         spread = ", mean ± standard deviation over data sets" if n_datasets > 1 else ""
-        columns, scores = [Column("model", "text")], []
-        for condition, members in grouped(of_protocol, lambda one: one.name.condition).items():
-            datasets = dict.fromkeys(dataset_of(one.name) for one in members)
-            seeds = sorted({one.name.seed for one in members})
-            about = {
-                **{"metric": key.metric.key, "axis": key.axis, "protocol": protocol},
-                **{"condition": condition, "datasets": [*datasets], "seeds": seeds},
-            }
-            several = [counted(len(datasets), "data set")] if n_datasets > 1 else []
-            counts = ", ".join([*several, *_several(seeds, "seed")])
-            heading = f"{condition or protocol}{f' ({counts})' if counts else ''}"
-            number = number_format(key.metric)
-            columns.append(Column(heading, unit=unit, format=number, about=about))
-            scores.append(_scores_of(section, members, key))
+        run = {model for one in of_protocol for model in one.case.competitors}
+        mark = partial(section.mark_under, protocol=protocol)
+        conditions = grouped(of_protocol, lambda one: one.name.condition).values()
         like = f"; {LIKE_BEST} no significant difference from the best, "
         like = "" if key.is_cost else like + correction_text(of_protocol)
-        yield Table(
-            title=f"{protocol} on {_datasets(one.name for one in of_protocol)}{apart} | "
+        yield Table.of(
+            f"{protocol} on {_datasets(one.name for one in of_protocol)}{apart} | "
             f"{key.text}{spread}",
-            columns=columns,
-            rows=[
-                [
-                    Name(model, section.mark_under(model, protocol)),
-                    *(column.get(model) for column in scores),
-                ]
-                for model in section.models
-                if any(model in column for column in scores)
+            [
+                Column("model", "text", value=lambda model: model),
+                *(_condition_column(members, n_datasets, key) for members in conditions),
             ],
-            notes=[
+            [Name(model, mark(model)) for model in section.models if model in run],
+            [
                 f"{BEST} best mean of the column{like}.",
                 *_few_splits(of_protocol),
                 *caveats_of(one.case for one in of_protocol),
             ],
-            unit=unit,
+            unit=PRINTED[key.metric.unit][0],
             about=_about(section, "scores by protocol"),
         )
+
+
+def _condition_column(cases: Sequence[ScoredCase], n_datasets: int, key: SortKey) -> Column:
+    """Return the column of a condition: each model's mean score over the data sets."""
+    name = cases[0].name
+    datasets = dict.fromkeys(dataset_of(one.name) for one in cases)
+    seeds = sorted({one.name.seed for one in cases})
+    several = [counted(len(datasets), "data set")] if n_datasets > 1 else []
+    counts = ", ".join([*several, *_several(seeds, "seed")])
+    scores = _mean_scores(cases, key)
+    return Column(
+        f"{name.condition or name.protocol}{f' ({counts})' if counts else ''}",
+        unit=PRINTED[key.metric.unit][0],
+        format=number_format(key.metric),
+        about={
+            **{"metric": key.metric.key, "axis": key.axis, "protocol": name.protocol},
+            **{"condition": name.condition, "datasets": [*datasets], "seeds": seeds},
+        },
+        value=lambda model: scores.get(model.text),
+    )
 
 
 FEW_SPLITS = 5
@@ -220,88 +236,38 @@ def _few_splits(scored: Sequence[ScoredCase]) -> Iterator[str]:
     yield f"{fewest} splits show only very large differences; --splits {FEW_SPLITS} shows more."
 
 
-def _scores_of(section: Section, scored: Sequence[ScoredCase], key: SortKey) -> dict[str, Quantity]:
-    """Return each model's score over the data sets of a column; some of them alone are no mean."""
-    complete = complete_models(scored)
+def _mean_scores(cases: Sequence[ScoredCase], key: SortKey) -> dict[str, Quantity]:
+    """Return each model's score over the data sets of some cases, as printed.
+
+    A mean over some of the data sets alone has their share, and is never the best.
+    """
     _, factor = PRINTED[key.metric.unit]
-    datasets = grouped(scored, lambda one: dataset_of(one.name))
-    means = {
-        model: [
-            factor * float(np.mean([one.mean(model) for one in members]))
-            for members in datasets.values()
-            if all(model in one.scores for one in members)
-        ]
-        for model in section.models
-        if any(model in one.case.competitors for one in scored)
-    }
-    best = min((key.sign * np.mean(means[model]) for model in complete), default=np.nan)
-    times = times_like_best([one.ranking(complete) for one in scored]) if complete else None
-    shown = () if times is None else zip(complete, times, strict=True)
-    like = {model for model, number in shown if number > 0.5 * len(scored)}
+    run = sorted({model for one in cases for model in one.case.competitors})
+    of_cases = DataFrame([{m: factor * one.mean(m) for m in one.scores} for one in cases])
+    of_data = of_cases.reindex(columns=run).groupby([dataset_of(one.name) for one in cases])
+    scores = of_data.mean(skipna=False)  # (data sets, models); NaN where a case has none
+    mean, spread, count = scores.mean(), scores.std(), scores.count()
+    complete = complete_models(cases)
+    best = (key.sign * mean[[*complete]]).min()
+    times = times_like_best(cases, complete) if complete else None
     found = {}
-    for model, values in means.items():
-        mean = float(np.mean(values)) if values else None
-        std = float(np.std(values, ddof=1)) if len(values) > 1 else None
-        failed = max(one.failed(model) for one in scored)
-        if len(values) < len(datasets):
-            share = (len(values), len(datasets)) if values else None
-            found[model] = Quantity(mean, std, share=share, status=failed)
-        else:
-            is_best = model in complete and key.sign * np.mean(values) == best
-            mark = BEST if is_best else LIKE_BEST if model in like else ""
-            found[model] = Quantity(mean, std, mark=mark)
+    for model in run:
+        failed = max(one.failed(model) for one in cases)
+        value = float(mean[model]) if count[model] else None
+        deviation = float(spread[model]) if count[model] > 1 else None
+        if count[model] < len(scores):
+            share = (int(count[model]), len(scores)) if count[model] else None
+            found[model] = Quantity(value, deviation, share=share, status=failed)
+            continue
+        like = times is not None and times[model] > 0.5 * len(cases)
+        is_best = model in complete and key.sign * mean[model] == best
+        mark = BEST if is_best else LIKE_BEST if like else ""
+        found[model] = Quantity(value, deviation, mark=mark)
     return found
 
 
-def _analyses(section: Section, board: Leaderboard) -> Table:
-    """Return a row for each analysis that has an outcome."""
-    rows: list[list[Entry]] = []
-    types = set()
-    for analysis in section.analyses:
-        if (outcome := analysis.outcome) is None:
-            continue
-        types |= {robot.type for robot in analysis.families}
-        upper = np.triu_indices(len(analysis.models), k=1)
-        conover = None if outcome.conover is None else outcome.conover < LEVEL
-        told = [
-            Quantity(share=(int(apart[upper].sum()), len(upper[0])))
-            if apart is not None and analysis.differs
-            else None
-            for apart in (analysis.apart, conover)
-        ]
-        groups = [f"{{{', '.join(analysis.models[i] for i in group)}}}" for group in outcome.groups]
-        rows.append(
-            [
-                *(analysis.text, of_robots(analysis.families), len(analysis.models)),
-                *(outcome.friedman_p, outcome.critical_difference, *told),
-                (", ".join(groups) or "none") if analysis.differs else "all (Friedman)",
-            ]
-        )
-    kinds = " and ".join(section.kinds)
-    one_type = f"all robots are of one type ({', '.join(types)}, {kinds}): not valid for others."
-    return Table(
-        title=f"Critical difference over robots | {board.key.text}",
-        columns=[
-            Column("protocol, condition", "text"),
-            Column("robots", "text"),
-            Column("models"),
-            Column("Friedman p", format=".2g"),
-            Column("CD", format=".2f"),
-            *(Column(f"pairs: {test}", format=_of) for test in _TESTS),
-            Column("groups, best first", "text"),
-        ],
-        rows=rows,
-        notes=[one_type] if len(types) == 1 else [],
-        about=_about(section, "critical difference"),
-    )
-
-
-def _of(pairs: Quantity) -> str:
-    return " of ".join(map(str, pairs.share or ()))
-
-
 def _costs(section: Section) -> Table:
-    """Return what models cost, in the ranks' order; one whose costs nobody knows is not there."""
+    """Return what models cost, in the ranks' order; models without recorded costs are omitted."""
     costs = {
         model: [
             result.cost
@@ -312,34 +278,22 @@ def _costs(section: Section) -> Table:
         ]
         for model in section.models
     }
-    n_results = sum(map(len, costs.values()))
-    return Table(
-        title=f"Costs of {counted(n_results, 'fit')} | median (lowest to highest), not ranked",
-        columns=[
-            Column("model", "text"),
-            *_COSTS.values(),
-            Column("fits"),
-        ],
-        rows=[
-            [
-                Name(model, section.mark_under(model)),
-                *(_spread(key, of_model) for key in _COSTS),
-                len(of_model),
-            ]
-            for model, of_model in costs.items()
-            if of_model
-        ],
-        notes=["wall times depend on the machine; a cached pre-training costs nothing."],
+    return Table.of(
+        f"Costs of {counted(sum(map(len, costs.values())), 'fit')} | median (lowest to highest), "
+        "not ranked",
+        COSTS,
+        [(Name(one, section.mark_under(one)), known) for one, known in costs.items() if known],
+        ["wall times depend on the machine; a cached pre-training costs nothing."],
         about=_about(section, "costs"),
     )
 
 
-def _spread(key: str, costs: Sequence[Cost]) -> Quantity | None:
+def _spread(key: str, model: tuple[Name, Sequence[Cost]]) -> Quantity | None:
     """Return median and range of a cost, as printed, over the results that know it."""
     metric = METRICS[key]
     assert metric.of_cost is not None
     _, factor = PRINTED[metric.unit]
-    known = [factor * value for value in map(metric.of_cost, costs) if value is not None]
+    known = [factor * value for value in map(metric.of_cost, model[1]) if value is not None]
     return Quantity(float(np.median(known)), low=min(known), high=max(known)) if known else None
 
 
@@ -364,80 +318,51 @@ def _three_digits(value: float) -> str:
     return f"{round(value, decimals):,.15g}"
 
 
-_COSTS = {
-    key: Column(name, unit=PRINTED[METRICS[key].unit][0], format=written, about={"metric": key})
-    for key, name, written in (
-        ("fit-time", "fit time", _time),
-        ("throughput", "predictions a second", lambda found: _range(found, "", _three_digits)),
-        ("latency", "latency of one", _time),
-        ("memory", "memory [MiB]", lambda found: _range(found, "", lambda size: f"{size:.1f}")),
+def _cost_column(key: str, name: str, written: Callable[[Quantity], str]) -> Column:
+    unit, _ = PRINTED[METRICS[key].unit]
+    return Column(
+        name, unit=unit, format=written, about={"metric": key}, value=partial(_spread, key)
     )
-}
-"""Metric -> its column."""
 
 
-def _details(section: Section, board: Leaderboard) -> list[Table]:
-    """Return each model's score in each case, and ranks and pairs of each analysis."""
-    ranks: list[list[Entry]] = []
-    pairs: list[list[Entry]] = []
-    for one in section.analyses:
-        if (outcome := one.outcome) is None:
-            continue
-        block = (one.protocol, one.condition)
-        robots = ", ".join(robot.text for robot in one.families)
-        for model, rank in zip(one.models, outcome.mean_ranks.tolist(), strict=True):
-            ranks.append([model, *block, robots, rank])
-        for i, j in combinations(range(len(one.models)), 2):
-            conover = None if outcome.conover is None else float(outcome.conover[i, j])
-            p_values = float(outcome.nemenyi[i, j]), conover
-            pairs.append([one.models[i], one.models[j], *block, *p_values])
-    over_robots = [
-        Table(
-            "Mean ranks over robots",
-            [
-                *text_columns("model", "protocol", "condition", "robots"),
-                Column("mean rank over robots", format=".2f"),
-            ],
-            ranks,
-            about=_about(section, "mean ranks over robots"),
-        ),
-        Table(
-            "Pairs over robots",
-            [
-                *text_columns("model", "other", "protocol", "condition"),
-                *(Column(f"{test} p", format=".2g") for test in _TESTS),
-            ],
-            pairs,
-            about=_about(section, "pairs over robots"),
-        ),
-    ]
-    return [_scores(section, board), *(over_robots if ranks else [])]
+COSTS = (
+    Column("model", "text", value=itemgetter(0)),
+    _cost_column("fit-time", "fit time", _time),
+    _cost_column(
+        "throughput", "predictions a second", lambda found: _range(found, "", _three_digits)
+    ),
+    _cost_column("latency", "latency of one", _time),
+    _cost_column("memory", "memory [MiB]", lambda found: _range(found, "", "{:.1f}".format)),
+    Column("fits", value=lambda model: len(model[1])),
+)
+"""The columns of the costs, made from a model's name and its costs."""
 
 
 def _scores(section: Section, board: Leaderboard) -> Table:
     """Return each model's score in each case, or why it has none."""
-    metric = board.key.metric
-    unit, factor = PRINTED[metric.unit]
-    rows: list[list[Entry]] = []
+    unit, factor = PRINTED[board.key.metric.unit]
+    rows: list[dict[str, Entry]] = []
     for scored in section.cases:
         name = scored.name
-        place = (
-            *(name.dataset, name.data_sha256, name.source_sha256, name.protocol, name.condition),
-            *(name.seed, len(scored.slots), scored.left_out),
-        )
         for model in section.models:
-            named = Name(model, section.mark_under(model, name.protocol))
             missing = Quantity(status=scored.missing.get(model, ""))
             score = scored.mean(model) * factor if model in scored.scores else missing
-            rows.append([named, *place, score])
-    return Table(
-        title=f"Scores | {board.key.text}",
-        columns=[
-            *text_columns("model", "dataset", "data_sha256", "source_sha256", "protocol"),
-            *text_columns("condition", "seed", "splits", "splits left out"),
-            Column(board.key.text, unit=unit, format=number_format(metric)),
-        ],
-        rows=rows,
-        notes=board.notes,
+            rows.append(
+                {
+                    "model": Name(model, section.mark_under(model, name.protocol)),
+                    **{"dataset": name.dataset, "data_sha256": name.data_sha256},
+                    **{"source_sha256": name.source_sha256, "protocol": name.protocol},
+                    **{"condition": name.condition, "seed": name.seed},
+                    **{"splits": len(scored.slots), "splits left out": scored.left_out},
+                    board.key.text: score,
+                }
+            )
+    *texts, score_name = rows[0]
+    number = Column(score_name, unit=unit, format=number_format(board.key.metric))
+    return Table.of(
+        f"Scores | {board.key.text}",
+        [*text_columns(*texts), number],
+        rows,
+        board.notes,
         about=_about(section, "scores"),
     )

@@ -1,8 +1,7 @@
-"""Is A better than B? `decide` is the one rule of compare, leaderboard, report and CD diagrams.
+"""Is A better than B? `decide` is the one rule of compare, leaderboard and report.
 
-What it decides on is made by `estimates`, whoever asks, or by `rank_difference` of mean ranks. How
-often it finds a winner between equal models is counted in
-tests/protocols/scoring/test_false_positives.py.
+What it decides on is made by `estimates`. How often it finds a winner between equal models is
+counted in tests/protocols/scoring/test_false_positives.py.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ from stiff_protocols.scoring.paired import (
     holm,
     wilcoxon_signed_rank,
 )
-from stiff_protocols.scoring.ranks import OverDatasets
 
 Verdict = Literal["a", "b", "equivalent", "open"]
 """Who is better; "open": they cannot be told apart, which does not mean that they are equal."""
@@ -48,13 +46,13 @@ class Question:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What one test says about a difference of errors, or of mean ranks, A less B.
+    """What one test says about a difference of errors, A less B.
 
     Attributes:
         low, high: bounds of the difference, in its unit.
         p_value: of "there is no difference", two-sided.
         posterior: probabilities that A is better by more than the ROPE, that the difference lies
-            in it, that B is better; all 0 of mean ranks, which know no such region.
+            in it, that B is better.
     """
 
     low: float
@@ -215,15 +213,3 @@ def corrected_p_values(errors: SharedErrors) -> FloatArray | None:
     matrix = np.zeros((1 + upper[1].max(initial=0),) * 2)
     matrix[upper] = holm(p_values)
     return matrix + matrix.T
-
-
-def rank_difference(outcome: OverDatasets, a: int, b: int) -> Estimate:
-    """Return what Nemenyi's test says about the mean ranks of two columns of an outcome.
-
-    It looks at pairs only where Friedman's test finds that the models differ: p is the larger one.
-    """
-    difference = float(outcome.mean_ranks[a] - outcome.mean_ranks[b])
-    reach = outcome.critical_difference
-    p_value = max(outcome.friedman_p, float(outcome.nemenyi[a, b]))
-    nothing = Posterior(0.0, 0.0, 0.0)
-    return Estimate(difference - reach, difference + reach, p_value, nothing)

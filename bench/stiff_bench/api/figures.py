@@ -30,7 +30,7 @@ def figure(
 
     Args:
         name: "scores", "regression", "errors", "losses", "sweep", "freezing", "learning-curves",
-            "workspace", "springs", "calibration", "ranks", or the source paper's "4", "5", "6", "8"
+            "workspace", "springs", "calibration", or the source paper's "4", "5", "6", "8"
             or "9".
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
             paper's figures `bench reproduce`.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,6 @@ from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import MM, PRINTED
-from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult, ResultRecord
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.metrics import METRICS, metric
@@ -37,28 +35,6 @@ class Ranks(Tables):
     """
 
     board: Leaderboard
-
-    @property
-    def why_no_diagrams(self) -> str:
-        """Why no critical-difference diagram can be drawn; "" where one can."""
-        analyses = self.board.sections[0].analyses
-        found = any(one.outcome is not None for one in analyses)
-        return "" if found else f"no critical difference: it {analyses[0].why_none}"
-
-    def save_diagrams(self, file: Path | str) -> None:
-        """Draw the critical-difference diagrams of the protocols that do not select on test.
-
-        Raises:
-            ConfigError: there is none to draw, or the file's suffix is no picture's.
-            StoreError: it cannot be written.
-        """
-        from stiff_bench.figures.ranks import save_diagrams
-
-        if why := self.why_no_diagrams:
-            raise ConfigError(f"{file}: {why}")
-        first = self.board.sections[0]
-        kinds = " and ".join(first.kinds)
-        save_diagrams(first.analyses, f"{self.board.key.text} ({kinds})", Path(file))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -190,96 +166,6 @@ class Results:
         found = compare_folder(self.folder, a, b, question, **chosen)
         text_as = partial(render_report, found, command=self.command)
         return Tables(lambda: comparison_tables(found).values(), text_as, sentence(found))
-
-    def sensitivity(
-        self,
-        *models: str,
-        tcp_off_mm: float = 0.5,
-        force_noise_percent: float = 2.0,
-        registration_deg: float = 0.1,
-        deflection_shift_mm: float = 0.05,
-        draws: int = 10,
-        datasets: Sequence[str] = (),
-        protocols: Sequence[str] = (),
-        conditions: Sequence[str] = (),
-        equivalence_mm: float = 0.01,
-        confidence: float = 0.95,
-        seed: int = 0,
-        jobs: int = 1,
-    ) -> Tables:
-        """Return whether the order of the models outlasts the mistakes of a measurement.
-
-        The models are fitted and scored anew on perturbed copies of the data set, training and test
-        samples alike, with the splits and seeds of these results; nothing is stored. A size of 0
-        leaves its mistake out.
-
-        Args:
-            models: names, with their options; none: all that have results.
-            tcp_off_mm: distance of the TCP from where it was said to be, in a random direction, mm.
-            force_noise_percent: standard deviation of each component of force and torque, per cent
-                of its norm.
-            registration_deg: angle between the measuring device's frame and the robot's base frame,
-                about a random axis, deg.
-            deflection_shift_mm: length of a constant that is added to all deflections, in a random
-                direction, mm.
-            draws: how often each mistake is drawn.
-            datasets: names, or keys that stand for all variants; none: all.
-            protocols: the same.
-            conditions: of the protocols; none: all.
-            equivalence_mm: as in `compare`, for the verdict on pairs that change places.
-            confidence: likewise.
-            seed: of the draws.
-            jobs: how many fits at once, each in a process of its own.
-
-        Raises:
-            ConfigError: a size is wrong, a model has no results, or models, data or splits cannot
-                be had again.
-            ModelError: a fit fails.
-            StoreError: the folder holds no results, or damaged ones.
-        """
-        from stiff_bench.analysis.sensitivity import (
-            render_sensitivities,
-            sensitivities,
-            sensitivity_table,
-            sentence,
-        )
-        from stiff_bench.analysis.verdict import Question
-        from stiff_bench.api.catalog import registry
-        from stiff_bench.api.process import pinned
-        from stiff_datasets.measured.perturbations import Perturbations
-
-        for name, number in {"draws": draws, "jobs": jobs}.items():
-            if number < 1:
-                raise ConfigError(f"{number} (valid: 1 or more)", name)
-        sizes = {
-            "tcp_off_mm": tcp_off_mm,
-            "force_noise_percent": force_noise_percent,
-            "registration_deg": registration_deg,
-            "deflection_shift_mm": deflection_shift_mm,
-        }
-        for name, size in sizes.items():
-            if not 0.0 <= size < inf:
-                raise ConfigError(f"{size} (valid: a number of at least 0)", name)
-        found = sensitivities(
-            self.folder,
-            models,
-            Perturbations(
-                tcp_m=tcp_off_mm / MM,
-                force=force_noise_percent / 100.0,
-                turn_rad=radians(registration_deg),
-                shift_m=deflection_shift_mm / MM,
-            ),
-            registry(),
-            draws=draws,
-            question=Question(rope=equivalence_mm / MM, confidence=confidence, seed=seed),
-            threads=pinned(),
-            jobs=jobs,
-            datasets=datasets,
-            protocols=protocols,
-            conditions=conditions,
-        )
-        text_as = partial(render_sensitivities, found, command=self.command)
-        return Tables(lambda: map(sensitivity_table, found), text_as, sentence(found))
 
     def leaderboard(
         self,

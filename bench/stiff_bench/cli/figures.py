@@ -42,8 +42,8 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
     """Draw a figure and print its caption.
 
     NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: scores, regression,
-    errors, losses, sweep, freezing, learning-curves, workspace, springs, calibration, ranks. The
-    caption names the data set and protocol that are shown.
+    errors, losses, sweep, freezing, learning-curves, workspace, springs, calibration. The caption
+    names the data set and protocol that are shown.
     """
     from stiff_bench.api.figures import figure
 

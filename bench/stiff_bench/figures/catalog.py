@@ -4,7 +4,6 @@ from stiff_bench.figures import (
     calibration,
     learning_curves,
     losses,
-    ranks,
     samples,
     scores,
     springs,
@@ -24,5 +23,4 @@ FIGURES: Figures[FigureSource] = {
     "workspace": samples.workspace,
     "springs": springs.gather,
     "calibration": calibration.gather,
-    "ranks": ranks.gather,
 }

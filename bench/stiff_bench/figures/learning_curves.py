@@ -15,7 +15,7 @@ from matplotlib.ticker import NullLocator
 from scipy import stats
 
 from stiff_bench.analysis.collected import Case
-from stiff_bench.analysis.critical_difference import family_of
+from stiff_bench.analysis.scored_case import family_of
 from stiff_bench.figures import style
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, between, marks_in, mean_length, with_linear

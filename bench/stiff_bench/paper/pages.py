@@ -28,9 +28,9 @@ from stiff_protocols.contract.record import CellResult
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
-OF_LEADERBOARD = ("ranks", "learning-curves", "scores", "errors", "workspace")
+OF_LEADERBOARD = ("learning-curves", "scores", "errors", "workspace")
 """Figures of its page; the others are the paper's questions."""
-OF_PAPER = tuple(name for name in FIGURES if name not in (*OF_LEADERBOARD[:2], "calibration"))
+OF_PAPER = tuple(name for name in FIGURES if name not in ("learning-curves", "calibration"))
 """General figures that its page has beside the paper's own."""
 _ABOUT_LEADERBOARD = (
     "every model that stiffbench ships, on five specimens of the simulated KR10, on the same twin "

@@ -9,7 +9,7 @@ from collections import Counter
 from itertools import permutations
 
 from stiff_bench.analysis.leaderboard import Leaderboard, Section
-from stiff_bench.analysis.ranking import correction_text
+from stiff_bench.analysis.scored_case import correction_text
 from stiff_bench.analysis.verdict import Verdict
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 

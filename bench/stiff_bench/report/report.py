@@ -21,7 +21,7 @@ from stiff_bench.analysis.leaderboard import (
     caveats_of,
 )
 from stiff_bench.analysis.leaderboard_tables import section_tables
-from stiff_bench.analysis.ranking import correction_text
+from stiff_bench.analysis.scored_case import correction_text
 from stiff_bench.analysis.sort_key import SortKey, sort_key
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.source import FigureSource
@@ -110,31 +110,32 @@ def _verdict(board: Leaderboard) -> str:
     Whether models differ is what `ScoredCase.verdicts` says, as in all tables of the page.
     """
     section, key = board.sections[0], board.key
-    if not section.ranked:
+    if section.ranked.empty:
         return "No ranking: no two models have all results."
-    first, *others = section.ranked
+    first, *others = section.ranked.index
+    like_best = section.ranked["like_best"]
     models, n_cases = counted(len(section.ranked), "model"), len(section.cases)
     if n_cases == 1:
         (case,) = section.cases
         unit, factor = PRINTED[key.metric.unit]
-        value = f"{factor * case.mean(first.name):{number_format(key.metric)}} {unit}".rstrip()
+        value = f"{factor * case.mean(first):{number_format(key.metric)}} {unit}".rstrip()
         best = "largest" if key.sign < 0.0 else "smallest"
-        text = f"{first.name} has the {best} {key.metric.label} of {models}: {value}."
+        text = f"{first} has the {best} {key.metric.label} of {models}: {value}."
     else:
         text = (
-            f"{first.name} ranks first of {models} by {key.text}: mean rank "
-            f"{first.mean_rank:.2f} over {n_cases} comparisons."
+            f"{first} ranks first of {models} by {key.text}: mean rank "
+            f"{section.ranked['mean_rank'].iloc[0]:.2f} over {n_cases} comparisons."
         )
     if key.is_cost or not others:
         return text
     correction = correction_text(section.cases)
-    if alike := [model.name for model in others if model.like_best == n_cases]:
+    if alike := [model for model in others if like_best[model] == n_cases]:
         who = "No significant difference from it"
         if n_cases > 1:
             who = "Tied with the best in every comparison"
         return f"{text} {who} ({correction}): {first_few(alike)}."
-    if all(model.like_best == 0 for model in others):  # None: no test applies
-        losers = "All others are" if len(others) > 1 else f"{others[0].name} is"
+    if all(like_best[others] == 0):  # NaN: no test applies
+        losers = "All others are" if len(others) > 1 else f"{others[0]} is"
         than = " than the best in every comparison" if n_cases > 1 else ""
         return f"{text} {losers} significantly worse{than} ({correction})."
     return text

@@ -5,20 +5,18 @@ Each text of a table may be hostile: it stays within its cell, and no format run
 
 from __future__ import annotations
 
-import csv
 import html
-import io
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import groupby
-from typing import Any, TypeGuard
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from tabulate import tabulate
 
 from stiff_bench.console import one_line
-from stiff_bench.tables.table import VALUE_FIELDS, Column, Entry, Quantity, Table, quantity
+from stiff_bench.store.names import grouped
+from stiff_bench.tables.table import VALUE_FIELDS, Column, Entry, Table
 
 
 def render(
@@ -42,7 +40,7 @@ def render(
         return _csv(tables)
     if fmt == "json":
         facts = {"command": command, **({"text": text} if text else {}), **(about or {})}
-        content = _strict({**facts, "tables": [_plain(table) for table in tables]})
+        content = {**facts, "tables": [_plain(table) for table in tables]}
         return json.dumps(content, indent=2, allow_nan=False)
     one, paragraph = {
         "github": (_github, markdown_text),
@@ -108,17 +106,16 @@ LATEX_NEEDS = (
 )
 _SIUNITX = (
     "group-digits=none, separate-uncertainty=true, retain-zero-uncertainty=true, "
-    "table-align-uncertainty=false"
+    "retain-explicit-plus=true"
 )
 _NO_WIDER_THAN_THE_LINE = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{"
 _SIDE_BY_SIDE = 6
 """More columns of numbers in groups than these would be too small to read."""
-_LATEX_SIGNS = {"±": r"$\pm$", "≈": r"$\approx$"}
 _LATEX_ESCAPES = str.maketrans(
     {character: rf"\{character}" for character in "&%$#_{}"}
     | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    | {"|": r"\textbar{}", "<": r"\textless{}", ">": r"\textgreater{}"}
-    | _LATEX_SIGNS
+    | {"|": r"\textbar{}", "<": r"\textless{}", ">": r"\textgreater{}", "[": "{[}"}
+    | {"±": r"$\pm$", "≈": r"$\approx$"}
 )
 
 
@@ -131,11 +128,12 @@ def latex_text(text: str) -> str:
 
 def _latex(table: Table, command: str) -> str:
     """Return a table environment; the notes are printed beneath, not hidden in comments."""
-    every = range(len(table.columns))
-    groups = [[*of] for name, of in groupby(every, lambda k: table.columns[k].group) if name]
-    texts = [number for number in every if not table.columns[number].group]
-    too_wide = sum(map(len, groups)) > _SIDE_BY_SIDE
-    parts = [[*texts, *one] for one in groups] if too_wide else [[*every]]
+    every = [*range(len(table.columns))]
+    groups = grouped(every, lambda number: table.columns[number].group)
+    texts = groups.pop("", [])
+    too_wide = sum(map(len, groups.values())) > _SIDE_BY_SIDE
+    parts = [[*texts, *group] for group in groups.values()] if too_wide else [every]
+    tabulars = [f"{_NO_WIDER_THAN_THE_LINE}\n{_tabular(table, part)}}}" for part in parts]
     return "\n".join(
         [
             r"\begin{table}",
@@ -144,7 +142,7 @@ def _latex(table: Table, command: str) -> str:
             r"\small",
             r"\setlength{\tabcolsep}{4pt}",
             rf"\sisetup{{{_SIUNITX}}}",
-            "\n\\par\\medskip\n".join("\n".join(_tabular(table, part)) for part in parts),
+            "\n\\par\\medskip\n".join(tabulars),
             r"\par\medskip\raggedright\footnotesize",
             *(rf"{latex_text(note)}\par" for note in table.notes),
             rf"made by: \texttt{{{latex_text(command)}}}\par",
@@ -153,86 +151,29 @@ def _latex(table: Table, command: str) -> str:
     )
 
 
-def _tabular(table: Table, numbers: Sequence[int]) -> Iterator[str]:
-    """Yield the lines of some columns of a table, beneath the names of their groups."""
+def _tabular(table: Table, numbers: Sequence[int]) -> str:
+    """Return some columns of a table, beneath the names of their groups."""
+    from pandas import DataFrame, MultiIndex  # `bench list` prints without it
+
     columns = [table.columns[number] for number in numbers]
-    rows = [[row[number] for number in numbers] for row in table.rows]
-    kinds = [
-        _column_type(column, [row[place] for row in rows]) if place else "l"
-        for place, column in enumerate(columns)
-    ]
-    yield _NO_WIDER_THAN_THE_LINE
-    yield f"\\begin{{tabular}}{{{' '.join(kinds)}}}"
-    yield r"\toprule"
-    if any(column.group for column in columns):
-        spans, rules, end = [], "", 0
-        for name, of_group in groupby(columns, lambda column: column.group):
-            begin, end = end + 1, end + len([*of_group])
-            spans.append(rf"\multicolumn{{{end - begin + 1}}}{{c}}{{{latex_text(name)}}}")
-            rules += rf"\cmidrule(lr){{{begin}-{end}}}" if name else ""
-        yield _line(spans)
-        yield rules
-    headings = [latex_text(table.heading(column)) for column in columns]
-    yield _line(
-        f"{{{text}}}" if kind != "l" else text for text, kind in zip(headings, kinds, strict=True)
-    )
-    yield r"\midrule"
-    for row in rows:
-        yield _line(map(_latex_cell, columns, row, kinds))
-    yield r"\bottomrule"
-    yield r"\end{tabular}}"
+    heads = [(latex_text(one.group), latex_text(table.heading(one))) for one in columns]
+    cells = [[_latex_cell(table.columns[n], row[n]) for n in numbers] for row in table.rows]
+    names = MultiIndex.from_tuples(heads) if any(of for of, _ in heads) else [h for _, h in heads]
+    style = DataFrame(cells, columns=names).style.hide(axis="index")
+    kinds = "".join("l" if column.kind == "text" else "S" for column in columns)
+    text = style.to_latex(column_format=kinds, hrules=True, siunitx=True, multicol_align="c")
+    return text.rstrip()
 
 
-def _line(cells: Iterable[str]) -> str:
-    r"""Return a row; what follows `\\` is no option of it, though it begins with a bracket."""
-    joined = " & ".join(cells)
-    return rf"{'{}' if joined.startswith('[') else ''}{joined} \\"
+_ALIGNED = re.compile(r"[+-]?\d+(\.\d+)?( ± \d+(\.\d+)?)?")
+"""What siunitx aligns: a number, or a number with its deviation."""
 
 
-def _column_type(column: Column, cells: Sequence[Entry]) -> str:
-    """Return "l" for texts, "S" with room for the digits of plain numbers, "r" for all else."""
+def _latex_cell(column: Column, cell: Entry) -> str:
+    text = column.text(cell)
     if column.kind == "text":
-        return "l"
-    if not all(cell is None or _is_plain(column, quantity(cell)) for cell in cells):
-        return "r"
-    shown = [found for found in map(quantity, cells) if _is_finite(found)]
-    values = [_digits(found.value, column) for found in shown]
-    spreads = [_digits(found.spread, column) for found in shown if found.spread is not None]
-    whole = max((whole for whole, _ in values), default=1)
-    decimals = max((decimals for _, decimals in values), default=0)
-    sign = "-" * any(found.value is not None and found.value < 0 for found in shown)
-    spread = f"({max(whole for whole, _ in spreads) + decimals})" if spreads else ""
-    return f"S[table-format={sign}{whole}{f'.{decimals}' if decimals else ''}{spread}]"
-
-
-def _is_plain(column: Column, found: Quantity | None) -> bool:
-    """Whether siunitx can align it: a number, or a number with its deviation."""
-    if found is None or callable(column.format) or "+" in column.format:
-        return False
-    mark = column.marks_shown and found.mark
-    return found.value is not None and not any(
-        (found.low is not None, found.share, mark, found.status)
-    )
-
-
-def _is_finite(found: Quantity | None) -> TypeGuard[Quantity]:
-    return found is not None and found.value is not None and math.isfinite(found.value)
-
-
-def _digits(value: float | None, column: Column) -> tuple[int, int]:
-    """Return how many digits of a number are printed before the point, and how many after."""
-    whole, _, decimals = f"{abs(0 if value is None else value):{column.format}}".partition(".")
-    return len(whole), len(decimals)
-
-
-def _latex_cell(column: Column, cell: Entry, kind: str) -> str:
-    if not kind.startswith("S"):
-        return latex_text(column.text(cell))
-    found = quantity(cell)
-    if not _is_finite(found):
-        return "{--}" if found is None else f"{{{latex_text(column.text(cell))}}}"
-    number = f"{found.value:{column.format}}"
-    return number if found.spread is None else f"{number} +- {found.spread:{column.format}}"
+        return latex_text(text)
+    return text.replace("±", "+-") if _ALIGNED.fullmatch(text) else f"{{{latex_text(text)}}}"
 
 
 def html_text(text: str) -> str:
@@ -258,20 +199,20 @@ _FORMULA = re.compile(r"[=+\-@\t\r](?![\d.]+(e[+-]?\d+)?$|inf$)")
 def csv_cell(value: object) -> object:
     """Return the cell of a CSV row; a quote before a text says that it is no formula."""
     if isinstance(value, float):
-        return repr(value)
+        return repr(float(value))
     return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value
 
 
 def _csv(tables: Sequence[Table]) -> str:
     """Return a line a number, at full precision: facts, texts of the row, `VALUE_FIELDS`."""
+    from pandas import DataFrame
+
     lines = [line for table in tables for line in table.lines()]
     about = dict.fromkeys(name for line in lines for name in line if name not in VALUE_FIELDS)
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     names = [*about, *VALUE_FIELDS]
-    writer.writerow(map(csv_cell, names))
-    writer.writerows([csv_cell(line.get(name, "")) for name in names] for line in lines)
-    return out.getvalue().rstrip("\n")
+    cells = [[csv_cell(line.get(name)) for name in names] for line in lines]
+    frame = DataFrame(cells, columns=[*map(csv_cell, names)], dtype=object)
+    return frame.to_csv(index=False, lineterminator="\n").rstrip("\n")
 
 
 def _plain(table: Table) -> dict[str, object]:
@@ -285,17 +226,15 @@ def _plain(table: Table) -> dict[str, object]:
 
 
 def _known(value: Mapping[str, object]) -> dict[str, object]:
-    """Return a number without what it has not, such as an interval."""
+    """Return a number without what it has not, such as an interval.
+
+    What JSON has no number for is null (NaN) or a text (infinity).
+    """
     optional = {*VALUE_FIELDS} - {"column", "value", "unit"}
-    return {k: v for k, v in value.items() if k not in optional or v not in (None, "")}
+    return {k: _strict(v) for k, v in value.items() if k not in optional or v not in (None, "")}
 
 
-def _strict(value: Any) -> Any:
-    """Return the content without what JSON has no number for: NaN is null, infinity a text."""
-    if isinstance(value, dict):
-        return {key: _strict(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_strict(item) for item in value]
+def _strict(value: object) -> object:
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
     return value

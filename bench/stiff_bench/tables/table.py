@@ -1,16 +1,15 @@
 """The table that every command prints and every page shows: typed values until the last step.
 
-What makes a `Table` computes; `render` prints it as text, the report as part of a page. Neither
-reads a number back out of a text. It is no pandas DataFrame: importing pandas takes half a second,
-which a leaderboard (1 s for 100,000 values) does without; `Tables.frame` of `api/tables.py` makes
-one.
+A table is a list of columns, each of which says how its cell is made from what a row is of.
+`render` prints it as text, the report as part of a page. Neither reads a number back out of a text.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from operator import itemgetter
+from typing import Any, Literal, Self
 
 from stiff_bench.store.names import natural_key
 from stiff_bench.tables.units import marked
@@ -58,6 +57,21 @@ class Quantity:
             return self.value if self.value is not None else self.low
         return None if self.share is None else float(self.share[0])
 
+    def text(self, spec: str) -> str:
+        """Return value, spread, interval and share, each number as `format` writes it by `spec`."""
+        parts = []
+        if self.value is not None:
+            parts.append(f"{self.value:{spec}}")
+        if self.spread is not None:
+            parts.append(f"± {self.spread:{spec}}")
+        if self.low is not None and self.high is not None:
+            interval = f"{self.low:{spec}} to {self.high:{spec}}"
+            parts.append(f"({interval})" if parts else interval)
+        if self.share is not None:
+            share = "/".join(map(str, self.share))
+            parts.append(f"({share})" if parts else share)
+        return " ".join(parts)
+
 
 Entry = str | int | float | Name | Quantity | None
 """A float is a quantity with a value alone; None prints as a dash."""
@@ -70,36 +84,34 @@ def quantity(cell: Entry) -> Quantity | None:
     return cell if isinstance(cell, Quantity) else None
 
 
-NumberFormat = str | Callable[[Quantity], str]
-"""Of a number, as `format` reads it; or what writes a whole quantity, its unit too."""
-Kind = Literal["number", "text"]
-
-
 @dataclass(frozen=True)
 class Column:
-    """A column of a table.
+    """A column of a table: one entry makes a new one.
 
     Attributes:
         name: above it.
         kind: "number", or "text" that describes its row.
         unit: of its numbers, as printed; "" for none.
-        format: of its numbers.
+        format: of its numbers, as `format` reads it; or what writes a whole quantity, its unit too.
         group: above the names of several columns.
         about: facts on it for csv and json, such as metric and axis.
         hidden: csv and json alone hold it, because the title says it to people.
         marks_shown: False: csv and json alone have the marks of its cells, as a note says them.
         by_sign: the page colours its cells: above zero is better, below is worse.
+        value: makes its cell from what a row is of, such as a model; None: the row has it under the
+            column's name. See `Table.of`.
     """
 
     name: str
-    kind: Kind = "number"
+    kind: Literal["number", "text"] = "number"
     unit: str = ""
-    format: NumberFormat = ""
+    format: str | Callable[[Quantity], str] = ""
     group: str = ""
     about: Mapping[str, object] = field(default_factory=dict)
     hidden: bool = False
     marks_shown: bool = True
     by_sign: bool = False
+    value: Callable[[Any], Entry] | None = None
 
     def text(self, cell: Entry) -> str:
         """Return one of its cells for people, a dash where there is none."""
@@ -109,28 +121,12 @@ class Column:
         if callable(self.format):
             return found.status or "-" if found.order is None else self.format(found)
         mark = found.mark if self.marks_shown else ""
-        return " ".join(filter(None, (number_text(found, self.format), found.status, mark))) or "-"
+        return " ".join(filter(None, (found.text(self.format), found.status, mark))) or "-"
 
 
 def text_columns(*names: str) -> list[Column]:
     """Return columns of texts."""
     return [Column(name, "text") for name in names]
-
-
-def number_text(quantity: Quantity, spec: str) -> str:
-    """Return value, spread, interval and share, each number as `format` writes it by `spec`."""
-    parts = []
-    if quantity.value is not None:
-        parts.append(f"{quantity.value:{spec}}")
-    if quantity.spread is not None:
-        parts.append(f"± {quantity.spread:{spec}}")
-    if quantity.low is not None and quantity.high is not None:
-        interval = f"{quantity.low:{spec}} to {quantity.high:{spec}}"
-        parts.append(f"({interval})" if parts else interval)
-    if quantity.share is not None:
-        share = "/".join(map(str, quantity.share))
-        parts.append(f"({share})" if parts else share)
-    return " ".join(parts)
 
 
 VALUE_FIELDS = (
@@ -164,6 +160,20 @@ class Table:
     about: Mapping[str, object] = field(default_factory=dict)
     details: Sequence[str] = ()
     brief: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        title: str,
+        columns: Sequence[Column],
+        records: Iterable[Any],
+        notes: Sequence[str] = (),
+        **facts: Any,
+    ) -> Self:
+        """Return a table with a row a record; each column's `value` makes its cell from it."""
+        values = [column.value or itemgetter(column.name) for column in columns]
+        rows = [[value(record) for value in values] for record in records]
+        return cls(title, columns, rows, notes, **facts)
 
     def heading(self, column: Column) -> str:
         """Return a column's name, with its unit where neither title nor cells say it."""

@@ -14,7 +14,6 @@ EXTRAS = {
     "optuna": "tune",
     "pyarrow": "data",
     "pytabkit": "tabular",
-    "scikit_posthocs": "diagrams",
     "tabicl": "tabicl",
     "tabpfn": "tabpfn",
     "tomli_w": "data",

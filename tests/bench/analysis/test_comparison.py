@@ -68,18 +68,18 @@ def test_over_splits_the_numbers_are_those_of_the_corrected_t_test_by_hand(tmp_p
     half = scale * stats.t.ppf(0.975, 4)
     assert row.difference == pytest.approx(differences.mean())
     assert row.means == pytest.approx((1.1e-4, 2.16e-4))
-    assert (row.main.low, row.main.high) == pytest.approx(
+    assert (row.estimate.low, row.estimate.high) == pytest.approx(
         (differences.mean() - half, differences.mean() + half)
     )
     p_alone = 2 * stats.t.cdf(differences.mean() / scale, 4)
-    assert row.main.p_value == pytest.approx(3 * p_alone)  # Holm: y and z are equal in A and B
+    assert row.estimate.p_value == pytest.approx(3 * p_alone)  # Holm: y and z are equal in A and B
     a_better = stats.t.cdf((-1e-5 - differences.mean()) / scale, 4)
-    assert row.main.posterior.a_better == pytest.approx(a_better)
+    assert row.estimate.posterior.a_better == pytest.approx(a_better)
 
 
 def test_the_tested_share_of_the_data_corrects_however_few_rows_are_trained_on(tmp_path):
     folders = [store_results(tmp_path / f"{n}", PAIR, n_train=n) for n in (32, 5)]
-    many, few = (compared(folder).rows[0].main for folder in folders)
+    many, few = (compared(folder).rows[0].estimate for folder in folders)
     assert many.high - many.low == few.high - few.low
 
 
@@ -96,8 +96,10 @@ def test_changing_sides_mirrors_everything(tmp_path):
     folder = store_results(tmp_path, models)
     there, back = (compared(folder, *pair).row("norm") for pair in (("a", "b"), ("b", "a")))
     assert there.difference == -back.difference
-    assert (there.main.low, there.main.high) == pytest.approx((-back.main.high, -back.main.low))
-    assert there.main.posterior.a_better == pytest.approx(back.main.posterior.b_better)
+    assert (there.estimate.low, there.estimate.high) == pytest.approx(
+        (-back.estimate.high, -back.estimate.low)
+    )
+    assert there.estimate.posterior.a_better == pytest.approx(back.estimate.posterior.b_better)
     assert {there.verdict, back.verdict} == {"a", "b"}
 
 
@@ -368,12 +370,12 @@ def test_csv_and_json_hold_the_numbers_of_the_report_in_mm(tmp_path):
     }
     assert float(values["A - B"]["value"]) == pytest.approx(1000 * row.difference, rel=1e-12)
     high = float(values["95 % interval"]["high"])
-    assert high == pytest.approx(1000 * row.main.high, rel=1e-12)
+    assert high == pytest.approx(1000 * row.estimate.high, rel=1e-12)
     assert values["A - B"]["verdict"] == "A better" and values["A - B"]["unit"] == "mm"
     found = json.loads(shown(report, "json"))
     *_, estimates = found["tables"]
     errors = {(one["error"], one["method"]): one["values"] for one in estimates["rows"]}
-    assert errors["norm", "over splits"][3]["low"] == pytest.approx(1000 * row.main.low)
+    assert errors["norm", "over splits"][3]["low"] == pytest.approx(1000 * row.estimate.low)
     assert found["equivalence_mm"] == 0.01 and found["text"] == sentence(report)
 
 

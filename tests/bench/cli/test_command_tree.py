@@ -178,7 +178,7 @@ def test_an_unknown_command_is_refused_in_one_line(words, refused):
 
 
 API = {
-    "compare": sb.Results.sensitivity,
+    "compare": sb.Results.compare,
     "data plan": sb.plan_poses,
     "data simulate": sb.simulate,
     "leaderboard": sb.Results.leaderboard,

@@ -7,8 +7,8 @@ import struct
 import numpy as np
 import pytest
 
-from helpers.figure_results import CURVE, compared, learned, ranked, with_fields
-from helpers.made_results import TWINS, MadeResults
+from helpers.figure_results import CURVE, compared, learned, with_fields
+from helpers.made_results import MadeResults
 from stiff_bench.figures import losses
 from stiff_bench.figures.catalog import FIGURES
 from stiff_bench.figures.figure import can_be_drawn
@@ -23,7 +23,6 @@ NEEDS = {
     "learning-curves": "`bench run --protocol sample-efficiency",
     "springs": "`bench run --model vjm --model gp-springs`",
     "calibration": "`bench run --metric coverage`",
-    "ranks": "at least 5 data sets of different robots",
 }
 """What predictions of one robot cannot show -> what makes it."""
 SEVEN = ("vjm", "gp", "mlp", "a", "b", "c", "d")
@@ -65,21 +64,6 @@ def test_a_models_name_is_drawn_as_it_is_written(tmp_path):
     text = FIGURES["errors"](source).picture("svg").decode()
     assert "$x_1$ &lt;b&gt;" in text
     assert "<b>" not in text
-
-
-def test_ranks_over_five_robots_name_every_model_and_how_many_blocks_are_not_drawn(tmp_path):
-    made = ranked(tmp_path)
-    source = FigureSource.of(tmp_path)
-    text = FIGURES["ranks"](source).picture("svg").decode()
-    for shown in ("gp (1.00)", "mlp (2.00)", "(3.00) vjm", "critical difference"):
-        assert shown in text
-    assert "blocks" not in caption_of("ranks", source)
-    for condition in ("a", "b", "c"):
-        for twin in TWINS:
-            for name in ("vjm", "gp", "mlp"):
-                made.add(name, [0.1 + len(name)], twin, "moved", condition=condition)
-    caption = caption_of("ranks", FigureSource.of(tmp_path))
-    assert "First 3 of 5 blocks; `bench leaderboard` has all." in caption
 
 
 def test_an_unknown_model_and_models_without_a_common_split_are_refused(tmp_path):
@@ -162,14 +146,12 @@ def test_the_best_of_the_models_with_most_splits_are_shown_and_the_linear_one_in
     assert FigureSource.of(tmp_path, models=["mlp"]).compared(3).models == ("mlp",)
 
 
-@pytest.mark.parametrize("name", ["regression", "ranks", "learning-curves"])
+@pytest.mark.parametrize("name", ["regression", "learning-curves"])
 def test_captions_name_the_models_that_no_target_label_trained(tmp_path, name):
     if name == "learning-curves":
         learned(tmp_path, regime="no labels")
     else:
-        made = ranked(tmp_path)
-        for twin in TWINS:
-            made.add("free", [0.05], dataset=twin, regime="no labels")
+        compared(tmp_path).add("free", [0.05, 0.05], regime="no labels")
     said = "All models shown" if name == "learning-curves" else "free"
     assert f" {said}: no labels." in caption_of(name, FigureSource.of(tmp_path))
 

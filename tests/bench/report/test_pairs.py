@@ -80,7 +80,7 @@ def test_a_page_has_one_verdict_on_a_pair_and_compare_says_where_its_own_is_anot
     folder = store_results(tmp_path, models, tests=fifths(5)[:3])
     cells, _ = pairs_of(folder)
     board = build_leaderboard(StoredResults.read(folder), key=sort_key("norm", None))
-    tied = {one.name: one.like_best for one in board.sections[0].ranked}
+    tied = board.sections[0].ranked["like_best"].to_dict()
     assert {name: cells["a"][name] for name in "bcdef"} == {
         name: "0 : 0" if tied[name] else "1 : 0" for name in "bcdef"
     }

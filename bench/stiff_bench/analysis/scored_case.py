@@ -1,12 +1,13 @@
-"""The ranks of models in one case: who takes part, with which scores, and all verdicts on pairs.
+"""The scores of models in one case: who takes part, and all verdicts on pairs of them.
 
 `ScoredCase.verdicts` is what leaderboard, report page and, of all models, compare say of a pair.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
@@ -27,9 +28,22 @@ from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import BoolArray, FloatArray
+from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
-from stiff_protocols.scoring.paired import ROPE_M, ranked
+from stiff_protocols.scoring.paired import ROPE_M
+
+SEED, SPECIMEN = "seed", "specimen"
+"""Options of data sets that only repeat one, and that make another robot of its type."""
+
+
+def dataset_of(name: CaseName) -> str:
+    """Return a data set's name without the option that only repeats it."""
+    return name.variant.without(SEED).name
+
+
+def family_of(name: CaseName) -> str:
+    """Return a data set's name without the options that make another robot of its type."""
+    return name.variant.without(SEED, SPECIMEN).name
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +70,11 @@ class ScoredCase:
     results: Mapping[str, Sequence[CellResult]]
     scores: Mapping[str, FloatArray]
     missing: Mapping[str, str]
-    _rankings: dict[tuple[str, ...], Ranking] = field(default_factory=dict, init=False)
 
     @property
     def name(self) -> CaseName:
         """Name of the case."""
         return self.case.name
-
-    def ranking(self, models: tuple[str, ...]) -> Ranking:
-        """Return the ranks of models that take part; they are computed once."""
-        return self._rankings.setdefault(models, Ranking(self, models))
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -122,9 +131,17 @@ class ScoredCase:
         """Return a model's mean over the splits, in the metric's unit."""
         return float(self.scores[model].mean())
 
-    def signed_means(self, models: Sequence[str]) -> FloatArray:
-        """Return the (m,) means of models, with the sign that makes smaller ones better."""
-        return self.key.sign * np.array([self.mean(model) for model in models])
+    def like_best(self, models: Sequence[str]) -> dict[str, bool] | None:
+        """Return of each of these models whether it is not found worse than the best of them.
+
+        None: no test applies. All of them take part.
+        """
+        best = min(models, key=lambda model: self.key.sign * self.mean(model))
+        others = [model for model in models if model != best]
+        verdicts = self.verdicts([(best, other) for other in others])
+        if verdicts is None:
+            return None
+        return {best: True} | {one: of != "a" for one, of in zip(others, verdicts, strict=True)}
 
     def failed(self, model: str) -> str:
         """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
@@ -218,44 +235,6 @@ def _unfinished(case: Case, models: Sequence[str]) -> dict[str, str]:
     }
 
 
-@dataclass(frozen=True, eq=False)
-class Ranking:
-    """The ranks of some models in a case, in this order; all of them take part in it."""
-
-    scored: ScoredCase
-    models: tuple[str, ...]
-
-    @cached_property
-    def ranks(self) -> FloatArray:
-        """The (m,) ranks among these models: 1 is the best, ties share their mean rank."""
-        return ranked(self.scored.signed_means(self.models))
-
-    @cached_property
-    def is_best(self) -> BoolArray:
-        """(m,) whether a model has the best score, alone or with others."""
-        return np.asarray(self.ranks == self.ranks.min())
-
-    @property
-    def drawn(self) -> FloatArray | None:
-        """The (B, m) means on draws of the poses; None where the metric cannot be resampled."""
-        drawn = self.scored.errors.drawn
-        if drawn is None:
-            return None
-        return np.asarray(drawn[:, [self.scored.models.index(model) for model in self.models]])
-
-    @cached_property
-    def like_best(self) -> BoolArray | None:
-        """(m,) whether a model is not found worse than the best; None: no test applies."""
-        best = int(np.argmax(self.is_best))
-        others = [index for index in range(len(self.models)) if index != best]
-        verdicts = self.scored.verdicts([(self.models[best], self.models[i]) for i in others])
-        if verdicts is None:
-            return None
-        like = np.ones(len(self.models), dtype=np.bool_)
-        like[others] = [verdict != "a" for verdict in verdicts]
-        return like
-
-
 def correction_text(cases: Sequence[ScoredCase]) -> str:
     """Return how the verdicts on pairs of models are corrected in some cases, for people."""
     counts = {len(case.models) * (len(case.models) - 1) // 2 for case in cases}
@@ -265,7 +244,9 @@ def correction_text(cases: Sequence[ScoredCase]) -> str:
     return f"p corrected by Holm for all {number}pairs of models in a comparison"
 
 
-def times_like_best(rankings: Sequence[Ranking]) -> FloatArray | None:
-    """Return in how many cases each of the (m,) models is like the best; None: see `like_best`."""
-    found = [like for one in rankings if (like := one.like_best) is not None]
-    return np.sum(found, axis=0, dtype=np.float64) if len(found) == len(rankings) else None
+def times_like_best(cases: Sequence[ScoredCase], models: Sequence[str]) -> Counter[str] | None:
+    """Return in how many cases each of the models is like the best; None: see `like_best`."""
+    found = [like for case in cases if (like := case.like_best(models)) is not None]
+    if len(found) < len(cases):
+        return None
+    return Counter(model for like in found for model, is_like in like.items() if is_like)
