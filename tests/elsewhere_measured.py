@@ -147,7 +147,7 @@ def falsified(constants: TwinConstants, poses: Poses, offset: FloatArray) -> Ben
     experiment.twin = DigitalTwin(replace(robot, tcp=robot.tcp + offset), springs)
     samples = experiment.samples(poses)
     measured = BenchmarkData(samples, robot, {}, DigitalTwin(robot, springs).readings)
-    return PathCompensation().with_paths(measured)
+    return PathCompensation().prepared(measured)
 
 
 def paths() -> Iterator[list[str]]:
@@ -173,7 +173,7 @@ def paths() -> Iterator[list[str]]:
                     found = []
                     for predict in predictions:
                         q = protocol.commanded(predict, data.robot, points.q, points.wrench)
-                        left = points.deflection - protocol.removed(q, data, rows)
+                        left = points.deflection - protocol.scored(q, q, data, rows)
                         found.append(f"{1e3 * np.linalg.norm(left, axis=1).mean():.3f}")
                     line.append(" / ".join(found))
             yield line

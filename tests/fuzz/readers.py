@@ -17,8 +17,9 @@ from helpers.made_results import MadeResults
 from helpers.quick_models import quick_model, twin_data
 from helpers.run_requests import planned
 from stiff_bench.api.model import load_model
+from stiff_bench.plan.cells import models_under
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.search import checked_grid, written_grids
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
 from stiff_datasets.measured import registered
 from stiff_datasets.measured.load_file import read_loads
@@ -88,12 +89,10 @@ n_estimators = [10, 20]
 
 def _grid(folder: Path) -> Prepared:
     models = planned(models=("mlp", "sklearn:ensemble.RandomForestRegressor")).models
+    nested = build_registry().protocols["nested"]
 
     def read(path: Path) -> object:
-        said = f"nested.grid={path}"
-        grids = written_grids(str(path), said, models)
-        with_grid = [model for model in models if model.info.key in grids]
-        return [checked_grid(said, model, grids[model.info.key]) for model in with_grid]
+        return models_under(Choice.of(nested, {"grid": str(path), "search": "optuna"}), models)
 
     return Prepared(folder / "grid.toml", (GRID,), read, hard_cases.tomls(GRID))
 

@@ -352,7 +352,7 @@ _ESTIMATE_TEXTS = {
     "splits": "case.n_splits",
     **{name: f"case.name.{name}" for name in ("data_sha256", "source_sha256")},
     "selects_on_test": "case.selects_on_test",
-    **{"mark_a": "mark_a", "mark_b": "mark_b", "task": "case.a.task"},
+    **{"mark_a": "mark_a", "mark_b": "mark_b"},
     **{name: f"case.{name}" for name in ("n_train", "n_test", "n_poses")},
     **{"error": "row.error", "method": "name"},
 }

@@ -6,28 +6,25 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 
-import numpy as np
-
-from stiff_bench.plan.options import Choice
+from stiff_bench.plan.options import Choice, TunedChoice, parse_option
 from stiff_bench.plan.request import RunPlan, loaded
-from stiff_bench.plan.search import tuned_models
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, said_by
+from stiff_protocols.contract.evaluation import Evaluation
 from stiff_protocols.contract.interfaces import (
+    ChecksParams,
     ChecksRobot,
-    CorrectsPaths,
-    DividesByRobot,
-    EvaluationProtocol,
     LearnsFromSource,
     StatesSource,
     StiffnessModel,
     chooses_epoch,
     regime_of,
-    reports_training,
 )
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
+from stiff_protocols.contract.protocol_base import EvaluationProtocol, completed
 from stiff_protocols.contract.record import (
     INTERVAL_VERSION,
     SCORING_VERSION,
@@ -35,84 +32,41 @@ from stiff_protocols.contract.record import (
     Presentation,
 )
 from stiff_protocols.contract.source_code import code_of
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples, Split
-from stiff_protocols.splits.checks import first_fault
+from stiff_protocols.contract.types import BenchmarkData, Split
+from stiff_protocols.splits.checks import check_source, first_fault
 from stiff_protocols.splits.generators import LazySplits
-
-
-def check_source(word: str, source: BenchmarkData, dataset: str, target: BenchmarkData) -> None:
-    """See that a source fits a target and holds none of its samples.
-
-    All samples of the source, which `word` names, identify the VJM that makes the source domain;
-    on the target, `dataset`, models are fine-tuned and tested.
-
-    Raises:
-        ConfigError: the joints are others, or samples are the target's.
-    """
-    if source.robot.joint_types != target.robot.joint_types:
-        raise ConfigError(
-            f"source {word!r}: robot {source.robot.name!r} has {_joints(source.robot)}, robot "
-            f"{target.robot.name!r} of {dataset!r} has {_joints(target.robot)} (valid: a robot "
-            "with the same joints, base to tip)"
-        )
-    held = {row.tobytes() for row in _numbers(source.samples)}
-    common = sum(row.tobytes() in held for row in _numbers(target.samples))
-    if common:
-        raise ConfigError(
-            f"source {word!r} holds {common} of the {len(target.samples)} samples of its target "
-            f"{dataset!r}, whose test part no source may hold (valid: samples of another robot or "
-            "another specimen)"
-        )
-
-
-def _joints(robot: Robot) -> str:
-    types = robot.joint_types
-    of = types[0] if len(set(types)) == 1 else ", ".join(types)
-    return f"{robot.n_joints} joints ({of})"
-
-
-def _numbers(samples: Samples) -> FloatArray:
-    """Return (n, .) poses, loads and deflections; adding 0.0 makes -0.0 and 0.0 one number."""
-    return np.hstack([samples.q, samples.wrench, samples.deflection]) + 0.0
-
 
 NO_TEST = (
     "reports samples that the models learned from among the others: its errors are no test errors, "
     "and are neither ranked nor compared."
 )
 """What a protocol that declares `reports_training` does."""
-PATH_ERRORS = "errors are path errors that a model's corrections leave; a pose is a whole path."
-"""What a protocol scores that has models correct tool paths."""
 NO_SOURCE = "no pre-training"
 """Regime of a model that has no source domain, where the others' comes from another robot."""
 
 
-@dataclass(frozen=True, eq=False)
-class CellTask:
-    """A cell and all that is needed to compute it.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CellTask(Evaluation):
+    """A cell and everything that computes it: a model, and the evaluation that it takes part in.
 
     Attributes:
         cell: its identity.
         shown: what must stand beside its numbers.
         model: the line it was made from.
-        data: the whole data set.
-        split: the rows.
         chooses_epoch: the model as it is set up uses validation rows.
         n_splits: of its protocol on its data set, in one condition.
-        source: data of the other robot or specimen that its source domain comes from; None: the
-            training rows.
-        paths: the protocol, where it scores tool paths that the model corrects.
     """
 
     cell: Cell
     shown: Presentation
     model: Choice[ModelInfo]
-    data: BenchmarkData
-    split: Split
     chooses_epoch: bool
     n_splits: int
-    source: BenchmarkData | None = None
-    paths: Choice[ProtocolInfo] | None = None
+
+
+def make_protocol(choice: Choice[ProtocolInfo]) -> EvaluationProtocol:
+    """Return a new protocol with its options; ConfigError: it cannot be made."""
+    return completed(choice.make())
 
 
 def tell_source(model: StiffnessModel, source: BenchmarkData | None) -> None:
@@ -139,18 +93,50 @@ def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
         return held[choice.name]
 
     for plan in plans:
-        tuned = tuned_models(plan.protocols, plan.models)
+        models = {one.name: models_under(one, plan.models) for one in plan.protocols}
         sources = {word: once(choice) for word, choice in plan.sources.items()}
         for dataset in plan.datasets:
             data = once(dataset)
             for word, source in sources.items():
                 check_source(word, source, dataset.name, data)
             for protocol in plan.protocols:
-                models = tuned.get(protocol.name, plan.models)
-                for task in _of_protocol(plan, dataset, data, protocol, models, sources):
+                of_protocol = models[protocol.name]
+                for task in _of_protocol(plan, dataset, data, protocol, of_protocol, sources):
                     if task.cell.key not in seen:
                         seen.add(task.cell.key)
                         yield task
+
+
+def models_under(
+    protocol: Choice[ProtocolInfo], models: Sequence[Choice[ModelInfo]]
+) -> Sequence[Choice[ModelInfo]]:
+    """Return the models as a protocol has them fitted: as they are, or tuned in their own fits.
+
+    Raises:
+        ConfigError: there are no candidates for these models, or one does not fit the others.
+    """
+    tuner, classes = make_protocol(protocol), {model.info.key: model.cls for model in models}
+
+    def parse(said: str, info: ModelInfo, name: str, text: str) -> object:
+        return parse_option(said, info.key, classes[info.key], name, text)
+
+    grids = tuner.grids([model.info for model in models], parse)
+    if grids is None:
+        return models
+    tuned = []
+    for model in models:
+        grid, is_set = grids.get(model.info.key, {}), {**model.params, **model.context}
+        left = {name: values for name, values in grid.items() if name not in is_set}
+        choice = TunedChoice(model.info, model.cls, model.params, model.context, tuner, left)
+        made = choice.make()
+        if isinstance(made, ChecksParams) and not choice.missing():
+            try:
+                made.check_params()
+            except ConfigError as error:
+                words = f"{protocol.name}: {model.info.key}"
+                raise ConfigError(f"{words}: {error}") from error
+        tuned.append(choice)
+    return tuned
 
 
 def _of_protocol(
@@ -162,14 +148,12 @@ def _of_protocol(
     sources: Mapping[str, BenchmarkData],
 ) -> Iterator[CellTask]:
     """Yield the cells of one data set under one protocol."""
-    protocol: EvaluationProtocol = choice.make()
-    paths = protocol if isinstance(protocol, CorrectsPaths) else None
-    measured_sha256 = "" if paths is None else data.sha256
-    if paths is not None:
-        with _naming(dataset, choice):
-            data = paths.with_paths(data)
+    protocol, measured = make_protocol(choice), data
+    with _naming(dataset, choice):
+        data = protocol.prepared(measured)
     splits, n_splits, first_of_source = _divided(protocol, choice, dataset, data, plan)
-    no_test = f"{choice.name} {NO_TEST}" if reports_training(protocol) else ""
+    no_test = f"{choice.name} {NO_TEST}" if protocol.reports_training else ""
+    caveat = f"{choice.info.key}: {protocol.caveat}" if protocol.caveat else ""
 
     def on_first_split(model: Choice[ModelInfo], split: Split) -> CellTask:
         """Return a model's cell on the first split with a source: what is asked once is asked."""
@@ -200,8 +184,8 @@ def _of_protocol(
             model_version=version_of(model),
             scoring_version=SCORING_VERSION if plan.coverage is None else INTERVAL_VERSION,
         )
-        caveats = plan.sources[split.source].info.caveats if split.source else ()
-        caveats += (f"{choice.info.key}: {PATH_ERRORS}",) if paths is not None else ()
+        of_data = plan.sources[split.source].info.caveats if split.source else ()
+        caveats = filter(None, (*dataset.info.caveats, *of_data, caveat))
         shown = Presentation(
             model=model.name,
             dataset=dataset.name,
@@ -211,16 +195,24 @@ def _of_protocol(
             picked_on_test=protocol.selects_on_test and chooses,
             selects_on_test=protocol.selects_on_test,
             pooled=protocol.pooled,
-            caveats=tuple(dict.fromkeys(dataset.info.caveats + caveats)),
-            published="" if paths is not None else dataset.info.published,
+            caveats=tuple(dict.fromkeys(caveats)),
+            published=dataset.info.published if data is measured else "",
             source=of_source,
             warning=" ".join(filter(None, [choice.info.warning, no_test])),
             reports_training=bool(no_test),
-            measured_sha256=measured_sha256,
+            measured_sha256="" if data is measured else measured.sha256,
         )
-        n_drawn = n_splits[split.condition]
-        of_paths = choice if paths is not None else None
-        return CellTask(cell, shown, model, data, split, chooses, n_drawn, source, of_paths)
+        return CellTask(
+            make_protocol=partial(make_protocol, choice),
+            data=data,
+            split=split,
+            source=source,
+            cell=cell,
+            shown=shown,
+            model=model,
+            chooses_epoch=chooses,
+            n_splits=n_splits[split.condition],
+        )
 
     firsts = {
         word: [on_first_split(model, split) for model in models]
@@ -260,8 +252,6 @@ def _divided(
             yield split
 
     with _naming(dataset, choice):
-        if isinstance(protocol, DividesByRobot):
-            protocol.use_robot(data.robot)
         found = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
         # a stranger's collection need not give the same splits twice
         splits = found if isinstance(found, LazySplits) else tuple(found)
@@ -269,7 +259,7 @@ def _divided(
             seen(splits),
             len(data.samples),
             selects_on_test=protocol.selects_on_test,
-            reports_training=reports_training(protocol),
+            reports_training=protocol.reports_training,
         )
     if fault:
         raise ConfigError(f"protocol {choice.info.key!r}: {fault}")

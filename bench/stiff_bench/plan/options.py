@@ -21,7 +21,8 @@ from stiff_bench.plan.registry import Info
 from stiff_bench.store.names import Variant
 from stiff_protocols.contract.errors import ConfigError, said_by, unknown_name
 from stiff_protocols.contract.interfaces import KnowsWhatIsMissing
-from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
+from stiff_protocols.contract.plugin import DatasetInfo, Grid, ModelInfo, ProtocolInfo, Range
+from stiff_protocols.contract.protocol_base import EvaluationProtocol
 
 
 @dataclass(frozen=True)
@@ -256,6 +257,32 @@ class Choice(Generic[Info]):
             raise ConfigError(f"{self.name}: {error}") from error
         except Exception as error:
             raise ConfigError(f"{self.info.key!r} cannot be made: {said_by(error)}") from error
+
+
+@dataclass(frozen=True)
+class TunedChoice(Choice[ModelInfo]):
+    """A model that chooses options in its fit.
+
+    Attributes:
+        tuner: the protocol that has it do so.
+        grid: the candidates; empty if it has none.
+    """
+
+    tuner: EvaluationProtocol
+    grid: Grid
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Every option and its value, with the candidates for those that are chosen."""
+        candidates = {
+            name: str(values) if isinstance(values, Range) else [str(value) for value in values]
+            for name, values in self.grid.items()
+        }
+        return {**super().identity, **candidates}
+
+    def make(self) -> Any:
+        """Return a new object that chooses."""
+        return self.tuner.tuned(super().make(), self.grid)
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,9 @@ from stiff_protocols.contract.errors import (
     StiffBenchWarning,
     said_by,
 )
-from stiff_protocols.contract.interfaces import ChecksParams, NamesSources
+from stiff_protocols.contract.interfaces import ChecksParams
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
+from stiff_protocols.contract.protocol_base import completed
 from stiff_protocols.contract.record import Cell
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, check_coverage
 from stiff_protocols.scoring.metrics import Metric, metric
@@ -133,8 +134,7 @@ def _sources(
     """Return the data sets that protocols name as sources; a word alone sets their options."""
     found = {}
     for protocol in protocols:
-        made = _made(protocol, "splits")
-        for word in made.source_datasets() if isinstance(made, NamesSources) else ():
+        for word in completed(_made(protocol, "splits")).source_datasets():
             try:
                 found[word] = chosen_dataset(word, (), registry)
                 _made(found[word], "load")

@@ -277,8 +277,10 @@ def _outcome(channels: Channels) -> FitOutcome:
             task: FitTask = pickle.loads(work.task)
             if not task.model.missing() and version_of(task.model) != work.model_version:
                 return FitOutcome(failure=_WHY_OTHER_CODE, cause="other code")
-            validation = None if task.validation is None else replace(task.validation)
-            task = replace(task, train=replace(task.train), validation=validation)  # read-only
+            given = task.given
+            validation = None if given.validation is None else replace(given.validation)
+            given = replace(given, train=replace(given.train), validation=validation)  # read-only
+            task = replace(task, given=given)
             with listening(_reporter(channels.progress)):
                 return fit_and_predict(task)
     except BaseException as error:  # a model may raise what would stop a program

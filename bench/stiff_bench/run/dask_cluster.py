@@ -29,7 +29,7 @@ import stiff_models
 import stiff_protocols
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.cell import score
+from stiff_bench.run.cell import fit_task, score
 from stiff_bench.run.cell_process import Limits, Work
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.fit import FitOutcome
@@ -105,7 +105,8 @@ class DaskCluster(Execution):
                     with suppress(TimeoutError):  # its worker has gone with it: Dask makes it anew
                         with self._scheduler_may_go():
                             found = self._outcome(future)
-                        yield score(given.pop(future), run_id, found)
+                        task_of = given.pop(future)
+                        yield score(task_of, fit_task(task_of), run_id, found)
 
     def _connected(self, stack: ExitStack) -> Client:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters, we say

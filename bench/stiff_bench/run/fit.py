@@ -28,9 +28,9 @@ from stiff_protocols.contract.errors import (
     TooFewToCalibrate,
     said_by,
 )
+from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.interfaces import (
     ChoosesOptions,
-    CorrectsPaths,
     KeepsCurves,
     PredictsInterval,
     ReportsDiagnostics,
@@ -38,16 +38,13 @@ from stiff_protocols.contract.interfaces import (
     interval_at_tcp,
     tcp_deflection,
 )
-from stiff_protocols.contract.plugin import ModelInfo, ProtocolInfo
+from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.contract.types import (
-    BenchmarkData,
     Deflection,
     FloatArray,
     IntArray,
     Interval,
-    Robot,
-    Samples,
 )
 from stiff_protocols.scoring.conformal import SplitConformal
 from stiff_protocols.scoring.sanity import check_prediction
@@ -63,41 +60,26 @@ _Found = TypeVar("_Found")
 
 @dataclass(frozen=True, eq=False)
 class FitTask:
-    """All that a model is given, and what it is asked.
+    """A model, and everything that its fit sees and is asked.
 
     Attributes:
         model: the line it is made from.
-        train, validation: what it learns from, and what may choose an epoch.
-        robot: that was measured.
-        q, wrench: (n, n_joints) rad or m and (n, 6) N and N m, whose deflections it predicts.
-        seed: of the model.
-        coverage: nominal coverage of its intervals; None: there are none.
-        source: data of another robot or specimen that it may learn from; None: there are none.
-        paths: the protocol that corrects tool paths with its predictions, where one does. A new
-            object serves the fit: what an older one remembers of the data is not for the model.
+        given: no deflection that the model is scored on.
     """
 
     model: Choice[ModelInfo]
-    train: Samples
-    validation: Samples | None
-    robot: Robot
-    q: FloatArray
-    wrench: FloatArray
-    seed: int
-    coverage: float | None = None
-    source: BenchmarkData | None = None
-    paths: Choice[ProtocolInfo] | None = None
+    given: FitInput
 
     def make(self) -> StiffnessModel:
         """Return a new model that knows its source."""
         model: StiffnessModel = self.model.make()
-        tell_source(model, self.source)
+        tell_source(model, self.given.source)
         return model
 
     @property
     def rows_for_units(self) -> IntArray:
         """Training rows whose predictions show the unit that the model predicts in."""
-        return _spread_rows(len(self.train), ROWS_FOR_UNITS)
+        return _spread_rows(len(self.given.train), ROWS_FOR_UNITS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,22 +87,21 @@ class Fitted:
     """The answers of a fitted model.
 
     Attributes:
-        predicted: (n, 3) m, of the rows it was asked for.
+        predicted: (n, 3) m, at the commands.
+        commands: (n, n_joints) rad or m at which deflections are predicted: those that it was
+            asked for, unless the protocol corrects them with predictions.
         of_training: (k, 3) m, of `FitTask.rows_for_units`.
         cost: of the fit and the predictions.
-        interval: of the rows, or of the commands; None without any.
-        commands: (n, n_joints) rad or m, corrected with its predictions; None without tool paths.
-        at_commands: (n, 3) m, predicted at the commands; None without intervals.
+        interval: of the predictions; None: no intervals.
         calibration_samples: that split-conformal intervals come from; else 0.
         diagnostics, chosen, curves: as in `CellResult`.
     """
 
     predicted: FloatArray
+    commands: FloatArray
     of_training: FloatArray
     cost: Cost
     interval: Interval | None = None
-    commands: FloatArray | None = None
-    at_commands: FloatArray | None = None
     calibration_samples: int = 0
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     chosen: Mapping[str, str] = field(default_factory=dict)
@@ -150,7 +131,7 @@ class FitOutcome:
 
 def fit_and_predict(task: FitTask) -> FitOutcome:
     """Fit a model and ask it for predictions; what goes wrong in it becomes a failure."""
-    _seed_global_numbers(task.seed)
+    _seed_global_numbers(task.given.seed)
     with printing_to_stderr():
         result, failure, cause, warned = attempted(lambda: task.model.missing() or _fitted(task))
     if isinstance(result, Fitted):
@@ -194,34 +175,35 @@ def _seed_global_numbers(seed: int) -> None:
 
 
 def _fitted(task: FitTask) -> Fitted:
-    model, q, wrench = task.make(), task.q, task.wrench
+    model, given = task.make(), task.given
+    q, wrench = given.q, given.wrench
     memory = MemoryMeter()
     start = time.perf_counter()
-    model.fit(task.train, robot=task.robot, validation=task.validation, seed=task.seed)
+    model.fit(given.train, robot=given.robot, validation=given.validation, seed=given.seed)
     fitted = time.perf_counter()
-    predicted = np.asarray(model.predict(q, wrench))
+    answer = model.predict(q, wrench)
     predict_s = time.perf_counter() - fitted
     memory_bytes = memory.rise()
-    check_prediction(predicted, len(q))
+    predicted = _checked(lambda *_: answer)(q, wrench)
     predict, predict_tcp = _checked(model.predict), _checked(tcp_deflection(model))
-    training = task.train.take(task.rows_for_units)
+    training = given.train.take(task.rows_for_units)
     of_training = predict(training.q, training.wrench)
     diagnostics = model.diagnostics_ if isinstance(model, ReportsDiagnostics) else {}
     diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
     chosen = model.best_params_ if isinstance(model, ChoosesOptions) else {}
     intervals = _interval_source(task, model)
-    commands = commands_of(task.paths, predict_tcp, task.robot, q, wrench)
-    at = q if commands is None else commands
-    interval = at_commands = None
-    if intervals is not None and task.coverage is not None:
-        interval = intervals.predict_interval(at, wrench, task.coverage)
+    commands = given.make_protocol().commanded(predict_tcp, given.robot, q, wrench)
+    if commands is not q:
+        predicted = predict_tcp(commands, wrench)
+    interval = None
+    if intervals is not None and given.coverage is not None:
+        interval = intervals.predict_interval(commands, wrench, given.coverage)
         if not isinstance(interval, Interval):
             wrong = type(interval).__name__
             raise ModelError(f"predict_interval returned {wrong}, expected Interval")
-        if commands is not None:
+        if commands is not q:
             centre = intervals.model_ if isinstance(intervals, SplitConformal) else model
-            interval = interval_at_tcp(centre, interval, at, wrench)
-            at_commands = predict_tcp(commands, wrench)
+            interval = interval_at_tcp(centre, interval, commands, wrench)
     cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
         fit_s=fitted - start,
         predict_s=predict_s,
@@ -232,11 +214,10 @@ def _fitted(task: FitTask) -> Fitted:
     curves = model.curves_ if isinstance(model, KeepsCurves) else {}
     return Fitted(
         predicted=predicted,
+        commands=commands,
         of_training=of_training,
         cost=cost,
         interval=interval,
-        commands=commands,
-        at_commands=at_commands,
         calibration_samples=(
             len(intervals.residuals_) if isinstance(intervals, SplitConformal) else 0
         ),
@@ -246,27 +227,13 @@ def _fitted(task: FitTask) -> Fitted:
     )
 
 
-def commands_of(
-    paths: Choice[ProtocolInfo] | None,
-    predict: Deflection,
-    robot: Robot,
-    q: FloatArray,
-    wrench: FloatArray,
-) -> FloatArray | None:
-    """Return the commands that a protocol corrects with predictions; None where none does."""
-    if paths is None:
-        return None
-    protocol: CorrectsPaths = paths.make()
-    return protocol.commanded(predict, robot, q, wrench)
-
-
 def _checked(predict: Deflection) -> Deflection:
     """Return a function whose predictions are seen to be (n, 3) finite numbers."""
 
     def checked(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        predicted = np.asarray(predict(q, wrench))
+        predicted = predict(q, wrench)
         check_prediction(predicted, len(q))
-        return predicted
+        return np.array(predicted, dtype=np.float64)
 
     return checked
 
@@ -288,15 +255,18 @@ def _interval_source(task: FitTask, model: StiffnessModel) -> PredictsInterval |
     None where there are none to give: not asked for, or the training side is too small for the
     coverage, which is a warning and leaves the point predictions alone.
     """
-    if task.coverage is None:
+    given = task.given
+    if given.coverage is None:
         return None
     if isinstance(model, PredictsInterval):
         return model
-    conformal = SplitConformal(task.make(), coverage=task.coverage)
+    conformal = SplitConformal(task.make(), coverage=given.coverage)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StiffBenchWarning)
         try:
-            conformal.fit(task.train, robot=task.robot, validation=task.validation, seed=task.seed)
+            conformal.fit(
+                given.train, robot=given.robot, validation=given.validation, seed=given.seed
+            )
         except TooFewToCalibrate as error:
             source, messages = None, [f"no intervals: {error}"]
         else:  # it learned from fewer rows

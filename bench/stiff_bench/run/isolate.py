@@ -378,7 +378,7 @@ class LocalProcesses(Execution):
                         seen.add(key)
                         again.append(task)
                     else:
-                        yield score(task, run_id, outcome)
+                        yield score(task, fit_task(task), run_id, outcome)
         finally:
             for place in places:
                 place.kill()

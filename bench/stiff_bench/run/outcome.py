@@ -18,7 +18,7 @@ from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.contract.types import FloatArray, Interval
 
-_ARRAYS = ("predicted", "of_training", "commands", "at_commands")
+_ARRAYS = ("predicted", "commands", "of_training")
 _BASE_BYTES, _BYTES_A_ROW = 2**24, 2**10
 _FAULTS = (AttributeError, DataError, KeyError, OverflowError, TypeError, ValueError)
 """Errors that a text without an outcome can raise."""
@@ -26,7 +26,7 @@ _FAULTS = (AttributeError, DataError, KeyError, OverflowError, TypeError, ValueE
 
 def most_bytes(task: FitTask) -> int:
     """Return how long the text of a fit can become."""
-    return _BASE_BYTES + _BYTES_A_ROW * len(task.q)
+    return _BASE_BYTES + _BYTES_A_ROW * len(task.given.q)
 
 
 def outcome_text(outcome: FitOutcome) -> bytes:
@@ -82,12 +82,10 @@ def _fitted(content: Mapping[str, Any]) -> Fitted:
     fit_s, predict_s, latency_s, throughput = map(float, seconds)
     interval, chosen = content["interval"], content["chosen"]
     arrays = {name: _array(content[name]) for name in _ARRAYS}
-    predicted, of_training = arrays.pop("predicted"), arrays.pop("of_training")
-    if predicted is None or of_training is None:
+    if any(array is None for array in arrays.values()):
         raise DataError("no predictions")
-    return Fitted(
-        predicted,
-        of_training,
+    return Fitted(  # type: ignore[misc, call-arg]
+        *arrays.values(),
         Cost(fit_s, predict_s, latency_s, throughput, None if memory is None else int(memory)),
         interval=interval and Interval(interval[0], interval[1], float(interval[2])),
         calibration_samples=int(content["calibration_samples"]),
@@ -97,11 +95,10 @@ def _fitted(content: Mapping[str, Any]) -> Fitted:
             name: np.array(points, dtype=np.float64).reshape(-1, 3)
             for name, points in content["curves"].items()
         },
-        **arrays,
     )
 
 
-def _array(content: Any) -> FloatArray | None:
+def _array(content: Any) -> Any:
     return None if content is None else np.array(content, dtype=np.float64)
 
 

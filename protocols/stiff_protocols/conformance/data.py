@@ -17,13 +17,8 @@ from stiff_protocols.conformance.checklist import (
     StageFailed,
 )
 from stiff_protocols.contract.errors import StiffBenchError
-from stiff_protocols.contract.interfaces import (
-    CorrectsPaths,
-    DividesByRobot,
-    EvaluationProtocol,
-    StiffnessDataset,
-    reports_training,
-)
+from stiff_protocols.contract.interfaces import StiffnessDataset
+from stiff_protocols.contract.protocol_base import completed
 from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData, Samples, Split
 from stiff_protocols.splits.checks import (
     fault_of_numbers,
@@ -118,20 +113,16 @@ _PROTOCOL = Checklist()
 
 
 class DividedRows:
-    """A protocol, told of the robot if it asks for one, and a small data set that it divides."""
+    """A protocol, and a small data set that it prepares and divides."""
 
-    def __init__(self, make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> None:
-        self._data, self.protocol = data, make()
-        if isinstance(self.protocol, DividesByRobot):
-            self.protocol.use_robot(data.robot)
+    def __init__(self, make: Callable[[], object], data: BenchmarkData) -> None:
+        self._data, self.protocol = data, completed(make())
 
     @cached_property
     def samples(self) -> Samples:
-        """What is divided, with the tool paths of the protocol; StageFailed where it has none."""
-        if not isinstance(self.protocol, CorrectsPaths):
-            return self._data.samples
-        with _stage("with_paths", "whose robot answers new poses"):
-            return self.protocol.with_paths(self._data).samples
+        """The samples that are divided, as the protocol prepared them; StageFailed: it cannot."""
+        with _stage("prepared", "whose robot answers new poses"):
+            return self.protocol.prepared(self._data).samples
 
     @cached_property
     def splits(self) -> Sequence[Split]:
@@ -156,7 +147,7 @@ def _stage(name: str, needs: str) -> Iterator[None]:
         raise StageFailed(name, error) from error
 
 
-def check_protocol(make: Callable[[], EvaluationProtocol], data: BenchmarkData) -> list[Check]:
+def check_protocol(make: Callable[[], object], data: BenchmarkData) -> list[Check]:
     """Check how a protocol divides samples; `make` returns a new one with its options."""
     return _PROTOCOL.answers(DividedRows(make, data))
 
@@ -194,7 +185,7 @@ def _told_apart(divided: DividedRows) -> str:
     "reports_training = True if training rows are reported",
 )
 def _disjoint(divided: DividedRows) -> None:
-    selects, reports = divided.protocol.selects_on_test, reports_training(divided.protocol)
+    selects, reports = divided.protocol.selects_on_test, divided.protocol.reports_training
     leaks = partial(leak_of, selects_on_test=selects, reports_training=reports)
     _have_none(divided.splits, leaks)
 

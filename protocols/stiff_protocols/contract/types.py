@@ -147,7 +147,7 @@ class Split:
         source: word of the data set of another robot or specimen that simulated source domains
             come from; "" for the training rows.
         also_reported: rows of the training side that the metrics are computed on beside the test
-            rows; empty but where the protocol says so (`ReportsTrainingRows`).
+            rows; empty unless the protocol declares `reports_training`.
     """
 
     index: int

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from stiff_protocols.contract.types import Split
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples, Split
 
 
 def named(split: Split) -> str:
@@ -109,3 +110,39 @@ def first_fault(
             return f"{named(split)} {fault}"
         numbers.append((split.condition, split.index))
     return fault_of_numbers(numbers) if numbers else "made no split of these samples"
+
+
+def check_source(word: str, source: BenchmarkData, dataset: str, target: BenchmarkData) -> None:
+    """Check that a source fits a target and holds none of its samples.
+
+    All samples of the source, which `word` names, identify the VJM that makes the source domain;
+    on the target, `dataset`, models are fine-tuned and tested.
+
+    Raises:
+        ConfigError: the joints are others, or samples are the target's.
+    """
+    if source.robot.joint_types != target.robot.joint_types:
+        raise ConfigError(
+            f"source {word!r}: robot {source.robot.name!r} has {_joints(source.robot)}, robot "
+            f"{target.robot.name!r} of {dataset!r} has {_joints(target.robot)} (valid: a robot "
+            "with the same joints, base to tip)"
+        )
+    held = {row.tobytes() for row in _numbers(source.samples)}
+    common = sum(row.tobytes() in held for row in _numbers(target.samples))
+    if common:
+        raise ConfigError(
+            f"source {word!r} holds {common} of the {len(target.samples)} samples of its target "
+            f"{dataset!r}, whose test part no source may hold (valid: samples of another robot or "
+            "another specimen)"
+        )
+
+
+def _joints(robot: Robot) -> str:
+    types = robot.joint_types
+    of = types[0] if len(set(types)) == 1 else ", ".join(types)
+    return f"{robot.n_joints} joints ({of})"
+
+
+def _numbers(samples: Samples) -> FloatArray:
+    """Return (n, .) poses, loads and deflections; adding 0.0 makes -0.0 and 0.0 one number."""
+    return np.hstack([samples.q, samples.wrench, samples.deflection]) + 0.0

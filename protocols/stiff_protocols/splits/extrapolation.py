@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.protocol_base import EvaluationProtocol
 from stiff_protocols.contract.types import FloatArray, IntArray, Samples, Split
 from stiff_protocols.splits.generators import LazySplits, divided_inside
 from stiff_protocols.splits.random_splits import Fraction
@@ -35,7 +36,7 @@ def _part(samples: Samples, rows: IntArray, fraction: float, rng: np.random.Gene
 
 
 @dataclass(kw_only=True, eq=False)
-class Extrapolation:
+class Extrapolation(EvaluationProtocol):
     """What the protocols of this kind share: each division is drawn once or several times.
 
     The two are different conditions: they train on different numbers of poses.
@@ -44,9 +45,6 @@ class Extrapolation:
         train_fraction: of the training poses, drawn anew in each of several splits.
         validation_fraction: of the training poses, may choose the epoch.
     """
-
-    selects_on_test = False
-    pooled = False
 
     train_fraction: Fraction = 0.8
     validation_fraction: Fraction = 0.2

@@ -62,6 +62,7 @@ class PathCompensation(Holdout):
     hold: str = ""
 
     added_later = ("hold",)
+    caveat = "errors are path errors that a model's corrections leave; a pose is a whole path."
 
     def held(self, robot: Robot) -> FloatArray:
         """Return (n_joints,) 0 for each joint that is held, NaN for the others.
@@ -80,7 +81,7 @@ class PathCompensation(Holdout):
             )
         return held
 
-    def with_paths(self, data: BenchmarkData) -> BenchmarkData:
+    def prepared(self, data: BenchmarkData) -> BenchmarkData:
         """Return the data with the points of 36 paths behind the samples.
 
         Three shapes in three parts of the workspace under four loads, each about another measured
@@ -104,7 +105,7 @@ class PathCompensation(Holdout):
         oracle = samples.deflection.copy()
         points = samples.take(rows)
         commands = self.commanded(data.under_load, data.robot, points.q, points.wrench)
-        oracle[rows] = self.removed(commands, found, rows)
+        oracle[rows] = self.scored(oracle[rows], commands, found, rows)
         return replace(found, known={"oracle": oracle, "uncorrected": np.zeros_like(oracle)})
 
     def commanded(
@@ -126,11 +127,16 @@ class PathCompensation(Holdout):
             )
         return found.q
 
-    def removed(self, q: FloatArray, data: BenchmarkData, rows: IntArray) -> FloatArray:
-        """Return the path error without correction less the one that the commands `q` leave."""
+    def scored(
+        self, predicted: FloatArray, commands: FloatArray, data: BenchmarkData, rows: IntArray
+    ) -> FloatArray:
+        """Return the path error without correction less the one that the commands leave.
+
+        The robot answers the commands itself: what was predicted for them plays no part.
+        """
         assert data.under_load is not None  # else it has no paths
         robot, samples = data.robot, data.samples.take(rows)
-        stands = robot.tcp_position(q) + data.under_load(q, samples.wrench)
+        stands = robot.tcp_position(commands) + data.under_load(commands, samples.wrench)
         left = stands - robot.tcp_position(samples.q)
         return np.asarray(samples.deflection - left)
 

@@ -12,6 +12,7 @@ from annotated_types import Ge, Gt, Lt
 from sklearn.model_selection import GroupKFold, GroupShuffleSplit
 
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.protocol_base import EvaluationProtocol
 from stiff_protocols.contract.types import Samples, Split
 from stiff_protocols.splits.generators import LazySplits, divided_inside, indivisible
 
@@ -19,7 +20,7 @@ Fraction = Annotated[float, Gt(0.0), Lt(1.0)]
 
 
 @dataclass(kw_only=True, eq=False)
-class Holdout:
+class Holdout(EvaluationProtocol):
     """Random 80/20 division by pose; a fifth of the training side may choose the epoch.
 
     By default networks choose it by cross-validation and learn from the whole training side.
@@ -28,9 +29,6 @@ class Holdout:
         test_fraction: of all poses.
         validation_fraction: of the training side's poses, may choose the epoch.
     """
-
-    selects_on_test = False
-    pooled = False
 
     test_fraction: Fraction = 0.2
     validation_fraction: Fraction = 0.2
@@ -56,16 +54,13 @@ class RepeatedHoldout(Holdout):
 
 
 @dataclass(kw_only=True, eq=False)
-class KFold:
+class KFold(EvaluationProtocol):
     """Poses in k parts of about one size; each part is tested by models of the others.
 
     Attributes:
         folds: number of folds; --splits cannot change it.
         validation_fraction: of the training side's poses, may choose the epoch.
     """
-
-    selects_on_test = False
-    pooled = False
 
     folds: Annotated[int, Ge(2)] = 5
     validation_fraction: Fraction = 0.2
@@ -87,7 +82,7 @@ class KFold:
 
 
 @dataclass(kw_only=True, eq=False)
-class PaperHoldout:
+class PaperHoldout(EvaluationProtocol):
     """The source paper's division: 80/20 by pose, and the 20 % also picks the best epoch.
 
     Attributes:
@@ -98,15 +93,14 @@ class PaperHoldout:
     """
 
     selects_on_test = True
-    pooled = False
     added_later = ("read_on",)
 
     test_fraction: Fraction = 0.2
     read_on: Literal["test", "all"] = "test"
 
     @property
-    def reports_training(self) -> bool:
-        """Whether training rows are reported beside the test rows."""
+    def reports_training(self) -> bool:  # type: ignore[override]  # read only
+        """Whether training rows are reported with the test rows."""
         return self.read_on == "all"
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
@@ -118,14 +112,13 @@ class PaperHoldout:
 
 
 @dataclass(kw_only=True, eq=False)
-class LeaveOneOut:
+class LeaveOneOut(EvaluationProtocol):
     """Each pose is tested once; the metrics are computed over the predictions of all poses.
 
     Attributes:
         validation_fraction: of the training side's poses, may choose the epoch.
     """
 
-    selects_on_test = False
     pooled = True
 
     validation_fraction: Fraction = 0.2

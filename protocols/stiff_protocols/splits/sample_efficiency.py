@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stiff_protocols.contract.protocol_base import EvaluationProtocol
 from stiff_protocols.contract.types import IntArray, Samples, Split, TextArray
 from stiff_protocols.splits.generators import LazySplits, divided_inside, indivisible, numbers_in
 from stiff_protocols.splits.random_splits import Fraction
@@ -18,7 +19,7 @@ def condition_of(n_poses: int) -> str:
 
 
 @dataclass(kw_only=True, eq=False)
-class SampleEfficiency:
+class SampleEfficiency(EvaluationProtocol):
     """A learning curve over nested subsets of the training poses, tested on the same poses.
 
     In each draw a fifth of the poses is the test part of every size, and the subset of a size
@@ -30,9 +31,6 @@ class SampleEfficiency:
         test_fraction: of all poses, rounded down (30 of 151, as in the source paper).
         validation_fraction: of a subset's poses, may choose the epoch.
     """
-
-    selects_on_test = False
-    pooled = False
 
     sizes: str = "5,10,20,40,80,121"
     test_fraction: Fraction = 0.2

@@ -11,7 +11,7 @@ from annotated_types import Ge
 from sklearn.cluster import KMeans
 
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Robot, Samples
 from stiff_protocols.splits.extrapolation import Division, Extrapolation
 
 STARTS, START_SEED = 50, 0  # of k-means; the best one counts
@@ -33,9 +33,10 @@ class WorkspaceExtrapolation(Extrapolation):
     regions: Annotated[int, Ge(2)] = 4
     _robot: Robot | None = field(default=None, init=False)
 
-    def use_robot(self, robot: Robot) -> None:
+    def prepared(self, data: BenchmarkData) -> BenchmarkData:
         """Remember whose TCP it is."""
-        self._robot = robot
+        self._robot = data.robot
+        return data
 
     def divisions(self, samples: Samples, seed: int) -> Iterator[Division]:
         """Yield a condition for each region that is held out.
@@ -46,7 +47,7 @@ class WorkspaceExtrapolation(Extrapolation):
         """
         if self._robot is None:
             raise ConfigError(
-                "workspace-extrapolation: the robot is not known; call use_robot before splits"
+                "workspace-extrapolation: the robot is not known; call prepared before splits"
             )
         poses, pose_of_row = np.unique(samples.pose_id, return_inverse=True)
         position = _mean_of(self._robot.tcp_position(samples.q), pose_of_row, len(poses))

@@ -40,10 +40,12 @@ from stiff_protocols.contract.interfaces import (
     chooses_epoch,
     regime_of,
 )
-from stiff_protocols.contract.plugin import DEFAULT_GRID, Grid, Range, in_words
+from stiff_protocols.contract.plugin import DEFAULT_GRID, Grid, ModelInfo, Range, in_words
+from stiff_protocols.contract.protocol_base import ParseOption
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples, Split
 from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.random_splits import Holdout, KFold
+from stiff_protocols.tuning.candidates import read_grids
 
 if TYPE_CHECKING:
     from optuna import Trial
@@ -338,6 +340,10 @@ class Nested(Holdout):
     search: SearchMethod = "grid"
     trials: Annotated[int, Ge(1)] = 20
     inner_folds: Annotated[int, Ge(2)] = 3
+
+    def grids(self, models: Sequence[ModelInfo], parse: ParseOption) -> Mapping[str, Grid]:
+        """Return the candidates of `grid`; ConfigError: it has none for any of the models."""
+        return read_grids(self.grid, f"nested.grid={self.grid}", models, parse)
 
     def tuned(self, model: StiffnessModel, grid: Grid) -> StiffnessModel:
         """Return the model that chooses from `grid` in its own fit."""

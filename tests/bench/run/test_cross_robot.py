@@ -9,7 +9,7 @@ import pytest
 
 from helpers.made_robots import random_chain
 from helpers.run_requests import computed, planned
-from stiff_bench.plan.cells import NO_SOURCE, cell_tasks, check_source
+from stiff_bench.plan.cells import NO_SOURCE, cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.words import chosen_dataset
 from stiff_bench.run.execution import Execution
@@ -22,6 +22,7 @@ from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ProtocolInfo
 from stiff_protocols.contract.types import BenchmarkData, Samples, Split
+from stiff_protocols.splits.checks import check_source
 from stiff_protocols.splits.cross_robot import OWN
 from stiff_protocols.splits.random_splits import Holdout
 

@@ -207,26 +207,29 @@ def test_a_plugin_that_reaches_for_the_engines_data_is_caught(thief, tasks):
         computed_under_seal(task)
 
 
-def all_rows(task):
-    return task.data.samples.take(np.arange(len(task.data.samples)))
+SIDE = "stiff_protocols.contract.evaluation.training_side"
+
+
+def all_of(samples):
+    return samples.take(np.arange(len(samples)))
 
 
 def peek(*_):
-    all_rows(sys._getframe(1).f_locals["task"])
+    all_of(sys._getframe(1).f_locals["task"].data.samples)
 
 
 @pytest.mark.parametrize(
     ("name", "leaky", "words"),
     [
-        ("_training_side", lambda task, **_: (all_rows(task), None), r"read before .*\.fit"),
-        ("_training_side", lambda task, **_: (task.data.samples, None), "read during fit"),
-        ("check_units", peek, r"read before .*\.fit"),
+        (SIDE, lambda samples, *_, **__: (all_of(samples), None), r"read before .*\.fit"),
+        (SIDE, lambda samples, *_, **__: (samples, None), "read during fit"),
+        ("stiff_bench.run.cell.check_units", peek, r"read before .*\.fit"),
     ],
     ids=["all rows are taken", "all data are handed over", "a look before the reference's fit"],
 )
 def test_an_engine_that_leaks_is_caught(name, leaky, words, tasks, monkeypatch):
     task = tasks("vjm", "holdout")[0]
-    monkeypatch.setattr(f"stiff_bench.run.cell.{name}", leaky)
+    monkeypatch.setattr(name, leaky)
     with pytest.raises(Leak, match=words):
         computed_under_seal(task)
 

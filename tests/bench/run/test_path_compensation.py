@@ -90,13 +90,13 @@ def test_no_model_is_given_the_robot_that_answers(tasks):
 
 def test_a_model_of_another_point_corrects_paths_for_the_tcp_with_intervals_there():
     (task,) = listed(("vjm@tcp=fit",), splits=1)
-    given = replace(fit_task(task), coverage=0.9)
-    fitted = fit_and_predict(given).fitted
-    model = given.make().fit(given.train, robot=given.robot)
+    fit = fit_task(replace(task, cell=replace(task.cell, coverage=0.9)))
+    fitted, given = fit_and_predict(fit).fitted, fit.given
+    model = fit.make().fit(given.train, robot=given.robot)
     at_tcp = PathCompensation().commanded(model.predict_at_tcp, given.robot, given.q, given.wrench)
     np.testing.assert_array_equal(fitted.commands, at_tcp)
     predicted = model.predict_at_tcp(at_tcp, given.wrench)
-    np.testing.assert_array_equal(fitted.at_commands, predicted)
+    np.testing.assert_array_equal(fitted.predicted, predicted)
     middle = 0.5 * (fitted.interval.lower + fitted.interval.upper)
     away = np.linalg.norm(middle - model.predict(at_tcp, given.wrench), axis=1).mean()
     assert np.linalg.norm(middle - predicted, axis=1).mean() < 0.3 * away  # of a second fit

@@ -17,13 +17,14 @@ from sklearn.base import BaseEstimator
 from helpers.run_requests import computed, planned, with_model
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.cell import CURVE_POINTS, compute_cell
+from stiff_bench.run.cell import compute_cell
 from stiff_bench.run.costs import (
     MOST_SINGLE_PREDICTIONS,
     MemoryMeter,
     latency,
     peak_memory_bytes,
 )
+from stiff_bench.run.fit import CURVE_POINTS
 from stiff_bench.store.database import ResultStore
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.errors import ConfigError

@@ -187,7 +187,7 @@ def falsified():
     experiment.twin = DigitalTwin(elsewhere(robot, np.array([0.0, 0.0, 0.03])), springs)
     samples = experiment.samples(random_poses(constants, 151, 0))
     of_tool = DigitalTwin(robot, springs).readings
-    return PathCompensation().with_paths(BenchmarkData(samples, robot, {}, of_tool))
+    return PathCompensation().prepared(BenchmarkData(samples, robot, {}, of_tool))
 
 
 def test_commands_are_for_the_tools_own_tcp_where_another_point_was_measured(falsified):
@@ -198,7 +198,7 @@ def test_commands_are_for_the_tools_own_tcp_where_another_point_was_measured(fal
 
     def path_error(predict):
         commands = protocol.commanded(predict, falsified.robot, points.q, points.wrench)
-        left = points.deflection - protocol.removed(commands, falsified, rows)
+        left = points.deflection - protocol.scored(commands, commands, falsified, rows)
         return np.linalg.norm(left, axis=1).mean()
 
     given, fitted = (FullVjm(tcp=tcp).fit(train, robot=falsified.robot) for tcp in ("given", "fit"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from helpers.made_samples import unloaded
-from stiff_protocols.contract.interfaces import NamesSources
 from stiff_protocols.splits.cross_robot import OWN, CrossRobot
 from stiff_protocols.splits.random_splits import Holdout
 
@@ -18,6 +17,5 @@ def test_each_of_holdouts_divisions_stands_under_both_conditions():
         assert [split.sha256 for split in of_it] == [split.sha256 for split in divisions]
         assert {split.source for split in of_it} == {"" if condition == OWN else "ur5-twin"}
     assert len(splits) == 6
-    protocol = CrossRobot()
-    assert isinstance(protocol, NamesSources) and not isinstance(Holdout(), NamesSources)
-    assert list(protocol.source_datasets()) == ["kr10-twin@specimen=9"]
+    assert list(CrossRobot().source_datasets()) == ["kr10-twin@specimen=9"]
+    assert not Holdout().source_datasets()

@@ -23,7 +23,7 @@ ROUNDED_M = 1e-8
 
 @pytest.fixture(scope="module")
 def data(twin):
-    return PROTOCOL.with_paths(twin)
+    return PROTOCOL.prepared(twin)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_no_correction_leaves_the_deflection_and_removes_nothing(data, rows):
     q = commanded(no_prediction, data, rows)
     np.testing.assert_array_equal(q, data.samples.q[rows])
     np.testing.assert_allclose(left(data, rows, q), data.samples.deflection[rows], atol=ROUNDED_M)
-    np.testing.assert_allclose(PROTOCOL.removed(q, data, rows), 0.0, atol=ROUNDED_M)
+    np.testing.assert_allclose(PROTOCOL.scored(q, q, data, rows), 0.0, atol=ROUNDED_M)
     assert (data.known["uncorrected"] == 0.0).all()
 
 
@@ -97,7 +97,7 @@ def test_the_twins_own_truth_leaves_the_tolerance(data, rows):
 
 def test_a_robot_of_joint_springs_is_corrected_by_the_same_springs_to_the_tolerance(twin):
     model = VirtualJointModel().fit(twin.samples, robot=twin.robot)
-    data = PROTOCOL.with_paths(replace(twin, under_load=model.predict))
+    data = PROTOCOL.prepared(replace(twin, under_load=model.predict))
     rows = np.flatnonzero(data.samples.group == PATH_GROUP)
     q = commanded(model.predict, data, rows)
     assert np.linalg.norm(left(data, rows, q), axis=1).max() <= 1.01 * TOLERANCE_M
@@ -106,7 +106,7 @@ def test_a_robot_of_joint_springs_is_corrected_by_the_same_springs_to_the_tolera
 def test_what_is_removed_is_the_error_without_correction_less_the_one_with_it(data, rows):
     few = rows[::7]
     q = commanded(lambda q, w: 0.7 * data.under_load(q, w), data, few)
-    removed = PROTOCOL.removed(q, data, few)
+    removed = PROTOCOL.scored(q, q, data, few)
     without = data.samples.deflection[few]
     np.testing.assert_allclose(without - removed, left(data, few, q), atol=1e-12)
     assert 0.65 < np.linalg.norm(removed) / np.linalg.norm(without) < 0.75
@@ -146,7 +146,7 @@ def on_a_track(twin):
 
 def test_an_arm_on_a_track_is_corrected_with_its_cart_held_where_the_poses_have_it(twin):
     protocol = PathCompensation(hold="rail")
-    data = protocol.with_paths(on_a_track(twin))
+    data = protocol.prepared(on_a_track(twin))
     rows = np.flatnonzero(data.samples.group == PATH_GROUP)
     carts = data.samples.q[rows, 0].reshape(36, -1)
     assert np.ptp(carts, axis=1).max() == 0.0 and np.ptp(carts) > 2.0
@@ -160,16 +160,16 @@ def test_an_arm_on_a_track_is_corrected_with_its_cart_held_where_the_poses_have_
 @pytest.mark.parametrize("hold", ["", "rail,A1", "wagon"])
 def test_other_than_six_moving_joints_are_refused(twin, hold):
     with pytest.raises(ConfigError, match=r"rail"):
-        PathCompensation(hold=hold).with_paths(on_a_track(twin))
+        PathCompensation(hold=hold).prepared(on_a_track(twin))
 
 
 def test_a_robot_that_cannot_be_asked_or_turned_is_refused(twin, fanuc):
     with pytest.raises(ConfigError, match="measured robot cannot be asked"):
-        PROTOCOL.with_paths(fanuc)
+        PROTOCOL.prepared(fanuc)
     planar = planar_arm(2, (0.0, 0.0, 1.0))
     samples = samples_with(np.zeros((4, planar.n_joints)), np.ones((4, 6)), np.ones((4, 3)))
     with pytest.raises(ConfigError, match=f"has {planar.n_joints} joints .*valid: 6"):
-        PROTOCOL.with_paths(BenchmarkData(samples, planar, under_load=no_prediction))
+        PROTOCOL.prepared(BenchmarkData(samples, planar, under_load=no_prediction))
     stiff = replace(twin.robot, lower=np.full(6, -1e-3), upper=np.full(6, 1e-3))
     with pytest.raises(ConfigError, match=r"cannot drive a square of .* mm .*near part"):
-        PROTOCOL.with_paths(replace(twin, robot=stiff))
+        PROTOCOL.prepared(replace(twin, robot=stiff))

@@ -11,7 +11,7 @@ import pytest
 from helpers.made_robots import planar_arm
 from helpers.made_samples import learned, samples_with
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import Robot, Samples
+from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
 from stiff_protocols.splits.extrapolation import ALL_POSES
 from stiff_protocols.splits.workspace import WorkspaceExtrapolation
 
@@ -45,7 +45,7 @@ def around_corners(n_each, loads=1) -> Samples:
 
 def divided(robot, samples, n_splits=None, seed=0, **options):
     protocol = WorkspaceExtrapolation(**options)
-    protocol.use_robot(robot)
+    protocol.prepared(BenchmarkData(samples, robot))
     return protocol.splits(samples, n_splits=n_splits, seed=seed)
 
 
@@ -91,7 +91,7 @@ def test_fewer_positions_than_regions_and_no_robot_are_refused(portal):
     with pytest.raises(ConfigError, match="regions=9: the 8 poses have 8 different TCP positions"):
         divided(portal, samples, regions=9)
     assert len(divided(portal, samples, regions=8)) == 8
-    with pytest.raises(ConfigError, match="the robot is not known; call use_robot before splits"):
+    with pytest.raises(ConfigError, match="the robot is not known; call prepared before splits"):
         WorkspaceExtrapolation().splits(around_corners(4), n_splits=None, seed=0)
 
 
