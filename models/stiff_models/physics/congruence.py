@@ -17,11 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_models.physics.kinematics import jacobian, joint_torque, kinematic_hessian
-from stiff_models.physics.straight_line import CHUNK
 from stiff_protocols.contract.errors import ModelError
-from stiff_protocols.contract.identification import least_compliance
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import joint_torque
+from stiff_protocols.kinematics.straight_line import CHUNK
+from stiff_protocols.springs.identification import least_compliance
 
 MAX_STEPS = 50
 MAX_HALVINGS = 20
@@ -45,7 +45,7 @@ class LoadedRobot:
     @classmethod
     def of(cls, robot: Robot, q: FloatArray, wrench: FloatArray) -> LoadedRobot:
         """Return it for (n, n_joints) `q` and (n, 6) `wrench` at the TCP, base frame."""
-        rows = jacobian(robot, q)
+        rows = robot.jacobian(q)
         congruence = np.empty((len(q), robot.n_joints, robot.n_joints))
         for start in range(0, len(q), CHUNK):  # a Hessian is six times as large as its K_g
             part = slice(start, start + CHUNK)
@@ -153,3 +153,32 @@ def _linearised(loaded: LoadedRobot, compliance: FloatArray, measured: FloatArra
     return Linearised(
         compliance, matrix, residual + matrix @ compliance, float(residual @ residual)
     )
+
+
+def kinematic_hessian(rows: FloatArray) -> FloatArray:
+    """Return the derivatives of Jacobians by the joint positions.
+
+    A turn about axis a_i moves all that it carries: column j changes by a_i x J_j for j >= i, and
+    the TCP's second derivatives are symmetric; axes do not turn with the joints that they carry
+    (Hourtash, "The kinematic Hessian and higher derivatives", 2005).
+
+    Returns:
+        (n, 6, n_joints, n_joints): [:, :, i, j] is dJ_i / dq_j.
+    """
+    n, _, n_joints = rows.shape
+    move, axis = rows[:, :3].transpose(1, 2, 0), rows[:, 3:].transpose(1, 2, 0)
+    hessian = np.zeros((6, n_joints, n_joints, n))
+    for i in range(n_joints):
+        for j in range(i, n_joints):
+            _cross(hessian[:3, i, j], axis[:, i], move[:, j])
+            hessian[:3, j, i] = hessian[:3, i, j]
+            if j > i:
+                _cross(hessian[3:, j, i], axis[:, i], axis[:, j])
+    return hessian.transpose(3, 0, 1, 2)
+
+
+def _cross(out: FloatArray, a: FloatArray, b: FloatArray) -> None:
+    """Write the cross product of two (3, n) arrays; `numpy.cross` is several times slower."""
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[j], b[k], out=out[i])
+        out[i] -= a[k] * b[j]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 from stiff_protocols.contract.plugin import Grid
 from stiff_protocols.contract.types import (
@@ -22,9 +22,6 @@ from stiff_protocols.contract.types import (
     Samples,
     Split,
 )
-
-if TYPE_CHECKING:
-    from stiff_protocols.contract.identification import IdentifiedSprings
 
 
 @runtime_checkable
@@ -62,9 +59,12 @@ class ReportsDiagnostics(Protocol):
 
 @runtime_checkable
 class IdentifiesSprings(Protocol):
-    """Optional power: stiffnesses of springs; `springs_`: what the samples say of each."""
+    """Optional power: stiffnesses of springs; `springs_`: what the samples say of each.
 
-    springs_: IdentifiedSprings
+    It is a `stiff_protocols.springs.identification.IdentifiedSprings`.
+    """
+
+    springs_: Any
 
 
 SPRING_CURVE = "spring "

@@ -23,7 +23,8 @@ from stiff_protocols.contract.arrays import (
     frozen_array,
 )
 from stiff_protocols.contract.errors import ConfigError, DataError
-from stiff_protocols.contract.robot import JointType, Robot
+from stiff_protocols.contract.robot import Robot
+from stiff_protocols.kinematics.chain_formulas import JointType
 
 __all__ = [
     "AXES",

@@ -12,7 +12,6 @@ from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.congruence import LoadedRobot, loaded_deflection
-from stiff_models.physics.kinematics import jacobian
 from stiff_models.physics.vjm import VirtualJointModel, identify_joints
 from stiff_protocols.contract.errors import ModelError
 
@@ -70,7 +69,7 @@ def balance_error(share, congruence):
     q, wrench = np.array([[0.4, 0.7]]), share * np.array([[-60.0, 40.0, 0.0, 0.0, 0.0, 5.0]])
 
     def unbalanced(turn):
-        return stiffness * turn - wrench[0] @ jacobian(arm, q + turn)[0]
+        return stiffness * turn - wrench[0] @ arm.jacobian(q + turn)[0]
 
     truth = fsolve(unbalanced, np.zeros(2), xtol=1e-14)
     loaded = LoadedRobot.of(arm, q, wrench)

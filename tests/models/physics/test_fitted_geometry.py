@@ -14,7 +14,6 @@ from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 from stiff_models.io.saved import load
 from stiff_models.physics.fitted_geometry import Geometry, moved_wrench
 from stiff_models.physics.full_vjm import FullVjm, spring_twists
-from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.conformance.suite import check_model
@@ -38,9 +37,9 @@ def measured(robot, rng, *, lever=False, noise=0.0, n=60):
     wrench = rng.normal(size=(n, 6)) * np.repeat([60.0, 5.0], 3)
     if lever:
         at_tcp = moved_wrench(wrench, robot.forward(q).rotation @ OFFSET)
-        deflection = joint_deflection(robot, 1 / STIFFNESS, q, at_tcp)
+        deflection = robot.joint_deflection(1 / STIFFNESS, q, at_tcp)
     else:
-        deflection = joint_deflection(elsewhere(robot), 1 / STIFFNESS, q, wrench)
+        deflection = elsewhere(robot).joint_deflection(1 / STIFFNESS, q, wrench)
     return samples_with(q, wrench, deflection + noise * rng.normal(size=(n, 3)))
 
 

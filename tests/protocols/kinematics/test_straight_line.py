@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiff_models.physics.straight_line import Program, half_angle, tape_with
+from stiff_protocols.kinematics.straight_line import Program, half_angle, tape_with
 
 
 def test_a_step_is_written_once_and_a_change_of_sign_never():
