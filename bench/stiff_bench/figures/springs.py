@@ -22,10 +22,9 @@ from stiff_bench.plan.request import robot_of_results, true_joint_turns
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.interfaces import SPRING_CURVE
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
-from stiff_protocols.springs.identification import spring_key
+from stiff_protocols.springs.identification import SPRING_CURVE, spring_key
 
 ROW_INCH, HEAD_INCH = 1.75, 0.3
 _POINTS = 200

@@ -16,15 +16,9 @@ from stiff_bench.plan.search import tuned_models
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, said_by
 from stiff_protocols.contract.interfaces import (
-    ChecksRobot,
     CorrectsPaths,
     DividesByRobot,
     EvaluationProtocol,
-    LearnsFromSource,
-    StatesSource,
-    StiffnessModel,
-    chooses_epoch,
-    regime_of,
     reports_training,
 )
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
@@ -35,6 +29,7 @@ from stiff_protocols.contract.record import (
     Presentation,
 )
 from stiff_protocols.contract.source_code import code_of
+from stiff_protocols.contract.stiffness_model import StiffnessModel, offers, optional
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples, Split
 from stiff_protocols.splits.checks import first_fault
 from stiff_protocols.splits.generators import LazySplits
@@ -117,7 +112,7 @@ class CellTask:
 
 def tell_source(model: StiffnessModel, source: BenchmarkData | None) -> None:
     """Give a model that learns from one its source, which it must not ask for more."""
-    if isinstance(model, LearnsFromSource):
+    if offers(model, "use_source"):
         model.use_source(source and source.without_truth())
 
 
@@ -176,14 +171,13 @@ def _of_protocol(
         source = sources.get(split.source)
         made = model.make()
         tell_source(made, source)
-        if isinstance(made, ChecksRobot):
-            made.check_robot(data.robot)
+        optional(made, "check_robot")(data.robot)
         chooses = uses_validation(model.info, made)
         regimes = [
-            NO_SOURCE if source is not None and not isinstance(made, LearnsFromSource) else "",
-            regime_of(made),
+            NO_SOURCE if source is not None and not offers(made, "use_source") else "",
+            getattr(made, "regime", ""),
         ]
-        of_source = made.source_words if isinstance(made, StatesSource) else ""
+        of_source = getattr(made, "source_words", "")
         cell = Cell(
             model=model.info.key,
             model_params=model.identity,
@@ -294,7 +288,7 @@ def _naming(dataset: Choice[DatasetInfo], protocol: Choice[ProtocolInfo]) -> Ite
 
 def uses_validation(info: ModelInfo, model: StiffnessModel) -> bool:
     """Say whether a model, as it is set up, chooses its epoch by validation rows."""
-    return info.uses_validation and chooses_epoch(model)
+    return info.uses_validation and bool(optional(model, "chooses_epoch")())
 
 
 def version_of(choice: Choice[ModelInfo]) -> str:

@@ -20,8 +20,8 @@ from pydantic import PydanticUserError, TypeAdapter, ValidationError
 from stiff_bench.plan.registry import Info
 from stiff_bench.store.names import Variant
 from stiff_protocols.contract.errors import ConfigError, said_by, unknown_name
-from stiff_protocols.contract.interfaces import KnowsWhatIsMissing
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
+from stiff_protocols.contract.stiffness_model import offers
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class Choice(Generic[Info]):
 
     def missing(self) -> str:
         """Return why this cannot be used here, with its options; "" where it can."""
-        if issubclass(self.cls, KnowsWhatIsMissing):
+        if offers(self.cls, "missing"):
             return str(self.make().missing())
         return self.info.missing()
 

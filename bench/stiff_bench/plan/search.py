@@ -17,8 +17,9 @@ from typing import Any
 from stiff_bench.plan.options import Choice, parse_option
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import read_toml
-from stiff_protocols.contract.interfaces import ChecksParams, TunesModels
+from stiff_protocols.contract.interfaces import TunesModels
 from stiff_protocols.contract.plugin import DEFAULT_GRID, Grid, ModelInfo, ProtocolInfo, Range
+from stiff_protocols.contract.stiffness_model import optional
 
 FILE_ENDING = ".toml"
 VALID = "a list of values, or {low = ..., high = ..., log = true} of numbers for search=optuna"
@@ -153,9 +154,9 @@ def _tuned(
     left = {name: grid[name] for name in grid if name not in {**model.params, **model.context}}
     tuned = TunedChoice(model.info, model.cls, model.params, model.context, tuner, left)
     made = tuned.make()
-    if isinstance(made, ChecksParams) and not tuned.missing():
+    if not tuned.missing():
         try:
-            made.check_params()
+            optional(made, "check_params")()
         except ConfigError as error:
             raise ConfigError(f"{said}: {error}") from error
     return tuned

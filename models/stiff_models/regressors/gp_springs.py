@@ -325,7 +325,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def covariance(
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:
-        """Return how deflections go together, as `PredictsCovariance` says; errors as `predict`."""
+        """Return how deflections go together, as `StiffnessModel` says; errors as `predict`."""
         first = self._fitted_loads(*self._checked(q, wrench))
         second = self._measured_loads(
             self.robot_, self.geometry_, *self._checked(other_q, other_wrench)

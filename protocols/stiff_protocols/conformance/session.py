@@ -16,7 +16,7 @@ import numpy as np
 
 from stiff_protocols.conformance.checklist import Failed, StageFailed
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.interfaces import PredictsInterval, StiffnessModel
+from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Interval, Samples
 from stiff_protocols.paths.inverse import evenly_spaced
 from stiff_protocols.scoring.sanity import check_prediction
@@ -174,7 +174,7 @@ class Session:
         return predicted
 
     def interval(
-        self, model: PredictsInterval, q: FloatArray, wrench: FloatArray, coverage: float
+        self, model: StiffnessModel, q: FloatArray, wrench: FloatArray, coverage: float
     ) -> Interval:
         """Return what the model says of writable copies."""
         given = q.copy(), wrench.copy()

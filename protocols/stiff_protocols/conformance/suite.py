@@ -22,12 +22,7 @@ from sklearn.exceptions import NotFittedError as SklearnNotFittedError
 from stiff_protocols.conformance.checklist import Check, Checklist, Failed, NotApplicable
 from stiff_protocols.conformance.session import LOUD, SMALLEST, Session, options
 from stiff_protocols.contract.errors import NotFittedError, NotSavable
-from stiff_protocols.contract.interfaces import (
-    PredictsInterval,
-    ReportsDiagnostics,
-    SavesItself,
-    StiffnessModel,
-)
+from stiff_protocols.contract.stiffness_model import StiffnessModel, offers
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
 from stiff_protocols.scoring.sanity import check_units
 
@@ -305,7 +300,7 @@ def _nothing_without_load(session: Session) -> None:
 )
 def _diagnostics(session: Session) -> str:
     model = session.fitted
-    if not isinstance(model, ReportsDiagnostics):
+    if not hasattr(model, "diagnostics_"):
         raise NotApplicable("has no diagnostics_")
     if not isinstance(model.diagnostics_, Mapping):
         raise Failed(f"diagnostics_ is a {type(model.diagnostics_).__name__}")
@@ -360,7 +355,7 @@ def _interval_row_by_row(session: Session) -> None:
 )
 def _saves(session: Session) -> None:
     model, save, load = session.fitted, session.save, session.load
-    save_itself = model.save if isinstance(model, SavesItself) else None
+    save_itself = model.save if offers(model, "save") else None
     if load is None or (save is None and save_itself is None):
         raise NotApplicable("not checked here; `bench check` saves and loads as `bench fit` does")
     first = session.prediction
@@ -442,11 +437,7 @@ def _only_chooses_on_validation(session: Session) -> None:
     predicted = session.predict(model, session.other.q, session.other.wrench)
     times = _size(predicted) / max(_size(session.other.deflection), SMALLEST)
     found = f"it predicts its training rows {times:.0f} times too large"
-    if (
-        times <= GROWN
-        and isinstance(first, PredictsInterval)
-        and isinstance(model, PredictsInterval)
-    ):
+    if times <= GROWN and offers(first, "predict_interval") and offers(model, "predict_interval"):
         times = _width(session, model) / max(_width(session, first), SMALLEST)
         found = f"its intervals are {times:.0f} times as wide"
     if times > GROWN:
@@ -456,9 +447,9 @@ def _only_chooses_on_validation(session: Session) -> None:
         )
 
 
-def _model(session: Session) -> PredictsInterval:
+def _model(session: Session) -> StiffnessModel:
     model = session.fitted
-    if not isinstance(model, PredictsInterval):
+    if not offers(model, "predict_interval"):
         raise NotApplicable("has no predict_interval; split-conformal intervals serve it")
     _ = session.prediction
     return model
@@ -468,6 +459,6 @@ def _size(values: FloatArray) -> float:
     return float(np.abs(values).max())
 
 
-def _width(session: Session, model: PredictsInterval) -> float:
+def _width(session: Session, model: StiffnessModel) -> float:
     found = session.interval(model, session.test.q, session.test.wrench, 0.9)
     return float(np.median(found.upper - found.lower))

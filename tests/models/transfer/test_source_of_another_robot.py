@@ -22,7 +22,7 @@ from stiff_models.transfer.mlp_pretrained import MlpPretrained
 from stiff_models.transfer.pretraining import power_of_four
 from stiff_models.transfer.source import joint_ranges
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.interfaces import LearnsFromSource
+from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import BenchmarkData
 
 pytestmark = pytest.mark.usefixtures("small_source")
@@ -59,7 +59,7 @@ def vjm_of(data):
 
 def test_every_family_with_a_source_domain_takes_another_robots_and_no_other_does():
     usable = [info for info in MODELS if not info.missing()]
-    takers = [info.key for info in usable if issubclass(info.load(), LearnsFromSource)]
+    takers = [info.key for info in usable if offers(info.load(), "use_source")]
     assert sorted(takers) == sorted(TAKE_A_SOURCE)
 
 
