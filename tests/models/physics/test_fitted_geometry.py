@@ -16,7 +16,7 @@ from stiff_models.physics.fitted_geometry import Geometry, moved_wrench
 from stiff_models.physics.full_vjm import FullVjm, spring_twists
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
-from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.stiffness_model import interval_at_tcp, optional
 from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData, Interval
