@@ -25,12 +25,12 @@ from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 from stiff_models.model_catalog import model_info
 from stiff_models.physics.fitted_geometry import fitted_geometry, moved_twists, moved_wrench
 from stiff_models.physics.full_vjm import spring_twists
-from stiff_models.physics.kinematics import unit_deflections
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.identification import least_compliance
 from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData, FloatArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import unit_deflections
 from stiff_protocols.splits.path_compensation import PathCompensation
 from stiff_protocols.splits.random_splits import Holdout
+from stiff_protocols.springs.identification import least_compliance
 
 SPLITS = 15
 MOUNTS = {

@@ -30,13 +30,13 @@ from stiff_models.base import FittedModel
 from stiff_models.physics.full_vjm import spring_regressor, typical_springs
 from stiff_models.physics.multi_segment_vjm import FIRST_SHARE, _loaded_joints
 from stiff_models.physics.vjm import compliance_regressor, fitted_physics
-from stiff_protocols.contract.identification import (
+from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.springs.identification import (
     LEAST_NOISE,
     PRIOR_SPREAD,
     least_compliance,
     typical_joints,
 )
-from stiff_protocols.contract.plugin import ModelInfo
 
 KEYS = ("vjm", "vjm-full", "vjm-multisegment")
 SHRUNK = 4.0  # robots

@@ -43,7 +43,7 @@ from stiff_models.transfer import dt_cnn, ft_mlp
 from stiff_models.transfer.alignment import AlignedObjective, uses_target
 from stiff_models.transfer.cnn import Cnn, build_cnn
 from stiff_models.transfer.pretrained_mlp import PRETRAINING
-from stiff_protocols.contract.interfaces import PredictsInterval
+from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import BenchmarkData, FloatArray
 
 KEPT = Path(__file__).parent / "models" / "golden_numbers.json"
@@ -212,7 +212,7 @@ def predicted(key: str, options: Options) -> list[float]:
     """Return deflections of the test rows, bounds of own intervals, and last losses, m."""
     model, test = fitted(key, options), twin_data().samples.take(TEST)
     found = [model.predict(test.q, test.wrench)]
-    if isinstance(model, PredictsInterval):
+    if offers(model, "predict_interval"):
         interval = model.predict_interval(test.q, test.wrench, COVERAGE)
         found += [interval.lower, interval.upper]
     numbers = np.concatenate(found).ravel().tolist()

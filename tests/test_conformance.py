@@ -8,7 +8,7 @@ from helpers.quick_models import KEYS
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.saved import load
 from stiff_models.model_catalog import model_info
-from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.conformance.model_checks import check_model
 
 NOT_SAVABLE = (
     "realmlp",

@@ -12,6 +12,7 @@ from sklearn.base import BaseEstimator
 
 from stiff_models.io import saved
 from stiff_protocols.contract.errors import ModelError, NotFittedError
+from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot, Samples
 
@@ -52,7 +53,7 @@ def left_out_fifths(samples: Samples, seed: int) -> Iterator[tuple[Samples, Samp
         yield samples.take(learned), samples.take(left_out)
 
 
-class FittedModel(BaseEstimator):  # type: ignore[misc]
+class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
     """Base of the built-in families: a prediction that is checked at both ends, and files.
 
     A family writes `_fit` and `_predict`, and keeps everything that a prediction needs in

@@ -46,9 +46,9 @@ from stiff_datasets.twin.twin import TwinExperiment
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import make_folder, written_whole
-from stiff_protocols.contract.identification import least_compliance
 from stiff_protocols.contract.progress import Progress, listening, report
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
+from stiff_protocols.springs.identification import least_compliance
 
 GEAR_SIZES = ((25, 32), (25, 32), (25, 32), (14, 17, 20), (14, 17, 20), (14, 17))
 """What fits the paper's identified stiffnesses and a robot of this class; A1 first."""

@@ -9,7 +9,6 @@ import numpy as np
 
 from helpers.made_robots import random_chain
 from helpers.made_samples import samples_with
-from stiff_models.physics.kinematics import joint_deflection
 from stiff_protocols.contract.types import FloatArray, JointType, Robot, Samples
 
 
@@ -104,7 +103,7 @@ def _robot_of(kinds: tuple[JointType, ...]) -> Hazard:
         def drawn(n: int) -> Samples:
             q = rng.uniform(-1.0, 1.0, (n, len(kinds)))
             wrench = rng.normal(size=(n, 6)) * 50.0
-            deflection = joint_deflection(robot, np.full(len(kinds), 1e-5), q, wrench)
+            deflection = robot.joint_deflection(np.full(len(kinds), 1e-5), q, wrench)
             return samples_with(q, wrench, deflection)
 
         return Case(robot, drawn(30), drawn(10), drawn(20))

@@ -22,10 +22,10 @@ from helpers.made_hazards import HAZARDS, Case
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.errors import ModelError, StiffBenchError, StiffBenchWarning
-from stiff_protocols.contract.identification import nonnegative
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.sanity import check_units, warn_of_rows
 from stiff_protocols.splits.random_splits import Holdout
+from stiff_protocols.springs.identification import nonnegative
 
 TINY = {
     "width": 8,
@@ -245,6 +245,6 @@ def test_least_squares_that_go_round_in_circles_are_our_error(monkeypatch, rng):
     def circling(*_: FloatArray) -> None:
         raise RuntimeError("Maximum number of iterations reached.")
 
-    monkeypatch.setattr("stiff_protocols.contract.identification.nnls", circling)
+    monkeypatch.setattr("stiff_protocols.springs.identification.nnls", circling)
     with pytest.raises(ModelError, match="no compliances >= 0 were found for 3 springs: Maximum"):
         nonnegative(rng.normal(size=(9, 3)), rng.normal(size=9))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -21,11 +21,10 @@ from helpers.made_samples import samples_with
 from helpers.perf_case import OURS, needed, ours_or_peer
 from helpers.quick_models import twin_data
 from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robot
-from stiff_models.physics.kinematics import jacobian, joint_deflection
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.source import simulate, source_design
-from stiff_protocols.contract.robot import REACHED_M, REACHED_RAD
 from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.kinematics.serial_chain import REACHED_M, REACHED_RAD
 from stiff_protocols.paths.inverse import follow
 from stiff_protocols.paths.path import ToolPath, shaped
 
@@ -47,7 +46,7 @@ SHIPPED = shipped_robot(ROBOT, tcp=TCP)  # one robot: a program is written once 
 
 
 def our_way(q: FloatArray, wrench: FloatArray) -> FloatArray:
-    return joint_deflection(SHIPPED, COMPLIANCE, q, wrench)
+    return SHIPPED.joint_deflection(COMPLIANCE, q, wrench)
 
 
 def drawn(n: int, seed: int = 0) -> Samples:
@@ -213,7 +212,7 @@ def test_deflections(benchmark, who):
 @pytest.mark.benchmark(group="Jacobian, random samples")
 @pytest.mark.parametrize("who", [OURS, PINOCCHIO])
 def test_jacobians(benchmark, who):
-    ways = {OURS: partial(jacobian, SHIPPED), PINOCCHIO: pinocchio_rows()}
+    ways = {OURS: SHIPPED.jacobian, PINOCCHIO: pinocchio_rows()}
     q, _ = drawn(SAMPLES)
     np.testing.assert_allclose(*(way(q[:50]) for way in ways.values()), atol=1e-13)
     ours_or_peer(benchmark, who, work=SAMPLES, unit="sample")

@@ -33,8 +33,8 @@ from stiff_datasets.measured.sample_files import (
     write_table,
 )
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
-from stiff_protocols.contract.interfaces import PredictsAtTcp, interval_at_tcp, tcp_deflection
 from stiff_protocols.contract.progress import report
+from stiff_protocols.contract.stiffness_model import interval_at_tcp, offers, optional
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
 from stiff_protocols.paths.compensation import Compensation, compensate
@@ -124,12 +124,12 @@ class PathModel:
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, 3) deflection of the TCP, m; arguments as of a model's `predict`."""
         with self.blamed():
-            return np.asarray(tcp_deflection(self.fitted)(q, wrench))
+            return np.asarray(optional(self.fitted, "predict_at_tcp")(q, wrench))
 
     def carried(self, q: FloatArray, wrench: FloatArray) -> float:
         """Return how much a deflection changes at most from the measured point to the TCP, m."""
         fitted = self.fitted
-        if not isinstance(fitted, PredictsAtTcp):
+        if not offers(fitted, "predict_at_tcp"):
             return 0.0
         with self.blamed():
             change = self.predict(q, wrench) - np.asarray(self.fitted.predict(q, wrench))

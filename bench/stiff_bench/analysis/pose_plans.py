@@ -50,9 +50,9 @@ from stiff_protocols.contract.errors import (
     StiffBenchError,
     StiffBenchWarning,
 )
-from stiff_protocols.contract.interfaces import PredictsCovariance
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.progress import report
+from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import Robot, Samples
 from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.sample_efficiency import SampleEfficiency
@@ -227,7 +227,7 @@ class Measured:
     @property
     def is_process(self) -> bool:
         """Whether the model says itself how unknown deflections go together."""
-        return issubclass(self.model.cls, PredictsCovariance)
+        return offers(self.model.cls, "covariance")
 
     @cached_property
     def springs(self) -> Any:

@@ -33,14 +33,9 @@ from stiff_protocols.contract.errors import (
     said_by,
 )
 from stiff_protocols.contract.files import check_new_file
-from stiff_protocols.contract.interfaces import (
-    ChoosesOptions,
-    IdentifiesSprings,
-    PredictsInterval,
-    ReportsDiagnostics,
-)
 from stiff_protocols.contract.plugin import ModelInfo, in_words
 from stiff_protocols.contract.source_code import code_of
+from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import (
     AXES,
@@ -152,8 +147,9 @@ class Model:
             ModelError: the shapes are not those of the robot.
         """
         self.check_coverage(coverage)
-        if isinstance(self.fitted, PredictsInterval):
-            return self.fitted.predict_interval(q, wrench, coverage)
+        if offers(self.fitted, "predict_interval"):
+            interval: Interval = self.fitted.predict_interval(q, wrench, coverage)
+            return interval
         return conformal_interval(
             self.fitted.predict, self.training_range, self.left_out_errors, q, wrench, coverage
         )
@@ -279,7 +275,7 @@ class Model:
             return
         check_coverage(coverage)
         self.check_fitted()
-        if isinstance(self.fitted, PredictsInterval):
+        if offers(self.fitted, "predict_interval"):
             return
         n = len(self.left_out_errors)
         if n < calibration_samples_needed(coverage):
@@ -307,22 +303,18 @@ class Model:
     @property
     def diagnostics(self) -> dict[str, float]:
         """Numbers that the fit reports, by name and unit, such as identified stiffnesses."""
-        if not isinstance(self.fitted, ReportsDiagnostics):
-            return {}
-        return dict(self.fitted.diagnostics_)
+        return dict(getattr(self.fitted, "diagnostics_", {}))
 
     @property
     def learned(self) -> list[str]:
         """Lines that say what the fit found: springs, chosen options, and what else it reports."""
         numbers, lines = self.diagnostics, []
-        if isinstance(self.fitted, IdentifiesSprings):
-            springs = self.fitted.springs_
+        if springs := getattr(self.fitted, "springs_", None):
             lines = ["", plain_text(springs_table(springs)), ""]
             of_springs = springs.report()
             numbers = {key: numbers[key] for key in numbers if key not in of_springs}
-        if isinstance(self.fitted, ChoosesOptions) and self.fitted.best_params_:
-            chosen = in_words(self.fitted.best_params_)
-            lines.append(f"- options chosen by inner cross-validation: {chosen}")
+        if chosen := getattr(self.fitted, "best_params_", None):
+            lines.append(f"- options chosen by inner cross-validation: {in_words(chosen)}")
         return [*lines, *(f"- {name}: {value:.4g}" for name, value in numbers.items())]
 
     def report(self, data: Dataset, seed: int) -> Text:
@@ -354,7 +346,7 @@ class Model:
 
         self.check_fitted()
         choice = self.choice
-        if self.data is not None and not isinstance(self.fitted, PredictsInterval):
+        if self.data is not None and not offers(self.fitted, "predict_interval"):
             self._keep_left_out_errors()
         is_plugin = choice.cls.__module__ != "__main__" and bool(code_of(choice.cls))
         save(self.fitted, Path(file), {choice.info.key: choice.params} if is_plugin else None)

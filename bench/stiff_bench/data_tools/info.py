@@ -11,7 +11,6 @@ from stiff_bench.store.samples import load_torque
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import MM
-from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray
@@ -116,7 +115,7 @@ def _lie(data: BenchmarkData) -> Table:
 def _joints(data: BenchmarkData) -> Table:
     """Return each joint's range of positions and torques, and its limits."""
     robot, on_joints = data.robot, load_torque(data)
-    weights = gravity_torque(robot, data.samples.q) if robot.masses.any() else None
+    weights = robot.gravity_torque(data.samples.q) if robot.masses.any() else None
     rows: list[list[Entry]] = []
     for i, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_types, strict=True)):
         factor, units = (MM, "mm, N") if kind == "prismatic" else (180.0 / np.pi, "deg, N m")

@@ -10,7 +10,6 @@ import numpy as np
 from stiff_bench.store.samples import load_torque
 from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
 from stiff_bench.tables.units import MM
-from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, IntArray, TextArray
 
 if TYPE_CHECKING:
@@ -195,7 +194,7 @@ def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:
     robot = data.robot
     torques = {"load (Jᵀw)": load_torque(data)}
     if robot.masses.any():
-        torques["weight of the links"] = gravity_torque(robot, data.samples.q)
+        torques["weight of the links"] = robot.gravity_torque(data.samples.q)
     axes, width = page.subplots(), 0.7 / len(torques)
     middle = np.arange(robot.n_joints) - width * (len(torques) - 1) / 2.0
     colors = seaborn.color_palette(_PALETTE)

@@ -14,9 +14,9 @@ from stiff_bench.figures import style
 from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource
 from stiff_bench.store.names import grouped
-from stiff_protocols.contract.interfaces import SPRING_CURVE
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BoolArray, FloatArray
+from stiff_protocols.springs.identification import SPRING_CURVE
 
 MOST_MODELS = 4
 PANEL_INCH, LEGEND_LINE_INCH = 2.3, 0.16

@@ -22,11 +22,9 @@ from stiff_bench.plan.request import robot_of_results, true_joint_turns
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_models.physics.kinematics import gravity_torque
-from stiff_protocols.contract.identification import spring_key
-from stiff_protocols.contract.interfaces import SPRING_CURVE
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.springs.identification import SPRING_CURVE, spring_key
 
 ROW_INCH, HEAD_INCH = 1.75, 0.3
 _POINTS = 200
@@ -210,5 +208,5 @@ def _torques(stored: StoredData, result: CellResult) -> tuple[FloatArray, str]:
     robot = robot_of_results(stored, result.cell, build_registry())
     if robot is None:
         return stored.torque, "of the loads alone: the robot's masses are not known here"
-    weights = gravity_torque(robot, stored.samples.q)
+    weights = robot.gravity_torque(stored.samples.q)
     return stored.torque + weights, "of loads and the links' weights"

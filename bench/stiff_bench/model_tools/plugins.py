@@ -24,9 +24,9 @@ from stiff_bench.plan.words import chosen_dataset, parse_settings
 from stiff_bench.run.progress import display
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.saved import load, save
-from stiff_protocols.conformance.checklist import Check, Status
-from stiff_protocols.conformance.data import check_dataset, check_protocol
-from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.conformance.checks import Check, Status
+from stiff_protocols.conformance.data_and_protocol_checks import check_dataset, check_protocol
+from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.contract.errors import ConfigError, ModelError, NotSavable, StoreError
 from stiff_protocols.contract.files import check_new_file, make_folder, written_whole
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo
@@ -61,7 +61,7 @@ class CheckResults:
             lines.append(f"{head}: {check.reason}" if check.reason else head)
             if check.advice:
                 lines += textwrap.wrap(
-                    f"to mend it: {check.advice}",
+                    f"to fix it: {check.advice}",
                     _WIDTH,
                     initial_indent="    ",
                     subsequent_indent="    ",

@@ -32,8 +32,8 @@ from stiff_bench.tables.units import MM
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import unknown_name
-from stiff_protocols.contract.identification import spring_key
 from stiff_protocols.contract.types import AXES, FloatArray, Samples
+from stiff_protocols.springs.identification import spring_key
 
 NEEDS_NO_RESULTS = {
     **dict.fromkeys((1, 4, 5), "is the paper's alone"),

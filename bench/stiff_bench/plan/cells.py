@@ -14,15 +14,6 @@ from stiff_bench.plan.request import RunPlan, loaded
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, said_by
 from stiff_protocols.contract.evaluation import Evaluation
-from stiff_protocols.contract.interfaces import (
-    ChecksParams,
-    ChecksRobot,
-    LearnsFromSource,
-    StatesSource,
-    StiffnessModel,
-    chooses_epoch,
-    regime_of,
-)
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.protocol_base import EvaluationProtocol, completed
 from stiff_protocols.contract.record import (
@@ -32,6 +23,7 @@ from stiff_protocols.contract.record import (
     Presentation,
 )
 from stiff_protocols.contract.source_code import code_of
+from stiff_protocols.contract.stiffness_model import StiffnessModel, offers, optional
 from stiff_protocols.contract.types import BenchmarkData, Split
 from stiff_protocols.splits.checks import check_source, first_fault
 from stiff_protocols.splits.generators import LazySplits
@@ -71,7 +63,7 @@ def make_protocol(choice: Choice[ProtocolInfo]) -> EvaluationProtocol:
 
 def tell_source(model: StiffnessModel, source: BenchmarkData | None) -> None:
     """Give a model that learns from one its source, which it must not ask for more."""
-    if isinstance(model, LearnsFromSource):
+    if offers(model, "use_source"):
         model.use_source(source and source.without_truth())
 
 
@@ -129,9 +121,9 @@ def models_under(
         left = {name: values for name, values in grid.items() if name not in is_set}
         choice = TunedChoice(model.info, model.cls, model.params, model.context, tuner, left)
         made = choice.make()
-        if isinstance(made, ChecksParams) and not choice.missing():
+        if not choice.missing():
             try:
-                made.check_params()
+                optional(made, "check_params")()
             except ConfigError as error:
                 words = f"{protocol.name}: {model.info.key}"
                 raise ConfigError(f"{words}: {error}") from error
@@ -160,14 +152,13 @@ def _of_protocol(
         source = sources.get(split.source)
         made = model.make()
         tell_source(made, source)
-        if isinstance(made, ChecksRobot):
-            made.check_robot(data.robot)
+        optional(made, "check_robot")(data.robot)
         chooses = uses_validation(model.info, made)
         regimes = [
-            NO_SOURCE if source is not None and not isinstance(made, LearnsFromSource) else "",
-            regime_of(made),
+            NO_SOURCE if source is not None and not offers(made, "use_source") else "",
+            getattr(made, "regime", ""),
         ]
-        of_source = made.source_words if isinstance(made, StatesSource) else ""
+        of_source = getattr(made, "source_words", "")
         cell = Cell(
             model=model.info.key,
             model_params=model.identity,
@@ -283,7 +274,7 @@ def _naming(dataset: Choice[DatasetInfo], protocol: Choice[ProtocolInfo]) -> Ite
 
 def uses_validation(info: ModelInfo, model: StiffnessModel) -> bool:
     """Say whether a model, as it is set up, chooses its epoch by validation rows."""
-    return info.uses_validation and chooses_epoch(model)
+    return info.uses_validation and bool(optional(model, "chooses_epoch")())
 
 
 def version_of(choice: Choice[ModelInfo]) -> str:

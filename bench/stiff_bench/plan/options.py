@@ -20,9 +20,9 @@ from pydantic import PydanticUserError, TypeAdapter, ValidationError
 from stiff_bench.plan.registry import Info
 from stiff_bench.store.names import Variant
 from stiff_protocols.contract.errors import ConfigError, said_by, unknown_name
-from stiff_protocols.contract.interfaces import KnowsWhatIsMissing
 from stiff_protocols.contract.plugin import DatasetInfo, Grid, ModelInfo, ProtocolInfo, Range
 from stiff_protocols.contract.protocol_base import EvaluationProtocol
+from stiff_protocols.contract.stiffness_model import offers
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ class Choice(Generic[Info]):
 
     def missing(self) -> str:
         """Return why this cannot be used here, with its options; "" where it can."""
-        if issubclass(self.cls, KnowsWhatIsMissing):
+        if offers(self.cls, "missing"):
             return str(self.make().missing())
         return self.info.missing()
 

@@ -21,10 +21,10 @@ from stiff_protocols.contract.errors import (
     StiffBenchWarning,
     said_by,
 )
-from stiff_protocols.contract.interfaces import ChecksParams
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.protocol_base import completed
 from stiff_protocols.contract.record import Cell
+from stiff_protocols.contract.stiffness_model import optional
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, check_coverage
 from stiff_protocols.scoring.metrics import Metric, metric
 
@@ -217,8 +217,8 @@ def check_model(choice: Choice[ModelInfo]) -> None:
         ConfigError: it cannot, or an option's value is wrong.
     """
     model = _made(choice, "fit", "predict")
-    if isinstance(model, ChecksParams) and not choice.missing():
-        model.check_params()
+    if not choice.missing():
+        optional(model, "check_params")()
 
 
 def _made(choice: Choice[Any], *methods: str) -> Any:

@@ -23,8 +23,8 @@ from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import counted
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.identification import spring_key
 from stiff_protocols.scoring.metrics import METRICS, Metric
+from stiff_protocols.springs.identification import spring_key
 
 MOST_NOTES = 200
 """So many notes on fits are embedded."""

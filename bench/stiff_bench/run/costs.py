@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiff_protocols.contract.interfaces import StiffnessModel
+from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.types import FloatArray
 
 

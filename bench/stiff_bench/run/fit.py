@@ -29,17 +29,14 @@ from stiff_protocols.contract.errors import (
     said_by,
 )
 from stiff_protocols.contract.evaluation import FitInput
-from stiff_protocols.contract.interfaces import (
-    ChoosesOptions,
-    KeepsCurves,
-    PredictsInterval,
-    ReportsDiagnostics,
-    StiffnessModel,
-    interval_at_tcp,
-    tcp_deflection,
-)
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import Cost
+from stiff_protocols.contract.stiffness_model import (
+    StiffnessModel,
+    interval_at_tcp,
+    offers,
+    optional,
+)
 from stiff_protocols.contract.types import (
     Deflection,
     FloatArray,
@@ -185,12 +182,12 @@ def _fitted(task: FitTask) -> Fitted:
     predict_s = time.perf_counter() - fitted
     memory_bytes = memory.rise()
     predicted = _checked(lambda *_: answer)(q, wrench)
-    predict, predict_tcp = _checked(model.predict), _checked(tcp_deflection(model))
+    predict, predict_tcp = map(_checked, (model.predict, optional(model, "predict_at_tcp")))
     training = given.train.take(task.rows_for_units)
     of_training = predict(training.q, training.wrench)
-    diagnostics = model.diagnostics_ if isinstance(model, ReportsDiagnostics) else {}
+    diagnostics = getattr(model, "diagnostics_", {})
     diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
-    chosen = model.best_params_ if isinstance(model, ChoosesOptions) else {}
+    chosen = getattr(model, "best_params_", {})
     intervals = _interval_source(task, model)
     commands = given.make_protocol().commanded(predict_tcp, given.robot, q, wrench)
     if commands is not q:
@@ -211,7 +208,7 @@ def _fitted(task: FitTask) -> Fitted:
         throughput_per_s=throughput(model, q, wrench, predict_s),
         memory_bytes=memory_bytes,
     )
-    curves = model.curves_ if isinstance(model, KeepsCurves) else {}
+    curves = getattr(model, "curves_", {})
     return Fitted(
         predicted=predicted,
         commands=commands,
@@ -249,7 +246,9 @@ def _thinned(name: str, curve: FloatArray) -> FloatArray:
     return points[_spread_rows(len(points), CURVE_POINTS)]
 
 
-def _interval_source(task: FitTask, model: StiffnessModel) -> PredictsInterval | None:
+def _interval_source(
+    task: FitTask, model: StiffnessModel
+) -> StiffnessModel | SplitConformal | None:
     """Return what will give the intervals: the model itself, or a second fit on fewer rows.
 
     None where there are none to give: not asked for, or the training side is too small for the
@@ -258,7 +257,7 @@ def _interval_source(task: FitTask, model: StiffnessModel) -> PredictsInterval |
     given = task.given
     if given.coverage is None:
         return None
-    if isinstance(model, PredictsInterval):
+    if offers(model, "predict_interval"):
         return model
     conformal = SplitConformal(task.make(), coverage=given.coverage)
     with warnings.catch_warnings(record=True) as caught:

@@ -11,8 +11,8 @@ from stiff_bench.plan.cells import uses_validation
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.request import DEFAULT_COVERAGE
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
-from stiff_protocols.contract.interfaces import ChecksRobot
 from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.stiffness_model import optional
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 from stiff_protocols.scoring.conformal import SplitConformal
@@ -34,8 +34,7 @@ def whole_fit(
     if why := choice.missing():
         raise ConfigError(f"{choice.name!r} cannot be used here: {why}")
     model = choice.make()
-    if isinstance(model, ChecksRobot):
-        model.check_robot(robot)
+    optional(model, "check_robot")(robot)
     train, validation = _training_side(choice, samples, seed)
     note = ""
     if validation is not None:

@@ -30,9 +30,9 @@ from stiff_protocols.contract.types import (
 def load_torque(data: BenchmarkData) -> FloatArray:
     """Return J^T w: the (n, n_joints) torque [N m] (force [N]) that the loads exert on joints."""
     # what only reads data needs no kinematics
-    from stiff_models.physics.kinematics import jacobian, joint_torque
+    from stiff_protocols.kinematics.serial_chain import joint_torque
 
-    rows = jacobian(data.robot, data.samples.q)  # (n, 6, n_joints)
+    rows = data.robot.jacobian(data.samples.q)  # (n, 6, n_joints)
     return joint_torque(rows, data.samples.wrench)
 
 

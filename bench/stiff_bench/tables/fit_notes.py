@@ -10,9 +10,9 @@ import numpy as np
 
 from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import percent
-from stiff_protocols.contract.identification import IdentifiedSprings
 from stiff_protocols.contract.plugin import in_words
 from stiff_protocols.contract.record import CellResult
+from stiff_protocols.springs.identification import IdentifiedSprings
 
 SPRING_INTERVAL = 0.9
 

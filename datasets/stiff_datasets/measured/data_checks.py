@@ -14,7 +14,6 @@ import numpy as np
 
 from stiff_datasets.measured.file_options import POSE_TOLERANCE
 from stiff_datasets.measured.hypotheses import Reading, compliances, normal_equations
-from stiff_datasets.measured.identifiability import unit_deflections
 from stiff_datasets.measured.sample_checks import linked_rows
 from stiff_datasets.measured.sample_files import (
     DEFLECTION_COLUMNS,
@@ -23,8 +22,9 @@ from stiff_datasets.measured.sample_files import (
     Sheet,
     file_units,
 )
-from stiff_protocols.contract.identification import RANK_TOLERANCE
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import unit_deflections
+from stiff_protocols.springs.identification import RANK_TOLERANCE
 
 LARGEST_FORCE_N = 5000.0
 """More than a tool of a common industrial robot carries; the column may be in another unit."""

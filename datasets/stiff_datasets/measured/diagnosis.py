@@ -27,8 +27,8 @@ from stiff_datasets.measured.hypotheses import (
     solve_nonnegative,
     with_tilting_joints,
 )
-from stiff_protocols.contract.identification import RANK_TOLERANCE
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
+from stiff_protocols.springs.identification import RANK_TOLERANCE
 
 CLEARLY = 2.0
 """Standard errors over poses by which a hypothesis must lower the squared residual."""

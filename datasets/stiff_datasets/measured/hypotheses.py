@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from stiff_datasets.measured.identifiability import unit_deflections
 from stiff_datasets.measured.sample_files import DEG_PER_RAD
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, IntArray, Robot
+from stiff_protocols.kinematics.serial_chain import unit_deflections
 
 POINT_GAIN, GAIN, RARE_GAIN = 0.05, 0.1, 0.15
 """Shares by which a hypothesis must lower the RMS residual: another point of the torques, any
@@ -84,7 +84,7 @@ def reading(robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatAr
         force=wrench[:, :3],
         torque=wrench[:, 3:],
         deflection=deflection,
-        jacobian=robot.jacobian_at(poses),
+        jacobian=robot.jacobian(q),
         flange=poses.rotation @ robot.flange[:3, :3],
         lever=poses.rotation @ (robot.tcp - robot.flange[:3, 3]),
         tcp=poses.points[:, -1],

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiff_protocols.contract.types import FloatArray, Robot
+from stiff_protocols.kinematics.serial_chain import unit_deflections
 
 TOLERANCE = 1e-6
 """A joint that moves the TCP less than this share of what the strongest joint does is not
@@ -62,11 +63,6 @@ def regressor(robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         (n, 3, n_joints), m per rad/(N m) (m per m/N for prismatic joints), base frame.
     """
     return unit_deflections(robot.jacobian(q), wrench)
-
-
-def unit_deflections(jacobian: FloatArray, wrench: FloatArray) -> FloatArray:
-    """Return the deflections of `regressor` by (n, 6, n_joints) Jacobians, translation first."""
-    return np.asarray(jacobian[:, :3] * (wrench[:, None] @ jacobian))
 
 
 def identifiability(

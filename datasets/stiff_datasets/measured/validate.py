@@ -49,9 +49,9 @@ from stiff_datasets.measured.sample_checks import (
 )
 from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns, read_sheet
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.identification import Identified, identify, typical_joints
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
+from stiff_protocols.springs.identification import Identified, identify, typical_joints
 
 EXPLAINS_LITTLE = 0.85
 """Share of the squared deflection; the data sets that are shipped have 0.93 and more."""

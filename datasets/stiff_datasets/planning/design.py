@@ -19,8 +19,8 @@ import numpy as np
 
 from stiff_datasets.measured.identifiability import DEFLECTION_NOISE, TOLERANCE
 from stiff_datasets.measured.load_file import Loads
-from stiff_protocols.contract.interfaces import PredictsCovariance
 from stiff_protocols.contract.progress import report
+from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.types import FloatArray, IntArray
 
 Criterion = Literal["d-optimal", "i-optimal", "condition"]
@@ -171,7 +171,7 @@ class ProcessDesign:
         workspace: where predictions are to be good.
     """
 
-    model: PredictsCovariance
+    model: StiffnessModel
     candidates: Loads
     workspace: Loads
 

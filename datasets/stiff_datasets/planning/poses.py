@@ -25,11 +25,10 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
-from stiff_datasets.robots.urdf_reader import ChainModel
+from stiff_datasets.robots.urdf_reader import ChainModel, robot_of
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import FloatArray, TextArray
+from stiff_protocols.contract.types import FloatArray, Robot, TextArray
 
 A2_STEP_DEG = 15
 # A1, first A2, last A2, A3 in deg
@@ -115,33 +114,29 @@ def cartesian_poses(chain: ChainModel) -> FloatArray:
     Raises:
         DataError: a grid point cannot be reached inside the joint limits.
     """
+    robot = robot_of(chain)
     grid = itertools.product(CARTESIAN_X_MM, CARTESIAN_Y_MM, CARTESIAN_Z_MM)
     wrist = itertools.cycle(_CARTESIAN_A5_DEG)
-    return np.stack([_reach(chain, np.array(p) / 1000.0, next(wrist)) for p in grid])
+    return np.stack([_reach(robot, np.array(p) / 1000.0, next(wrist)) for p in grid])
 
 
-def _reach(chain: ChainModel, target: FloatArray, wanted_a5_deg: float) -> FloatArray:
+def _reach(robot: Robot, target: FloatArray, wanted_a5_deg: float) -> FloatArray:
     """Return a pose inside the limits with the TCP at `target` (3,) m."""
-    lower, upper = chain.model.lowerPositionLimit, chain.model.upperPositionLimit
     for a5_deg in sorted(_CARTESIAN_A5_DEG, key=lambda angle: abs(angle - wanted_a5_deg)):
-        q = _solve(chain, target, np.deg2rad(a5_deg))
-        if q is not None and (lower <= q).all() and (q <= upper).all():
+        q = _solve(robot, target, np.deg2rad(a5_deg))
+        if q is not None and (robot.lower <= q).all() and (q <= robot.upper).all():
             return q
     raise DataError(f"the TCP cannot reach {target * 1000} mm inside the joint limits")
 
 
-def _solve(chain: ChainModel, target: FloatArray, a5: float) -> FloatArray | None:
+def _solve(robot: Robot, target: FloatArray, a5: float) -> FloatArray | None:
     """Newton's method on A1, A2 and A3 with A4 = A6 = 0 and A5 given; None: no root."""
-    model, data = chain.model, chain.model.createData()
-    last, at_tcp = model.njoints - 1, pin.SE3(np.eye(3), chain.tcp)
     q = np.array([-np.arctan2(target[1], target[0]), *_START, 0.0, a5, 0.0])
     for _ in range(100):
-        pin.forwardKinematics(model, data, q)
-        missing = target - data.oMi[last].act(chain.tcp)
+        missing = target - robot.tcp_position(q[None])[0]
         if np.abs(missing).max() < 1e-12:
             return q
-        pin.computeJointJacobians(model, data, q)
-        rows = pin.getFrameJacobian(model, data, last, at_tcp, pin.LOCAL_WORLD_ALIGNED)
-        step = np.linalg.lstsq(rows[:3, :3], missing, rcond=1e-6)[0]
+        rows = robot.jacobian(q[None])[0, :3, :3]
+        step = np.linalg.lstsq(rows, missing, rcond=1e-6)[0]
         q[:3] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
     return None

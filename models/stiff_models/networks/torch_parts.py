@@ -14,12 +14,12 @@ import torch
 from stiff_models.base import FittedModel
 from stiff_models.io.saved import key_of
 from stiff_models.networks.features import AngleEncoding, Scaler
-from stiff_models.physics.chain import Chain, Component
 from stiff_models.physics.full_vjm import FullVjm, spring_columns
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot
+from stiff_protocols.kinematics.chain_formulas import Chain, Component
 
 
 class TorchJacobian(torch.nn.Module):

@@ -28,8 +28,8 @@ from scipy.special import ndtri
 
 from stiff_models.base import FittedModel
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.identification import LEAST_NOISE, least_compliance
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.springs.identification import LEAST_NOISE, least_compliance
 
 Tcp = Literal["given", "fit", "prior"]
 Lever = Literal["given", "fit"]

@@ -22,16 +22,16 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from stiff_models.physics.fitted_geometry import GeometryModel
-from stiff_models.physics.kinematics import unit_deflections, virtual_jacobian
 from stiff_models.physics.vjm import identify_springs, stiffness_unit, warn_unexplained
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.identification import (
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import unit_deflections
+from stiff_protocols.springs.identification import (
     RANK_TOLERANCE,
     least_compliance,
     spread_positions,
     typical_compliance,
 )
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 Springs = Literal[3, 6]
 
@@ -118,7 +118,7 @@ def typical_springs(robot: Robot, springs: Springs) -> FloatArray:
 
     A bearing is sized with its gear: across its axis the lever of the joint counts, too.
     """
-    move = virtual_jacobian(robot, spread_positions(robot))[:, :3, :, [2, 5]]
+    move = robot.virtual_jacobian(spread_positions(robot))[:, :3, :, [2, 5]]
     turns = np.tile([True, False], robot.n_joints)
     own = typical_compliance(move.reshape(len(move), 3, -1), turns).reshape(-1, 2)
     typical = np.repeat(own / (TURN_RATIO, SLIDE_RATIO), 3, axis=1)
@@ -150,7 +150,7 @@ def spring_twists(robot: Robot, q: FloatArray, springs: Springs) -> FloatArray:
     Arguments as of `spring_regressor`.
     """
     joint, own = np.divmod(spring_columns(robot, springs), 6)
-    return virtual_jacobian(robot, q)[:, :, joint, own]
+    return robot.virtual_jacobian(q)[:, :, joint, own]
 
 
 def spring_columns(robot: Robot, springs: Springs) -> list[int]:

@@ -23,7 +23,6 @@ from annotated_types import Ge, Le
 from scipy.optimize import nnls
 
 from stiff_models.physics.fitted_geometry import GeometryModel, Regressor
-from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torque
 from stiff_models.physics.vjm import (
     identify_springs,
     stiffness_unit,
@@ -32,8 +31,9 @@ from stiff_models.physics.vjm import (
     warn_unidentifiable,
 )
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.identification import spring_key, typical_joints
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import joint_torque
+from stiff_protocols.springs.identification import spring_key, typical_joints
 
 MAX_SWEEPS = 20
 WORTH = 1e-9  # relative fall of the residual that a breakpoint is moved for: more than rounding
@@ -141,7 +141,7 @@ class MultiSegmentVjm(GeometryModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_robot(robot)
-        train, robot = self._placed(train, robot, jacobian, self._regressor(robot, train.q))
+        train, robot = self._placed(train, robot, Robot.jacobian, self._regressor(robot, train.q))
         loaded = _loaded_joints(robot, train.q, train.wrench, gravity=self.gravity)
         self.breakpoints_ = self._breakpoints(loaded, train)
         if self.gravity:
@@ -166,7 +166,7 @@ class MultiSegmentVjm(GeometryModel):
         return np.asarray(np.einsum("nkis,is->nk", loaded.effects(self.breakpoints_), self.slopes_))
 
     def _regressor(self, robot: Robot, q: FloatArray) -> Regressor:
-        preload = gravity_torque(robot, q) if self.gravity else np.zeros((len(q), robot.n_joints))
+        preload = robot.gravity_torque(q) if self.gravity else np.zeros((len(q), robot.n_joints))
 
         def regressor(twists: FloatArray, wrench: FloatArray) -> FloatArray:
             loaded = _LoadedJoints(twists[:, :3], preload, preload + joint_torque(twists, wrench))
@@ -231,9 +231,9 @@ class _LoadedJoints:
 def _loaded_joints(
     robot: Robot, q: FloatArray, wrench: FloatArray, *, gravity: bool
 ) -> _LoadedJoints:
-    rows = jacobian(robot, q)
+    rows = robot.jacobian(q)
     load = joint_torque(rows, wrench)
-    preload = gravity_torque(robot, q) if gravity else np.zeros_like(load)
+    preload = robot.gravity_torque(q) if gravity else np.zeros_like(load)
     return _LoadedJoints(rows[:, :3], preload, preload + load)
 
 

@@ -3,7 +3,7 @@
 With the Jacobian J at the TCP and its translational rows J_v, the deflection under a wrench w is
 ``d = J_v K^-1 J^T w = sum_i J_v,i (J_i^T w) c_i``, which is linear in the compliances
 ``c_i = 1/k_i``. They are identified by least squares, with a prior for those that the samples
-cannot tell (`stiff_protocols.contract.identification`).
+cannot tell (`stiff_protocols.springs.identification`).
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import numpy as np
 from stiff_models.base import FittedModel
 from stiff_models.model_catalog import model_info
 from stiff_models.physics.fitted_geometry import GeometryModel
-from stiff_models.physics.kinematics import jacobian, joint_deflection, unit_deflections
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.identification import IdentifiedSprings, identify, typical_joints
 from stiff_protocols.contract.types import FloatArray, Robot, Samples, TextArray
+from stiff_protocols.kinematics.serial_chain import unit_deflections
+from stiff_protocols.springs.identification import IdentifiedSprings, identify, typical_joints
 
 Physics = Literal["vjm", "vjm-multisegment", "vjm-full"]
 """Keys of the virtual joint models: what other families build on."""
@@ -43,7 +43,7 @@ def identify_springs(
     typical: FloatArray,
     pose_id: TextArray,
 ) -> IdentifiedSprings:
-    """Identify springs by the one definition of `stiff_protocols.contract.identification`.
+    """Identify springs by the one definition of `stiff_protocols.springs.identification`.
 
     Args:
         springs: units of the stiffnesses by the springs' names.
@@ -68,7 +68,7 @@ def stiffness_unit(kind: str) -> str:
 
 def compliance_regressor(robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
     """Return the (n, 3, n_joints) deflection [m] by each joint at unit compliance."""
-    return unit_deflections(jacobian(robot, q), wrench)
+    return unit_deflections(robot.jacobian(q), wrench)
 
 
 def identify_joints(robot: Robot, samples: Samples) -> IdentifiedSprings:
@@ -91,14 +91,14 @@ class VirtualJointModel(GeometryModel):
     """
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        train, robot = self._placed(train, robot, jacobian, unit_deflections)
+        train, robot = self._placed(train, robot, Robot.jacobian, unit_deflections)
         self.springs_ = identify_joints(robot, train)
         self.diagnostics_ = self.springs_.report() | self._geometry_report()
         warn_unidentifiable(self.springs_)
         warn_unexplained(self.springs_.compliance, train)
 
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        return joint_deflection(robot, self.springs_.compliance, q, wrench)
+        return robot.joint_deflection(self.springs_.compliance, q, wrench)
 
 
 def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training samples") -> None:

@@ -49,7 +49,7 @@ class GaussianProcessModel(CalibratedProcess, StandardisedModel):
     def covariance(
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:
-        """Return how deflections go together, as `PredictsCovariance` says; errors as `predict`."""
+        """Return how deflections go together, as `StiffnessModel` says; errors as `predict`."""
         first = self._inputs(self.robot_, *self._checked(q, wrench))
         second = self._inputs(self.robot_, *self._checked(other_q, other_wrench))
         scale = (self.calibration_ * self.output_scaler_.scale)[:, None, None] ** 2

@@ -25,12 +25,6 @@ from stiff_models.physics.fitted_geometry import (
     inverse_curvature,
 )
 from stiff_models.physics.full_vjm import spring_columns
-from stiff_models.physics.kinematics import (
-    joint_torque,
-    unit_deflections,
-    virtual_gravity_torque,
-    virtual_jacobian,
-)
 from stiff_models.physics.vjm import identify_joints, warn_no_masses, why_rigid
 from stiff_models.regressors.calibrated_process import CalibratedProcess
 from stiff_models.regressors.gaussian_process import Covariance, minimum
@@ -43,8 +37,9 @@ from stiff_models.regressors.spring_process import (
     SpringProcess,
 )
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.identification import typical_joints
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import joint_torque, unit_deflections
+from stiff_protocols.springs.identification import typical_joints
 
 SPREAD = 3.2
 """Standard deviation of a hyperparameter's logarithm: the prior allows a factor of 25 either way,
@@ -330,7 +325,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def covariance(
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:
-        """Return how deflections go together, as `PredictsCovariance` says; errors as `predict`."""
+        """Return how deflections go together, as `StiffnessModel` says; errors as `predict`."""
         first = self._fitted_loads(*self._checked(q, wrench))
         second = self._measured_loads(
             self.robot_, self.geometry_, *self._checked(other_q, other_wrench)
@@ -366,7 +361,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _loads(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> SpringLoads:
         twists = self._twists(robot, q)
         joint, kind = self._virtual_joints(robot)
-        unloaded = virtual_gravity_torque(robot, q)[:, joint, kind]
+        unloaded = robot.virtual_gravity_torque(q)[:, joint, kind]
         loaded = unloaded + joint_torque(twists, wrench)
         return SpringLoads(
             move=np.ascontiguousarray(twists[:, :3].transpose(2, 1, 0)),
@@ -379,7 +374,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _twists(self, robot: Robot, q: FloatArray) -> FloatArray:
         """Return the (n, 6, n_springs) twists of the TCP by a unit motion of each spring."""
         joint, kind = self._virtual_joints(robot)
-        return virtual_jacobian(robot, q)[:, :, joint, kind]
+        return robot.virtual_jacobian(q)[:, :, joint, kind]
 
     def _virtual_joints(self, robot: Robot) -> tuple[IntArray, IntArray]:
         """Return joint and kind (of `virtual_jacobian`'s six) of each spring."""

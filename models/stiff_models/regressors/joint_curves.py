@@ -12,9 +12,13 @@ import numpy as np
 
 from stiff_models.physics.vjm import stiffness_unit
 from stiff_models.regressors.spring_process import SpringProcess
-from stiff_protocols.contract.identification import LARGEST_ERROR, IdentifiedSprings, spring_key
-from stiff_protocols.contract.interfaces import SPRING_CURVE
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot
+from stiff_protocols.springs.identification import (
+    LARGEST_ERROR,
+    SPRING_CURVE,
+    IdentifiedSprings,
+    spring_key,
+)
 
 N_POINTS = 41  # from full torque on one side to full torque on the other
 TINY_SLOPE = 1e-15  # rad/(N m) or m/N: no joint is so stiff

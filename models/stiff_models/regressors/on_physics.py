@@ -11,8 +11,8 @@ from typing import Any
 from stiff_models.physics.vjm import Physics, fitted_physics
 from stiff_models.regressors.gp import GaussianProcessModel
 from stiff_models.regressors.regressor_model import BoostingModel
-from stiff_protocols.contract.identification import IdentifiedSprings
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.springs.identification import IdentifiedSprings
 
 
 @dataclass(kw_only=True, eq=False, repr=False)

@@ -19,10 +19,10 @@ from stiff_models.device import torch_device
 from stiff_models.networks.features import Scaler, encode
 from stiff_models.networks.network import ChosenActivation, linear_layers
 from stiff_models.networks.torch_parts import EncodedNetwork, TorchJacobian
-from stiff_models.physics.kinematics import jacobian, joint_torque
 from stiff_models.transfer.ft_mlp import FineTunedMlp
 from stiff_models.transfer.source import SourceDomain
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import joint_torque
 
 _SOFTPLUS_0 = math.log(2.0)
 
@@ -141,5 +141,5 @@ def _translation_and_torque(
     robot: Robot, q: FloatArray, wrench: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """J_v (n, 3, n_joints) and J^T w (n, n_joints)."""
-    rows = jacobian(robot, q)
+    rows = robot.jacobian(q)
     return rows[:, :3], joint_torque(rows, wrench)

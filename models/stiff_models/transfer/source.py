@@ -15,9 +15,9 @@ from typing import Literal
 import numpy as np
 from scipy.stats import qmc
 
-from stiff_models.physics.kinematics import jacobian, unit_deflections
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import unit_deflections
 
 PoseDesign = Literal["paper", "data", "sobol"]
 WrenchDesign = Literal["paper", "data", "uniform", "sobol"]
@@ -123,7 +123,7 @@ def check_poses(poses: str, robot: Robot) -> None:
 def simulate(robot: Robot, compliance: FloatArray, design: SourceDesign) -> SourceDomain:
     """Return a design's deflections, spring by spring; compliances (n_joints,) rad/(N m)."""
     q, wrench = design.rows()
-    rows = np.repeat(jacobian(robot, design.q), design.wrench.shape[1], axis=0)
+    rows = np.repeat(robot.jacobian(design.q), design.wrench.shape[1], axis=0)
     return SourceDomain(q, wrench, unit_deflections(rows, wrench) * compliance)
 
 

@@ -9,7 +9,6 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.physics.vjm import (
     Physics,
     fitted_physics,
@@ -155,7 +154,7 @@ class SourceModel:
     def _teacher(self, samples: Samples, robot: Robot) -> Deflection:
         """Return what says how the simulated robot gives way."""
         if self.source_teacher == "vjm":
-            return partial(joint_deflection, robot, self._source_compliance(samples, robot))
+            return partial(robot.joint_deflection, self._source_compliance(samples, robot))
         return fitted_physics(self.source_teacher, samples, robot).predict
 
     def _design(self, samples: Samples, robot: Robot, seed: int) -> SourceDesign:

@@ -5,11 +5,11 @@ Built-in models have a version instead (`ModelInfo.version`), which a golden tes
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import sys
 from collections.abc import Iterable
 from functools import cache
+from modulefinder import ModuleFinder
 from pathlib import Path
 
 _NO_FILES_OF = {
@@ -69,35 +69,15 @@ def _root(file: Path) -> Path:
 
 def _with_neighbours(root: Path) -> set[Path]:
     """Return a package, or a file with the files and packages of its folder that it imports."""
-    found, new = {root}, [root] if root.is_file() else []
-    while new:
-        file = new.pop()
-        for name in _imported(file):
-            for path in (file.parent / f"{name}.py", file.parent / name):
-                if path not in found and (path.is_file() or (path / "__init__.py").is_file()):
-                    found.add(path)
-                    new += [path] if path.is_file() else []
-    return found
-
-
-def _imported(file: Path) -> set[str]:
-    """Return the first parts of the names that a file imports anywhere."""
+    if root.is_dir():
+        return {root}
+    finder = ModuleFinder(path=[str(root.parent)])  # reads the files, and runs none
     try:
-        tree = ast.parse(file.read_bytes())
+        finder.run_script(str(root))
     except (SyntaxError, ValueError):  # no Python: an extension module
-        return set()
-    names = {
-        name
-        for node in ast.walk(tree)
-        for name in (
-            [alias.name for alias in node.names]
-            if isinstance(node, ast.Import)
-            else [node.module or "", *(alias.name for alias in node.names if node.level)]
-            if isinstance(node, ast.ImportFrom)
-            else []
-        )
-    }
-    return {name.partition(".")[0] for name in names if name}
+        return {root}
+    files = (getattr(module, "__file__", None) for module in finder.modules.values())
+    return {root, *(_root(Path(file)) for file in files if file is not None)}
 
 
 def _hash(texts: Iterable[str]) -> str:

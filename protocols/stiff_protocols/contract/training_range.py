@@ -138,17 +138,8 @@ class TrainingRange:
         """
         return np.hstack([q, _lengths(wrench)])
 
-    def beyond(self, q: FloatArray, wrench: FloatArray) -> BoolArray:
-        """Return (n, n_joints + 2) which `quantities` lie beyond, by the rule of `extrapolates`.
-
-        DataError: `q` has another number of joints.
-        """
-        if q.shape[1] != len(self.lower):
-            raise DataError(f"a training range of {len(self.lower)} joints, q has {q.shape[1]}")
-        return self.are_beyond(self.quantities(q, wrench))
-
     def are_beyond(self, values: FloatArray) -> BoolArray:
-        """Return (n, n_joints + 2) which `quantities` lie beyond."""
+        """Return (n, n_joints + 2) which `quantities` lie beyond, by the rule of `extrapolates`."""
         lower, upper = self.ends
         least = np.r_[np.full(len(self.lower), LEAST_MARGIN), LEAST_FORCE, LEAST_TORQUE]
         room = np.maximum(MARGIN * (upper - lower), least)
@@ -188,16 +179,6 @@ class TrainingRange:
         largest = max(self.force + self.torque, 1e-9)
         return np.asarray(_lengths(wrench).sum(axis=1) / largest)
 
-    def far_pose(self, q: FloatArray) -> BoolArray:
-        """Return (n,) whether poses are far from every training pose, by `extrapolates`' rule."""
-        far = max(FAR * self._near_poses.usual, LEAST_FAR_POSE)
-        return np.asarray(self.pose_distance(q) > far)
-
-    def far_load(self, wrench: FloatArray) -> BoolArray:
-        """Return (n,) whether loads are far from every training load, by `extrapolates`' rule."""
-        far = max(FAR * self._near_directions.usual, LEAST_FAR_LOAD)
-        return np.asarray(self.load_distance(wrench) > far)
-
     @property
     def usual_distances(self) -> tuple[float, float]:
         """Largest distance of nine in ten training poses (rad or m) and loads from another one."""
@@ -219,15 +200,20 @@ class TrainingRange:
 
         Of each pair, one word at most; a row can have two, such as "joints load-gap". Angles count
         as they stand: 350 deg is not -10 deg, since not every model is periodic. Arguments as of
-        `quantities`.
+        `quantities`; DataError: `q` has another number of joints.
         """
-        beyond = self.beyond(q, wrench)
+        if q.shape[1] != len(self.lower):
+            raise DataError(f"a training range of {len(self.lower)} joints, q has {q.shape[1]}")
+        beyond = self.are_beyond(self.quantities(q, wrench))
+        usual_pose, usual_load = self.usual_distances
+        far_pose = self.pose_distance(q) > max(FAR * usual_pose, LEAST_FAR_POSE)
+        far_load = self.load_distance(wrench) > max(FAR * usual_load, LEAST_FAR_LOAD)
         joints, load = beyond[:, :-2].any(axis=1), beyond[:, -2:].any(axis=1)
         marks = (
             ("joints", joints),
-            ("pose-gap", self.far_pose(q) & ~joints),
+            ("pose-gap", far_pose & ~joints),
             ("load", load),
-            ("load-gap", self.far_load(wrench) & ~load),
+            ("load-gap", far_load & ~load),
         )
         words = [np.where(marked, word, "").tolist() for word, marked in marks]
         return [" ".join(filter(None, row)) for row in zip(*words, strict=True)]

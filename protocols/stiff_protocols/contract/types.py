@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -23,7 +23,8 @@ from stiff_protocols.contract.arrays import (
     frozen_array,
 )
 from stiff_protocols.contract.errors import ConfigError, DataError
-from stiff_protocols.contract.robot import JointType, Robot
+from stiff_protocols.contract.robot import Robot
+from stiff_protocols.kinematics.chain_formulas import JointType
 
 __all__ = [
     "AXES",
@@ -323,3 +324,10 @@ def _canonical_bytes(value: Any) -> bytes:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     return repr(value).encode()
+
+
+class StiffnessDataset(Protocol):
+    """Makes or reads one data set; constructor arguments are its options."""
+
+    def load(self) -> BenchmarkData:
+        """Return samples and robot; the same options give the same numbers."""

@@ -14,7 +14,8 @@ import numpy as np
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
 from stiff_protocols.contract.errors import DataError, unknown_name
-from stiff_protocols.contract.robot import LENGTH, Robot
+from stiff_protocols.contract.robot import Robot
+from stiff_protocols.kinematics.serial_chain import LENGTH
 from stiff_protocols.paths.path import ToolPath
 
 STRIDE_M, STRIDE_RAD = 0.05, 0.2

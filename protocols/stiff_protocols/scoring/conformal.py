@@ -22,7 +22,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 
 from stiff_protocols.contract.errors import ModelError, NotFittedError, TooFewToCalibrate
-from stiff_protocols.contract.interfaces import StiffnessModel
+from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import (
     Deflection,

@@ -30,18 +30,9 @@ from stiff_protocols.contract.errors import (
     StiffBenchWarning,
 )
 from stiff_protocols.contract.extras import require
-from stiff_protocols.contract.interfaces import (
-    ChecksParams,
-    ChecksRobot,
-    KnowsWhatIsMissing,
-    PredictsInterval,
-    ReportsDiagnostics,
-    StiffnessModel,
-    chooses_epoch,
-    regime_of,
-)
 from stiff_protocols.contract.plugin import DEFAULT_GRID, Grid, ModelInfo, Range, in_words
 from stiff_protocols.contract.protocol_base import ParseOption
+from stiff_protocols.contract.stiffness_model import StiffnessModel, offers, optional
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples, Split
 from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.random_splits import Holdout, KFold
@@ -63,7 +54,7 @@ def fit_to(
     seed: int,
 ) -> None:
     """Fit; a model that chooses no epoch learns from the validation rows instead."""
-    if validation is not None and not (len(validation) and chooses_epoch(model)):
+    if validation is not None and not (len(validation) and optional(model, "chooses_epoch")()):
         train, validation = Samples.together(train, validation), None
     model.fit(train, robot=robot, validation=validation, seed=seed)
 
@@ -84,7 +75,7 @@ class Tried:
 
 
 @dataclass(eq=False, repr=False)
-class InnerSearch(BaseEstimator):  # type: ignore[misc]
+class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
     """A model with the best of several candidate options; it stands in the model's place.
 
     Attributes:
@@ -112,7 +103,9 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
     def regime(self) -> str:
         """Return how the model uses training labels, and whether nothing is chosen."""
         _, first = next(self._candidates())
-        return ", ".join(filter(None, [regime_of(first), "" if self.grid else NOT_TUNED]))
+        return ", ".join(
+            filter(None, [getattr(first, "regime", ""), "" if self.grid else NOT_TUNED])
+        )
 
     def check_params(self) -> None:
         """Check every candidate before anything is computed; of a range, both ends.
@@ -130,12 +123,11 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
                 )
         regimes = set()
         for params, model in self._candidates():
-            if isinstance(model, ChecksParams):
-                try:
-                    model.check_params()
-                except ConfigError as error:
-                    raise ConfigError(f"{in_words(params)}: {error}") from error
-            regimes.add(regime_of(model))
+            try:
+                optional(model, "check_params")()
+            except ConfigError as error:
+                raise ConfigError(f"{in_words(params)}: {error}") from error
+            regimes.add(getattr(model, "regime", ""))
         if len(regimes) > 1:
             raise ConfigError(
                 "candidates that use training labels differently cannot be compared "
@@ -145,18 +137,17 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
     def check_robot(self, robot: Robot) -> None:
         """Raise ConfigError where a candidate cannot serve the robot."""
         for _, model in self._candidates():
-            if isinstance(model, ChecksRobot):
-                model.check_robot(robot)
+            optional(model, "check_robot")(robot)
 
     def chooses_epoch(self) -> bool:
         """Whether validation rows choose the epoch of any candidate."""
-        return any(chooses_epoch(model) for _, model in self._candidates())
+        return any(optional(model, "chooses_epoch")() for _, model in self._candidates())
 
     def missing(self) -> str:
         """Return what a candidate lacks on this machine; "" for nothing."""
         for _, model in self._candidates():
-            if isinstance(model, KnowsWhatIsMissing) and (reason := model.missing()):
-                return reason
+            if reason := optional(model, "missing")():
+                return str(reason)
         return ""
 
     def fit(
@@ -187,8 +178,8 @@ class InnerSearch(BaseEstimator):  # type: ignore[misc]
             }
         self.model_ = self._with(self.best_params_)
         fit_to(self.model_, train, validation, robot=robot, seed=seed)
-        own = self.model_.diagnostics_ if isinstance(self.model_, ReportsDiagnostics) else {}
-        self.diagnostics_: Mapping[str, float] = {**own, **report}
+        own = getattr(self.model_, "diagnostics_", {})
+        self.diagnostics_ = {**own, **report}
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -302,9 +293,9 @@ class InnerSearchWithIntervals(InnerSearch):
     """The same for a model that gives intervals of its own."""
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return the chosen model's interval; see `PredictsInterval`."""
+        """Return the chosen model's interval."""
         fitted = self._fitted()
-        if not isinstance(fitted, PredictsInterval):
+        if not offers(fitted, "predict_interval"):
             raise ModelError(f"{type(fitted).__name__} gives no intervals")
         return fitted.predict_interval(q, wrench, coverage)
 
@@ -347,7 +338,7 @@ class Nested(Holdout):
 
     def tuned(self, model: StiffnessModel, grid: Grid) -> StiffnessModel:
         """Return the model that chooses from `grid` in its own fit."""
-        search = InnerSearchWithIntervals if isinstance(model, PredictsInterval) else InnerSearch
+        search = InnerSearchWithIntervals if offers(model, "predict_interval") else InnerSearch
         return search(
             model,
             grid,

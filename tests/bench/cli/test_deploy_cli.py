@@ -17,7 +17,6 @@ from stiff_bench.cli import models as deploy_cli
 from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_datasets.robots.urdf_reader import load_robot
 from stiff_models import load
-from stiff_models.physics.vjm import joint_deflection
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import Samples
 
@@ -254,7 +253,7 @@ def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet
     q = rng.uniform([0, -3], [2, 3], size=(12, 2))
     wrench = rng.normal(scale=50, size=(12, 6))
     names = np.arange(12).astype(str)
-    deflection = joint_deflection(robot, np.array([1e-6, 1e-5]), q, wrench)
+    deflection = robot.joint_deflection(np.array([1e-6, 1e-5]), q, wrench)
     measured = Samples(q, wrench, deflection, names, names, names)
     write_table(tmp_path / "my.parquet", [sample_table(measured, robot)])
     run(deploy_cli.fit, "--model", "vjm", "--data", tmp_path / "my.parquet", "--urdf", urdf,

@@ -112,10 +112,10 @@ def test_a_bad_plugin_is_told_what_failed_why_and_how_to_mend_it_with_status_1(b
     assert done.returncode == 1, done.stderr
     lines = done.stdout.splitlines()
     assert lines[0] == "bad (default options) on fanuc-r2000ic (default options)"
-    assert "✓ fit returns the model" in lines
-    (metres,) = (i for i, line in enumerate(lines) if line.startswith("✗ predictions are in metr"))
+    assert "✓ the constructor takes keywords and only stores them" in lines
+    (metres,) = (i for i, line in enumerate(lines) if "numbers in metres" in line)
     assert "mm?" in lines[metres]
-    assert lines[metres + 1].startswith("    to mend it: ")
+    assert lines[metres + 1].startswith("    to fix it: ")
     assert "3 failed" in lines[-1]
     assert list(tmp_path.iterdir()) == [bad]
 

@@ -18,7 +18,6 @@ from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Quantity
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.urdf_reader import load_robot, read_chain
-from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Samples
@@ -142,7 +141,7 @@ def test_statics_of_a_sliding_and_turning_arm_equal_pinocchios(tmp_path, rng):
     assert robot.joint_types == ("prismatic", "revolute")
     model, data = truth.model, truth.model.createData()
     q = rng.uniform(-1.0, 1.0, size=(20, 2))
-    gravity, position = gravity_torque(robot, q), robot.tcp_position(q)
+    gravity, position = robot.gravity_torque(q), robot.tcp_position(q)
     for pose, torque, tip in zip(q, gravity, position, strict=True):
         expected = -pin.computeGeneralizedGravity(model, data, pose)
         np.testing.assert_allclose(torque, expected, atol=1e-12)

@@ -37,7 +37,6 @@ from stiff_bench.store.database import (
 from stiff_bench.store.samples import data_content, stored_data, what_differs
 from stiff_bench.store.versions import LIBRARIES, differing_libraries
 from stiff_datasets.robots.shipped_robots import shipped_robot, shipped_robots
-from stiff_models.physics.kinematics import jacobian
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
@@ -109,7 +108,7 @@ def test_a_folder_keeps_samples_and_robot_of_its_results_with_the_joints_torques
     data = fanuc
     ResultStore(tmp_path).write_data(data)
     back = read_data(tmp_path, data.sha256)
-    torque = np.einsum("nki,nk->ni", jacobian(data.robot, data.samples.q), data.samples.wrench)
+    torque = np.einsum("nki,nk->ni", data.robot.jacobian(data.samples.q), data.samples.wrench)
     np.testing.assert_allclose(back.torque, torque, atol=1e-9)
     assert back.joint_names == data.robot.joint_names and back.robot == data.robot.name
     assert tuple(back.tcp_on_flange) == shipped_robots()["fanuc-r2000ic"].tcp

@@ -25,7 +25,7 @@ from stiff_datasets.measured.sample_files import sample_table, sheet_of
 from stiff_datasets.measured.validate import validate
 from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_datasets.twin.robot_twin import ArmFamily
-from stiff_models.physics.vjm import identify_joints, joint_deflection
+from stiff_models.physics.vjm import identify_joints
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import Robot, Samples
 
@@ -131,7 +131,7 @@ def test_hypotheses_that_the_data_cannot_tell_apart_are_named(measurement):
     wrench[:, 3:] = 0.0
     wrench[:, :2] = 0.0  # weights hung on the tool: z alone
     compliance = np.full(6, 1e-5)
-    deflection = joint_deflection(measurement.robot, compliance, measurement.samples.q, wrench)
+    deflection = measurement.robot.joint_deflection(compliance, measurement.samples.q, wrench)
     report = measurement.report(wrench=-wrench, deflection=deflection)
     assert "; as well: " in only(report.warnings, "look").message
 
@@ -326,7 +326,7 @@ def test_repeats_that_differ_are_found(fanucs, rng):
 def test_joints_that_cannot_be_identified_are_named(twin, tmp_path):
     robot = shipped_robot("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))  # on the axis of A6
     wrench = twin.samples.wrench * [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
-    deflection = joint_deflection(robot, 1.0 / KR10_STIFFNESS, twin.samples.q, wrench)
+    deflection = robot.joint_deflection(1.0 / KR10_STIFFNESS, twin.samples.q, wrench)
     measured = Measurement(twin.samples, robot, tmp_path / "my.csv")
     report = measured.report(wrench=wrench, deflection=deflection)
     assert only(report.warnings, "the stiffness of joint A6 cannot be identified")
@@ -339,7 +339,7 @@ def test_validate_and_the_vjm_name_the_same_joints(seed, kr10, tmp_path):
     q = np.tile(rng.uniform(-1.0, 1.0, 6), (40, 1))
     q[:, :2] = rng.uniform(-1.0, 0.0, (40, 2))  # A1 and A2 move
     wrench = np.tile([0.0, 0.0, -60.0, 0.0, 0.0, 0.0], (40, 1))
-    deflection = joint_deflection(kr10, 1.0 / KR10_STIFFNESS, q, wrench)
+    deflection = kr10.joint_deflection(1.0 / KR10_STIFFNESS, q, wrench)
     samples = samples_with(q, wrench, deflection + rng.normal(scale=1e-4, size=(40, 3)))
     report = Measurement(samples, kr10, tmp_path / "my.csv").report()
     names = identify_joints(kr10, samples).unidentifiable
@@ -352,7 +352,7 @@ def test_validate_and_the_vjm_name_the_same_joints(seed, kr10, tmp_path):
 def test_a_negative_stiffness_is_called_negative_and_not_unidentifiable(joint, twin, tmp_path):
     stiffness = np.where(np.arange(6) == joint, -KR10_STIFFNESS, KR10_STIFFNESS)
     samples, robot = twin.samples, twin.robot
-    deflection = joint_deflection(robot, 1.0 / stiffness, samples.q, samples.wrench)
+    deflection = robot.joint_deflection(1.0 / stiffness, samples.q, samples.wrench)
     report = Measurement(samples, robot, tmp_path / "my.csv").report(deflection=deflection)
     (found,) = report.warnings
     assert found.message == f"infinite or negative stiffness: {robot.joint_names[joint]}"

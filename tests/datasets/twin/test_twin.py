@@ -14,7 +14,6 @@ from stiff_datasets.robots.urdf_reader import load_robot, read_chain, robot_of
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
 from stiff_datasets.twin.springs import Gear, JointSprings, SlideSprings, SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
-from stiff_models.physics.kinematics import jacobian
 from stiff_protocols.contract.errors import DataError
 
 STIFF = 1e15
@@ -152,7 +151,7 @@ def test_without_tilts_slopes_and_lost_motion_it_is_the_linear_vjm_to_first_orde
     stiffness = np.array([5.1e4, 6.3e4, 5.0e4, 2.3e3, 8.9e3, 1.4e3])
     weightless = replace(kr10, gravity=np.zeros(3))  # it bends the robot with the load at nil
     twin = DigitalTwin(weightless, [linear(k) for k in stiffness])
-    rows = jacobian(kr10, POSE[None])[0]
+    rows = kr10.jacobian(POSE[None])[0]
     loads = LOAD * np.array([1.0, 0.5, 0.25, 0.125])[:, None]
     expected = ((loads @ rows) / stiffness) @ rows[:3].T
     error = np.linalg.norm(twin.readings(np.stack([POSE] * 4), loads) - expected, axis=1)

@@ -14,7 +14,6 @@ from helpers.quick_models import KEYS, quick_model, twin_data
 from stiff_models.model_catalog import model_info
 from stiff_models.networks.mlp import Mlp
 from stiff_models.networks.onnx_export import export_onnx
-from stiff_models.physics.vjm import joint_deflection
 from stiff_models.transfer.compliance_net import ComplianceNet
 from stiff_models.transfer.dt_cnn import DtCnn
 from stiff_protocols.contract.errors import ConfigError, ModelError, NotFittedError
@@ -72,7 +71,7 @@ def test_a_robot_with_a_slide_and_raw_angles_is_exported_whole(family, tmp_path,
     robot = replace(kr10, joint_types=("prismatic", *kr10.joint_types[1:]))
     q, wrench = rng.uniform(-1.0, 1.0, size=(40, 6)), rng.normal(scale=50.0, size=(40, 6))
     compliance = np.array([1e-6, 2e-6, 2e-6, 4e-6, 4e-6, 4e-6])  # m/N, then rad/(N m)
-    deflection = joint_deflection(robot, compliance, q, wrench)
+    deflection = robot.joint_deflection(compliance, q, wrench)
     model = family(width=16, epochs=200, angle_encoding="raw", device="cpu")
     model.fit(samples_with(q, wrench, deflection), robot=robot)
     export_onnx(model, tmp_path / "net.onnx")

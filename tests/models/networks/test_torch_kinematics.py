@@ -10,7 +10,6 @@ from helpers.made_robots import random_chain
 from stiff_models.networks.features import Scaler, encode
 from stiff_models.networks.network import build_network
 from stiff_models.networks.torch_parts import EncodedNetwork, TorchJacobian, VjmModule
-from stiff_models.physics.kinematics import jacobian, joint_deflection
 
 CHAINS = [
     ("revolute",) * 6,
@@ -25,7 +24,7 @@ CHAINS = [
 def test_the_torch_jacobian_is_the_numpy_one(kinds, dtype, tolerance, rng):
     robot = random_chain(rng, kinds)
     q = torch.tensor(rng.uniform(-3, 3, size=(200, robot.n_joints)), dtype=dtype)
-    truth = jacobian(robot, q.double().numpy())
+    truth = robot.jacobian(q.double().numpy())
     ours = TorchJacobian(robot)(q)
     assert ours.dtype == dtype
     assert np.abs(ours.numpy() - truth).max() <= tolerance * np.abs(truth).max()
@@ -36,7 +35,7 @@ def test_joint_springs_in_torch_are_the_numpy_ones(rng):
     q, wrench = rng.normal(size=(9, 5)), rng.normal(size=(9, 6))
     compliance = rng.uniform(size=5)
     ours = VjmModule(robot, compliance)(torch.tensor(q), torch.tensor(wrench)).numpy()
-    truth = joint_deflection(robot, compliance, q, wrench)
+    truth = robot.joint_deflection(compliance, q, wrench)
     np.testing.assert_allclose(ours, truth, rtol=0, atol=1e-11 * np.abs(truth).max())
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from stiff_datasets.twin.robot_twin import ArmFamily
 from stiff_models.physics.full_vjm import FullVjm
-from stiff_protocols.contract.identification import PRIOR_SPREAD
+from stiff_protocols.springs.identification import PRIOR_SPREAD
 
 
 @pytest.fixture()

@@ -14,12 +14,11 @@ from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 from stiff_models.io.saved import load
 from stiff_models.physics.fitted_geometry import Geometry, moved_wrench
 from stiff_models.physics.full_vjm import FullVjm, spring_twists
-from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
-from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.interfaces import interval_at_tcp, tcp_deflection
+from stiff_protocols.contract.stiffness_model import interval_at_tcp, optional
 from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData, Interval
 from stiff_protocols.splits.path_compensation import PathCompensation
 
@@ -38,9 +37,9 @@ def measured(robot, rng, *, lever=False, noise=0.0, n=60):
     wrench = rng.normal(size=(n, 6)) * np.repeat([60.0, 5.0], 3)
     if lever:
         at_tcp = moved_wrench(wrench, robot.forward(q).rotation @ OFFSET)
-        deflection = joint_deflection(robot, 1 / STIFFNESS, q, at_tcp)
+        deflection = robot.joint_deflection(1 / STIFFNESS, q, at_tcp)
     else:
-        deflection = joint_deflection(elsewhere(robot), 1 / STIFFNESS, q, wrench)
+        deflection = elsewhere(robot).joint_deflection(1 / STIFFNESS, q, wrench)
     return samples_with(q, wrench, deflection + noise * rng.normal(size=(n, 3)))
 
 
@@ -138,7 +137,7 @@ def test_where_nothing_is_fitted_both_predictions_are_the_same_numbers(model, pa
     robot, train, _, test = parts
     found = model().fit(train, robot=robot)
     assert found.geometry_ is None
-    for predict in (found.predict_at_tcp, tcp_deflection(found)):
+    for predict in (found.predict_at_tcp, optional(found, "predict_at_tcp")):
         np.testing.assert_array_equal(
             predict(test.q, test.wrench), found.predict(test.q, test.wrench)
         )
@@ -202,6 +201,6 @@ def test_commands_are_for_the_tools_own_tcp_where_another_point_was_measured(fal
         return np.linalg.norm(left, axis=1).mean()
 
     given, fitted = (FullVjm(tcp=tcp).fit(train, robot=falsified.robot) for tcp in ("given", "fit"))
-    at_tcp = path_error(tcp_deflection(fitted))
+    at_tcp = path_error(optional(fitted, "predict_at_tcp"))
     assert at_tcp < 0.8 * path_error(given.predict)
     assert at_tcp < 0.8 * path_error(fitted.predict)  # the measured point's

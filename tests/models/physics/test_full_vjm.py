@@ -12,8 +12,8 @@ from stiff_datasets.twin.constants import shipped_constants, specimen_springs
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.springs import SpringLaw
 from stiff_models.physics.full_vjm import FullVjm, ridge, spring_regressor, spring_units
-from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torque
-from stiff_models.physics.vjm import compliance_regressor, identify_joints, joint_deflection
+from stiff_models.physics.vjm import compliance_regressor, identify_joints
+from stiff_protocols.kinematics.serial_chain import joint_torque
 
 STIFFNESS = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
 
@@ -46,7 +46,7 @@ def test_with_only_the_springs_about_the_joints_axes_it_is_the_linear_vjm(spring
 
 def test_samples_of_the_linear_vjm_are_explained_by_the_joints_own_springs(kr10, rng):
     q, wrench = loads(rng)
-    samples = samples_with(q, wrench, joint_deflection(kr10, 1 / STIFFNESS, q, wrench))
+    samples = samples_with(q, wrench, kr10.joint_deflection(1 / STIFFNESS, q, wrench))
     model = FullVjm().fit(samples, robot=kr10)
     error = model.predict(q, wrench) - samples.deflection
     assert np.abs(error).max() < 0.01 * np.abs(samples.deflection).max()
@@ -69,7 +69,7 @@ def test_a_joint_that_tilts_is_told_from_one_that_turns(kr10, rng):
 @pytest.mark.parametrize("solver", ["nnls", "ridge"])
 def test_springs_that_do_the_same_are_not_identifiable_and_named(solver, kr10, rng):
     q, wrench = loads(rng)
-    samples = samples_with(q, wrench, joint_deflection(kr10, 1 / STIFFNESS, q, wrench))
+    samples = samples_with(q, wrench, kr10.joint_deflection(1 / STIFFNESS, q, wrench))
     model = FullVjm(solver=solver).fit(samples, robot=kr10)
     regressor = spring_regressor(kr10, q, wrench, 3).reshape(-1, 18)
     size = np.linalg.norm(regressor, axis=0)
@@ -130,8 +130,8 @@ def test_the_intervals_of_its_torsion_springs_hold_the_twins_own_where_those_of_
     data = Kr10Twin(specimen=specimen).load()
     samples, robot = data.samples, data.robot
     gears = SpringLaw(specimen_springs(shipped_constants("kr10_r1100_2"), specimen))
-    load = joint_torque(jacobian(robot, samples.q), samples.wrench)  # (n, 6) N m
-    at_rest = -gravity_torque(robot, samples.q)
+    load = joint_torque(robot.jacobian(samples.q), samples.wrench)  # (n, 6) N m
+    at_rest = -robot.gravity_torque(samples.q)
     angles = [
         gears.angle(np.kron(torque.T, [[1.0], [0.0], [0.0]]))[::3].T  # no tilting
         for torque in (at_rest + load, at_rest)

@@ -14,12 +14,11 @@ from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.full_vjm import FullVjm, spring_regressor
-from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel, compliance_regressor, identify_joints
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.identification import least_compliance
+from stiff_protocols.springs.identification import least_compliance
 
 IIWA = np.array([1.6e4, 1.4e4, 1.0e4, 1.0e4, 4e3, 1.3e3, 1.3e3])  # N m/rad
 KR10 = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
@@ -48,7 +47,7 @@ def measured(arm, seed, n=100):
     wrench = np.zeros((n, 6))
     wrench[:, 2] = weight
     stiffness = typical * np.exp(0.3 * rng.normal(size=robot.n_joints))
-    deflection = joint_deflection(robot, 1.0 / stiffness, q, wrench)
+    deflection = robot.joint_deflection(1.0 / stiffness, q, wrench)
     return robot, samples_with(q, wrench, deflection + noise * rng.normal(size=(n, 3))), stiffness
 
 
@@ -83,8 +82,8 @@ def test_no_spring_across_a_joint_lies_outside_that_range(arm):
         truth = stiffness[:, None] * np.exp(rng.uniform(0.0, np.log(8.0), (len(stiffness), 3)))
         truth[:, 2] = stiffness
         regressor = spring_regressor(robot, samples.q, samples.wrench, 3)
-        noise = samples.deflection - joint_deflection(
-            robot, 1.0 / stiffness, samples.q, samples.wrench
+        noise = samples.deflection - robot.joint_deflection(
+            1.0 / stiffness, samples.q, samples.wrench
         )
         samples = replace(samples, deflection=regressor @ (1.0 / truth.ravel()) + noise)
         model = FullVjm().fit(samples, robot=robot)
@@ -108,7 +107,7 @@ def test_intervals_of_well_known_joints_are_no_wider_than_they_must_be(kr10):
     for _ in range(60):
         q = rng.uniform(-1.5, 1.5, size=(60, 6))
         wrench = rng.normal(size=(60, 6)) * np.repeat([60.0, 5.0], 3)
-        deflection = joint_deflection(kr10, 1.0 / KR10, q, wrench)
+        deflection = kr10.joint_deflection(1.0 / KR10, q, wrench)
         noise = 2e-4 * rng.normal(size=deflection.shape)
         lower, upper = (
             identify_joints(kr10, samples_with(q, wrench, deflection + noise)).interval().T
@@ -121,7 +120,7 @@ def test_samples_that_err_together_at_a_pose_widen_the_intervals(kr10, rng):
     q = np.repeat(rng.uniform(-1.5, 1.5, size=(30, 6)), 5, axis=0)
     wrench = np.tile([30.0, 20.0, -60.0, 3.0, 4.0, 2.0], (150, 1)) * rng.uniform(0.5, 1, (150, 1))
     error = np.repeat(2e-4 * rng.normal(size=(30, 3)), 5, axis=0)
-    deflection = joint_deflection(kr10, 1.0 / KR10, q, wrench) + error
+    deflection = kr10.joint_deflection(1.0 / KR10, q, wrench) + error
     poses = np.repeat(np.arange(30), 5).astype(str)
     together = identify_joints(kr10, samples_with(q, wrench, deflection, pose_id=poses))
     apart = identify_joints(kr10, samples_with(q, wrench, deflection))

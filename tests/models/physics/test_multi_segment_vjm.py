@@ -11,10 +11,10 @@ from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torque
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm, segment_torques
-from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
+from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_protocols.kinematics.serial_chain import joint_torque
 
 SOFT, STIFF = 1e-4, 4e-5  # rad/(N m): a gear below and above its breakpoint
 DOWN = (0.0, 1.0, 0.0)  # about y: an arm along x turns downwards
@@ -71,7 +71,7 @@ def preloaded():
     q = rng.uniform(-1.5, 1.5, size=(80, 1))
     wrench = np.zeros((80, 6))
     wrench[:, :3] = rng.normal(size=(80, 3)) * 20.0
-    rows, weight = jacobian(robot, q), gravity_torque(robot, q)
+    rows, weight = robot.jacobian(q), robot.gravity_torque(q)
     load = joint_torque(rows, wrench)
     turn = phi(weight + load, (SOFT, STIFF), 12.0) - phi(weight, (SOFT, STIFF), 12.0)
     return robot, samples_with(q, wrench, rows[:, :3, 0] * turn)
@@ -97,7 +97,7 @@ def test_equal_slopes_give_the_linear_models_springs(kr10, rng):
     q = rng.uniform(-1.5, 1.5, size=(100, 6))
     wrench = rng.normal(size=(100, 6)) * np.repeat([60.0, 5.0], 3)
     compliance = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
-    samples = samples_with(q, wrench, joint_deflection(kr10, compliance, q, wrench))
+    samples = samples_with(q, wrench, kr10.joint_deflection(compliance, q, wrench))
     linear = VirtualJointModel().fit(samples, robot=kr10)
     for segments in (2, 3, 4):
         model = MultiSegmentVjm(segments=segments).fit(samples, robot=kr10)
@@ -111,8 +111,8 @@ def test_equal_slopes_give_the_linear_models_springs(kr10, rng):
 
 def test_quantiles_are_those_of_the_training_torques_with_gravitys_share():
     robot, samples = preloaded()
-    load = joint_torque(jacobian(robot, samples.q), samples.wrench)
-    torque = load + gravity_torque(robot, samples.q)
+    load = joint_torque(robot.jacobian(samples.q), samples.wrench)
+    torque = load + robot.gravity_torque(samples.q)
     for segments, shares in ((2, [0.25]), (3, [0.25, 0.625]), (4, [0.25, 0.5, 0.75])):
         for gravity, used in ((True, torque), (False, load)):
             model = MultiSegmentVjm(segments=segments, gravity=gravity).fit(samples, robot=robot)
@@ -123,8 +123,8 @@ def test_quantiles_are_those_of_the_training_torques_with_gravitys_share():
 def test_the_search_comes_as_near_to_the_true_breakpoint_as_its_candidates():
     robot, samples = preloaded()
     model = MultiSegmentVjm(breakpoints="search").fit(samples, robot=robot)
-    load = joint_torque(jacobian(robot, samples.q), samples.wrench)
-    torque = np.abs(load + gravity_torque(robot, samples.q))
+    load = joint_torque(robot.jacobian(samples.q), samples.wrench)
+    torque = np.abs(load + robot.gravity_torque(samples.q))
     below, above = (np.quantile(torque, (torque < 12.0).mean() + step) for step in (-0.05, 0.05))
     assert below < model.breakpoints_[0, 0] < above
 

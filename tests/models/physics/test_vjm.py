@@ -12,7 +12,6 @@ from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_models.physics.vjm import (
     VirtualJointModel,
     identify_joints,
-    joint_deflection,
 )
 from stiff_protocols.contract.errors import StiffBenchWarning
 
@@ -22,7 +21,7 @@ STIFFNESS = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])  # the pa
 def simulated(robot, rng, n=150, noise=0.0, stiffness=STIFFNESS):
     q = rng.uniform(np.maximum(robot.lower, -2), np.minimum(robot.upper, 2), size=(n, 6))
     wrench = rng.normal(size=(n, 6)) * np.repeat([60.0, 5.0], 3)
-    deflection = joint_deflection(robot, 1 / stiffness, q, wrench)
+    deflection = robot.joint_deflection(1 / stiffness, q, wrench)
     scatter = rng.normal(scale=noise, size=(n, 3)) if noise else 0.0
     return samples_with(q, wrench, deflection + scatter)
 
@@ -57,14 +56,14 @@ def test_joints_that_cannot_be_told_apart_are_named_and_do_not_bias_the_others(k
     samples = simulated(kr10, rng)
     q = samples.q.copy()
     q[:, 4] = 0.0  # A4 and A6 turn about one line
-    deflection = joint_deflection(kr10, 1 / STIFFNESS, q, samples.wrench)
+    deflection = kr10.joint_deflection(1 / STIFFNESS, q, samples.wrench)
     straight = replace(samples, q=q, deflection=deflection)
     joints = identify_joints(kr10, straight)
     assert joints.unidentifiable == ("A4", "A6")
     assert np.isnan(joints.stiffness[[3, 5]]).all() and (joints.compliance >= 0).all()
     known = [0, 1, 2, 4]
     np.testing.assert_allclose(joints.stiffness[known], STIFFNESS[known], rtol=1e-3)
-    again = joint_deflection(kr10, joints.compliance, q, samples.wrench)
+    again = kr10.joint_deflection(joints.compliance, q, samples.wrench)
     np.testing.assert_allclose(again, deflection, atol=1e-3 * np.abs(deflection).max())
 
 

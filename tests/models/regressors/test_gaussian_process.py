@@ -25,7 +25,7 @@ from stiff_models.regressors.mf_gp import MultiFidelityGp
 from stiff_models.regressors.on_physics import VjmGp
 from stiff_models.regressors.regressor_model import NearestNeighbours
 from stiff_protocols.contract.errors import ModelError
-from stiff_protocols.contract.interfaces import PredictsCovariance
+from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.scoring.conformal import SplitConformal
 
 N_ROWS, N_FEATURES = 40, 5
@@ -85,7 +85,7 @@ def test_covariances_of_a_model_are_those_of_its_intervals(model, parts):
     if model is MultiFidelityGp:
         fitted.set_params(source_samples=40)
     fitted.fit(train.take(np.arange(40)), robot=robot)
-    assert isinstance(fitted, PredictsCovariance)
+    assert offers(fitted, "covariance")
     inside = test.take(np.flatnonzero(in_range(fitted.training_range_, test)))
     q, wrench = inside.q[:6], inside.wrench[:6]
     found = fitted.covariance(q, wrench, q, wrench)

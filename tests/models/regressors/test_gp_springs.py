@@ -13,11 +13,6 @@ from helpers.made_robots import random_chain
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.robot_twin import ArmFamily, Ur5Twin
 from stiff_models.physics.full_vjm import FullVjm
-from stiff_models.physics.kinematics import (
-    gravity_torque,
-    joint_deflection,
-    virtual_gravity_torque,
-)
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.gp_springs import GpSprings
@@ -163,9 +158,9 @@ def test_curves_of_two_slopes_are_learned_as_the_multi_segment_model_has_them(tw
 
 def test_weights_turn_a_joint_itself_as_its_own_virtual_joint():
     data = Kr10Twin().load()
-    virtual = virtual_gravity_torque(data.robot, data.samples.q)
+    virtual = data.robot.virtual_gravity_torque(data.samples.q)
     np.testing.assert_allclose(
-        virtual[:, :, 2], gravity_torque(data.robot, data.samples.q), atol=1e-12
+        virtual[:, :, 2], data.robot.gravity_torque(data.samples.q), atol=1e-12
     )
 
 
@@ -180,7 +175,7 @@ def test_a_robot_without_masses_is_fitted_without_preload_and_says_so(twin, rng)
 def test_every_joint_has_a_curve_and_three_stiffnesses_whatever_its_kind(kind, rng):
     robot = replace(random_chain(rng, (kind, *["revolute"] * 6)), masses=np.full(7, 2.0))
     q, wrench = rng.uniform(-1.0, 1.0, (12, 7)), 50.0 * rng.normal(size=(12, 6))
-    deflection = joint_deflection(robot, 1e-6 * np.ones(7), q, wrench)
+    deflection = robot.joint_deflection(1e-6 * np.ones(7), q, wrench)
     ids = np.arange(12).astype(str)
     samples = Samples(
         q=q, wrench=wrench, deflection=deflection, pose_id=ids, load_id=ids, group=ids

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from stiff_models.physics.vjm import Physics, VirtualJointModel, joint_deflection
+from stiff_models.physics.vjm import Physics, VirtualJointModel
 from stiff_models.regressors.baselines import ZeroModel
 from stiff_models.regressors.on_physics import OnPhysics, VjmBoosting, VjmGp
 from stiff_models.regressors.residual_mlp import ResidualMlp
@@ -24,7 +24,7 @@ class OnNothing(OnPhysics, ZeroModel):
 
 def vjm_made(samples, robot):
     return replace(
-        samples, deflection=joint_deflection(robot, COMPLIANCE, samples.q, samples.wrench)
+        samples, deflection=robot.joint_deflection(COMPLIANCE, samples.q, samples.wrench)
     )
 
 

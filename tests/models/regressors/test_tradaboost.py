@@ -8,7 +8,6 @@ from sklearn.kernel_ridge import KernelRidge
 from sklearn.tree import DecisionTreeRegressor
 
 from helpers.made_samples import samples_with
-from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.regressors.tradaboost import (
     Boosted,
     Domains,
@@ -170,7 +169,7 @@ def linear_samples(kr10):
     """Samples of a robot that is its VJM."""
     rng = np.random.default_rng(5)
     q, wrench = rng.uniform(-1.0, 1.0, size=(40, 6)), rng.normal(scale=50.0, size=(40, 6))
-    return samples_with(q, wrench, joint_deflection(kr10, COMPLIANCE, q, wrench))
+    return samples_with(q, wrench, kr10.joint_deflection(COMPLIANCE, q, wrench))
 
 
 def softer(factor):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiff_models.physics.kinematics import jacobian
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.compliance_net import ComplianceNet
 
@@ -40,7 +39,7 @@ def test_before_fine_tuning_it_is_the_vjm(parts):
 
 def test_every_compliance_matrix_is_positive_semi_definite(fitted, parts):
     test = parts[3]
-    move = jacobian(fitted.robot_, test.q)[:, :3]
+    move = fitted.robot_.jacobian(test.q)[:, :3]
     compliance = fitted.compliance(test.q, test.wrench)
     matrices = np.einsum("nij,nj,nkj->nik", move, compliance, move)
     assert (np.linalg.eigvalsh(matrices) >= -1e-18).all()
@@ -49,7 +48,7 @@ def test_every_compliance_matrix_is_positive_semi_definite(fitted, parts):
 
 def test_its_prediction_is_the_equation_with_its_compliances(fitted, parts):
     test = parts[3]
-    rows = jacobian(fitted.robot_, test.q)
+    rows = fitted.robot_.jacobian(test.q)
     torque = np.einsum("nki,nk->ni", rows, test.wrench)
     bent = fitted.compliance(test.q, test.wrench) * torque
     np.testing.assert_allclose(

@@ -7,7 +7,6 @@ import pytest
 
 from helpers.made_robots import random_chain
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_models.physics.vjm import joint_deflection
 from stiff_models.transfer.mlp_pretrained import MlpPretrained
 from stiff_models.transfer.source import (
     PAPER_WRENCHES,
@@ -43,9 +42,9 @@ def test_each_springs_part_is_its_deflection_with_all_others_rigid(kinds, rng):
     design = SourceDesign(rng.uniform(-3, 3, size=(20, len(kinds))), rng.normal(size=(20, 3, 6)))
     domain = simulate(robot, compliance, design)
     for joint, alone in enumerate(np.diag(compliance)):
-        truth = joint_deflection(robot, alone, domain.q, domain.wrench)
+        truth = robot.joint_deflection(alone, domain.q, domain.wrench)
         np.testing.assert_allclose(domain.parts[:, :, joint], truth, rtol=0, atol=1e-12)
-    truth = joint_deflection(robot, compliance, domain.q, domain.wrench)
+    truth = robot.joint_deflection(compliance, domain.q, domain.wrench)
     np.testing.assert_allclose(domain.deflection, truth, rtol=0, atol=1e-12)
 
 
@@ -107,7 +106,7 @@ def test_nominal_stiffnesses_of_the_papers_robot_are_its_table_3(twin):
     stiffness = 1000 * np.array([50.90, 63.36, 50.34, 2.27, 8.89, 1.39])
     np.testing.assert_allclose(
         domain.deflection[:50],
-        joint_deflection(twin.robot, 1 / stiffness, domain.q[:50], domain.wrench[:50]),
+        twin.robot.joint_deflection(1 / stiffness, domain.q[:50], domain.wrench[:50]),
     )
 
 

@@ -11,7 +11,6 @@ from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models import load
 from stiff_models.model_catalog import MODELS, model_info
-from stiff_models.physics.kinematics import jacobian
 from stiff_models.physics.vjm import VirtualJointModel, fitted_physics
 from stiff_models.regressors import mf_gp
 from stiff_models.regressors.mf_gp import MultiFidelityGp
@@ -23,7 +22,7 @@ from stiff_models.transfer.mlp_pretrained import MlpPretrained
 from stiff_models.transfer.pretraining import power_of_four
 from stiff_models.transfer.source import joint_ranges
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.interfaces import LearnsFromSource
+from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import BenchmarkData
 
 pytestmark = pytest.mark.usefixtures("small_source")
@@ -60,7 +59,7 @@ def vjm_of(data):
 
 def test_every_family_with_a_source_domain_takes_another_robots_and_no_other_does():
     usable = [info for info in MODELS if not info.missing()]
-    takers = [info.key for info in usable if issubclass(info.load(), LearnsFromSource)]
+    takers = [info.key for info in usable if offers(info.load(), "use_source")]
     assert sorted(takers) == sorted(TAKE_A_SOURCE)
 
 
@@ -96,7 +95,7 @@ def test_simulated_deflections_are_those_of_the_source_robots_physics(
     physics = fitted_physics(options.get("source_teacher", "vjm"), ur5.samples, ur5.robot)
     if model.shares_pretraining:  # each spring at its reference compliance
         own = physics.springs_.compliance
-        rows = jacobian(ur5.robot, q)
+        rows = ur5.robot.jacobian(q)
         torque = np.einsum("nij,ni->nj", rows, wrench)
         expected = rows[:, :3] * (torque * power_of_four(own))[:, None, :]
         np.testing.assert_allclose(domain.parts[::50], expected, rtol=1e-9, atol=1e-15)
@@ -124,7 +123,7 @@ def test_a_compliance_network_begins_with_the_other_robots_springs_in_the_target
     model = fitted(ComplianceNet(width=8, epochs=0, device="cpu"), target, ur5)
     springs = vjm_of(ur5).springs_
     assert np.isfinite(springs.stiffness).all()
-    rows = jacobian(target.robot, target.samples.q)
+    rows = target.robot.jacobian(target.samples.q)
     joint = np.einsum("nij,ni->nj", rows, target.samples.wrench) * springs.compliance
     expected = np.einsum("nij,nj->ni", rows[:, :3], joint)
     np.testing.assert_allclose(predicted(model, target), expected, rtol=1e-4, atol=1e-9)

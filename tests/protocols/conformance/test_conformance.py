@@ -18,7 +18,7 @@ from helpers.broken_models import (
     predicting,
     reader,
 )
-from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.contract.errors import DataError, NotSavable
 from stiff_protocols.contract.types import BenchmarkData
 
@@ -43,7 +43,7 @@ def test_a_model_that_breaks_one_rule_fails_that_question_and_is_told_how_to_men
 ):
     failed = failures(cls, fanuc, uses_validation=uses_validation)
     if cls is Noisy:  # fits cannot be told apart from predictions that are not repeatable
-        by_chance = ("the same", "save", "a row's")
+        by_chance = ("the same", "save", "a prediction")
         failed = [check for check in failed if not check.name.startswith(by_chance)]
     assert len(failed) == 1, failed
     assert failed[0].name.startswith(name)
@@ -70,7 +70,7 @@ LICENSED = broken("Licensed", save=not_ours)
 @pytest.mark.parametrize(
     ("cls", "name", "reason"),
     [
-        (OFFSET, "no load, no deflection", "predicts up to 0.1 mm without load"),
+        (OFFSET, "no load gives no deflection", "predicts up to 0.1 mm without load"),
         (NOMINAL, "a fit learns from its own rows", "predicts the same whatever rows it is fitted"),
         (LICENSED, "save and load give the same numbers", "its weights are not ours"),
     ],

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.files import make_folder, read_toml, written_whole
 
 
-def test_a_file_appears_whole_with_the_modes_of_the_umask(tmp_path):
+def test_a_file_appears_whole(tmp_path):
     path = tmp_path / "a.csv"
     with written_whole(path) as temporary:
         temporary.write_text("new")
         assert not path.exists() and temporary.suffix == ".csv"
     assert path.read_text() == "new"
-    mask = os.umask(0)
-    os.umask(mask)
-    assert path.stat().st_mode & 0o777 == 0o666 & ~mask
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -53,9 +48,7 @@ def test_tables_of_a_toml_file_come_back(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b"a = " + b"[" * 5000 + b"]" * 5000, "inside each other"),
-        (b"a = " + b"[" * 20 + b"]" * 20, "inside each other"),
-        (b"a" + b".a" * 30 + b" = 1", "inside each other"),
+        (b"a = " + b"[" * 5000 + b"]" * 5000, "recursion"),
         (b"a" + b".a" * 100_000 + b" = 1", "larger than"),
         (b"a = " + b"9" * 5000, "4300 digits"),
         (b"a = \xff", "can't decode"),

@@ -29,7 +29,7 @@ def test_training_samples_and_what_is_a_little_beyond_them_are_inside(samples):
     assert not any(known.extrapolates(samples.q, 1.05 * samples.wrench))
     tenth = 0.09 * (known.upper - known.lower)
     ends = np.array([known.lower - tenth, known.upper + tenth])
-    assert not known.beyond(ends, samples.wrench[:2]).any()
+    assert not known.are_beyond(known.quantities(ends, samples.wrench[:2])).any()
     unturned = replace(known, force=100.0, torque=0.0)
     wrench = np.array([[0.0, 0.0, -80.0, rounding, 0.0, 0.0] for rounding in (1e-9, 1.0)])
     assert unturned.extrapolates(samples.q[:2], wrench) == ["", "load"]
@@ -40,7 +40,8 @@ def test_each_joint_and_load_far_beyond_is_marked(samples):
     q, wrench = np.tile(samples.q[:1], (6, 1)), np.tile(samples.wrench[:1], (6, 1))
     for end, turn in ((known.lower, -1.0), (known.upper, 1.0)):
         off = np.where(np.eye(6, dtype=bool), end + turn * np.deg2rad(60.0), q)
-        np.testing.assert_array_equal(known.beyond(off, wrench)[:, :6], np.eye(6, dtype=bool))
+        beyond = known.are_beyond(known.quantities(off, wrench))
+        np.testing.assert_array_equal(beyond[:, :6], np.eye(6, dtype=bool))
         assert known.extrapolates(off, wrench) == ["joints"] * 6
         assert known.extrapolates(off, 5.0 * wrench) == ["joints load"] * 6
     heavy = wrench[:3].copy()
@@ -153,4 +154,4 @@ def test_an_invalid_range_is_refused(changed, named):
     with pytest.raises(DataError, match=named):
         TrainingRange(**usual | changed)
     with pytest.raises(DataError, match="2 joints"):
-        TrainingRange(**usual).beyond(np.zeros((1, 6)), np.zeros((1, 6)))
+        TrainingRange(**usual).extrapolates(np.zeros((1, 6)), np.zeros((1, 6)))

@@ -68,3 +68,9 @@ def test_the_noise_of_the_instrument_stays_with_the_samples_and_is_hashed_where_
 def test_samples_of_another_number_of_joints_do_not_fit_a_robot(kr10):
     with pytest.raises(DataError, match="samples have 5 joint angles, robot 'kr10_r1100_2' has 6"):
         BenchmarkData(make(q=np.zeros((2, 5))), kr10)
+
+
+def test_robot_and_samples_print_in_five_lines_at_most(twin):
+    for thing in (twin.robot, twin.samples):
+        assert len(repr(thing).splitlines()) <= 5
+        assert max(map(len, repr(thing).splitlines())) < 200

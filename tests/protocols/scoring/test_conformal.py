@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
-
 import numpy as np
 import pytest
 from sklearn.base import BaseEstimator
@@ -99,15 +96,6 @@ def test_a_finite_interval_needs_c_over_1_minus_c_samples(rng, coverage, needed)
     model.predict_interval(*ONE, coverage)  # is finite
     with pytest.raises(ModelError, match=f"needs at least {needed} calibration samples"):
         fitted(samples(rng.normal(size=(2 * needed - 1, 3))), coverage=coverage)
-
-
-def test_the_warning_filters_of_the_process_stay_as_they_are(rng, monkeypatch):
-    for name in [name for name in sys.modules if name.partition(".")[0] == "crepes"]:
-        monkeypatch.delitem(sys.modules, name)  # it is their import that changes them
-    before = list(warnings.filters)
-    model = fitted(samples(rng.normal(size=(42, 3))))
-    model.predict_interval(*ONE, 0.9)
-    assert warnings.filters == before
 
 
 def test_intervals_of_no_fit_of_more_coverage_and_of_nan_are_refused(rng):

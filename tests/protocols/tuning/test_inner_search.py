@@ -13,7 +13,7 @@ from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_models.regressors.regressor_model import NearestNeighbours
 from stiff_models.transfer.dt_cnn import DtCnn
 from stiff_models.transfer.ft_mlp import FtMlp
-from stiff_protocols.conformance.suite import check_model
+from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.contract.errors import (
     ConfigError,
     ModelError,

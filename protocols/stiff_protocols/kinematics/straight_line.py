@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.contract.arrays import FloatArray
 
 CHUNK = 6144
 """Rows a pass: enough to hide the cost of a NumPy call, few enough for a core's own cache."""

@@ -104,6 +104,10 @@ class Identified:
         return np.asarray(ends)
 
 
+SPRING_CURVE = "spring "
+"""Begins the name of a curve of a fitted model that is a joint's spring."""
+
+
 def spring_key(word: str, name: str, unit: str) -> str:
     """Return under which name a fit reports a number of a spring.
 

@@ -1,4 +1,4 @@
-"""The closed form of a serial chain, component by component: the kernel of every physical model.
+"""The closed forms of a serial chain, component by component.
 
 The chain is rewritten once so that each joint moves about or along its own z axis; what lies
 between two joints is then a constant rotation and a constant offset. A component is anything that
@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
-from typing import Any, Self
+from itertools import chain
+from typing import Any, Literal, Self
 
 import numpy as np
 
-from stiff_protocols.contract.types import FloatArray, Robot
+from stiff_protocols.contract.arrays import FloatArray
+
+JointType = Literal["revolute", "prismatic"]
 
 Component = Any
 """A plain float, a torch tensor, or a symbol; those of one computation broadcast together."""
@@ -32,12 +34,36 @@ ORIGIN: Vector = (0.0, 0.0, 0.0)
 AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+class ChainGeometry:
+    """Geometry and masses of a serial chain of n joints.
+
+    Attributes:
+        joint_types: "revolute" or "prismatic", one a joint.
+        placements: (n, 4, 4) pose of each joint frame in the previous joint's frame (the base for
+            the first) at zero joint position; lengths in m.
+        axes: (n, 3) unit axis of each joint in its own frame.
+        masses: (n,) mass of what each joint carries up to the next one, kg.
+        centres_of_mass: (n, 3) its centre of mass in the joint's frame, m.
+        tcp: (3,) tool centre point in the last joint's frame, m.
+        gravity: (3,) acceleration of gravity in the base frame, m/s2.
+    """
+
+    joint_types: tuple[JointType, ...]
+    placements: FloatArray
+    axes: FloatArray
+    masses: FloatArray
+    centres_of_mass: FloatArray
+    tcp: FloatArray
+    gravity: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class Link:
     """What lies between one joint's z-aligned frame and the next one's.
 
     Attributes:
         axes: x, y and z axis of the joint's frame, in the frame before.
+        own_axes: x, y and z axis of the joint's frame as the robot has it, in this frame.
         offset: origin of the joint's frame, in the frame before, m.
         prismatic: whether the joint slides.
         mass: of what the joint carries up to the next one, kg.
@@ -45,6 +71,7 @@ class Link:
     """
 
     axes: tuple[Vector, ...]
+    own_axes: tuple[Vector, ...]
     offset: Vector
     prismatic: bool
     mass: float
@@ -83,7 +110,7 @@ class Chain:
     cos_sin: CosSin
 
     @classmethod
-    def of(cls, robot: Robot, cos_sin: CosSin) -> Self:
+    def of(cls, robot: ChainGeometry, cos_sin: CosSin) -> Self:
         """Rewrite a robot."""
         links = []
         basis = np.eye(3)  # the previous joint's z-aligned frame, seen from its own URDF frame
@@ -92,6 +119,7 @@ class Chain:
             links.append(
                 Link(
                     axes=tuple((basis.T @ placement[:3, :3] @ aligned).T.tolist()),
+                    own_axes=tuple(aligned.tolist()),
                     offset=(basis.T @ placement[:3, 3]).tolist(),
                     prismatic=robot.joint_types[i] == "prismatic",
                     mass=float(robot.masses[i]),
@@ -119,6 +147,26 @@ class Chain:
             frame = Frame(origin, (x, y, z))
             yield frame
 
+    def poses(self, q: Sequence[Component]) -> list[Component]:
+        """Return the components of all joints' origins, of the TCP, and of all rotations.
+
+        n_joints x 3, 3, then n_joints x 3 x 3 row by row, of the joints' frames as the robot has
+        them.
+        """
+        frames = list(self.frames(q))
+        origins = [component for frame in frames for component in frame.origin]
+        turned = map(_rotation, self.links, frames)
+        return [*origins, *frames[-1].point(self.tcp), *chain.from_iterable(turned)]
+
+    def tcp_position(self, q: Sequence[Component]) -> Vector:
+        """Return the TCP [m], base frame."""
+        return list(self.frames(q))[-1].point(self.tcp)
+
+    def tool(self, q: Sequence[Component]) -> list[Component]:
+        """Return the components of the TCP, of the last joint's rotation and of the `jacobian`."""
+        last = list(self.frames(q))[-1]
+        return [*last.point(self.tcp), *_rotation(self.links[-1], last), *self.jacobian(q)]
+
     def jacobian(self, q: Sequence[Component]) -> list[Component]:
         """Return the 6 x n_joints components of the Jacobian at the TCP, base frame, row by row.
 
@@ -130,17 +178,6 @@ class Chain:
     def virtual_jacobian(self, q: Sequence[Component]) -> list[Component]:
         """Return the 6 x n_joints x 6 components of the virtual joints' Jacobian, row by row."""
         return _by_rows(chain.from_iterable(self._virtual_columns(q)))
-
-    def compliance_matrix(
-        self, q: Sequence[Component], compliance: Sequence[Component]
-    ) -> list[Component]:
-        """Return the 3 x 6 components of ``J_v diag(c) J^T``, row by row."""
-        columns = self._columns(q)
-        turned = [_scaled(c, move) for c, (move, _) in zip(compliance, columns, strict=True)]
-        return [
-            _dot([move[row] for move in turned], [(*move, *turn)[k] for move, turn in columns])
-            for row, k in product(range(3), range(6))
-        ]
 
     def _columns(self, q: Sequence[Component]) -> list[Column]:
         return [
@@ -249,6 +286,12 @@ def _basis_with_z(axis: FloatArray) -> FloatArray:
     x_axis = np.cross(helper, axis)
     x_axis /= np.linalg.norm(x_axis)
     return np.stack([x_axis, np.cross(axis, x_axis), axis], axis=1)
+
+
+def _rotation(link: Link, frame: Frame) -> list[Component]:
+    """Return the 3 x 3 components of a joint frame's rotation, as the robot has it, row by row."""
+    axes = [_out_of(frame.axes, axis) for axis in link.own_axes]
+    return list(chain.from_iterable(zip(*axes, strict=True)))
 
 
 def _by_rows(columns: Iterable[Column]) -> list[Component]:

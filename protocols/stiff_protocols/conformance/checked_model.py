@@ -1,0 +1,239 @@
+"""A model under check: its rows, its fits (each made once), and its side effects."""
+
+from __future__ import annotations
+
+import io
+import random
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiff_protocols.conformance.checks import Failed, stage
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.stiffness_model import StiffnessModel
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Interval, Samples
+from stiff_protocols.paths.inverse import evenly_spaced
+from stiff_protocols.scoring.sanity import check_prediction
+
+FEWEST_ROWS, MOST_ROWS = 10, 48
+TRAIN_SHARE, VALIDATION_SHARE = 0.6, 0.2
+SMALLEST = 1e-9  # m; far below what any instrument resolves
+LOUD = 1e3
+"""Factor on labels that are to show in whatever was fitted to them."""
+FROM_SEED = "draw all chance from `seed`: rng = np.random.default_rng(seed)"
+OURS = ("stiff_bench", "stiff_datasets", "stiff_models", "stiff_protocols", "stiffbench")
+"""Packages whose functions no model may replace."""
+
+
+class CheckedModel:
+    """A model and the rows it is checked on; each fit is made once, when it is first needed.
+
+    Attributes:
+        make: returns a new model.
+        train, validation, test: disjoint samples of the robot; those of `test` have deflections
+            that follow from nothing, so that whoever predicts them has found them here.
+        measured: (n, 3) m, the deflections that the test rows have.
+        other: as many samples as `train`, most of them others.
+        uses_validation: the model is one that chooses an epoch.
+        own_validation: what the first fit gets.
+        save, load: write a fitted model and read it, or None.
+        side_effects: what the model did so far beside fitting and predicting.
+        options_before_fit: repr of each option before the first fit.
+        returned_by_fit: what the first fit returned.
+    """
+
+    options_before_fit: dict[str, str]
+    returned_by_fit: object
+
+    def __init__(
+        self,
+        make: Callable[[], StiffnessModel],
+        data: BenchmarkData,
+        *,
+        uses_validation: bool,
+        save: Callable[[StiffnessModel, Path], None] | None,
+        load: Callable[[Path], StiffnessModel] | None,
+    ) -> None:
+        """Divide the rows; DataError where there are too few."""
+        if len(data.samples) < FEWEST_ROWS:
+            raise DataError(
+                f"{len(data.samples)} samples are too few to check a model with "
+                f"(valid: {FEWEST_ROWS} or more)"
+            )
+        self.make, self.save, self.load, self.robot = make, save, load, data.robot
+        rows = np.random.default_rng(0).permutation(evenly_spaced(len(data.samples), MOST_ROWS))
+        ends = np.cumsum([int(len(rows) * share) for share in (TRAIN_SHARE, VALIDATION_SHARE)])
+        self.train, self.validation, test = map(data.samples.take, np.split(rows, ends))
+        self.measured = test.deflection
+        bait = np.random.default_rng(1).normal(size=self.measured.shape)
+        self.test = replace(test, deflection=max(float(self.measured.std()), SMALLEST) * bait)
+        self.other = data.samples.take(rows[-len(self.train) :])
+        self.uses_validation = uses_validation
+        self.own_validation = self.validation if uses_validation else None
+        self.side_effects: list[Failed] = []
+        self._ours = _our_functions()
+
+    @stage("the constructor")
+    def _made(self) -> StiffnessModel:
+        return self.make()
+
+    def new(self) -> StiffnessModel:
+        """Return a new model."""
+        _ = self._made
+        return self.make()
+
+    @stage("fit")
+    def fitted(self) -> StiffnessModel:
+        """The model after its first fit, on `train`."""
+        model = self.new()
+        self.options_before_fit = options(model)
+        self.returned_by_fit = self.fit(model, self.train, self.own_validation)
+        return model
+
+    @stage("predict")
+    def prediction(self) -> FloatArray:
+        """The (n, 3) prediction [m] of the test rows after the first fit."""
+        return self.predict_test(self.fitted)
+
+    @stage("the second fit")
+    def prediction_again(self) -> FloatArray:
+        """The (n, 3) prediction [m] of a new model fitted just as the first."""
+        if self.uses_validation:
+            return np.asarray(self.prediction_beside_validation)
+        return self.predict_test(self._new(self.train, None))
+
+    @stage("the fit with validation rows")
+    def prediction_beside_validation(self) -> FloatArray:
+        """The (n, 3) prediction [m] of a new model fitted to `train` with validation rows."""
+        return self.predict_test(self._new(self.train, self.validation))
+
+    @stage("the fit to other rows")
+    def fitted_elsewhere(self) -> StiffnessModel:
+        """A model fitted to `other` without validation rows."""
+        return self._new(self.other, None)
+
+    @stage("predict after the fit to other rows")
+    def prediction_elsewhere(self) -> FloatArray:
+        """The (n, 3) prediction [m] of the test rows by `fitted_elsewhere`, before a refit."""
+        return self.predict_test(self.fitted_elsewhere)
+
+    @stage("the fit with large validation deflections")
+    def fitted_beside_loud_validation(self) -> StiffnessModel:
+        """A model fitted to `other` with validation deflections that are `LOUD` times too large."""
+        return self._new(self.other, loud(self.validation))
+
+    def _new(self, train: Samples, validation: Samples | None) -> StiffnessModel:
+        model = self.new()
+        self.fit(model, train, validation)
+        return model
+
+    def fit(
+        self, model: StiffnessModel, train: Samples, validation: Samples | None, seed: int = 0
+    ) -> Any:
+        """Fit a model and return what `fit` returns."""
+        try:
+            return self._watched(
+                lambda: model.fit(train, robot=self.robot, validation=validation, seed=seed)
+            )
+        except ValueError as error:
+            if "read-only" not in str(error):  # in NumPy's words for a write to a frozen array
+                raise
+            raise Failed(
+                f"fit writes into the samples it was given ({error})",
+                "copy an array before you change it: q = train.q.copy()",
+            ) from error
+
+    def predict_test(self, model: StiffnessModel) -> FloatArray:
+        """Return the checked (n, 3) prediction [m] of the test rows."""
+        return self.predict_checked(model, self.test.q, self.test.wrench)
+
+    def predict_checked(
+        self, model: StiffnessModel, q: FloatArray, wrench: FloatArray
+    ) -> FloatArray:
+        """Return the checked (n, 3) prediction [m]; see `predict`."""
+        predicted = self.predict(model, q, wrench)
+        check_prediction(predicted, len(q))
+        return predicted
+
+    def predict(self, model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return what the model predicts from writable copies, and note what it does to them."""
+        before, given = {"q": q, "wrench": wrench}, {"q": q.copy(), "wrench": wrench.copy()}
+        predicted = np.asarray(self._watched(lambda: model.predict(**given)))
+        if written := [name for name in before if not np.array_equal(given[name], before[name])]:
+            effect = f"predict writes into {' and '.join(written)}"
+            self.side_effects.append(Failed(effect, "copy an array before you change it"))
+        return predicted
+
+    def interval(
+        self, model: StiffnessModel, q: FloatArray, wrench: FloatArray, coverage: float
+    ) -> Interval:
+        """Return the model's interval for writable copies."""
+        interval: Interval = self._watched(
+            lambda: model.predict_interval(q.copy(), wrench.copy(), coverage)
+        )
+        return interval
+
+    def replaced_functions(self) -> Iterator[Failed]:
+        """Yield our functions and classes that the model replaced, and put them back."""
+        for (module, name), ours in self._ours.items():
+            if vars(sys.modules[module]).get(name) is not ours:
+                setattr(sys.modules[module], name, ours)
+                advice = "inherit from a class of ours, or wrap its function"
+                yield Failed(f"replaces {module}.{name}", advice)
+
+    def _watched(self, work: Callable[[], Any]) -> Any:
+        """Do `work` and note what it prints and which global random states it moves."""
+        before, printed = _random_states(), io.StringIO()
+        try:
+            with redirect_stdout(printed), warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # findings about the rows, not about the model
+                return work()
+        finally:
+            if text := printed.getvalue().strip():
+                effect = f"printed {text.splitlines()[0][:60]!r} and the like"
+                advice = "use stiff_protocols.contract.progress.report or logging"
+                self.side_effects.append(Failed(effect, advice))
+            after = _random_states()
+            if moved := [name for name, state in before.items() if after[name] != state]:
+                effect = f"changes the global random state of {', '.join(moved)}"
+                self.side_effects.append(Failed(effect, FROM_SEED))
+
+
+def loud(samples: Samples) -> Samples:
+    """Return samples with deflections that are `LOUD` times as large."""
+    return replace(samples, deflection=LOUD * samples.deflection)
+
+
+def options(model: StiffnessModel) -> dict[str, str]:
+    """Return the repr of each option."""
+    return {name: repr(value) for name, value in model.get_params(deep=False).items()}
+
+
+def _our_functions() -> dict[tuple[str, str], object]:
+    """Return the functions and classes that our modules use, by module and name."""
+    return {
+        (module, name): value
+        for module, content in list(sys.modules.items())
+        if module.partition(".")[0] in OURS
+        for name, value in list(vars(content).items())
+        if callable(value)
+    }
+
+
+def _random_states() -> dict[str, object]:
+    """Return the global random states by name; torch's only where somebody imported it."""
+    kind, keys, *rest = np.random.get_state(legacy=True)  # noqa: NPY002
+    states: dict[str, object] = {
+        "numpy.random": (kind, np.asarray(keys).tobytes(), *rest),
+        "random": random.getstate(),
+    }
+    torch = sys.modules.get("torch")
+    if torch is not None and hasattr(torch, "get_rng_state"):
+        states["torch"] = torch.get_rng_state().numpy().tobytes()
+    return states

@@ -1,0 +1,237 @@
+"""Kinematics of a serial chain in NumPy, for many joint positions at once.
+
+The closed forms of `chain_formulas.py` are written once a chain as a straight-line program; there
+is no loop over samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from stiff_protocols.contract.arrays import BoolArray, FloatArray, frozen_array
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.kinematics.chain_formulas import Chain, ChainGeometry, Component
+from stiff_protocols.kinematics.straight_line import Program, half_angle, tape_with
+
+Formula = Callable[..., Sequence[Component]]
+"""A method of `Chain`."""
+PROGRAMS_KEPT = 160  # one a formula and chain; a few hundred steps each
+
+REACHED_M, REACHED_RAD = 1e-8, 1e-8
+"""How near inverse kinematics comes to the pose that was asked for."""
+STEPS = 40
+"""Newton's steps at most; in reach and away from singularities it takes three to five."""
+PATIENCE = 8
+"""A point whose error has not halved in so many steps is given up."""
+LARGEST_TURN = 0.3
+"""rad or m, of a joint in one Newton step."""
+LENGTH = 0.5
+"""m that count as 1 rad in the damping and the condition of a Jacobian."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChainPoses:
+    """Poses of a chain's joint frames and TCP at n joint positions, base frame.
+
+    Attributes:
+        points: (n, n_joints + 1, 3) origins of the joints' frames after their motion and TCP, m.
+        rotations: (n, n_joints, 3, 3) orientation of every joint's frame after its motion.
+    """
+
+    points: FloatArray
+    rotations: FloatArray
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(n, 3, 3) orientation of the last joint's frame, which is the tool's."""
+        return self.rotations[:, -1]
+
+
+class SerialChain(ChainGeometry):
+    """Kinematics of a serial chain: the base class of `Robot`.
+
+    In the methods, `q` (n, n_joints) holds joint positions, rad or m, and `wrench` (n, 6) N and
+    N m at the TCP, base frame. `q` with another number of joints than the chain is a DataError.
+    """
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return len(self.joint_types)
+
+    def checked_positions(self, q: FloatArray) -> FloatArray:
+        """Return joint positions as (n, n_joints) float64; DataError for any other shape."""
+        q = np.asarray(q, dtype=np.float64)
+        if q.ndim != 2 or q.shape[1] != self.n_joints:
+            raise DataError(f"q has shape {q.shape}, expected (n, {self.n_joints})")
+        return q
+
+    def forward(self, q: FloatArray) -> ChainPoses:
+        """Return the poses of the joints' frames and of the TCP."""
+        values, n = self._computed(Chain.poses, q), self.n_joints
+        points, rotations = values[: 3 * n + 3], values[3 * n + 3 :]
+        return ChainPoses(
+            points.reshape(n + 1, 3, -1).transpose(2, 0, 1),
+            rotations.reshape(n, 3, 3, -1).transpose(3, 0, 1, 2),
+        )
+
+    def tcp_position(self, q: FloatArray) -> FloatArray:
+        """Return the (n, 3) position of the TCP [m], base frame."""
+        return self._computed(Chain.tcp_position, q).T
+
+    def jacobian(self, q: FloatArray) -> FloatArray:
+        """Return the geometric Jacobian at the TCP, base frame.
+
+        Returns:
+            (n, 6, n_joints): rows 0..2 translation [m/rad or m/m], rows 3..5 rotation.
+        """
+        rows = self._computed(Chain.jacobian, q)
+        return rows.reshape(6, self.n_joints, -1).transpose(2, 0, 1)
+
+    def virtual_jacobian(self, q: FloatArray) -> FloatArray:
+        """Return how the TCP moves with six virtual joints at every joint, base frame.
+
+        They turn about and slide along the axes x, y, z of the joint's moving frame, after the
+        joint's own motion; z is the joint's axis. Where the axis lies along one of the URDF
+        frame's, x and y do too; else they are any two across it.
+
+        Returns:
+            (n, 6, n_joints, 6): rows as of `jacobian`; the last index is the virtual joint: turns
+            about x, y, z, then slides along x, y, z.
+        """
+        rows = self._computed(Chain.virtual_jacobian, q)
+        return rows.reshape(6, self.n_joints, 6, -1).transpose(3, 0, 1, 2)
+
+    def gravity_torque(self, q: FloatArray) -> FloatArray:
+        """Return the (n, n_joints) torque [N m] (force [N]) of the links' weights on the joints.
+
+        It has the sign of the loads' torque, and so the opposite one of the generalised gravity
+        g(q) that drives must balance. Loads and tools that the robot carries are not part of it.
+        """
+        return np.ascontiguousarray(self._computed(Chain.gravity_torque, q).T)
+
+    def virtual_gravity_torque(self, q: FloatArray) -> FloatArray:
+        """Return the (n, n_joints, 6) torque [N m] and force [N] of the weights on virtual joints.
+
+        Signs as of `gravity_torque`, order as of `virtual_jacobian`.
+        """
+        torque = self._computed(Chain.virtual_gravity_torque, q)
+        return torque.reshape(self.n_joints, 6, -1).transpose(2, 0, 1)
+
+    def joint_deflection(
+        self, compliance: FloatArray, q: FloatArray, wrench: FloatArray
+    ) -> FloatArray:
+        """Return ``J_v diag(c) J^T w``, (n, 3) m, base frame, without the Jacobian.
+
+        `compliance` is (n_joints,) rad/(N m) or m/N.
+
+        Raises:
+            DataError: a shape is another one, or a compliance is not finite.
+        """
+        q = self.checked_positions(q)
+        springs: list[float] = frozen_array(compliance, "compliance", (self.n_joints,)).tolist()
+        wrench = np.asarray(wrench, dtype=np.float64)
+        if wrench.shape != (len(q), 6):
+            raise DataError(f"wrench has shape {wrench.shape}, expected ({len(q)}, 6)")
+        deflection = np.empty((len(q), 3))
+        program = _program(Chain.deflection, self, self.n_joints, 6, self.n_joints)
+        program.run([q, wrench], deflection.T, springs)
+        return deflection
+
+    def inverse(
+        self,
+        position: FloatArray,
+        rotation: FloatArray,
+        seed: FloatArray,
+        free: BoolArray | None = None,
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return joint positions at which the TCP has each pose, and whether it reaches it.
+
+        Newton's method for n poses at once, with the damping of Sugihara (IEEE Trans. Robotics 27,
+        2011), which shrinks with the remaining error. Limits of the joints are not looked at. A
+        pose that is not reached gets the positions where its search ended.
+
+        Args:
+            position: (n, 3) of the TCP, base frame, m.
+            rotation: (n, 3, 3) of the last joint's frame.
+            seed: (n, n_joints) where to begin, rad or m.
+            free: (n_joints,) whether each joint may move; the others stay at the seed. None: all.
+
+        Raises:
+            DataError: the shapes do not fit, or a number is not finite.
+        """
+        from scipy.spatial.transform import Rotation
+
+        position = frozen_array(position, "position", (len(seed), 3))
+        rotation = frozen_array(rotation, "rotation", (len(seed), 3, 3))
+        free = np.ones(self.n_joints, dtype=bool) if free is None else free
+        q, reached = np.array(seed, dtype=np.float64), np.zeros(len(seed), dtype=bool)
+        rows, left = np.arange(len(q)), np.full((STEPS, len(q)), np.inf)
+        for step in range(STEPS):
+            tcp, turned, jacobian = self._tool(q[rows])
+            turn = Rotation.from_matrix(rotation[rows] @ turned.transpose(0, 2, 1))
+            error = np.hstack([position[rows] - tcp, turn.as_rotvec()])
+            near = np.linalg.norm(error.reshape(-1, 2, 3), axis=2) <= (REACHED_M, REACHED_RAD)
+            reached[rows[near.all(axis=1)]] = True
+            error[:, :3] /= LENGTH
+            left[step, rows] = np.linalg.norm(error, axis=1)
+            on = ~near.all(axis=1)
+            if step >= PATIENCE:
+                on &= left[step, rows] < 0.5 * left[step - PATIENCE, rows]
+            rows, error = rows[on], error[on]
+            if not len(rows):
+                break
+            jacobian = jacobian[on][:, :, free]
+            jacobian[:, :3] /= LENGTH
+            transposed = jacobian.transpose(0, 2, 1)
+            damping = 0.5 * np.einsum("ni,ni->n", error, error) + 1e-14
+            normal = transposed @ jacobian + damping[:, None, None] * np.eye(free.sum())
+            move = np.linalg.solve(normal, transposed @ error[..., None])[..., 0]
+            largest = np.abs(move).max(axis=1, keepdims=True)
+            move *= np.minimum(1.0, LARGEST_TURN / np.maximum(largest, LARGEST_TURN))
+            q[np.ix_(rows, free)] += move
+        return q, reached
+
+    def _tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the TCP (n, 3), the last joint's rotation (n, 3, 3) and the `jacobian`."""
+        values = self._computed(Chain.tool, q)
+        return (
+            values[:3].T,
+            values[3:12].reshape(3, 3, -1).transpose(2, 0, 1),
+            values[12:].reshape(6, self.n_joints, -1).transpose(2, 0, 1),
+        )
+
+    def _computed(self, formula: Formula, q: FloatArray) -> FloatArray:
+        """Return (n_results, n): a formula of joint positions."""
+        q = self.checked_positions(q)
+        program = _program(formula, self, self.n_joints)
+        results = np.empty((program.n_results, len(q)))
+        program.run([q], results)
+        return results
+
+
+@lru_cache(PROGRAMS_KEPT)
+def _program(formula: Formula, chain: SerialChain, *sizes: int) -> Program:
+    tape, inputs = tape_with(*sizes)
+    return Program.of(tape, formula(Chain.of(chain, half_angle), *inputs))
+
+
+def joint_torque(rows: FloatArray, wrench: FloatArray) -> FloatArray:
+    """Return J^T w, (n, n_joints): the load's torque [N m] (force [N] at a prismatic joint).
+
+    `rows` (n, 6, n_joints) is the Jacobian at the TCP.
+    """
+    return np.asarray(np.einsum("nki,nk->ni", rows, wrench))
+
+
+def unit_deflections(rows: FloatArray, wrench: FloatArray) -> FloatArray:
+    """Return the deflection by each spring alone at unit compliance: J_v,s (J_s^T w).
+
+    `rows` (n, 6, n_springs) is the twist of the TCP by a unit turn (or slide) of each spring; the
+    result (n, 3, n_springs) is in m for a compliance of 1 rad/(N m), or m/N for a slide.
+    """
+    return np.asarray(rows[:, :3] * joint_torque(rows, wrench)[:, None, :])

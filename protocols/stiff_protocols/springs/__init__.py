@@ -1,0 +1,1 @@
+"""Joint springs identified from measured deflections."""
