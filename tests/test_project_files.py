@@ -50,7 +50,7 @@ def test_an_issue_form_asks_questions_that_must_be_answered(form):
 
 def test_the_fitted_attributes_that_the_form_of_a_model_asks_for_are_in_the_contract():
     form = (TOP / ".github" / "ISSUE_TEMPLATE" / "new_model.yml").read_text("utf-8")
-    contract = TOP / "protocols" / "stiff_protocols" / "contract" / "interfaces.py"
+    contract = TOP / "protocols" / "stiff_protocols" / "contract" / "stiffness_model.py"
     named = set(re.findall(r"`(\w+_)`", form))
     assert named and named <= set(re.findall(r"\b(\w+_): ", contract.read_text("utf-8")))
 

@@ -14,6 +14,7 @@ from stiff_bench.plan.cells import CellTask
 from stiff_bench.run.cell import compute_cell
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import FloatArray, IntArray, Samples
 
 CALLS = ("fit", "predict", "predict_interval")
@@ -94,7 +95,7 @@ def computed_under_seal(task: CellTask) -> CellResult:
     with pytest.MonkeyPatch.context() as patch:
         for cls in classes:
             for name in CALLS:
-                if hasattr(cls, name):
+                if offers(cls, name):
                     patch.setattr(cls, name, seal.guarded(cls, name))
         result = compute_cell(replace(task, data=replace(task.data, samples=samples)), "r")
     # else nothing was scored, or it was scored on something else

@@ -77,5 +77,7 @@ def read_toml(
     except OSError as problem:
         reason = problem.strerror or problem
         raise error(f"{named or path}: cannot be read: {reason}") from problem
-    except (ValueError, RecursionError) as problem:
+    except RecursionError as problem:
+        raise error(f"{named or path}: not TOML: nested too deeply") from problem
+    except ValueError as problem:
         raise error(f"{named or path}: not TOML: {problem}") from problem

@@ -152,7 +152,7 @@ def test_a_file_that_changed_or_went_since_must_be_registered_again(csv):
             'urdf_sha256 = ""\n',
             r"three lengths in m",
         ),
-        (f"a = {'[' * 999}{']' * 999}\n", "not TOML: more than 16"),
+        (f"a = {'[' * 999}{']' * 999}\n", "not TOML: nested too deeply"),
         (f"a = {'9' * 5000}\n", "not TOML: .*4300 digits"),
     ],
 )
