@@ -14,7 +14,6 @@ import numpy as np
 
 from stiff_bench.console import say
 from stiff_bench.run.progress import display
-from stiff_datasets.measured.extrapolation import RowsBeyond
 from stiff_datasets.measured.path_file import (
     LoadFrame,
     PathTable,
@@ -24,14 +23,10 @@ from stiff_datasets.measured.path_file import (
     path_table,
     tool_of,
 )
-from stiff_datasets.measured.sample_checks import Problem, problems_error
-from stiff_datasets.measured.sample_files import (
-    MM_PER_M,
-    Sheet,
-    file_units,
-    read_sheets,
-    write_table,
-)
+from stiff_datasets.measured.row_checks import Problem, problems_error
+from stiff_datasets.measured.rows_beyond_training import RowsBeyond
+from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
+from stiff_datasets.measured.sheet_files import Sheet, read_sheets, write_table
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.interfaces import PredictsAtTcp, interval_at_tcp, tcp_deflection
 from stiff_protocols.contract.progress import report

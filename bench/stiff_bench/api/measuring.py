@@ -17,8 +17,8 @@ from stiff_bench.console import say
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import RobotWords, measured_file
 from stiff_bench.run.progress import display
-from stiff_datasets.measured import registered
-from stiff_datasets.measured import validate as validation
+from stiff_datasets.measured import kr10_measured
+from stiff_datasets.measured import validation_report as validation
 from stiff_datasets.measured.file_options import POSE_TOLERANCE, FileOptions
 from stiff_datasets.planning.design import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
@@ -255,7 +255,7 @@ def register(
     x, y, z = default if tcp is None else tcp
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StiffBenchWarning)
-        place = registered.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
+        place = kr10_measured.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
     report = validate(csv, urdf=urdf, tcp=tcp, tip=tip, **stated)
     read = [str(warning.message).removeprefix(f"{csv.absolute()}: ") for warning in caught]
     messages = dict.fromkeys([*read, *(finding.message for finding in report.warnings)])

@@ -23,7 +23,7 @@ from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import left_out_errors, whole_fit
 from stiff_bench.tables.fit_notes import springs_table
 from stiff_bench.tables.render import plain_text
-from stiff_datasets.measured.extrapolation import RowsBeyond
+from stiff_datasets.measured.rows_beyond_training import RowsBeyond
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from stiff_datasets.measured.load_file import interval_columns
-from stiff_datasets.measured.sample_checks import (
+from stiff_datasets.measured.row_checks import (
     FULL_TURN_RAD,
     LARGEST_NUMBER,
     NO_TORQUE,
@@ -34,17 +34,15 @@ from stiff_datasets.measured.sample_checks import (
     range_problems,
     table_problems,
 )
-from stiff_datasets.measured.sample_files import (
+from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     MM_PER_M,
     TORQUE_COLUMNS,
     WRENCH_COLUMNS,
-    Sheet,
     file_units,
     joint_columns,
-    read_sheets,
-    write_table,
 )
+from stiff_datasets.measured.sheet_files import Sheet, joined, read_sheets, write_table
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot, frozen_array
 from stiff_protocols.paths.compensation import Compensation
@@ -148,15 +146,11 @@ def overview(path: Path, rows: int, sheet_name: str | None = None) -> tuple[Shee
         rows: of a block.
         sheet_name: of an Excel file; None: the only one that holds a table.
     """
-    blocks = read_sheets(path, rows, sheet_name)
-    first = next(blocks)
-    cells, lines, n = [first.cells], [first.lines], len(first.cells)
-    for block in blocks:
-        cells.append(block.cells.iloc[::SPARSE])
-        lines.append(block.lines[::SPARSE])
-        n += len(block.cells)
-    together = pd.concat(cells, ignore_index=True)
-    return replace(first, cells=together, lines=np.concatenate(lines)), n
+    parts, n = [], 0
+    for block in read_sheets(path, rows, sheet_name):
+        parts.append(block.take(slice(None, None, SPARSE)) if n else block)
+        n += len(block.lines)
+    return joined(parts), n
 
 
 def path_table(

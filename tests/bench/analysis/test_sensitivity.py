@@ -12,7 +12,7 @@ from helpers.command_line import assert_refused, bench_here
 from stiff_bench.analysis.sensitivity import Mistake, mean_error
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.units import MM
-from stiff_datasets.measured.sample_files import sample_table, write_table
+from stiff_datasets.measured.sheet_files import sample_table, write_table
 from stiff_protocols.contract.errors import ConfigError
 
 pytestmark = pytest.mark.slow

@@ -19,7 +19,7 @@ from helpers.made_samples import samples_with
 from stiff_bench.analysis.path_correction import CorrectedPath
 from stiff_bench.api.path import compensate_path, example_path
 from stiff_datasets.measured.path_file import path_table, tool_of
-from stiff_datasets.measured.sample_files import read_sheet
+from stiff_datasets.measured.sheet_files import read_sheet
 from stiff_datasets.robots.shipped_robots import shipped_robots
 from stiff_protocols.contract.errors import (
     ConfigError,

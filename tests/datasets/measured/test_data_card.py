@@ -6,8 +6,8 @@ import pytest
 
 from helpers.made_samples import CSV_HEADER, CSV_ROW
 from stiff_datasets.measured.data_card import DataCard, read_card
-from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.validate import validate
+from stiff_datasets.measured.sample_file import read_samples
+from stiff_datasets.measured.validation_report import validate
 from stiff_protocols.contract.errors import DataError
 
 

@@ -23,9 +23,9 @@ from planted_faults import (
     rows_ten_times,
     scaled,
 )
-from stiff_datasets.measured.data_checks import find_change, find_outliers
 from stiff_datasets.measured.diagnosis import diagnose
-from stiff_datasets.measured.hypotheses import reading
+from stiff_datasets.measured.mistakes import reading
+from stiff_datasets.measured.odd_rows import find_change, find_outliers
 from stiff_datasets.twin.kr10_twin import Kr10TwinRough
 
 QUICK = ["wrench of opposite sign", "forces in kg", "joint 3 off by -90 deg", *WRONG_TCP]

@@ -12,17 +12,14 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from helpers.made_robots import planar_arm
-from stiff_datasets.measured.measured import read_samples, samples_of
-from stiff_datasets.measured.sample_checks import check_sheet
-from stiff_datasets.measured.sample_files import (
+from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     WRENCH_COLUMNS,
     all_columns,
-    read_sheet,
-    sample_table,
-    write_table,
 )
+from stiff_datasets.measured.sample_file import check_sheet, read_samples, samples_of
+from stiff_datasets.measured.sheet_files import read_sheet, sample_table, write_table
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.types import COLUMNS, Robot, Samples
 

@@ -13,9 +13,9 @@ import stiffbench as sb
 from helpers.command_line import LEAVES, bench_here
 from helpers.made_samples import assert_no_pose_is_parted
 from stiff_datasets.measured.file_options import FileOptions
-from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.sample_checks import check_sheet, linked_rows
-from stiff_datasets.measured.sample_files import read_sheet, sample_table
+from stiff_datasets.measured.row_checks import linked_rows
+from stiff_datasets.measured.sample_file import check_sheet, read_samples
+from stiff_datasets.measured.sheet_files import read_sheet, sample_table
 from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchWarning
 from stiff_protocols.contract.types import BenchmarkData
 from stiff_protocols.splits.random_splits import Holdout

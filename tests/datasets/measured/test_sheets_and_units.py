@@ -10,9 +10,9 @@ import stiffbench as sb
 from helpers.command_line import assert_refused, bench_here
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.load_file import read_loads
-from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.sample_files import sample_table
-from stiff_datasets.measured.validate import validate
+from stiff_datasets.measured.sample_file import read_samples
+from stiff_datasets.measured.sheet_files import sample_table
+from stiff_datasets.measured.validation_report import validate
 from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchWarning
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]

@@ -12,17 +12,17 @@ import pandas as pd
 import pytest
 
 from helpers.made_samples import samples_with
-from stiff_datasets.measured.data_checks import (
+from stiff_datasets.measured.file_options import FileOptions
+from stiff_datasets.measured.mistakes import reading
+from stiff_datasets.measured.odd_rows import (
     external_axis_findings,
     find_outliers,
     outlier_findings,
     range_findings,
 )
-from stiff_datasets.measured.file_options import FileOptions
-from stiff_datasets.measured.hypotheses import reading
-from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.sample_files import sample_table, sheet_of
-from stiff_datasets.measured.validate import validate
+from stiff_datasets.measured.sample_file import read_samples
+from stiff_datasets.measured.sheet_files import sample_table, sheet_of
+from stiff_datasets.measured.validation_report import validate
 from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_datasets.twin.robot_twin import ArmFamily
 from stiff_models.physics.vjm import identify_joints, joint_deflection

@@ -13,8 +13,8 @@ from helpers.made_robots import planar_arm, track_lines, tree_urdf
 from helpers.made_samples import samples_with
 from stiff_datasets.measured.identifiability import identifiability, regressor
 from stiff_datasets.measured.load_file import Loads
-from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.sample_files import DEFLECTION_COLUMNS
+from stiff_datasets.measured.sample_columns import DEFLECTION_COLUMNS
+from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.planning.design import ProcessDesign, SpringDesign
 from stiff_datasets.planning.plan import (
     APART,

@@ -7,7 +7,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from stiff_datasets.measured.measured import read_samples
+from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.twin import simulate as module
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.simulate import simulate

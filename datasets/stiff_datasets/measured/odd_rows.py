@@ -13,16 +13,16 @@ from typing import Literal
 import numpy as np
 
 from stiff_datasets.measured.file_options import POSE_TOLERANCE
-from stiff_datasets.measured.hypotheses import Reading, compliances, normal_equations
 from stiff_datasets.measured.identifiability import unit_deflections
-from stiff_datasets.measured.sample_checks import linked_rows
-from stiff_datasets.measured.sample_files import (
+from stiff_datasets.measured.mistakes import Reading, compliances, normal_equations
+from stiff_datasets.measured.row_checks import linked_rows
+from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     MM_PER_M,
     WRENCH_COLUMNS,
-    Sheet,
     file_units,
 )
+from stiff_datasets.measured.sheet_files import Sheet
 from stiff_protocols.contract.identification import RANK_TOLERANCE
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 
@@ -100,7 +100,7 @@ class Finding:
     Attributes:
         level: "error": the file cannot be used; "warning": look at it; "fact": as it should be.
         message: one line, of a fact "name: value".
-        rows: row numbers in the file (see `stiff_datasets.measured.sample_files.Sheet`).
+        rows: row numbers in the file (see `stiff_datasets.measured.sheet_files.Sheet`).
     """
 
     level: Literal["error", "warning", "fact"]
@@ -121,7 +121,7 @@ def fact(name: str, value: str) -> Finding:
 def duplicate_findings(samples: Samples, near_poses: str, lines: IntArray) -> Iterator[Finding]:
     """Find poses that have two names, samples that stand twice and deflections that were copied.
 
-    `near_poses` describes the poses of two names (see `sample_checks.CheckedSamples`).
+    `near_poses` describes the poses of two names (see `sample_file.CheckedSamples`).
     """
     if near_poses:
         yield warning(near_poses)

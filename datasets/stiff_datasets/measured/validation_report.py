@@ -12,7 +12,18 @@ from typing import Literal
 import numpy as np
 
 from stiff_datasets.measured.data_card import DataCard, read_card
-from stiff_datasets.measured.data_checks import (
+from stiff_datasets.measured.diagnosis import (
+    CLEARLY,
+    UNUSUAL,
+    Diagnosis,
+    Fit,
+    clearly_negative,
+    diagnose,
+    softness,
+)
+from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
+from stiff_datasets.measured.mistakes import Reading, compliances, reading
+from stiff_datasets.measured.odd_rows import (
     FEWEST_SAMPLES,
     Change,
     Finding,
@@ -27,27 +38,15 @@ from stiff_datasets.measured.data_checks import (
     repeat_findings,
     warning,
 )
-from stiff_datasets.measured.diagnosis import (
-    CLEARLY,
-    UNUSUAL,
-    Diagnosis,
-    Fit,
-    clearly_negative,
-    diagnose,
-    softness,
-)
-from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
-from stiff_datasets.measured.hypotheses import Reading, compliances, reading
-from stiff_datasets.measured.sample_checks import (
-    LIMIT_SLACK,
+from stiff_datasets.measured.row_checks import LIMIT_SLACK, Problem, row_ranges
+from stiff_datasets.measured.sample_columns import MM_PER_M, file_units, joint_columns
+from stiff_datasets.measured.sample_file import (
     SMALL_UNITS,
     USUAL_DEFLECTION_MM,
     CheckedSamples,
-    Problem,
     check_sheet,
-    row_ranges,
 )
-from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns, read_sheet
+from stiff_datasets.measured.sheet_files import read_sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.identification import Identified, identify, typical_joints
 from stiff_protocols.contract.robot import STANDARD_GRAVITY

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from stiff_datasets.measured.identifiability import unit_deflections
-from stiff_datasets.measured.sample_files import DEG_PER_RAD
+from stiff_datasets.measured.sample_columns import DEG_PER_RAD
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, IntArray, Robot
 

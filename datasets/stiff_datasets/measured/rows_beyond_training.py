@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stiff_datasets.measured.sample_columns import counted, file_units, joint_columns
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, Robot
 
@@ -57,8 +58,6 @@ class RowsBeyond:
 
     def _beyond(self) -> Iterator[str]:
         """Yield the farthest value of each quantity that lies beyond the range."""
-        from stiff_datasets.measured.sample_files import file_units, joint_columns  # pandas
-
         units = np.r_[file_units(self.robot), 1.0, 1.0]
         lower, upper = (end * units for end in self.training_range.ends)
         far = self.training_range.are_beyond(self.ends)
@@ -76,15 +75,12 @@ class RowsBeyond:
         if self.n_gap_poses:
             unit, factor = ("deg", 180.0 / np.pi) if self.robot.turns.all() else ("rad and m", 1.0)
             yield (
-                f"pose-gap in {_rows(self.n_gap_poses)} (up to {factor * self.gap_pose:.3g} {unit} "
-                f"from the nearest training pose, usual: {factor * usual_pose:.3g})"
+                f"pose-gap in {counted(self.n_gap_poses, 'row')} (up to "
+                f"{factor * self.gap_pose:.3g} {unit} from the nearest training pose, usual: "
+                f"{factor * usual_pose:.3g})"
             )
         if self.n_gap_loads:
             yield (
-                f"load-gap in {_rows(self.n_gap_loads)} (direction up to {self.gap_load:.2g} from "
-                f"the nearest training load, usual: {usual_load:.2g})"
+                f"load-gap in {counted(self.n_gap_loads, 'row')} (direction up to "
+                f"{self.gap_load:.2g} from the nearest training load, usual: {usual_load:.2g})"
             )
-
-
-def _rows(number: int) -> str:
-    return "1 row" if number == 1 else f"{number} rows"

@@ -13,8 +13,8 @@ import pytest
 
 from helpers.made_samples import CSV_HEADER as HEADER
 from helpers.made_samples import CSV_ROW as GOOD
-from stiff_datasets.measured import registered
-from stiff_datasets.measured.registered import Kr10Measured, missing, register, registry_file
+from stiff_datasets.measured import kr10_measured
+from stiff_datasets.measured.kr10_measured import Kr10Measured, missing, register, registry_file
 from stiff_protocols.contract.errors import ConfigError, DataError
 
 KEY = "kr10-measured"
@@ -137,20 +137,20 @@ def test_a_file_that_changed_or_went_since_must_be_registered_again(csv):
     [
         ("[kr10-measured\n", "not TOML"),
         ("caf\xe9 = 1\n", "not TOML"),
-        ("kr10-measured = 3\n", r"table \[kr10-measured\] is 3"),
-        ('[kr10-measured]\ncsv = "a.csv"\n', r"table \[kr10-measured\] is .* expected csv, urdf"),
+        ("kr10-measured = 3\n", r"table \[kr10-measured\]: .*; register again"),
+        ('[kr10-measured]\ncsv = "a.csv"\n', r"table \[kr10-measured\]: tcp: .*; sha256: "),
         (
             '[kr10-measured]\ncsv = "a.csv"\nurdf = ""\ntcp = [0.0, 0.0]\nsha256 = "0"\n',
-            r"three lengths in m",
+            r"tcp.2: ",
         ),
         (
             '[kr10-measured]\ncsv = "a.csv"\ntcp = [0.0, 0.0, 0.0]\nsha256 = "0"\nurdf = 1\n',
-            r"urdf \(empty: the shipped robot\)",
+            r"urdf: ",
         ),
         (
             f'[kr10-measured]\ncsv = "a"\nurdf = ""\ntcp = [0, 0, {"9" * 400}]\nsha256 = "0"\n'
             'urdf_sha256 = ""\n',
-            r"three lengths in m",
+            r"tcp.2: ",
         ),
         (f"a = {'[' * 999}{']' * 999}\n", "not TOML: more than 16"),
         (f"a = {'9' * 5000}\n", "not TOML: .*4300 digits"),
@@ -175,12 +175,12 @@ def test_the_environment_variable_or_the_platform_names_the_folder(monkeypatch, 
     users = platformdirs.user_data_path("stiffbench")
     for value, folder in (("~/mine", tmp_path / "mine"), ("/a", Path("/a")), ("", users)):
         monkeypatch.setenv("STIFFBENCH_HOME", value)
-        assert registered.home() == folder and not folder.exists()
+        assert kr10_measured.home() == folder and not folder.exists()
     monkeypatch.delenv("STIFFBENCH_HOME")
-    assert registered.home() == users
+    assert kr10_measured.home() == users
 
 
-def test_a_folder_that_cannot_be_made_is_named_with_the_way_out(tmp_path):
-    (tmp_path / "taken").write_text("a file")
-    with pytest.raises(DataError, match=r"taken.sub: cannot be made: .*STIFFBENCH_HOME"):
-        registered.make_folder(tmp_path / "taken" / "sub")
+def test_a_folder_that_cannot_be_made_is_named_with_the_way_out(csv, home):
+    home.write_text("a file")
+    with pytest.raises(DataError, match=r"home: cannot be made: .*STIFFBENCH_HOME"):
+        register(KEY, csv, None, TCP)

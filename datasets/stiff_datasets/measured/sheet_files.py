@@ -1,12 +1,8 @@
-"""Tables of measured samples as files, CSV, Excel or Parquet: the schema, reading and writing.
+"""Tables of samples as files, CSV, Excel or Parquet: reading their cells, and writing.
 
-Columns, one row a load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, fx_N, fy_N, fz_N,
-tx_Nm, ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` where joint 2 is prismatic). The wrench
-acts at the TCP; wrench and deflection are expressed in the robot base frame; a deflection is the
-loaded minus the unloaded position. In place of it a file may have both positions of the TCP,
-``x0_mm .. z0_mm`` (unloaded) and ``x1_mm .. z1_mm`` (loaded). Other names and units that people
-write are understood (`recognised`), as are a row of units below the header, semicolons or tabs with
-decimal commas, titles above the header, and lines that begin with ``#``.
+The columns are those of `sample_columns.py`. Other names and units that people write are
+understood, as are a row of units below the header, semicolons or tabs with decimal commas, titles
+above the header, and lines that begin with ``#``.
 """
 
 from __future__ import annotations
@@ -20,7 +16,6 @@ import re
 import sys
 import zipfile
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -29,99 +24,47 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchError
+from stiff_datasets.measured.sample_columns import (
+    DEFLECTION_COLUMNS,
+    ID_COLUMNS,
+    MM_PER_M,
+    NAMES,
+    UNITS,
+    WRENCH_COLUMNS,
+    file_units,
+    in_file_units,
+    joint_columns,
+    split_header,
+)
+from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import written_whole
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Robot, Samples
-
-ID_COLUMNS = ("pose_id", "load_id", "group")
-SIMULATED_GROUP = "simulated"
-"""The group of rows that `bench data simulate` wrote."""
-WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
-TORQUE_COLUMNS = WRENCH_COLUMNS[3:]
-DEFLECTION_COLUMNS = ("dx_mm", "dy_mm", "dz_mm")
-UNLOADED_COLUMNS = ("x0_mm", "y0_mm", "z0_mm")
-LOADED_COLUMNS = ("x1_mm", "y1_mm", "z1_mm")
-"""Positions of the TCP in place of its deflection."""
-MM_PER_M = 1000.0
-DEG_PER_RAD = 180.0 / np.pi
+from stiff_protocols.contract.types import (
+    BenchmarkData,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Robot,
+    Samples,
+)
 
 PARQUET, EXCEL = ".parquet", ".xlsx"
 """The endings of Parquet and Excel files; every other file is CSV."""
 LARGEST_EXCEL, MOST_EXCEL_ROWS = 2**27, 2**20
 """Bytes, unpacked; rows of a sheet, as Excel has it."""
-
 MOST_COLUMNS = 100
-"""More than any robot's joints need."""
+"""Of a Parquet file; more than any robot's joints need."""
 LONGEST_CELL = 100
 """Characters of a name or a number; an array of names is as wide as its longest."""
 LONGEST_LINE = 20_000
 """Characters; a line of 500,000 commas takes pandas seconds."""
 
-_JOINT_WORDS = (
-    *("joint", "jointangle", "jointposition", "axis", "axisangle", "angle"),
-    *("gelenk", "gelenkwinkel", "achse", "achswinkel", "achsenwinkel", "achsstellung", "winkel"),
-)
-_FORCE_WORDS = ("force", "kraft")
-_TORQUE_WORDS = ("torque", "moment", "drehmoment")
-_DEFLECTION_WORDS = (
-    *("deflection", "displacement", "deformation"),
-    *("auslenkung", "verformung", "verschiebung", "verlagerung"),
-)
-ALIASES = {
-    "pose": "pose_id",
-    "load": "load_id",
-    **{
-        f"{name}{i}": f"q{i}"
-        for word in ("", *_JOINT_WORDS)
-        for name in (word, *(f"{word}{letter}" for letter in ("a", "j", "q", "theta", "θ")))
-        if name not in ("", "q")
-        for i in range(1, 10)
-    },
-    **{
-        f"{name}{axis}": f"{kind}{axis}"
-        for kind, letters, words in (
-            ("f", ("f",), _FORCE_WORDS),
-            ("t", ("t", "m"), _TORQUE_WORDS),
-            ("d", ("d", "u", "delta", "δ"), _DEFLECTION_WORDS),
-        )
-        for name in (*letters, *words, *(f"{word}{letter}" for word in words for letter in letters))
-        if name != kind
-        for axis in "xyz"
-    },
-    **{
-        name: f"{axis}{number}"
-        for number, words in enumerate(
-            (("unloaded", "unbelastet", "ohnelast"), ("loaded", "belastet", "mitlast"))
-        )
-        for word in words
-        for axis in "xyz"
-        for name in (f"{axis}{word}", f"{word}{axis}")
-    },
-}
-"""What people call a column, in lower case, without its unit, blanks, hyphens and underscores."""
-UNITS = {
-    "deg": {"deg": 1.0, "degrees": 1.0, "grad": 1.0, "°": 1.0, "rad": DEG_PER_RAD},
-    "mm": {"mm": 1.0, "m": MM_PER_M, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "micron": 1e-3},
-    "N": {"n": 1.0, "kn": 1e3, "kg": 9.80665, "kgf": 9.80665},
-    "Nm": {"nm": 1.0, "knm": 1e3, "nmm": 1e-3},
-}
-"""Unit of our columns -> units that a header may name, in lower case -> factor to ours."""
-
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+", re.ASCII)
 """A number with thousands separators and decimals; 1.234 alone may be either."""
 MAYBE_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}", re.ASCII)
-_NAMES = {
-    *ID_COLUMNS,
-    *(f"{kind}{axis}" for kind in "ftd" for axis in "xyz"),
-    *(f"{axis}{number}" for axis in "xyz" for number in "01"),
-    *(f"q{i}" for i in range(1, 10)),
-}
 _HEADER_NAMES, _TITLE_ROWS = 3, 20
 """The header is the first row with three names of columns, among the first twenty rows."""
-DECIMALS = 10
-"""Numbers are written with so few decimals where that reads back as the same SI number."""
 _NO_UNIT = re.compile(r"[-\u2013\u2014]*")
 _UNITS_IN_ROW = 3
 """Fewest units of a row below the header that states the units of the columns."""
@@ -161,26 +104,42 @@ class Sheet:
         unused = [f"columns not used: {', '.join(self.unused)}"] if self.unused else []
         return [f"{self.path}: {line}" for line in (*self.notes, *unused)]
 
+    def take(self, rows: BoolArray | slice) -> Sheet:
+        """Return some of the rows."""
+        cells = self.cells[rows].reset_index(drop=True)
+        return replace(self, cells=cells, lines=self.lines[rows])
+
     def numbers(self, columns: tuple[str, ...]) -> FloatArray:
         """Return (n, len(columns)) the cells in our units, NaN where a cell is no finite number.
 
         Text is read as Python reads it, to the nearest floating point number; not every version
         of pandas promises that.
         """
-        values = [_numbers(self.cells[each], self.decimal, self._clear_signs) for each in columns]
+        doubtful = self._doubtful_signs
+        values = [
+            [_number(cell, self.decimal, doubtful) for cell in self.cells[column]]
+            for column in columns
+        ]
         factors = [self.factors.get(column, 1.0) for column in columns]
         return np.array(values, dtype=np.float64).T * factors
 
     @cached_property
-    def _clear_signs(self) -> str:
-        """Signs that mark decimals somewhere beyond doubt: a comma in 0,5, a point in 0.5.
-
-        "" where the file can have no decimal commas.
-        """
+    def _doubtful_signs(self) -> str:
+        """Signs that may mark decimals or thousands in this file, as in 1.234 where 0,5 is, too."""
         if self.decimal != ",":
             return ""
-        columns = self.cells.columns.difference([*ID_COLUMNS, "frame"])
-        return "".join({sign for name in columns for sign in _clear_signs(self.cells[name])})
+        names = [*ID_COLUMNS, "frame"]
+        columns = [cells for name, cells in self.cells.items() if name not in names]
+        texts = [cell for cells in columns for cell in cells if isinstance(cell, str)]
+        texts = [text for text in texts if _NUMBER.fullmatch(text.replace(",", "."))]
+        clear = {
+            sign
+            for sign in ".,"
+            if any(sign in text and not MAYBE_GROUPED.fullmatch(text) for text in texts)
+        }
+        has_comma = any("," in text for text in texts)
+        doubtful = "." if "," in clear or (has_comma and not clear) else ""
+        return doubtful + ("," if clear == {"."} else "")
 
     def recognised(self, columns: tuple[str, ...]) -> Sheet:
         """Return the sheet with columns named as in `columns`, the others set apart.
@@ -188,12 +147,12 @@ class Sheet:
         A column is recognised in any case, under the `ALIASES`, with another unit of `UNITS`
         behind its name or with none: ``A1``, ``q1 [rad]``, ``Fx[kN]``, ``dx_um``.
         """
-        usual = {_split(column)[0]: column for column in columns}
+        usual = {split_header(column)[0]: column for column in columns}
         kept: dict[int, str] = {}
         factors: dict[str, float] = {}
         odd_units: dict[str, tuple[str, ...]] = {}
         for i, header in enumerate(self.cells.columns):
-            name, unit = _split(header)
+            name, unit = split_header(header)
             column = usual.get(name, "")
             ours = column.rpartition("_")[2]
             ours = ours if ours in UNITS else ""
@@ -217,35 +176,6 @@ class Sheet:
         )
 
 
-def joint_columns(robot: Robot) -> tuple[str, ...]:
-    """Return the names of the joint columns, base to tip, with their units."""
-    units = {"revolute": "deg", "prismatic": "mm"}
-    return tuple(f"q{i + 1}_{units[kind]}" for i, kind in enumerate(robot.joint_types))
-
-
-def all_columns(robot: Robot) -> tuple[str, ...]:
-    """Return the names of all columns, in the order in which they are written."""
-    return (*ID_COLUMNS, *joint_columns(robot), *WRENCH_COLUMNS, *DEFLECTION_COLUMNS)
-
-
-def file_units(robot: Robot) -> FloatArray:
-    """Return (n_joints,) how many of the file's units make one rad or one m."""
-    return np.where(robot.turns, DEG_PER_RAD, MM_PER_M)
-
-
-def _split(header: str) -> tuple[str, str]:
-    """Return the usual name of a column without its unit, and the unit, "" for none."""
-    known = "|".join(unit for units in UNITS.values() for unit in units)
-    header = re.sub(r"\.\d+$", "", header)  # pandas numbers a name that stands twice
-    text = re.sub(r"n[ ·⋅*]m", "nm", header.strip().lower())
-    unit = rf"[\[(]\s*(.*?)\s*[\])]|(?:/\s*|\s+in\s+|[\s_])({known})"
-    match = re.fullmatch(rf"(.+?)[\s_]*(?:{unit})?", text)
-    name, bracketed, bare = match.groups() if match else (text, None, None)
-    name = re.sub(r"[\s_-]", "", name)
-    name = {"poseid": "pose_id", "loadid": "load_id"}.get(name, name)
-    return ALIASES.get(name, name), bracketed or bare or ""
-
-
 def read_sheet(path: Path, sheet: str | None = None) -> Sheet:
     """Read a CSV, Excel or Parquet file as it is.
 
@@ -258,8 +188,7 @@ def read_sheet(path: Path, sheet: str | None = None) -> Sheet:
         ConfigError: the package that reads Excel or Parquet is not installed; or the file has
             other sheets, or several sheets with tables and none is named.
     """
-    (whole_file,) = read_sheets(path, sys.maxsize, sheet)
-    return whole_file
+    return joined(read_sheets(path, sys.maxsize, sheet))
 
 
 def read_sheets(path: Path, rows: int, sheet: str | None = None) -> Generator[Sheet]:
@@ -279,11 +208,28 @@ def read_sheets(path: Path, rows: int, sheet: str | None = None) -> Generator[Sh
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
+def joined(blocks: Iterable[Sheet]) -> Sheet:
+    """Return one sheet with the rows of all blocks of a file."""
+    first, *others = blocks
+    if not others:
+        return first
+    cells = pd.concat([first.cells, *(block.cells for block in others)], ignore_index=True)
+    lines = np.concatenate([first.lines, *(block.lines for block in others)])
+    return replace(first, cells=cells, lines=lines)
+
+
+def sheet_of(path: Path, table: pd.DataFrame) -> Sheet:
+    """Return the sheet of a table that stands for the file `path`."""
+    cells = _named(table.astype(object).rename(columns=str), strip=False)
+    first = 1 if path.suffix == PARQUET else 2
+    return Sheet(path, cells, np.arange(len(cells), dtype=np.int64) + first)
+
+
 def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
     """Return the samples as a table in the units of files (deg, N, N m, mm).
 
-    Every number is the plainest one that `measured.read_samples` turns into the
-    sample's SI number again: rounded to ten decimals, else as it is, else one of its neighbours
+    Every number is the plainest one that `sample_file.read_samples` turns into the sample's SI
+    number again: rounded to ten decimals, else as it is, else one of its neighbours
     in floating point. One of these exists for every number that was read from a file (a division
     and a multiplication each err by less than half a unit in the last place, so their product
     lands on the number or next to it). Of arbitrary SI numbers, 9 % of the angles and 4 % of the
@@ -304,13 +250,6 @@ def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
     for name, values in zip(DEFLECTION_COLUMNS, samples.deflection.T, strict=True):
         columns[name] = in_file_units(values, MM_PER_M)
     return pd.DataFrame(columns)
-
-
-def sheet_of(path: Path, table: pd.DataFrame) -> Sheet:
-    """Return the sheet of a table that stands for the file `path`."""
-    cells = _named(table.astype(object).rename(columns=str), strip=False)
-    first = 1 if path.suffix == PARQUET else 2
-    return Sheet(path, cells, np.arange(len(cells), dtype=np.int64) + first)
 
 
 def write_table(path: Path, parts: Iterable[pd.DataFrame]) -> None:
@@ -442,7 +381,8 @@ def _units_row(cells: Sequence[Any]) -> list[str] | None:
     if any(_NUMBER.fullmatch(text.replace(",", ".")) for text in texts):
         return None
     units = [
-        "" if _NO_UNIT.fullmatch(text) else _split(f"? [{text.strip('[]()')}]")[1] for text in texts
+        "" if _NO_UNIT.fullmatch(text) else split_header(f"? [{text.strip('[]()')}]")[1]
+        for text in texts
     ]
     n_known = sum(any(unit in of_ours for of_ours in UNITS.values()) for unit in units)
     return units if n_known >= _UNITS_IN_ROW else None
@@ -456,9 +396,9 @@ def _with_units(path: Path, names: list[str], units: list[str], number: int) -> 
     """
     result = []
     for name, unit in zip(names, units, strict=True):
-        usual, stated = _split(name)
+        usual, stated = split_header(name)
         same = any(of.get(unit) == of.get(stated) is not None for of in UNITS.values())
-        if stated and unit and unit != stated and usual in _NAMES and not same:
+        if stated and unit and unit != stated and usual in NAMES and not same:
             raise DataError(f"{path}: row {number}: unit {unit!r} of the column {name!r}")
         needed = unit and not stated and usual not in ID_COLUMNS
         result.append(f"{name} [{unit}]" if needed else name)
@@ -467,74 +407,68 @@ def _with_units(path: Path, names: list[str], units: list[str], number: int) -> 
 
 def _read_excel(path: Path, rows: int, sheet: str | None) -> Iterator[Sheet]:
     require(f"{path}: Excel", "openpyxl")
-    import openpyxl
-
     try:
         with zipfile.ZipFile(path) as parts:
             size = sum(part.file_size for part in parts.infolist())
         if size > LARGEST_EXCEL:
             raise ValueError(f"{size} bytes unpacked (valid: at most {LARGEST_EXCEL})")
-        with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
-            sheets = {worksheet.title: worksheet for worksheet in book.worksheets}
-            title = _sheet_title(path, sheets, sheet)
-            table = [*_excel_rows(sheets[title])]
-    except (OSError, StiffBenchError):
+        found = pd.read_excel(
+            path,
+            engine="openpyxl",
+            sheet_name=None,  # all of them
+            header=None,
+            nrows=MOST_EXCEL_ROWS,
+            dtype=object,
+            na_filter=False,
+        )
+    except OSError:
         raise
     except zipfile.BadZipFile as error:
         raise DataError(f"{path}: not an Excel table (valid: .xlsx, or 'CSV UTF-8')") from error
     except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
         reason = " ".join(str(error).split())
         raise DataError(f"{path}: not an Excel table: {reason}") from error
-    first = _header(_texts(table)) or 0
-    notes = (f"sheet {title!r} read",) if sheet is None and title != next(iter(sheets)) else ()
-    for block in _sheets(path, iter(table[first:]), rows, ","):
+    tables = {title: [*_excel_rows(cells)] for title, cells in found.items()}
+    title, first = _table_sheet(path, tables, sheet)
+    notes = (f"sheet {title!r} read",) if sheet is None and title != next(iter(tables)) else ()
+    for block in _sheets(path, iter(tables[title][first:]), rows, ","):
         yield replace(block, notes=(*notes, *block.notes))
 
 
-def _sheet_title(path: Path, sheets: Mapping[str, Any], sheet: str | None) -> str:
-    """Return the name of the sheet to read: `sheet`, else the only one with a table.
+def _excel_rows(cells: pd.DataFrame) -> Iterator[_Row]:
+    """Yield the rows of a sheet that hold more than blanks or a remark."""
+    for number, row in enumerate(cells.to_numpy().tolist(), start=1):
+        row = [cell.strip() if isinstance(cell, str) else cell for cell in row]
+        if any(cell != "" for cell in row) and not str(row[0]).startswith("#"):
+            yield number, row
+
+
+def _table_sheet(
+    path: Path, tables: Mapping[str, list[_Row]], sheet: str | None
+) -> tuple[str, int]:
+    """Return the name of the sheet to read, and where its header is.
+
+    The sheet is `sheet`, else the only one with a table.
 
     Raises:
         ConfigError: the file has another sheet, or none is asked for and several hold a table.
         DataError: the sheet is empty.
     """
-    if sheet is not None and sheet not in sheets:
-        valid = ", ".join(map(repr, sheets))
+    if sheet is not None and sheet not in tables:
+        valid = ", ".join(map(repr, tables))
         raise ConfigError(f"{sheet!r}: no sheet of {path} (valid: {valid})", "sheet")
-    candidates = sheets if sheet is None else {sheet: sheets[sheet]}
-    heads = {
-        title: [*itertools.islice(_excel_rows(worksheet), _TITLE_ROWS)]
-        for title, worksheet in candidates.items()
-    }
-    filled = [title for title, head in heads.items() if head]
+    filled = {title: rows for title, rows in tables.items() if rows and sheet in (None, title)}
     if not filled:
         which = "every sheet" if sheet is None else f"the sheet {sheet!r}"
         raise DataError(f"{path}: {which} is empty")
-    tables = [title for title in filled if _header(_texts(heads[title])) is not None]
-    if len(tables) > 1:
-        valid = ", ".join(map(repr, tables))
-        reason = f"is needed: {path} holds tables on {len(tables)} sheets (valid: {valid})"
+    headers = {title: _header([*map(str, row)] for _, row in filled[title]) for title in filled}
+    with_header = [title for title, first in headers.items() if first is not None]
+    if len(with_header) > 1:
+        valid = ", ".join(map(repr, with_header))
+        reason = f"is needed: {path} holds tables on {len(with_header)} sheets (valid: {valid})"
         raise ConfigError(reason, "sheet")
-    return (tables or filled)[0]
-
-
-def _excel_rows(worksheet: Any) -> Iterator[_Row]:
-    """Yield the rows of a sheet that hold more than blanks or a remark."""
-    worksheet.reset_dimensions()  # a wrong stated size loses rows
-    rows = worksheet.iter_rows(max_col=MOST_COLUMNS, values_only=True)
-    for number, row in enumerate(rows, start=1):
-        if number > MOST_EXCEL_ROWS:
-            raise ValueError(f"more than {MOST_EXCEL_ROWS} rows")
-        if row.count(None) == len(row):
-            continue
-        cells = ["" if cell is None else cell for cell in row]
-        cells = [cell.strip() if isinstance(cell, str) else cell for cell in cells]
-        if any(cell != "" for cell in cells) and not str(cells[0]).startswith("#"):
-            yield number, cells + [""] * (MOST_COLUMNS - len(cells))
-
-
-def _texts(table: Iterable[_Row]) -> Iterator[list[str]]:
-    return ([*map(str, cells)] for _, cells in table)
+    title = (with_header or [*filled])[0]
+    return title, headers[title] or 0
 
 
 def _read_parquet(path: Path, rows: int) -> Iterator[Sheet]:
@@ -569,7 +503,7 @@ def _read_parquet(path: Path, rows: int) -> Iterator[Sheet]:
 def _named(cells: pd.DataFrame, *, strip: bool = True) -> pd.DataFrame:
     """Return the cells with text in the columns of names, which may hold numbers."""
     for i, header in enumerate(cells.columns):
-        if _split(header)[0] in ID_COLUMNS:
+        if split_header(header)[0] in ID_COLUMNS:
             column = cells.iloc[:, i]
             names = [*map(str, column.where(column.notna(), ""))]
             names = [name.strip() for name in names] if strip else names
@@ -583,82 +517,31 @@ def _header(rows: Iterable[Sequence[str]]) -> int | None:
     None: no row has any.
     """
     for i, row in enumerate(itertools.islice(rows, _TITLE_ROWS)):
-        names = (_split(cell)[0] for cell in row if len(cell) <= LONGEST_CELL)
-        if sum(name in _NAMES for name in names) >= _HEADER_NAMES:
+        names = (split_header(cell)[0] for cell in row if len(cell) <= LONGEST_CELL)
+        if sum(name in NAMES for name in names) >= _HEADER_NAMES:
             return i
     return None
 
 
-def _numbers(cells: pd.Series, decimal: str, clear_signs: str) -> list[float]:
-    """Return the numbers of a column; NaN if a sign may mark decimals or thousands, as in 1.234.
+def _number(cell: object, decimal: str, doubtful: str) -> float:
+    """Return the number in a cell; NaN where it is none, or no finite one.
 
     Args:
-        cells: of the column.
-        decimal: sign that marks decimals in the file.
-        clear_signs: those that mark decimals somewhere in the file beyond doubt.
+        cell: text, or whatever an Excel or Parquet file holds.
+        decimal: sign that marks decimals in text.
+        doubtful: signs that may mark decimals or thousands, as in 1.234.
     """
-    texts = [*map(str, cells)]
-    if all(map(_NUMBER.fullmatch, texts)) and max(map(len, texts), default=0) <= LONGEST_CELL:
-        numbers = [number if math.isfinite(number) else np.nan for number in map(float, texts)]
-    else:
-        numbers = [_number(cell, decimal) for cell in cells]
-    if decimal != ",":
-        return numbers
-    has_comma = any(isinstance(cell, str) and "," in cell for cell in cells)
-    doubtful = "," if clear_signs == "." else ""
-    if has_comma or ("," in clear_signs and "." not in _clear_signs(cells)):
-        doubtful += "."
-    return [
-        np.nan if _is_maybe_grouped(cell, doubtful) else number
-        for cell, number in zip(cells, numbers, strict=True)
-    ]
-
-
-def _clear_signs(cells: pd.Series) -> set[str]:
-    """Return the signs that mark decimals in some cell beyond doubt."""
-    texts = [cell for cell in cells if isinstance(cell, str)]
-    return {
-        sign
-        for sign in ".,"
-        if any(
-            sign in text
-            and _NUMBER.fullmatch(text.replace(",", "."))
-            and not MAYBE_GROUPED.fullmatch(text)
-            for text in texts
-        )
-    }
-
-
-def _is_maybe_grouped(cell: object, signs: str) -> bool:
-    return isinstance(cell, str) and any(
-        sign in cell and MAYBE_GROUPED.fullmatch(cell) for sign in signs
-    )
-
-
-def _number(cell: object, decimal: str) -> float:
     number = np.nan
     if isinstance(cell, str):
-        if len(cell) <= LONGEST_CELL and _GROUPED.fullmatch(cell):
+        if len(cell) > LONGEST_CELL:
+            return np.nan
+        if doubtful and MAYBE_GROUPED.fullmatch(cell) and any(sign in cell for sign in doubtful):
+            return np.nan
+        if _GROUPED.fullmatch(cell):
             decimal = "," if cell.rfind(",") > cell.rfind(".") else "."
             cell = cell.replace("." if decimal == "," else ",", "")
         cell = cell.replace(decimal, ".")
-        short = len(cell) <= LONGEST_CELL
-        number = float(cell) if short and _NUMBER.fullmatch(cell) else np.nan
+        number = float(cell) if _NUMBER.fullmatch(cell) else np.nan
     elif isinstance(cell, int | float | np.integer | np.floating) and not isinstance(cell, bool):
         number = float(cell)
     return number if math.isfinite(number) else np.nan
-
-
-def in_file_units(values: FloatArray, unit: float) -> FloatArray:
-    """Return (n,) the numbers x for which x / `unit` is `values` (n,), or comes nearest."""
-    with np.errstate(over="ignore"):  # then the next candidate is the right one
-        result = np.asarray(values * unit)
-        candidates = (
-            np.nextafter(result, np.inf),
-            np.nextafter(result, -np.inf),
-            result,
-            np.round(result, DECIMALS),
-        )
-    for candidate in candidates:  # the best last
-        result = np.where(candidate / unit == values, candidate, result)
-    return result
