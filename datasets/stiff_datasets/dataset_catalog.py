@@ -39,7 +39,7 @@ DATASETS = (
         target="stiff_datasets.twin.kr10_twin:Kr10TwinRough",
         kind="simulated",
         summary="the same poses and loads with hysteresis, bending links, wrong frames and masses",
-        reference="effects: stiff_datasets/twin/effects.py; constants: twins/kr10_rough.toml",
+        reference="effects: stiff_datasets/twin/twin_effects.py; constants: twins/kr10_rough.toml",
         caveats=(f"kr10-twin-rough is {_SIMULATED}",),
         card="data/kr10_twin_rough.md",
     ),

@@ -32,8 +32,8 @@ from stiff_datasets.twin.constants import (
     shipped_constants,
     shipped_twins,
 )
-from stiff_datasets.twin.effects import parse_effects
 from stiff_datasets.twin.twin import TwinExperiment
+from stiff_datasets.twin.twin_effects import parse_effects
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples

@@ -12,7 +12,7 @@ from helpers.pinocchio_twin import pinocchio_torque
 from stiff_datasets.twin.beams import SHEAR_COEFFICIENT, Beams, Tube
 from stiff_datasets.twin.constants import shipped_constants, specimen_beams, specimen_springs
 from stiff_datasets.twin.kr10_twin import Kr10TwinBeam
-from stiff_datasets.twin.springs import SpringLaw
+from stiff_datasets.twin.spring_law import SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 
 E, NU = 7.0e10, 0.33
