@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from helpers.made_robots import planar_arm
@@ -30,7 +30,6 @@ few = settings(
     database=None,
     suppress_health_check=[HealthCheck.too_slow],  # a busy machine is no fault of the strategy
 )
-many = settings(few, max_examples=60)
 
 LIMIT = {"revolute": np.deg2rad(350.0), "prismatic": 3.0}
 NAMES = st.text(st.characters(exclude_categories=("C", "Z")), min_size=1, max_size=8)  # printable
@@ -115,23 +114,6 @@ def test_what_was_read_is_written_and_read_again_to_the_last_bit(folder, table):
         assert_identical(read_samples(folder / name, table.robot), samples)
 
 
-@few
-@given(
-    decimals=st.lists(st.decimals(-360, 360, places=10), min_size=1, max_size=50), data=st.data()
-)
-def test_numbers_of_up_to_ten_decimals_are_written_as_they_were_read(decimals, data):
-    robot = data.draw(robots().filter(lambda robot: robot.n_joints == 1))
-    read = np.array([float(number) for number in decimals])
-    unit = 180.0 / np.pi if robot.joint_types == ("revolute",) else 1000.0
-    n = len(read)
-    text = np.full(n, "1")
-    deflection = np.column_stack([read, read, read]) / 1000.0
-    samples = Samples(read[:, None] / unit, np.zeros((n, 6)), deflection, text, text, text)
-    table = sample_table(samples, robot)
-    assert table.iloc[:, 3].tolist() == read.tolist()
-    assert table["dz_mm"].tolist() == read.tolist()
-
-
 def test_other_si_numbers_are_written_as_the_nearest_and_are_exact_from_then_on(folder, rng, kr10):
     n = 2000
     pose, same = np.arange(n).astype(str), np.full(n, "1")
@@ -145,70 +127,6 @@ def test_other_si_numbers_are_written_as_the_nearest_and_are_exact_from_then_on(
         np.testing.assert_array_max_ulp(getattr(read, name), getattr(made, name), maxulp=1)
     write_table(folder / "made.csv", [sample_table(read, kr10)])
     assert_identical(read_samples(folder / "made.csv", kr10), read)
-
-
-FAULTS = ["nan", "text", "empty", "angle", "load", "deflection", "name", "line", "duplicate"]
-
-
-@pytest.mark.slow
-@many
-@given(table=tables(), fault=st.sampled_from(FAULTS), data=st.data())
-def test_any_single_fault_is_refused_with_file_row_and_column(folder, table, fault, data):
-    rows = [dict(row) for row in table.cells]
-    at = data.draw(st.integers(0, len(rows) - 1))
-    joints = [i for i, top in enumerate(table.robot.upper) if np.isfinite(top)]
-    numeric = [name for name in all_columns(table.robot) if not name.endswith(("_id", "group"))]
-    column = data.draw(st.sampled_from(numeric))
-    if fault == "angle":
-        assume(joints)
-        i = data.draw(st.sampled_from(joints))
-        column = all_columns(table.robot)[3 + i]
-        rows[at][column] = data.draw(st.sampled_from(["350.01", "-351", "1e9"]))
-        if table.robot.joint_types[i] == "prismatic":
-            rows[at][column] = "3000.01"
-    elif fault == "load":
-        column = data.draw(st.sampled_from(WRENCH_COLUMNS))
-        rows[at][column] = "1000001"
-    elif fault == "deflection":
-        column = data.draw(st.sampled_from(DEFLECTION_COLUMNS))
-        rows[at][column] = "-50.001"
-    elif fault in ("name", "line"):
-        column = data.draw(st.sampled_from(["pose_id", "load_id", "group"]))
-        rows[at][column] = " " if fault == "name" else "a\tb"
-    elif fault == "duplicate":
-        column = "pose_id,load_id"
-        rows.append(dict(rows[at]))
-        at = len(rows) - 1
-    else:
-        wrong = {
-            "nan": ["nan", "inf", "-inf"],
-            "text": ["abc", "0x1", "1,5", "--1", "1 2", "1_0", "True"],
-        }
-        wrong |= {"empty": ["", "  "]}
-        rows[at][column] = data.draw(st.sampled_from(wrong[fault]))
-    path = table.write(folder / "faulty.csv", rows)
-    row, problems = at + 2, check_sheet(read_sheet(path), table.robot).problems
-    assert (row, column) in {(p.row, p.column) for p in problems}
-    with pytest.raises(DataError, match=r"faulty\.csv: ") as caught:
-        read_samples(path, table.robot)
-    assert len(str(caught.value).splitlines()) == 1
-    if len(problems) == 1:
-        assert f"row {row}, column {column}: " in str(caught.value)
-
-
-@settings(few, max_examples=12)
-@given(table=tables(), data=st.data())
-def test_a_missing_column_is_named(folder, table, data):
-    needed = all_columns(table.robot)[len(ID_COLUMNS) :]
-    column = data.draw(st.sampled_from(needed))
-    path = table.write(folder / "whole.csv")
-    with path.open(newline="", encoding="utf-8") as file:
-        whole = list(csv.reader(file))
-    gone = whole[0].index(column)
-    with (folder / "less.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([row[:gone] + row[gone + 1 :] for row in whole])
-    with pytest.raises(DataError, match=rf"less\.csv: header: missing {column} \(valid: pose_id,"):
-        read_samples(folder / "less.csv", table.robot)
 
 
 @pytest.fixture()

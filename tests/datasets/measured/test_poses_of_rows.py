@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import stiffbench as sb
-from helpers.command_line import LEAVES, bench_here
+from helpers.command_line import bench_here
 from helpers.made_samples import assert_no_pose_is_parted
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.row_checks import linked_rows
@@ -128,25 +128,6 @@ def test_poses_of_two_names_are_one_suspicion(named, kr10, tmp_path):
     for command in (["run", "--splits", "1"], ["fit", "--output", "vjm.stiff"]):
         said = bench_here(*command, *words, cwd=tmp_path).stderr
         assert said.count("45 pose_ids name 15 poses") == said.count("warning") == 1
-
-
-def test_the_grouping_is_said_by_every_command_that_reads_the_file(unnamed, tmp_path):
-    robot = ["--robot", "kr10-r1100-2"]
-    for words in (
-        ["data", "validate", "my.csv"],
-        ["run", "--data", "my.csv", "--model", "mean", "--plan"],
-    ):
-        done = bench_here(*words, *robot, "--pose-tolerance", "0.04", cwd=tmp_path)
-        assert "450 rows grouped into 150 poses within 0.04 deg" in done.stdout + done.stderr
-
-
-def test_every_command_that_reads_measured_files_takes_the_same_options():
-    options = {
-        leaf.name: {name for one in leaf.command.params for name in one.opts} for leaf in LEAVES
-    }
-    reading = {name for name, of in options.items() if "--no-torque" in of}
-    assert reading >= {"run", "fit", *(f"data {one}" for one in ("info", "plan", "validate"))}
-    assert all(options[name] >= {"--sheet", "--pose-tolerance"} for name in reading)
 
 
 def test_tables_and_arrays_in_memory_are_looked_at_too(repeats, kr10):

@@ -45,14 +45,6 @@ def test_blocks_have_poses_loads_and_noise_of_their_own(tmp_path, kr10, monkeypa
     assert len(np.unique(samples.wrench, axis=0)) == 100
 
 
-@pytest.mark.slow
-def test_the_same_words_write_the_same_bytes(tmp_path):
-    for name in ("a", "b", "c"):
-        simulate(tmp_path / f"{name}.csv", omni(seed=int(name == "c")), 30)
-    a, b, c = ((tmp_path / f"{name}.csv").read_bytes() for name in "abc")
-    assert a == b != c
-
-
 def test_an_unknown_ending_and_a_folder_that_is_not_there_are_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"s\.xls: '\.xls' \(valid endings: \.csv, \.parquet\)"):
         simulate(tmp_path / "s.xls", omni(), 10)

@@ -101,13 +101,6 @@ def test_what_is_wrong_is_named_with_file_key_and_value(tmp_path, text, message)
         read_constants(write(tmp_path, text))
 
 
-@pytest.mark.parametrize("urdf", ["none.urdf", "", "/dev/zero", "\\u0000"])
-def test_a_urdf_that_cannot_be_read_is_named_with_the_file(tmp_path, urdf):
-    constants = read_constants(write(tmp_path, TOP.replace('"ur5"', f'"{urdf}"') + JOINT))
-    with pytest.raises(DataError, match=r"my\.toml: "):
-        constants.chain()
-
-
 def test_a_missing_joint_and_a_missing_file_are_named(tmp_path):
     constants = read_constants(write(tmp_path, TOP + 5 * JOINT))
     with pytest.raises(DataError, match=r"my\.toml: 5 tables \[\[joint\]\] for the joints of ur5"):
