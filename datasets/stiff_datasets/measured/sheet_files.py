@@ -13,9 +13,8 @@ import io
 import itertools
 import math
 import re
-import sys
 import zipfile
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -188,34 +187,15 @@ def read_sheet(path: Path, sheet: str | None = None) -> Sheet:
         ConfigError: the package that reads Excel or Parquet is not installed; or the file has
             other sheets, or several sheets with tables and none is named.
     """
-    return joined(read_sheets(path, sys.maxsize, sheet))
-
-
-def read_sheets(path: Path, rows: int, sheet: str | None = None) -> Generator[Sheet]:
-    """Yield a file in blocks of `rows`, at least one; errors as in `read_sheet`.
-
-    CSV and Parquet are read as far as the blocks were taken, Excel at once.
-    """
     suffix = path.suffix.lower()
     if sheet is not None and suffix != EXCEL:
         raise ConfigError(f"{sheet!r}: {path} has no sheets (valid: an {EXCEL} file)", "sheet")
     try:
         if suffix == EXCEL:
-            yield from _read_excel(path, rows, sheet)
-        else:
-            yield from (_read_parquet if suffix == PARQUET else _read_csv)(path, rows)
+            return _read_excel(path, sheet)
+        return _read_parquet(path) if suffix == PARQUET else _read_csv(path)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
-def joined(blocks: Iterable[Sheet]) -> Sheet:
-    """Return one sheet with the rows of all blocks of a file."""
-    first, *others = blocks
-    if not others:
-        return first
-    cells = pd.concat([first.cells, *(block.cells for block in others)], ignore_index=True)
-    lines = np.concatenate([first.lines, *(block.lines for block in others)])
-    return replace(first, cells=cells, lines=lines)
 
 
 def sheet_of(path: Path, table: pd.DataFrame) -> Sheet:
@@ -283,25 +263,30 @@ def write_table(path: Path, parts: Iterable[pd.DataFrame]) -> None:
                 part.to_csv(file, index=False, header=i == 0, lineterminator="\n")
 
 
-def _read_csv(path: Path, rows: int) -> Iterator[Sheet]:
-    """Yield the table as text, so that a message can show a wrong value as it was written."""
-    with path.open("rb") as file:
-        start = file.read(2)
-        file.seek(0)
-        encoding = "utf-8-sig"
-        if start in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-            encoding = "utf-16"
-        elif b"\0" in start:  # without a byte order mark, the first character in ASCII
-            encoding = "utf-16-be" if start[:1] == b"\0" else "utf-16-le"
-        with io.TextIOWrapper(file, encoding) as text:
-            try:
-                yield from _csv_blocks(path, _filled_lines(path, text), rows)
-            except UnicodeDecodeError as error:
-                at = file.tell() - len(error.object) + error.start
-                byte = f"byte 0x{error.object[error.start]:02x} at {at}"
-                raise DataError(
-                    f"{path}: no text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
-                ) from error
+def _read_csv(path: Path) -> Sheet:
+    """Read the table as text, so that a message can show a wrong value as it was written."""
+    content = path.read_bytes()
+    encoding = "utf-8-sig"
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encoding = "utf-16"
+    elif b"\0" in content[:2]:  # without a byte order mark, the first character in ASCII
+        encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        byte = f"byte 0x{content[error.start]:02x} at {error.start}"
+        raise DataError(
+            f"{path}: no text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
+        ) from error
+    lines = [*_filled_lines(path, io.StringIO(text, newline=None))]
+    stated = re.fullmatch(r"sep=([,;\t])", lines[0][1].strip(" \ufeff")) if lines else None
+    lines = lines[1:] if stated else lines  # Excel states its separator
+    if not lines:
+        raise DataError(f"{path}: the file is empty")
+    first = _header(re.split(r"[,;\t]", line.replace('"', "")) for _, line in lines) or 0
+    separator = stated[1] if stated else max(",;\t", key=lines[first][1].count)
+    rows = [*_csv_rows(path, lines[first:], separator)]
+    return _sheet_of_rows(path, rows, "." if separator == "," else ",")
 
 
 def _filled_lines(path: Path, text: Iterable[str]) -> Iterator[tuple[int, str]]:
@@ -315,20 +300,7 @@ def _filled_lines(path: Path, text: Iterable[str]) -> Iterator[tuple[int, str]]:
             yield number, line.rstrip("\n")
 
 
-def _csv_blocks(path: Path, lines: Iterator[tuple[int, str]], rows: int) -> Iterator[Sheet]:
-    """Yield blocks of the table below the titles and the header."""
-    head = [*itertools.islice(lines, 1 + _TITLE_ROWS)]
-    told = re.fullmatch(r"sep=([,;\t])", head[0][1].strip(" \ufeff")) if head else None  # by Excel
-    head = head[1:] if told else head
-    if not head:
-        raise DataError(f"{path}: the file is empty")
-    first = _header(re.split(r"[,;\t]", line.replace('"', "")) for _, line in head) or 0
-    separator = told[1] if told else max(",;\t", key=head[first][1].count)
-    table = _csv_rows(path, itertools.chain(head[first:], lines), separator)
-    yield from _sheets(path, table, rows, "." if separator == "," else ",")
-
-
-def _csv_rows(path: Path, lines: Iterator[tuple[int, str]], separator: str) -> Iterator[_Row]:
+def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Iterator[_Row]:
     """Yield the rows, all as wide as the first; a cell in quotes may have several lines."""
     begun = width = 0
 
@@ -353,26 +325,19 @@ def _csv_rows(path: Path, lines: Iterator[tuple[int, str]], separator: str) -> I
         raise DataError(f"{path}: not a CSV table: {error}") from error
 
 
-def _sheets(path: Path, table: Iterator[_Row], rows: int, decimal: str) -> Iterator[Sheet]:
-    """Yield the rows below the header, the first row, in blocks of `rows`, at least one."""
-    _, header = next(table)
+def _sheet_of_rows(path: Path, rows: list[_Row], decimal: str) -> Sheet:
+    """Return the sheet of the header, the first row, and the rows below it."""
+    (_, header), *rows = rows
     names = [str(name) or f"column {i + 1}" for i, name in enumerate(header)]
-    second = [*itertools.islice(table, 1)]
     notes: tuple[str, ...] = ()
-    if second and (units := _units_row(second[0][1])):
-        number, _ = second.pop()
+    if rows and (units := _units_row(rows[0][1])):
+        (number, _), *rows = rows
         names = _with_units(path, names, units, number)
         notes = (f"row {number} states the units of the columns",)
-    table = itertools.chain(second, table)
-    block = [*itertools.islice(table, rows)]
-    while True:
-        cells = pd.DataFrame([row for _, row in block], columns=names, dtype=object)
-        kept = (np.array(header, dtype=object) != "") | (cells != "").any().to_numpy()
-        numbers = np.array([number for number, _ in block], dtype=np.int64)
-        yield Sheet(path, _named(cells.loc[:, kept]), numbers, decimal=decimal, notes=notes)
-        block = [*itertools.islice(table, rows)]
-        if not block:
-            return
+    cells = pd.DataFrame([row for _, row in rows], columns=names, dtype=object)
+    kept = (np.array(header, dtype=object) != "") | (cells != "").any().to_numpy()
+    lines = np.array([number for number, _ in rows], dtype=np.int64)
+    return Sheet(path, _named(cells.loc[:, kept]), lines, decimal=decimal, notes=notes)
 
 
 def _units_row(cells: Sequence[Any]) -> list[str] | None:
@@ -405,7 +370,7 @@ def _with_units(path: Path, names: list[str], units: list[str], number: int) -> 
     return result
 
 
-def _read_excel(path: Path, rows: int, sheet: str | None) -> Iterator[Sheet]:
+def _read_excel(path: Path, sheet: str | None) -> Sheet:
     require(f"{path}: Excel", "openpyxl")
     try:
         with zipfile.ZipFile(path) as parts:
@@ -431,8 +396,8 @@ def _read_excel(path: Path, rows: int, sheet: str | None) -> Iterator[Sheet]:
     tables = {title: [*_excel_rows(cells)] for title, cells in found.items()}
     title, first = _table_sheet(path, tables, sheet)
     notes = (f"sheet {title!r} read",) if sheet is None and title != next(iter(tables)) else ()
-    for block in _sheets(path, iter(tables[title][first:]), rows, ","):
-        yield replace(block, notes=(*notes, *block.notes))
+    found_sheet = _sheet_of_rows(path, tables[title][first:], ",")
+    return replace(found_sheet, notes=(*notes, *found_sheet.notes))
 
 
 def _excel_rows(cells: pd.DataFrame) -> Iterator[_Row]:
@@ -471,7 +436,7 @@ def _table_sheet(
     return title, headers[title] or 0
 
 
-def _read_parquet(path: Path, rows: int) -> Iterator[Sheet]:
+def _read_parquet(path: Path) -> Sheet:
     require(f"{path}: Parquet", "pyarrow")
     import pyarrow as pa
     from pyarrow.parquet import ParquetFile
@@ -483,16 +448,11 @@ def _read_parquet(path: Path, rows: int) -> Iterator[Sheet]:
             raise ValueError(f"{about.num_columns} columns (valid: at most {MOST_COLUMNS})")
         if about.num_rows > size:  # a measured row takes dozens of bytes, one repeated takes none
             raise ValueError(f"{about.num_rows} rows in {size} bytes")
-        paths = [about.schema.column(i).path for i in range(about.num_columns)]
         # as a dictionary, a long text in many rows is kept once
-        file = ParquetFile(path, read_dictionary=paths)
-        none = pa.RecordBatch.from_pylist([], file.schema_arrow)
-        first = 0
-        for batch in file.iter_batches(min(rows, about.num_rows)) if about.num_rows else (none,):
-            cells = batch.to_pandas(ignore_metadata=True).astype(object).rename(columns=str)
-            sheet = sheet_of(path, _named(cells))
-            yield replace(sheet, lines=sheet.lines + first)
-            first += len(cells)
+        texts = [about.schema.column(i).path for i in range(about.num_columns)]
+        table = ParquetFile(path, read_dictionary=texts).read()
+        cells = table.to_pandas(ignore_metadata=True).astype(object).rename(columns=str)
+        return sheet_of(path, _named(cells))
     except pa.ArrowInvalid as error:
         raise DataError(f"{path}: not a Parquet table, or a damaged one") from error
     except (ValueError, KeyError, pa.ArrowException) as error:

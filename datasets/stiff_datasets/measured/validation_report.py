@@ -25,18 +25,20 @@ from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.mistakes import Reading, compliances, reading
 from stiff_datasets.measured.odd_rows import (
     FEWEST_SAMPLES,
-    Change,
     Finding,
     duplicate_findings,
     external_axis_findings,
     fact,
+    range_findings,
+    repeat_findings,
+    warning,
+)
+from stiff_datasets.measured.outliers_and_drift import (
+    Change,
     find_change,
     find_outliers,
     left_out_rms,
     outlier_findings,
-    range_findings,
-    repeat_findings,
-    warning,
 )
 from stiff_datasets.measured.row_checks import LIMIT_SLACK, Problem, row_ranges
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units, joint_columns

@@ -22,7 +22,7 @@ from planted_faults import (
     scaled,
 )
 from stiff_datasets.measured.mistakes import reading
-from stiff_datasets.measured.odd_rows import find_change, find_outliers
+from stiff_datasets.measured.outliers_and_drift import find_change, find_outliers
 
 QUICK = ["wrench of opposite sign", "forces in kg", "joint 3 off by -90 deg", *WRONG_TCP]
 """One of each kind: the wrench, a unit, the joints, free numbers."""

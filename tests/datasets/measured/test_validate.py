@@ -13,12 +13,8 @@ import pytest
 from helpers.made_samples import samples_with
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.mistakes import reading
-from stiff_datasets.measured.odd_rows import (
-    external_axis_findings,
-    find_outliers,
-    outlier_findings,
-    range_findings,
-)
+from stiff_datasets.measured.odd_rows import external_axis_findings, range_findings
+from stiff_datasets.measured.outliers_and_drift import find_outliers, outlier_findings
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.measured.sheet_files import sample_table, sheet_of
 from stiff_datasets.measured.validation_report import validate
