@@ -22,7 +22,7 @@ from stiff_datasets.measured.path_file import (
     tool_of,
 )
 from stiff_datasets.measured.row_checks import Problem, problems_error
-from stiff_datasets.measured.rows_beyond_training import RowsBeyond
+from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
 from stiff_datasets.measured.sheet_files import write_table
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
@@ -136,19 +136,19 @@ class PathModel:
 
 
 class _Block(NamedTuple):
-    """Points that were read and corrected at once.
+    """Points that were corrected at once.
 
     Attributes:
-        lines: (n,) of the file.
         found: points and commands.
         interval: as of `CorrectedPath`.
         carried: largest change of a deflection from the measured point to the TCP, m.
+        extrapolates: what of each row lies beyond the training range.
     """
 
-    lines: IntArray
     found: Compensation
     interval: Interval | None
     carried: float
+    extrapolates: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +158,6 @@ class _Correction:
     Attributes:
         table: the points.
         held: as of `inverse.free_joints`.
-        seen: of the blocks so far, what lies beyond the training range.
     """
 
     file: Path
@@ -166,7 +165,6 @@ class _Correction:
     how: PathOptions
     table: PathTable
     held: FloatArray
-    seen: RowsBeyond
 
     def tables(self, seed: FloatArray | None, done: list[_Block]) -> Iterator[DataFrame]:
         """Correct block after block, append each to `done`, and yield its rows of the output."""
@@ -194,11 +192,12 @@ class _Correction:
             interval = None
             if how.coverage is not None:
                 interval = self.model.interval(found.q, wrench, how.coverage)
-            done.append(_Block(table.lines, found, interval, self.model.carried(found.q, wrench)))
-            extrapolates = self.seen.of(found.q, wrench)
+            extrapolates = known.extrapolates(found.q, wrench)
+            carried = self.model.carried(found.q, wrench)
+            done.append(_Block(found, interval, carried, extrapolates))
             yield corrected_table(table, robot, found, extrapolates, interval)
-            if self.seen.n_rows < n_points:
-                report("points corrected", self.seen.n_rows, n_points)
+            if start + BLOCK < n_points:
+                report("points corrected", start + BLOCK, n_points)
 
     def failures(self, found: Compensation, lines: IntArray) -> str:
         """Say how many points were not corrected, and why not the first; "" where all were."""
@@ -241,7 +240,6 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
         load_frame=how.load_frame,
         frame=how.frame,
     )
-    seen = RowsBeyond(model.training_range, robot)
     for oddity in table.oddities:
         say(f"warning: {oddity}")
     if table.q is not None and seed is not None:
@@ -250,19 +248,18 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
         held = held_positions(robot, how.hold, seed)
     else:
         held = _held_as_in(robot, how.hold, table.q[0])
-    work = _Correction(file, model, how, table, held, seen)
+    work = _Correction(file, model, how, table, held)
     blocks: list[_Block] = []
     with display():
         write_table(output, work.tables(seed, blocks))
-    lines, found = np.concatenate([one.lines for one in blocks]), [one.found for one in blocks]
-    whole, interval = Compensation.joined(found), None
+    whole, interval = Compensation.joined([block.found for block in blocks]), None
     if how.coverage is not None:
         lower, upper = (
             np.concatenate([getattr(one.interval, end) for one in blocks])
             for end in ("lower", "upper")
         )
         interval = Interval(lower, upper, how.coverage)
-    if not seen.ends[1, -2:].any():
+    if not table.path.wrench.any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
     if carried := max(block.carried for block in blocks):
         say(
@@ -270,9 +267,11 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
             f"rotation of the tool, which was not measured, changes the deflections by up to "
             f"{MM_PER_M * carried:.3g} mm on the way to the TCP"
         )
+    words = [text for block in blocks for text in block.extrapolates]
+    known, wrench = model.training_range, table.path.wrench
     for warning, column in (
-        (work.failures(whole, lines), "uncorrected"),
-        (seen.warning, "extrapolates"),
+        (work.failures(whole, table.lines), "uncorrected"),
+        (extrapolation_warning(known, robot, whole.q, wrench, words), "extrapolates"),
     ):
         if warning:
             text = f"{warning}; see the column {column}"

@@ -1,8 +1,8 @@
-"""Rows of a file far from a model's training samples, and the one warning of them all."""
+"""The one warning of rows that are far from a model's training samples."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,76 +11,58 @@ from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, Robot
 
 
-class RowsBeyond:
-    """Rows beyond a model's training range, or far from its training samples.
+def extrapolation_warning(
+    training_range: TrainingRange,
+    robot: Robot,
+    q: FloatArray,
+    wrench: FloatArray,
+    extrapolates: Sequence[str],
+) -> str:
+    """Return one line about the rows that extrapolate, with numbers; "" where none does.
 
-    Attributes:
+    Args:
         training_range: of the model.
         robot: of the joints.
-        n_rows, n_beyond: how many rows were seen, and how many of them extrapolate.
-        ends: (2, n_joints + 2) smallest and largest of each quantity, of `TrainingRange`.
-        n_gap_poses, n_gap_loads: rows marked "pose-gap" and "load-gap".
-        gap_pose, gap_load: the largest `pose_distance` and `load_distance` of these.
+        q: (n, n_joints) rad or m.
+        wrench: (n, 6) N and N m at the TCP.
+        extrapolates: (n,) what of each row does, see `TrainingRange.extrapolates`.
     """
+    n_beyond = sum(map(bool, extrapolates))
+    if not n_beyond:
+        return ""
+    texts = [*_beyond(training_range, robot, q, wrench)]
+    usual_pose, usual_load = training_range.usual_distances
+    poses = np.array(["pose-gap" in words for words in extrapolates], dtype=bool)
+    loads = np.array(["load-gap" in words for words in extrapolates], dtype=bool)
+    if poses.any():
+        unit, factor = ("deg", 180.0 / np.pi) if robot.turns.all() else ("rad and m", 1.0)
+        far = factor * training_range.pose_distance(q[poses]).max()
+        texts.append(
+            f"pose-gap in {counted(poses.sum(), 'row')} (up to {far:.3g} {unit} from the nearest "
+            f"training pose, usual: {factor * usual_pose:.3g})"
+        )
+    if loads.any():
+        far = training_range.load_distance(wrench[loads]).max()
+        texts.append(
+            f"load-gap in {counted(loads.sum(), 'row')} (direction up to {far:.2g} from the "
+            f"nearest training load, usual: {usual_load:.2g})"
+        )
+    return f"extrapolation in {n_beyond} of {len(q)} rows: {', '.join(texts)}"
 
-    def __init__(self, training_range: TrainingRange, robot: Robot) -> None:
-        """Store the arguments."""
-        self.training_range, self.robot, self.n_rows, self.n_beyond = training_range, robot, 0, 0
-        self.ends = np.outer([np.inf, -np.inf], np.ones(robot.n_joints + 2))
-        self.n_gap_poses, self.n_gap_loads = 0, 0
-        self.gap_pose, self.gap_load = 0.0, 0.0
 
-    def of(self, q: FloatArray, wrench: FloatArray) -> list[str]:
-        """Return what of each row extrapolates; see `TrainingRange.extrapolates`."""
-        values = TrainingRange.quantities(q, wrench)
-        self.ends[0] = np.minimum(self.ends[0], values.min(axis=0, initial=np.inf))
-        self.ends[1] = np.maximum(self.ends[1], values.max(axis=0, initial=-np.inf))
-        extrapolates = self.training_range.extrapolates(q, wrench)
-        self.n_rows += len(q)
-        self.n_beyond += sum(map(bool, extrapolates))
-        poses = np.array(["pose-gap" in words for words in extrapolates], dtype=bool)
-        loads = np.array(["load-gap" in words for words in extrapolates], dtype=bool)
-        self.n_gap_poses += int(poses.sum())
-        self.n_gap_loads += int(loads.sum())
-        far = self.training_range.pose_distance(q[poses]).max(initial=0.0)
-        self.gap_pose = max(self.gap_pose, float(far))
-        far = self.training_range.load_distance(wrench[loads]).max(initial=0.0)
-        self.gap_load = max(self.gap_load, float(far))
-        return extrapolates
-
-    @property
-    def warning(self) -> str:
-        """One line with numbers of all rows; "" where none extrapolates."""
-        if not self.n_beyond:
-            return ""
-        texts = [*self._beyond(), *self._gaps()]
-        return f"extrapolation in {self.n_beyond} of {self.n_rows} rows: {', '.join(texts)}"
-
-    def _beyond(self) -> Iterator[str]:
-        """Yield the farthest value of each quantity that lies beyond the range."""
-        units = np.r_[file_units(self.robot), 1.0, 1.0]
-        lower, upper = (end * units for end in self.training_range.ends)
-        far = self.training_range.are_beyond(self.ends)
-        for i, column in enumerate((*joint_columns(self.robot), "force_N", "torque_Nm")):
-            if far[:, i].any():
-                lowest, highest = self.ends[:, i] * units[i]
-                farthest = lowest if lower[i] - lowest > highest - upper[i] else highest
-                name, _, unit = column.partition("_")
-                learned = f"{lower[i]:.4g} to" if i < self.robot.n_joints else "up to"
-                yield f"{name} {farthest:.4g} {unit} (training: {learned} {upper[i]:.4g})"
-
-    def _gaps(self) -> Iterator[str]:
-        """Yield how far the farthest pose and load are from the nearest in training."""
-        usual_pose, usual_load = self.training_range.usual_distances
-        if self.n_gap_poses:
-            unit, factor = ("deg", 180.0 / np.pi) if self.robot.turns.all() else ("rad and m", 1.0)
-            yield (
-                f"pose-gap in {counted(self.n_gap_poses, 'row')} (up to "
-                f"{factor * self.gap_pose:.3g} {unit} from the nearest training pose, usual: "
-                f"{factor * usual_pose:.3g})"
-            )
-        if self.n_gap_loads:
-            yield (
-                f"load-gap in {counted(self.n_gap_loads, 'row')} (direction up to "
-                f"{self.gap_load:.2g} from the nearest training load, usual: {usual_load:.2g})"
-            )
+def _beyond(
+    training_range: TrainingRange, robot: Robot, q: FloatArray, wrench: FloatArray
+) -> Iterator[str]:
+    """Yield the farthest value of each quantity that lies beyond the range."""
+    values = TrainingRange.quantities(q, wrench)
+    ends = np.stack([values.min(axis=0), values.max(axis=0)])
+    units = np.r_[file_units(robot), 1.0, 1.0]
+    lower, upper = (end * units for end in training_range.ends)
+    far = training_range.are_beyond(ends)
+    for i, column in enumerate((*joint_columns(robot), "force_N", "torque_Nm")):
+        if far[:, i].any():
+            lowest, highest = ends[:, i] * units[i]
+            farthest = lowest if lower[i] - lowest > highest - upper[i] else highest
+            name, _, unit = column.partition("_")
+            learned = f"{lower[i]:.4g} to" if i < robot.n_joints else "up to"
+            yield f"{name} {farthest:.4g} {unit} (training: {learned} {upper[i]:.4g})"
