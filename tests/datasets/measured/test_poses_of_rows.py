@@ -96,28 +96,12 @@ def test_near_rows_are_linked_in_every_order(q, n_poses):
         assert len(pairs) == n_poses
 
 
-def test_a_chain_of_near_rows_is_named(repeats, kr10, tmp_path):
-    table = repeats.drop(columns=NAMES).iloc[[0] * 20].copy()
-    table["q1_deg"] += 0.04 * np.arange(20)
-    table.to_csv(tmp_path / "my.csv", index=False)
-    with pytest.warns(StiffBenchWarning, match=r"into 1 pose within.*widest spans 0\.76, .*chain"):
-        read_samples(tmp_path / "my.csv", kr10)
-
-
 def test_rows_of_one_name_may_differ_by_the_tolerance_and_no_more(repeats, kr10, tmp_path):
     table = repeats.assign(load_id=np.arange(len(repeats)))
     table.to_csv(tmp_path / "my.csv", index=False)
     assert len(set(read_samples(tmp_path / "my.csv", kr10).pose_id)) == N_POSES
     with pytest.raises(DataError, match=r"column q\d_deg: .* of the same pose"):
         read_samples(tmp_path / "my.csv", kr10, FileOptions(pose_tolerance=0.0))
-
-
-def test_load_names_of_a_file_without_pose_names_are_told_apart(repeats, kr10, tmp_path):
-    table = repeats.drop(columns=["pose_id"]).assign(load_id="tray")
-    table.to_csv(tmp_path / "my.csv", index=False)
-    with pytest.warns(StiffBenchWarning, match="150 poses"):
-        samples = read_samples(tmp_path / "my.csv", kr10)
-    assert set(samples.load_id) == {"tray", "tray (2)", "tray (3)"}
 
 
 def test_poses_of_two_names_are_one_suspicion(named, kr10, tmp_path):

@@ -18,7 +18,6 @@ from stiff_datasets.measured.outliers_and_drift import find_outliers, outlier_fi
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.measured.sheet_files import sample_table, sheet_of
 from stiff_datasets.measured.validation_report import validate
-from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_models.physics.vjm import identify_joints, joint_deflection
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import Robot, Samples
@@ -90,16 +89,6 @@ def test_a_wrench_in_the_tool_frame_is_named(measurement, words, matrix):
     to_tool = matrix.T @ tool.transpose(0, 2, 1)
     report = measurement.report(wrench=turned(measurement.samples.wrench, to_tool))
     assert only(report.warnings, f"wrench looks as if it were expressed in the flange frame{words}")
-
-
-def test_hypotheses_that_the_data_cannot_tell_apart_are_named(measurement):
-    wrench = measurement.samples.wrench.copy()
-    wrench[:, 3:] = 0.0
-    wrench[:, :2] = 0.0  # weights hung on the tool: z alone
-    compliance = np.full(6, 1e-5)
-    deflection = joint_deflection(measurement.robot, compliance, measurement.samples.q, wrench)
-    report = measurement.report(wrench=-wrench, deflection=deflection)
-    assert "; as well: " in only(report.warnings, "look").message
 
 
 SLIPS = {
@@ -190,13 +179,6 @@ def test_a_column_that_stops_at_one_value_is_named_with_the_value_and_its_rows(t
     assert found.rows == tuple(cut)
 
 
-@pytest.mark.parametrize("loads", [[-60.0], [-60.0, 0.0], [-20.0, -40.0, -60.0]])
-def test_a_few_loads_that_were_chosen_are_no_limit(twin, loads):
-    wrench = twin.samples.wrench.copy()
-    wrench[:, 2] = np.resize(loads, len(wrench))
-    assert limits(twin.samples, wrench) == []
-
-
 @pytest.mark.parametrize(
     ("column", "values", "moved"),
     [
@@ -236,16 +218,6 @@ def test_repeats_that_differ_are_found(fanucs, rng):
     table.loc[9, "dy_mm"] += 0.4  # of the third group
     found = only(fanucs.report_of(table).warnings, "repeats of a load differ")
     assert found.rows == (10, 11, 12, 13)
-
-
-def test_joints_that_cannot_be_identified_are_named(twin, tmp_path):
-    robot = shipped_robot("kr10_r1100_2", tcp=(0.0, 0.0, 0.08))  # on the axis of A6
-    wrench = twin.samples.wrench * [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
-    deflection = joint_deflection(robot, 1.0 / KR10_STIFFNESS, twin.samples.q, wrench)
-    measured = Measurement(twin.samples, robot, tmp_path / "my.csv")
-    report = measured.report(wrench=wrench, deflection=deflection)
-    assert only(report.warnings, "the stiffness of joint A6 cannot be identified")
-    assert "rank 5 of 6" in only(report.facts, "identifiable").message
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -284,19 +284,6 @@ def test_the_variance_of_a_prediction_is_that_of_simulated_measurements(going_on
     assert design.variance(rows) < design.variance(rows[:2]) < design.variance(rows[:0])
 
 
-def test_a_joint_that_was_not_seen_is_seen_with_the_first_new_pose(kr10):
-    pool = candidate_plan(kr10, 200, seed=0, payload_kg=10.0)
-    candidates = regressor(kr10, pool.q, pool.wrench)
-    measured = candidates[:20].copy()
-    measured[:, :, 3] = 0.0
-    for criterion in CRITERIA:
-        design = SpringDesign(candidates, criterion, None, measured)
-        assert np.isinf(design.variance(np.arange(0)))
-        assert np.isfinite(design.variance(design.choose(1)))
-    gain = variance_gain(design, design.choose(5), 200)
-    assert np.isinf(gain.before) and np.isnan(gain.ratio) and gain.plan < gain.random_mean
-
-
 def test_a_measured_pose_is_not_proposed_again_and_new_ones_are_numbered_on(kr10):
     pool = candidate_plan(kr10, 60, seed=0, payload_kg=10.0)
     first = SpringDesign(regressor(kr10, pool.q, pool.wrench), "d-optimal")

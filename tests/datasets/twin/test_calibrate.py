@@ -20,11 +20,9 @@ from calibrate import (
     main,
     paper_figures,
     specimen_figures,
-    vjm_figures,
 )
 from stiff_datasets.twin.constants import read_constants
-from stiff_datasets.twin.kr10_twin import CALIBRATIONS, Kr10Twin
-from stiff_models.physics.vjm import VirtualJointModel
+from stiff_datasets.twin.kr10_twin import CALIBRATIONS
 
 RECORDS = Path(__file__).parents[3] / "results" / "calibration"
 
@@ -80,17 +78,6 @@ def assert_alike(table, card):
     for found, stated in zip(re.findall(NUMBER, table), re.findall(NUMBER, shown), strict=True):
         last_digit = 10.0 ** -len(stated.partition(".")[2])
         assert abs(float(found) - float(stated)) < 1.5 * last_digit
-
-
-def test_the_figures_are_those_of_the_vjm_on_the_samples_it_was_identified_on():
-    data = Kr10Twin().load()
-    found = vjm_figures(data.robot, data.samples)
-    model = VirtualJointModel().fit(data.samples, robot=data.robot)
-    error = np.abs(model.predict(data.samples.q, data.samples.wrench) - data.samples.deflection)
-    np.testing.assert_allclose(found.mae, error.mean(axis=0))
-    np.testing.assert_allclose(found.stde, error.std(axis=0))
-    np.testing.assert_allclose(found.me, error.max(axis=0))
-    np.testing.assert_allclose(found.stiffness, model.springs_.stiffness)
 
 
 @pytest.mark.slow

@@ -30,7 +30,6 @@ CONSTANTS = shipped_constants("kr10_rough")
 LOAD = np.array([60.0, 20.0, -60.0, 3.0, -4.0, 2.0])
 STOPS = 4000
 TWINS = [Kr10Twin, Kr10TwinOmni, Kr10TwinMultiload, Kr10TwinRough, Ur5Twin, ArmFamily]
-DEFAULTS = ("kr10_r1100_2", "kr10_r1100_2_calibration_2")
 
 
 def own_twin(tmp_path, name, old="", new=""):
@@ -188,14 +187,6 @@ def test_a_robot_without_masses_makes_no_twin(tmp_path):
     constants = own_twin(tmp_path, "ur5", 'urdf = "ur5"', 'urdf = "bare.urdf"')
     with pytest.raises(DataError, match=r"my\.toml: no link of bare\.urdf has a mass"):
         constants.chain()
-
-
-def test_the_rough_twin_is_the_default_one_but_for_its_name_and_errors():
-    default, second, rough = (
-        constants.model_dump(exclude={"name", "errors"})
-        for constants in (*map(shipped_constants, DEFAULTS), CONSTANTS)
-    )
-    assert rough == default and second["beams"] == default["beams"]
 
 
 @pytest.mark.parametrize("of", TWINS)
