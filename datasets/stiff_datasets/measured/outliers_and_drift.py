@@ -54,8 +54,6 @@ CLEAR_CHANGE, CHANGE_GAIN = 16.0, 0.05
 are left out. Of the clean data that gained as much, from 20 poses on, the largest F was 12."""
 FEWEST_FOR_CHANGE, MOST_FOR_CHANGE, FEWEST_BESIDE_JUMP = 20, 5000, 5
 """Rows; of a longer file rows at equal distances are compared."""
-BLOCK = 10_000
-"""Rows whose springs are in memory at once."""
 FEWEST_FOR_OUTLIERS = 10
 MOST_OUTLIERS = 0.2
 """Share of the rows; if more are far off, something is wrong with all of them."""
@@ -278,35 +276,24 @@ def _left_out(data: Reading, fitted: BoolArray, courses: FloatArray | None = Non
         courses: (n, m) how m offsets of the deflections change from row to row.
     """
     courses = np.empty((len(fitted), 0)) if courses is None else courses
-    blocks = np.array_split(np.arange(len(fitted)), len(fitted) // BLOCK + 1)
     load = (np.hstack([data.force, data.torque])[:, None] @ data.jacobian)[:, 0]
     knee = LOST_MOTION * np.abs(load).max(axis=0) + 1e-9  # (n_joints,) N m
-    n_columns = 5 * data.q.shape[1] + 3 * courses.shape[1]
-    gram, right = np.zeros((n_columns, n_columns)), np.zeros(n_columns)
-    for rows in blocks:
-        rows = rows[fitted[rows]]
-        matrix = _effects(data.take(rows), knee, courses[rows])
-        grams, rights = normal_equations(matrix, data.deflection[rows])
-        gram, right = gram + grams, right + rights
+    matrix = _effects(data, knee, courses)  # (n, 3, n_columns)
+    gram, right = normal_equations(matrix[fitted], data.deflection[fitted])
     size = np.sqrt(np.diagonal(gram))
     size = np.where(size > RANK_TOLERANCE * size.max(), size, np.inf)
     weight = RIDGE / (3.0 * fitted.sum())
-    inverse = np.linalg.inv(gram / np.outer(size, size) + weight * np.eye(n_columns))
+    inverse = np.linalg.inv(gram / np.outer(size, size) + weight * np.eye(len(size)))
     coefficients = inverse @ (right / size)
-    errors, covariances = np.empty_like(data.deflection), np.empty((len(fitted), 3, 3))
-    for rows in blocks:
-        matrix = _effects(data.take(rows), knee, courses[rows]) / size
-        leverage = (
-            matrix @ inverse @ matrix.swapaxes(1, 2)
-        )  # (n, 3, 3) share of a row in its own fit
-        inside = fitted[rows][:, None, None]
-        covariance = np.where(
-            inside, np.linalg.inv(np.eye(3) - inside * leverage), np.eye(3) + leverage
-        )
-        error = (data.deflection[rows] - matrix @ coefficients)[..., None]
-        errors[rows] = np.where(inside, covariance @ error, error)[..., 0]
-        covariances[rows] = covariance
-    return LeftOut(errors, covariances, coefficients, inverse, size, knee)
+    matrix = matrix / size
+    leverage = matrix @ inverse @ matrix.swapaxes(1, 2)  # (n, 3, 3) share of a row in its own fit
+    inside = fitted[:, None, None]
+    covariance = np.where(
+        inside, np.linalg.inv(np.eye(3) - inside * leverage), np.eye(3) + leverage
+    )
+    error = (data.deflection - matrix @ coefficients)[..., None]
+    error = np.where(inside, covariance @ error, error)[..., 0]
+    return LeftOut(error, covariance, coefficients, inverse, size, knee)
 
 
 def _effects(data: Reading, knee: FloatArray, courses: FloatArray) -> FloatArray:
