@@ -60,8 +60,6 @@ SMALL_UNITS = {"1/10 mm": 10.0, "0.001 inch": 1000.0 / 25.4, "1/100 mm": 100.0, 
 """Units of instruments -> how many of them are 1 mm."""
 SMALLEST_DEFLECTION_MM = 0.01
 """What trackers repeat; a file that never exceeds it holds metres, not millimetres."""
-WIDE = 4.0
-"""Tolerances that a pose spans whose rows form a chain."""
 SAME_POSITION = 0.2
 """Share by which positions of a tool may differ from the robot description's."""
 FEWEST_FOR_PLACE = 5
@@ -198,7 +196,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     q_file, wrench, measured_mm = np.split(numbers, [n, n + len(WRENCH_COLUMNS)], axis=1)
     near = linked_rows(q_file, options.pose_tolerance)
     reach = pose_reach(robot, options.pose_tolerance)
-    sheet = _with_names(sheet, near, f"{reach}{_chain_text(q_file, near, options)}")
+    sheet = _with_names(sheet, near, reach)
     unreadable = [*junk, *_id_problems(sheet), *number_problems(sheet, columns, numbers)]
     sheet, deflection_mm = _deflections(sheet, measured_mm)
     problems = [
@@ -258,15 +256,6 @@ def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArr
     cells = sheet.cells.assign(**dict(zip(DEFLECTION_COLUMNS, deflection_mm.T, strict=True)))
     headers = {**sheet.headers, **names}
     return replace(sheet, cells=cells, headers=headers, notes=(*sheet.notes, note)), deflection_mm
-
-
-def _chain_text(q_file: FloatArray, near: IntArray, options: FileOptions) -> str:
-    """Say how wide the widest pose is where chains of rows make it wide; else ""."""
-    of_pose = pd.DataFrame(q_file).groupby(near)
-    widest = float(np.nan_to_num((of_pose.max() - of_pose.min()).to_numpy()).max())
-    if widest <= WIDE * options.pose_tolerance:
-        return ""
-    return f"; the widest spans {widest:.2g}, as near rows form a chain"
 
 
 def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
