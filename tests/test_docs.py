@@ -23,7 +23,7 @@ from stiff_bench.model_tools.plugins import checklist
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell
-from stiff_datasets.measured.sample_files import sample_table
+from stiff_datasets.measured.sheet_files import sample_table
 from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.protocol_catalog import PROTOCOLS
 from stiff_protocols.scoring.metrics import METRICS

@@ -39,7 +39,7 @@ DATASETS = (
         target="stiff_datasets.twin.kr10_twin:Kr10TwinRough",
         kind="simulated",
         summary="the same poses and loads with hysteresis, bending links, wrong frames and masses",
-        reference="effects: stiff_datasets/twin/effects.py; constants: twins/kr10_rough.toml",
+        reference="effects: stiff_datasets/twin/twin_effects.py; constants: twins/kr10_rough.toml",
         caveats=(f"kr10-twin-rough is {_SIMULATED}",),
         card="data/kr10_twin_rough.md",
     ),
@@ -98,18 +98,18 @@ DATASETS = (
     ),
     DatasetInfo(
         key="kr10-measured",
-        target="stiff_datasets.measured.registered:Kr10Measured",
+        target="stiff_datasets.measured.kr10_measured:Kr10Measured",
         kind="measured",
         summary="your own KUKA KR10 measurement (stiffbench ships none)",
         caveats=("kr10-measured is a user's own file; how it was measured is not known here.",),
         published="table_10",
-        missing_because="stiff_datasets.measured.registered:missing",
+        missing_because="stiff_datasets.measured.kr10_measured:missing",
     ),
 )
 
 MEASURED_FILE = DatasetInfo(
     key="file",
-    target="stiff_datasets.measured.measured:MeasuredData",
+    target="stiff_datasets.measured.sample_file:MeasuredData",
     kind="user's file",
     summary="a user's own CSV file and URDF (bench run --data FILE.csv --urdf FILE.urdf)",
 )

@@ -21,10 +21,10 @@ from stiff_bench.plan.cells import models_under
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
-from stiff_datasets.measured import registered
+from stiff_datasets.measured import kr10_measured
 from stiff_datasets.measured.load_file import read_loads
-from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.sample_files import sample_table, write_table
+from stiff_datasets.measured.sample_file import read_samples
+from stiff_datasets.measured.sheet_files import sample_table, write_table
 from stiff_datasets.robots.urdf_reader import load_robot
 from stiff_datasets.twin.constants import read_constants
 from stiff_protocols.contract.types import Robot
@@ -102,8 +102,8 @@ def _registrations(folder: Path) -> Prepared:
     valid = f'{entry}sha256 = "aa"\nurdf_sha256 = ""\n'.encode()
 
     def read(path: Path) -> object:
-        with mock.patch.object(registered, "registry_file", lambda: path):
-            return registered.registration()
+        with mock.patch.object(kr10_measured, "registry_file", lambda: path):
+            return kr10_measured.registration()
 
     return Prepared(folder / "datasets.toml", (valid,), read, hard_cases.tomls(valid))
 

@@ -8,9 +8,9 @@ import pytest
 from helpers.perf_case import ours_or_peer
 from helpers.pinocchio_twin import elastic_pinocchio, torque_and_tcp
 from stiff_datasets.twin.constants import shipped_constants
-from stiff_datasets.twin.effects import EFFECTS
-from stiff_datasets.twin.springs import SpringLaw
+from stiff_datasets.twin.spring_law import SpringLaw
 from stiff_datasets.twin.twin import TOLERANCE_NM, DigitalTwin, TwinExperiment
+from stiff_datasets.twin.twin_effects import EFFECTS
 from stiff_protocols.contract.types import FloatArray
 
 CONSTANTS = shipped_constants("kr10_r1100_2")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -14,24 +13,18 @@ import numpy as np
 
 from stiff_bench.console import say
 from stiff_bench.run.progress import display
-from stiff_datasets.measured.extrapolation import RowsBeyond
 from stiff_datasets.measured.path_file import (
     LoadFrame,
     PathTable,
     corrected_table,
-    overview,
     path_problems,
-    path_table,
+    read_path,
     tool_of,
 )
-from stiff_datasets.measured.sample_checks import Problem, problems_error
-from stiff_datasets.measured.sample_files import (
-    MM_PER_M,
-    Sheet,
-    file_units,
-    read_sheets,
-    write_table,
-)
+from stiff_datasets.measured.row_checks import Problem, problems_error
+from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
+from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
+from stiff_datasets.measured.sheet_files import write_table
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.stiffness_model import interval_at_tcp, offers, optional
@@ -44,7 +37,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 BLOCK = 2_000
-"""Points that are read, corrected and written at once; progress is shown after each block."""
+"""Points that are corrected and written at once; progress is shown after each block."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,19 +136,19 @@ class PathModel:
 
 
 class _Block(NamedTuple):
-    """Points that were read and corrected at once.
+    """Points that were corrected at once.
 
     Attributes:
-        lines: (n,) of the file.
         found: points and commands.
         interval: as of `CorrectedPath`.
         carried: largest change of a deflection from the measured point to the TCP, m.
+        extrapolates: what of each row lies beyond the training range.
     """
 
-    lines: IntArray
     found: Compensation
     interval: Interval | None
     carried: float
+    extrapolates: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,33 +156,25 @@ class _Correction:
     """What the blocks of a file share.
 
     Attributes:
-        read: makes a table of a sheet.
-        about: what is known of the whole file.
-        n_points: in the file.
+        table: the points.
         held: as of `inverse.free_joints`.
-        seen: of the blocks so far, what lies beyond the training range.
     """
 
     file: Path
     model: PathModel
     how: PathOptions
-    read: Callable[..., PathTable]
-    about: PathTable
-    n_points: int
+    table: PathTable
     held: FloatArray
-    seen: RowsBeyond
 
-    def tables(
-        self, sheets: Iterable[Sheet], seed: FloatArray | None, done: list[_Block]
-    ) -> Iterator[DataFrame]:
+    def tables(self, seed: FloatArray | None, done: list[_Block]) -> Iterator[DataFrame]:
         """Correct block after block, append each to `done`, and yield its rows of the output."""
         robot, known, how = self.model.robot, self.model.training_range, self.how
-        branch = Branch(robot, self.held, seed)
-        if seed is None and self.about.q is None:
+        branch, n_points = Branch(robot, self.held, seed), len(self.table.lines)
+        if seed is None and self.table.q is None:
             near = 0.5 * (known.lower + known.upper)
-            branch = Branch.along(robot, self.about.some, near, self.held)
-        for sheet in sheets:
-            table = self.read(sheet, about=self.about)
+            branch = Branch.along(robot, self.table.some, near, self.held)
+        for start in range(0, n_points, BLOCK):
+            table = self.table.take(np.arange(start, min(start + BLOCK, n_points)))
             driven, wrench = branch.driven(table.path, table.q), table.path.wrench
             if problems := path_problems(table, robot, driven):
                 raise problems_error(self.file, problems, "mend this one first")
@@ -207,11 +192,12 @@ class _Correction:
             interval = None
             if how.coverage is not None:
                 interval = self.model.interval(found.q, wrench, how.coverage)
-            done.append(_Block(table.lines, found, interval, self.model.carried(found.q, wrench)))
-            extrapolates = self.seen.of(found.q, wrench)
+            extrapolates = known.extrapolates(found.q, wrench)
+            carried = self.model.carried(found.q, wrench)
+            done.append(_Block(found, interval, carried, extrapolates))
             yield corrected_table(table, robot, found, extrapolates, interval)
-            if self.seen.n_rows < self.n_points:
-                report("points corrected", self.seen.n_rows, self.n_points)
+            if start + BLOCK < n_points:
+                report("points corrected", start + BLOCK, n_points)
 
     def failures(self, found: Compensation, lines: IntArray) -> str:
         """Say how many points were not corrected, and why not the first; "" where all were."""
@@ -223,10 +209,10 @@ class _Correction:
             f"{found.contraction[first]:.3g}",
             f"below 1, and {self.how.tolerance:g} mm within {self.how.iterations} iterations",
             int(lines[first]),
-            self.about.pose_columns,
+            self.table.pose_columns,
         )
         number = int((~found.converged).sum())
-        points, robot = f"{number} of {self.n_points} points", self.model.robot
+        points, robot = f"{number} of {len(self.table.lines)} points", self.model.robot
         text = f"{self.file}: {points} cannot be corrected, first {problem}"
         if robot.n_joints < 6:
             text += f"; {robot.name} has {robot.n_joints} joints, too few for every pose of a tool"
@@ -245,37 +231,35 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
     robot = model.robot
     seed = _seed(robot, how.start)
     _check_number_held(robot, how.hold)
-    sheet, n_points = overview(file, BLOCK, how.sheet)
-    read = partial(
-        path_table,
-        robot=robot,
-        tool=tool_of(robot, how.tool),
+    table = read_path(
+        file,
+        robot,
+        tool_of(robot, how.tool),
+        sheet_name=how.sheet,
         load=how.load,
         load_frame=how.load_frame,
         frame=how.frame,
     )
-    about, seen = read(sheet), RowsBeyond(model.training_range, robot)
-    for oddity in about.oddities:
+    for oddity in table.oddities:
         say(f"warning: {oddity}")
-    if about.q is not None and seed is not None:
+    if table.q is not None and seed is not None:
         raise ConfigError("the path has joint angles, which choose the configuration", "start")
-    if about.q is None:
+    if table.q is None:
         held = held_positions(robot, how.hold, seed)
     else:
-        held = _held_as_in(robot, how.hold, about.q[0])
-    work = _Correction(file, model, how, read, about, n_points, held, seen)
+        held = _held_as_in(robot, how.hold, table.q[0])
+    work = _Correction(file, model, how, table, held)
     blocks: list[_Block] = []
-    with display(), closing(read_sheets(file, BLOCK, how.sheet)) as sheets:
-        write_table(output, work.tables(sheets, seed, blocks))
-    lines, found = np.concatenate([one.lines for one in blocks]), [one.found for one in blocks]
-    whole, interval = Compensation.joined(found), None
+    with display():
+        write_table(output, work.tables(seed, blocks))
+    whole, interval = Compensation.joined([block.found for block in blocks]), None
     if how.coverage is not None:
         lower, upper = (
             np.concatenate([getattr(one.interval, end) for one in blocks])
             for end in ("lower", "upper")
         )
         interval = Interval(lower, upper, how.coverage)
-    if not seen.ends[1, -2:].any():
+    if not table.path.wrench.any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
     if carried := max(block.carried for block in blocks):
         say(
@@ -283,14 +267,16 @@ def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions)
             f"rotation of the tool, which was not measured, changes the deflections by up to "
             f"{MM_PER_M * carried:.3g} mm on the way to the TCP"
         )
+    words = [text for block in blocks for text in block.extrapolates]
+    known, wrench = model.training_range, table.path.wrench
     for warning, column in (
-        (work.failures(whole, lines), "uncorrected"),
-        (seen.warning, "extrapolates"),
+        (work.failures(whole, table.lines), "uncorrected"),
+        (extrapolation_warning(known, robot, whole.q, wrench, words), "extrapolates"),
     ):
         if warning:
             text = f"{warning}; see the column {column}"
             warnings.warn(text, StiffBenchWarning, stacklevel=3)  # of who calls `compensate_path`
-    return CorrectedPath(about.path.name, whole, interval)
+    return CorrectedPath(table.path.name, whole, interval)
 
 
 def held_positions(

@@ -75,7 +75,7 @@ class Dataset:
         Raises:
             DataError: samples and robot have different numbers of joints.
         """
-        from stiff_datasets.measured.measured import near_poses
+        from stiff_datasets.measured.sample_file import near_poses
 
         dataset = cls(held_data(BenchmarkData(samples, robot), name))
         if near := near_poses(samples, robot, pose_tolerance):
@@ -104,7 +104,7 @@ class Dataset:
         Raises:
             DataError: a column is missing, or a value cannot be; the message names row and column.
         """
-        from stiff_datasets.measured.measured import samples_of
+        from stiff_datasets.measured.sample_file import samples_of
 
         options = FileOptions(no_torque, None, pose_tolerance)
         samples = samples_of(Path(name), frame, robot, "no data set was made", options)
@@ -132,7 +132,7 @@ class Dataset:
 
     def frame(self) -> DataFrame:
         """Return the samples as a table with the columns of a file (deg, N, N m, mm)."""
-        from stiff_datasets.measured.sample_files import sample_table
+        from stiff_datasets.measured.sheet_files import sample_table
 
         return sample_table(self.samples, self.robot)
 

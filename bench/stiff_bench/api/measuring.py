@@ -25,8 +25,8 @@ from stiff_bench.console import say
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import measured_file
 from stiff_bench.run.progress import display
-from stiff_datasets.measured import registered
-from stiff_datasets.measured import validate as validation
+from stiff_datasets.measured import kr10_measured
+from stiff_datasets.measured import validation_report as validation
 from stiff_datasets.measured.file_options import POSE_TOLERANCE, FileOptions
 from stiff_datasets.planning.design import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
@@ -40,8 +40,8 @@ from stiff_datasets.twin.constants import (
     shipped_constants,
     shipped_twins,
 )
-from stiff_datasets.twin.effects import parse_effects
 from stiff_datasets.twin.twin import TwinExperiment
+from stiff_datasets.twin.twin_effects import parse_effects
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
@@ -250,7 +250,7 @@ def register(
     x, y, z = default if tcp is None else tcp
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StiffBenchWarning)
-        place = registered.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
+        place = kr10_measured.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
     robot = load_robot(tcp=tcp) if urdf is None else read_robot(urdf, tcp=tcp, tip=tip)
     report = validate(csv, robot=robot, **stated)
     read = [str(warning.message).removeprefix(f"{csv.absolute()}: ") for warning in caught]

@@ -23,7 +23,7 @@ from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import left_out_errors, whole_fit
 from stiff_bench.tables.fit_notes import springs_table
 from stiff_bench.tables.render import plain_text
-from stiff_datasets.measured.extrapolation import RowsBeyond
+from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -118,11 +118,12 @@ class Model:
         self.check_fitted()
         predicted = np.asarray(self.fitted.predict(q, wrench))
         if not self._has_warned:
-            seen = RowsBeyond(self.training_range, self.fitted.robot_)
-            seen.of(np.asarray(q), np.asarray(wrench))
-            self._has_warned = bool(seen.warning)
-            if seen.warning:
-                warnings.warn(seen.warning, StiffBenchWarning, stacklevel=2)
+            known, rows = self.training_range, (np.asarray(q), np.asarray(wrench))
+            words = known.extrapolates(*rows)
+            warning = extrapolation_warning(known, self.fitted.robot_, *rows, words)
+            self._has_warned = bool(warning)
+            if warning:
+                warnings.warn(warning, StiffBenchWarning, stacklevel=2)
         return predicted
 
     def predict_interval(
@@ -228,12 +229,13 @@ class Model:
             predicted = frozen_array(
                 model.predict(table.q, table.wrench), "the prediction", (len(table.q), 3)
             )
-            seen = RowsBeyond(self.training_range, model.robot_)
-            extrapolates = seen.of(table.q, table.wrench)
+            known, rows = self.training_range, (table.q, table.wrench)
+            extrapolates = known.extrapolates(*rows)
+            warning = extrapolation_warning(known, model.robot_, *rows, extrapolates)
         write_predictions(Path(output), table, predicted, extrapolates, interval)
-        if seen.warning:
-            warning = f"{seen.warning}; see the column extrapolates"
-            warnings.warn(warning, StiffBenchWarning, stacklevel=2)
+        if warning:
+            text = f"{warning}; see the column extrapolates"
+            warnings.warn(text, StiffBenchWarning, stacklevel=2)
         return len(extrapolates)
 
     def export(self, file: Path | str) -> Text:

@@ -18,7 +18,7 @@ from stiff_bench.api.model import Model, blamed_on
 from stiff_bench.api.robots import as_robot, payload_of
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_datasets.measured.path_file import LoadFrame, tool_of, write_path
-from stiff_datasets.measured.sample_files import MM_PER_M
+from stiff_datasets.measured.sample_columns import MM_PER_M
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY, Robot

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiff_datasets.measured.sample_files import MM_PER_M, UNITS
+from stiff_datasets.measured.sample_columns import MM_PER_M, UNITS
 from stiff_protocols.contract.errors import DataError
 
 NO_TORQUE = re.compile(

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_datasets.measured.hypotheses import (
+from stiff_datasets.measured.mistakes import (
     ELSEWHERE,
     FARTHEST_SOUND,
     FITTED,

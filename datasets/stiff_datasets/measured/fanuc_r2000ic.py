@@ -5,7 +5,7 @@ from __future__ import annotations
 from hashlib import sha256
 from importlib.resources import as_file, files
 
-from stiff_datasets.measured.measured import read_samples
+from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import BenchmarkData

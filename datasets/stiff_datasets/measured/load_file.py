@@ -1,6 +1,6 @@
 """Tables of loads at poses: what `bench predict` reads, and writes with the predictions beside.
 
-The columns are those of `sample_files.py` without the deflections: ``q1_deg .. qn_deg, fx_N ..
+The columns are those of `sample_columns.py` without the deflections: ``q1_deg .. qn_deg, fx_N ..
 tz_Nm``; ``pose_id, load_id, group`` may be there. So may ``dx_mm, dy_mm, dz_mm``, as in a
 measurement or in a plan that is still to be measured: they are not read, and in what is written
 the columns of these names are the predictions.
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from stiff_datasets.measured.sample_checks import (
+from stiff_datasets.measured.row_checks import (
     Problem,
     limit_problems,
     numbers_and_loads,
@@ -23,18 +23,18 @@ from stiff_datasets.measured.sample_checks import (
     radian_problems,
     table_problems,
 )
-from stiff_datasets.measured.sample_files import (
+from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     MM_PER_M,
     WRENCH_COLUMNS,
     all_columns,
+    counted,
     file_units,
     in_file_units,
     joint_columns,
-    read_sheet,
-    write_table,
 )
+from stiff_datasets.measured.sheet_files import read_sheet, write_table
 from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot
 
 
@@ -103,9 +103,8 @@ def read_loads(path: Path, robot: Robot, sheet_name: str | None = None) -> LoadT
 
 
 def _outside(path: Path, problems: list[Problem]) -> str:
-    n_rows = len({problem.row for problem in problems})
-    rows = "1 row has a joint" if n_rows == 1 else f"{n_rows} rows have a joint"
-    return f"{path}: {rows} outside of its limits, the first: {problems[0]}"
+    rows = counted(len({problem.row for problem in problems}), "row")
+    return f"{path}: {rows} with a joint outside of its limits, the first: {problems[0]}"
 
 
 def write_predictions(

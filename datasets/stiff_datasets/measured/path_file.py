@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from stiff_datasets.measured.load_file import interval_columns
-from stiff_datasets.measured.sample_checks import (
+from stiff_datasets.measured.row_checks import (
     FULL_TURN_RAD,
     LARGEST_NUMBER,
     NO_TORQUE,
@@ -34,17 +34,15 @@ from stiff_datasets.measured.sample_checks import (
     range_problems,
     table_problems,
 )
-from stiff_datasets.measured.sample_files import (
+from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     MM_PER_M,
     TORQUE_COLUMNS,
     WRENCH_COLUMNS,
-    Sheet,
     file_units,
     joint_columns,
-    read_sheets,
-    write_table,
 )
+from stiff_datasets.measured.sheet_files import Sheet, read_sheet, write_table
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot, frozen_array
 from stiff_protocols.paths.compensation import Compensation
@@ -61,15 +59,13 @@ SMALLEST_POSITION_MM = 10.0
 """No path has all of its points so near to the base; such a file holds metres."""
 LARGEST_POSITION_MM, LARGEST_ANGLE_DEG = 1e5, 1e4
 SAME_TCP_M = 1e-5
-SPARSE = 100
-"""One row of so many stands in an overview."""
 QUATERNION_SLACK = 1e-3
 """How far the length of a quaternion may be from 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class PathTable:
-    """The points of a file, or of a block of it, checked.
+    """The points of a file, or some of them, checked.
 
     Attributes:
         path: poses and loads, base frame, SI.
@@ -97,6 +93,16 @@ class PathTable:
         """Points about evenly spread over the rows of the file, at which configurations differ."""
         even = np.linspace(self.lines[0], self.lines[-1], COMPARED_AT)
         return self.path.take(np.unique(np.searchsorted(self.lines, even)))
+
+    def take(self, rows: IntArray) -> PathTable:
+        """Return some of the points."""
+        return replace(
+            self,
+            path=self.path.take(rows),
+            q=None if self.q is None else self.q[rows],
+            columns=self.columns.iloc[rows].reset_index(drop=True),
+            lines=self.lines[rows],
+        )
 
     @property
     def pose_columns(self) -> str:
@@ -140,58 +146,39 @@ def tool_of(robot: Robot, tool: Sequence[float] | None) -> FloatArray:
     return np.asarray(robot.flange @ pose)
 
 
-def overview(path: Path, rows: int, sheet_name: str | None = None) -> tuple[Sheet, int]:
-    """Return the first block of a file with some rows of the others, and how many rows it has.
-
-    Args:
-        path: the file; Parquet if it ends in .parquet, else CSV.
-        rows: of a block.
-        sheet_name: of an Excel file; None: the only one that holds a table.
-    """
-    blocks = read_sheets(path, rows, sheet_name)
-    first = next(blocks)
-    cells, lines, n = [first.cells], [first.lines], len(first.cells)
-    for block in blocks:
-        cells.append(block.cells.iloc[::SPARSE])
-        lines.append(block.lines[::SPARSE])
-        n += len(block.cells)
-    together = pd.concat(cells, ignore_index=True)
-    return replace(first, cells=together, lines=np.concatenate(lines)), n
-
-
-def path_table(
-    sheet: Sheet,
+def read_path(
+    file: Path,
     robot: Robot,
     tool: FloatArray,
     *,
+    sheet_name: str | None = None,
     load: Sequence[float] | None = None,
     load_frame: LoadFrame = "base",
     frame: Sequence[float] | None = None,
-    about: PathTable | None = None,
 ) -> PathTable:
-    """Return the points of a file, or of a block of it.
+    """Read the points of a path.
 
     Args:
-        sheet: its cells.
+        file: Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
         robot: gives the joints and their limits, and the place of the TCP.
         tool: (4, 4) in the last joint's frame, m (`tool_of`).
+        sheet_name: of an Excel file; None: the only one that holds a table.
         load: (6,) N and N m at every point, for a file without loads.
         load_frame: in which loads are expressed.
         frame: x, y, z [mm], a, b, c [deg] of the frame of the poses in the base frame; None: they
             are in the base frame.
-        about: of the file's `overview`, which says what holds of the file as a whole; None: this
-            is it.
 
     Raises:
-        DataError: the file is wrongly headed, or a value is none; the message names file, row,
-            column, value and what is valid.
-        ConfigError: `load` is no load, or is given and the file has loads, or `frame` is missing
-            or without use.
+        DataError: the file is unreadable or wrongly headed, or a value is none; the message names
+            file, row, column, value and what is valid.
+        ConfigError: the file has no such sheet, or `load` is no load, or is given and the file has
+            loads, or `frame` is missing or without use.
     """
     base = np.eye(4) if frame is None else frame_matrix(frame)
     joints = joint_columns(robot)
     poses = (*POSITION_COLUMNS, *ANGLE_COLUMNS, *QUATERNION_COLUMNS)
-    path, sheet = sheet.path, sheet.recognised((*poses, *joints, *WRENCH_COLUMNS, FRAME_COLUMN))
+    sheet = read_sheet(file, sheet_name)
+    sheet = sheet.recognised((*poses, *joints, *WRENCH_COLUMNS, FRAME_COLUMN))
     found = set(sheet.cells)
     kinds = [kind for kind in (poses, joints) if found & {*kind}]
     by_joints = kinds == [joints]
@@ -200,13 +187,13 @@ def path_table(
         both = ", ".join(name for name in sheet.cells if name in {*poses, *joints})
         valid = f"{','.join(POSITION_COLUMNS)} with {','.join(ANGLE_COLUMNS)} or "
         valid += f"{','.join(QUATERNION_COLUMNS)}; or {','.join(joints)}"
-        raise problems_error(path, [Problem(f"header: more than one of these: {both}", valid)], "")
+        raise problems_error(file, [Problem(f"header: more than one of these: {both}", valid)], "")
     for number in () if load is None else load:
         if not abs(number) <= LARGEST_NUMBER:  # neither is nan
             valid = f"numbers within +-{LARGEST_NUMBER:g} N and N m"
             raise ConfigError(f"{number:g}: no load of a robot (valid: {valid})", "load")
     if load is not None and found & {*WRENCH_COLUMNS}:
-        raise ConfigError(f"{path} has loads of its own (valid: one of both)", "load")
+        raise ConfigError(f"{file} has loads of its own (valid: one of both)", "load")
     places = joints if by_joints else (*POSITION_COLUMNS, *angles)
     loads = () if load is not None else WRENCH_COLUMNS
     columns = (*places, *loads, FRAME_COLUMN)
@@ -216,7 +203,7 @@ def path_table(
         joints_of = f"the {robot.n_joints} joints of {robot.name}"
         problems.append(Problem(f"header: further joints {', '.join(further)}", joints_of))
     if problems:
-        raise problems_error(path, problems, "")
+        raise problems_error(file, problems, "")
     given = NO_TORQUE if load is None else dict(zip(WRENCH_COLUMNS, load, strict=True))
     sheet = filled(sheet, given)
     numbers, wrench, problems = numbers_and_loads(sheet, places)
@@ -224,11 +211,9 @@ def path_table(
         problems = [*radian_problems(numbers, robot), *limit_problems(sheet, numbers, robot)]
     elif not problems:
         problems = [*_pose_problems(sheet, numbers, angles)]
-    if about is not None:
-        problems = [problem for problem in problems if problem.row is not None]
-    frame_name, mixed = _frame_name(sheet, frame, about)
+    frame_name, mixed = _frame_name(sheet, frame)
     if problems := [*problems, *mixed]:
-        raise problems_error(path, problems, "mend this one first")
+        raise problems_error(file, problems, "mend this one first")
     q, written = None, pd.DataFrame(dict(zip(places[3:], numbers.T[3:], strict=True)))
     if by_joints:
         q = numbers / file_units(robot)
@@ -243,7 +228,7 @@ def path_table(
         tools = rotation @ tool[:3, :3]
         wrench = np.einsum("nij,nkj->nki", tools, wrench.reshape(-1, 2, 3)).reshape(-1, 6)
     return PathTable(
-        path=ToolPath(path.stem, position, rotation, wrench),
+        path=ToolPath(file.stem, position, rotation, wrench),
         q=q,
         tool=tool,
         frame=base,
@@ -394,16 +379,14 @@ def _oddities(sheet: Sheet, turn: FloatArray, angles: tuple[str, ...]) -> Iterat
         )
 
 
-def _frame_name(
-    sheet: Sheet, frame: Sequence[float] | None, about: PathTable | None
-) -> tuple[str, Iterator[Problem]]:
+def _frame_name(sheet: Sheet, frame: Sequence[float] | None) -> tuple[str, Iterator[Problem]]:
     """Return the name of the one frame of a file, and rows with another."""
     usual = BASE if frame is None else "workpiece"
     if FRAME_COLUMN not in sheet.cells:
         return usual, iter(())
     names = sheet.cells[FRAME_COLUMN].astype(str)
     names = names.where(names != "", usual)
-    first = names.iloc[0] if about is None else about.frame_name
+    first = names.iloc[0]
     if first == BASE and frame is not None:
         raise ConfigError(f"{sheet.path} is in the frame {BASE!r}, which is known", "frame")
     if first != BASE and frame is None:

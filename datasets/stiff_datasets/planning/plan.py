@@ -16,14 +16,14 @@ import numpy as np
 import pandas as pd
 
 from stiff_datasets.measured.load_file import Loads
-from stiff_datasets.measured.sample_files import (
+from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     WRENCH_COLUMNS,
     file_units,
     joint_columns,
-    write_table,
 )
+from stiff_datasets.measured.sheet_files import write_table
 from stiff_datasets.planning.design import Design
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses, paper_poses

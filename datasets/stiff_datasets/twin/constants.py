@@ -67,7 +67,7 @@ from stiff_datasets.planning.reachable import CLEARANCE
 from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_names
 from stiff_datasets.robots.urdf_reader import LONGEST_TCP_M, ChainModel, read_chain, robot_of
 from stiff_datasets.twin.beams import Beams, Tube
-from stiff_datasets.twin.springs import (
+from stiff_datasets.twin.spring_law import (
     SOFTEST,
     STIFFEST,
     Gear,
@@ -477,38 +477,15 @@ def _first_problem(error: ValidationError) -> str:
         if not str(part).startswith(("int", "Gear", "function-", REVOLUTE))
     ]
     where = ".".join(part for part in path if part != PRISMATIC)
-    kind, about = problem["type"], problem.get("ctx", {})
-    if kind == "missing":
-        return f"{where} is missing"
-    if kind == "value_error":  # our own, of a value or of a whole table
-        given = "" if isinstance(problem["input"], dict) else f": {problem['input']!r}"
-        return f"{where}{given}: {about['error']}"
-    if kind == "extra_forbidden":
+    if problem["type"] == "extra_forbidden":
         *above, name = path
         inner = next((word for word in reversed(above) if word in _TABLES), "")
         table = _TABLES.get(inner, TwinConstants)
         within = where.rpartition(".")[0]
         return str(unknown_name(f"{within} key".strip(), name, table.model_fields))
-    valid = _VALID[kind].format(**about) if kind in _VALID else problem["msg"]
-    return f"{where}: {problem['input']!r} (valid: {valid})"
-
-
-_VALID = {
-    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
-    **dict.fromkeys(("int_type", "int_parsing"), "a whole number"),
-    **dict.fromkeys(("tuple_type", "list_type"), "a list"),
-    **dict.fromkeys(("model_type", "dict_type"), "a table"),
-    "string_type": "a text",
-    "string_pattern_mismatch": "letters, digits, and _ . -",
-    "finite_number": "a finite number",
-    "greater_than": "a number above {gt:g}",
-    "greater_than_equal": "a number of at least {ge:g}",
-    "less_than": "a number below {lt:g}",
-    "less_than_equal": "a number of at most {le:g}",
-    "too_long": "at most {max_length} entries",
-    "too_short": "at least {min_length} entries",
-}
-"""Pydantic's name of a problem -> what is valid, in our words."""
+    is_value = problem["type"] != "missing" and not isinstance(problem["input"], dict)
+    given = f"{problem['input']!r}: " if is_value else ""
+    return f"{where}: {given}{problem['msg'].removeprefix('Value error, ')}"
 
 
 _TABLES: dict[str, type[BaseModel]] = {

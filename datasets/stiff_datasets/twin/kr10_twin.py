@@ -16,8 +16,8 @@ from stiff_datasets.planning.loads import LoadKind
 from stiff_datasets.planning.poses import Poses, bent_wrist_poses, paper_poses
 from stiff_datasets.robots.urdf_reader import ChainModel
 from stiff_datasets.twin.constants import TwinConstants, shipped_constants
-from stiff_datasets.twin.effects import ALL_EFFECTS
 from stiff_datasets.twin.twin import TwinData
+from stiff_datasets.twin.twin_effects import ALL_EFFECTS
 from stiff_protocols.contract.types import BenchmarkData
 
 

@@ -14,8 +14,8 @@ from stiff_datasets.planning.loads import LoadKind, stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.twin.constants import TwinConstants, read_constants, shipped_constants
-from stiff_datasets.twin.effects import ALL_EFFECTS, NO_EFFECTS
 from stiff_datasets.twin.twin import TwinData
+from stiff_datasets.twin.twin_effects import ALL_EFFECTS, NO_EFFECTS
 from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.types import BenchmarkData
 

@@ -30,7 +30,9 @@ from stiff_datasets.twin.constants import (
     specimen_beams,
     specimen_springs,
 )
-from stiff_datasets.twin.effects import (
+from stiff_datasets.twin.elastic_chain import ElasticChain
+from stiff_datasets.twin.spring_law import JointSprings, SlideSprings, SpringLaw
+from stiff_datasets.twin.twin_effects import (
     HYSTERESIS,
     KINEMATICS,
     LINKS,
@@ -39,8 +41,6 @@ from stiff_datasets.twin.effects import (
     parse_effects,
     real_robot,
 )
-from stiff_datasets.twin.elastic_chain import ElasticChain
-from stiff_datasets.twin.springs import JointSprings, SlideSprings, SpringLaw
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples
 
@@ -57,7 +57,7 @@ class TwinExperiment:
         specimen: which robot of the type.
         seed: draws loads and noise; the robot does not depend on it.
         loads_per_pose: how many.
-        effects: what it has beyond the default twin, see `effects.py`.
+        effects: what it has beyond the default twin, see `twin_effects.py`.
         heaviest: the largest "omni" load, over the payload.
         twin: the robot.
 
@@ -192,7 +192,7 @@ class TwinData:
             names them; "rigid": no bearing tilts, and the links bend. Poses, loads and noise are
             the same.
         effects: hysteresis, links, kinematics and sensor, separated by commas, or "none"; each is
-            described in `effects.py`.
+            described in `twin_effects.py`.
     """
 
     specimen: SpecimenNumber = 0

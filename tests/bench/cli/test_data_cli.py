@@ -14,9 +14,9 @@ import pytest
 
 from helpers.command_line import assert_refused, bench_here, started
 from helpers.made_robots import arm_lines, gripper_lines, tree_urdf
-from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.registered import registration
-from stiff_datasets.measured.sample_files import sample_table
+from stiff_datasets.measured.kr10_measured import registration
+from stiff_datasets.measured.sample_file import read_samples
+from stiff_datasets.measured.sheet_files import sample_table
 
 ROBOTS = files("stiff_datasets") / "robots"
 FANUC_CSV = str(files("stiff_datasets") / "data" / "fanuc_r2000ic.csv")

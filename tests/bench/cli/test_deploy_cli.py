@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from helpers.command_line import assert_refused, bench_here
 from stiff_bench.api.model import load_model
 from stiff_bench.cli import models as deploy_cli
-from stiff_datasets.measured.sample_files import sample_table, write_table
+from stiff_datasets.measured.sheet_files import sample_table, write_table
 from stiff_datasets.robots.urdf_reader import load_robot
 from stiff_models import load
 from stiff_protocols.contract.errors import DataError
@@ -152,7 +152,7 @@ def test_what_is_odd_is_predicted_with_a_warning(predict):
     table, said = predict(f"{HEADER},note", f"{ROW},a", ROW.replace("10,", "200,", 1) + ",b")
     assert len(table) == 2
     assert "columns not used: note" in said
-    assert "1 row has a joint outside of its limits, the first: row 3, column q1_deg" in said
+    assert "1 row with a joint outside of its limits, the first: row 3, column q1_deg" in said
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,7 @@ from helpers.made_robots import track_lines, tree_urdf
 from helpers.made_samples import samples_with
 from stiff_bench.analysis.path_correction import CorrectedPath
 from stiff_bench.api.path import compensate_path, example_path
-from stiff_datasets.measured.path_file import path_table, tool_of
-from stiff_datasets.measured.sample_files import read_sheet
+from stiff_datasets.measured.path_file import read_path, tool_of
 from stiff_datasets.robots.shipped_robots import shipped_robots
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -266,7 +265,7 @@ def test_every_shipped_robot_has_an_example_that_it_can_drive(robot, tmp_path):
     table = pd.read_csv(tmp_path / "p.csv")
     assert (table["fz_N"] == -9.0).all()
     arm = shipped_robots()[robot].robot()
-    found = path_table(read_sheet(tmp_path / "p.csv"), arm, tool_of(arm, None))
+    found = read_path(tmp_path / "p.csv", arm, tool_of(arm, None))
     assert follow(arm, found.path.position, found.path.rotation).ok.all()
 
 
@@ -324,17 +323,6 @@ def test_what_is_wrong_behind_the_first_block_is_found_with_its_row(
         corrected("\n".join([*rows, ""]))
     assert all(part in str(refused.value) for part in parts)
     assert [file.name for file in tmp_path.iterdir()] == ["path.csv"]
-
-
-def test_a_file_is_judged_as_a_whole_where_its_first_block_says_little(corrected, monkeypatch):
-    monkeypatch.setattr("stiff_bench.analysis.path_correction.BLOCK", 2)
-    near = ROW.replace("700,0,400", "1,0,1")
-    rows = [near, near, near.replace("1,0,1", "20,0,1"), near]
-    found, _ = corrected("\n".join([HEADER, *rows, ""]), frame=(699.0, 0.0, 399.0, 0.0, 0.0, 0.0))
-    np.testing.assert_allclose(found.found.wanted[2], [0.719, 0.0, 0.4], atol=1e-9)
-    rows = [f"{0.7 + 0.01 * i:.3f},0,0.4,180,0,180,0,0,-40" for i in range(5)]
-    with pytest.raises(DataError, match="look like metres"):
-        corrected("\n".join([HEADER, *rows, ""]))
 
 
 def test_load_beyond_the_training_range_is_warned_of_with_numbers(corrected):

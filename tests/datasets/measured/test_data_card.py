@@ -6,8 +6,8 @@ import pytest
 
 from helpers.made_samples import CSV_HEADER, CSV_ROW
 from stiff_datasets.measured.data_card import DataCard, read_card
-from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.validate import validate
+from stiff_datasets.measured.sample_file import read_samples
+from stiff_datasets.measured.validation_report import validate
 from stiff_protocols.contract.errors import DataError
 
 
@@ -43,11 +43,6 @@ def test_a_file_without_a_card_has_an_empty_one(file):
     assert read_card(file.with_suffix(".md")) == DataCard()  # a file of samples named so
 
 
-def test_torques_that_were_not_measured_are_said_in_a_sentence(file):
-    assert written(file, "Torques were not recorded.").no_torque
-    assert not written(file, "Torques were measured.").no_torque
-
-
 @pytest.mark.parametrize(
     "value",
     [
@@ -70,9 +65,3 @@ def test_a_noise_that_cannot_be_read_is_refused_with_its_line(file, value, kr10)
         read_samples(file, kr10)
     (error,) = validate(file, kr10).errors
     assert "line 3, instrument noise" in error.message
-
-
-def test_validate_says_which_noise_it_read(file, kr10):
-    written(file, "Instrument noise: 0.03 mm a deflection")
-    facts = [str(fact.message) for fact in validate(file, kr10).facts]
-    assert any("0.03 mm a deflection" in fact for fact in facts)

@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 
 import stiffbench as sb
-from helpers.command_line import LEAVES, bench_here
+from helpers.command_line import bench_here
 from helpers.made_samples import assert_no_pose_is_parted
 from stiff_datasets.measured.file_options import FileOptions
-from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.sample_checks import check_sheet, linked_rows
-from stiff_datasets.measured.sample_files import read_sheet, sample_table
+from stiff_datasets.measured.row_checks import linked_rows
+from stiff_datasets.measured.sample_file import check_sheet, read_samples
+from stiff_datasets.measured.sheet_files import read_sheet, sample_table
 from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchWarning
 from stiff_protocols.contract.types import BenchmarkData
 from stiff_protocols.splits.random_splits import Holdout
@@ -96,28 +96,12 @@ def test_near_rows_are_linked_in_every_order(q, n_poses):
         assert len(pairs) == n_poses
 
 
-def test_a_chain_of_near_rows_is_named(repeats, kr10, tmp_path):
-    table = repeats.drop(columns=NAMES).iloc[[0] * 20].copy()
-    table["q1_deg"] += 0.04 * np.arange(20)
-    table.to_csv(tmp_path / "my.csv", index=False)
-    with pytest.warns(StiffBenchWarning, match=r"into 1 pose within.*widest spans 0\.76, .*chain"):
-        read_samples(tmp_path / "my.csv", kr10)
-
-
 def test_rows_of_one_name_may_differ_by_the_tolerance_and_no_more(repeats, kr10, tmp_path):
     table = repeats.assign(load_id=np.arange(len(repeats)))
     table.to_csv(tmp_path / "my.csv", index=False)
     assert len(set(read_samples(tmp_path / "my.csv", kr10).pose_id)) == N_POSES
     with pytest.raises(DataError, match=r"column q\d_deg: .* of the same pose"):
         read_samples(tmp_path / "my.csv", kr10, FileOptions(pose_tolerance=0.0))
-
-
-def test_load_names_of_a_file_without_pose_names_are_told_apart(repeats, kr10, tmp_path):
-    table = repeats.drop(columns=["pose_id"]).assign(load_id="tray")
-    table.to_csv(tmp_path / "my.csv", index=False)
-    with pytest.warns(StiffBenchWarning, match="150 poses"):
-        samples = read_samples(tmp_path / "my.csv", kr10)
-    assert set(samples.load_id) == {"tray", "tray (2)", "tray (3)"}
 
 
 def test_poses_of_two_names_are_one_suspicion(named, kr10, tmp_path):
@@ -128,25 +112,6 @@ def test_poses_of_two_names_are_one_suspicion(named, kr10, tmp_path):
     for command in (["run", "--splits", "1"], ["fit", "--output", "vjm.stiff"]):
         said = bench_here(*command, *words, cwd=tmp_path).stderr
         assert said.count("45 pose_ids name 15 poses") == said.count("warning") == 1
-
-
-def test_the_grouping_is_said_by_every_command_that_reads_the_file(unnamed, tmp_path):
-    robot = ["--robot", "kr10-r1100-2"]
-    for words in (
-        ["data", "validate", "my.csv"],
-        ["run", "--data", "my.csv", "--model", "mean", "--plan"],
-    ):
-        done = bench_here(*words, *robot, "--pose-tolerance", "0.04", cwd=tmp_path)
-        assert "450 rows grouped into 150 poses within 0.04 deg" in done.stdout + done.stderr
-
-
-def test_every_command_that_reads_measured_files_takes_the_same_options():
-    options = {
-        leaf.name: {name for one in leaf.command.params for name in one.opts} for leaf in LEAVES
-    }
-    reading = {name for name, of in options.items() if "--no-torque" in of}
-    assert reading >= {"run", "fit", *(f"data {one}" for one in ("info", "plan", "validate"))}
-    assert all(options[name] >= {"--sheet", "--pose-tolerance"} for name in reading)
 
 
 def test_tables_and_arrays_in_memory_are_looked_at_too(repeats, kr10):

@@ -10,9 +10,9 @@ import stiffbench as sb
 from helpers.command_line import assert_refused, bench_here
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.load_file import read_loads
-from stiff_datasets.measured.measured import read_samples
-from stiff_datasets.measured.sample_files import sample_table
-from stiff_datasets.measured.validate import validate
+from stiff_datasets.measured.sample_file import read_samples
+from stiff_datasets.measured.sheet_files import sample_table
+from stiff_datasets.measured.validation_report import validate
 from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchWarning
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
@@ -63,12 +63,6 @@ def test_a_sheet_is_asked_for_where_two_hold_tables(book, kr10, tmp_path):
     assert_refused(bench_here(*words, cwd=tmp_path), "--sheet is needed")
     done = bench_here(*words, "--sheet", "Tuesday", cwd=tmp_path)
     assert "10 rows predicted" in done.stdout, done.stderr
-
-
-def test_the_only_sheet_with_a_table_is_read_and_named(book, kr10):
-    path = book(Notes=0, Data=12)
-    with pytest.warns(StiffBenchWarning, match="sheet 'Data' read"):
-        assert len(read_samples(path, kr10)) == 12
 
 
 def test_a_sheet_that_is_not_there_is_refused_with_those_that_are(book, kr10, table, tmp_path):
@@ -186,17 +180,6 @@ def test_positions_in_the_columns_of_deflections_are_refused_with_what_to_do(
         read_samples(tmp_path / "my.csv", kr10)
 
 
-@pytest.mark.parametrize("which", ["twin", "fanuc"])
-def test_micrometres_are_not_taken_for_positions(request, tmp_path, which):
-    data = request.getfixturevalue(which)
-    rows = sample_table(data.samples, data.robot)
-    rows[DEFLECTIONS] *= 1000.0
-    rows.to_csv(tmp_path / "my.csv", index=False)
-    errors = validate(tmp_path / "my.csv", data.robot).errors
-    assert "micrometres" in errors[0].message
-    assert not any("positions" in error.message for error in errors)
-
-
 @pytest.mark.parametrize(
     "joint",
     [
@@ -239,12 +222,3 @@ def test_loads_are_found_under_the_names_people_give_them(
     samples = read_samples(tmp_path / "my.csv", kr10)
     np.testing.assert_allclose(samples.wrench[:, 5], table["tz_Nm"])
     np.testing.assert_allclose(samples.deflection[:, 0] * 1000.0, table["dx_mm"], rtol=1e-12)
-
-
-def test_positions_are_found_under_words_for_loaded_and_unloaded(tmp_path, kr10, table, tcp_mm):
-    rows = with_positions(table, tcp_mm)
-    words = {"0": "unbelastet", "1": "belastet"}
-    names = {f"{a}{n}_mm": f"{a} {word} [mm]" for a in "xyz" for n, word in words.items()}
-    rows.rename(columns=names).to_csv(tmp_path / "my.csv", index=False)
-    with pytest.warns(StiffBenchWarning, match=r"x belastet \[mm\] - x unbelastet \[mm\]"):
-        read_samples(tmp_path / "my.csv", kr10)

@@ -27,23 +27,6 @@ def bent(kr10_chain):
     return bent_wrist_poses(kr10_chain)
 
 
-@pytest.mark.parametrize(
-    ("a3", "a2_first", "a2_last", "count"),
-    [
-        (0, -90, 0, 7),
-        (30, -120, -30, 7),
-        (60, -150, -30, 9),
-        (120, -180, -60, 9),
-        (150, -180, -60, 9),
-    ],
-)
-def test_a2_sweeps_as_in_table_1(a3, a2_first, a2_last, count):
-    q = np.rad2deg(joint_space_poses()[:-1])
-    a2 = q[(q[:, 0] == 0) & np.isclose(q[:, 2], a3), 1]
-    assert len(a2) == count
-    assert (a2.min(), a2.max()) == pytest.approx((a2_first, a2_last))
-
-
 def test_151_different_poses_lie_inside_the_limits_and_in_the_source_domain(kr10, kr10_chain):
     joint_space = joint_space_poses()
     q = np.concatenate([joint_space, cartesian_poses(kr10_chain)])

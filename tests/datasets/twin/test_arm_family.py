@@ -9,13 +9,10 @@ import pinocchio as pin
 import pytest
 from tabulate import tabulate
 
-from helpers.command_line import bench_here
 from stiff_datasets.planning.loads import hook_wrenches, stream
-from stiff_datasets.robots.shipped_robots import shipped_robots
 from stiff_datasets.twin.constants import shipped_constants, specimen_beams
 from stiff_datasets.twin.robot_twin import ARMS, ArmFamily
 from stiff_datasets.twin.twin import DigitalTwin
-from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 
 NUMBERS = range(len(ARMS))
@@ -104,19 +101,6 @@ def test_ten_robots_have_151_poses_inside_the_limits_and_loads_to_80_percent(dat
         assert np.abs(direction.mean(axis=0)).max() < 0.2 * twin.payload_kg * STANDARD_GRAVITY
 
 
-def test_makers_payloads_and_names_differ(constants):
-    assert len({maker for maker, *_ in MAKERS_WORDS}) == 5
-    payloads = [twin.payload_kg for twin in constants]
-    assert payloads == sorted(payloads) and (payloads[0], payloads[-1]) == (3.0, 240.0)
-    for name, twin in zip(ARMS, constants, strict=True):
-        assert shipped_robots()[name.replace("_", "-")].urdf == twin.urdf == twin.name == name
-
-
-@pytest.mark.parametrize("number", NUMBERS)
-def test_the_payload_moves_the_tcp_by_a_plausible_amount(number, deflections):
-    assert 0.3 < np.median(deflections[number]) < 3.5 and deflections[number].max() < 10
-
-
 @pytest.mark.parametrize("number", NUMBERS)
 def test_a_gears_rated_torque_is_near_the_joints_static_torque(number, data, constants):
     twin, q = constants[number], data[number].samples.q
@@ -150,23 +134,3 @@ def test_the_constants_are_those_of_the_rule_in_the_files_head(number, constants
     for segment, share, factor in zip(twin.beams.segment, TUBES, tubes, strict=True):
         assert segment.outer_m == pytest.approx(share * reach * factor, rel=DIGITS)
         assert segment.wall_m == pytest.approx(wall * segment.outer_m, rel=DIGITS)
-
-
-def test_effects_and_specimens_change_the_data_and_none_leaves_the_described_robot(data):
-    plain, one, other = (
-        ArmFamily(robot=2, effects="none"),
-        ArmFamily(robot=2, effects="links"),
-        ArmFamily(robot=2, specimen=1),
-    )
-    assert len({data[2].sha256, *(each.load().sha256 for each in (plain, one, other))}) == 4
-    with pytest.raises(ConfigError, match=r"'link'.*links"):
-        ArmFamily(effects="link")
-
-
-@pytest.mark.parametrize(
-    ("word", "telling"), [("robot=12", "12"), ("robot=kr10", "kr10"), ("robto=1", "robot")]
-)
-def test_a_wrong_robot_is_one_clear_line(word, telling, tmp_path):
-    done = bench_here("run", "--model", "vjm", "--dataset", f"arm-family@{word}", cwd=tmp_path)
-    (line,) = done.stderr.strip().splitlines()
-    assert done.returncode != 0 and "arm-family" in line and telling in line and "valid" in line

@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 
 from helpers.made_robots import planar_arm
-from helpers.pinocchio_twin import pinocchio_torque
 from stiff_datasets.twin.beams import SHEAR_COEFFICIENT, Beams, Tube
-from stiff_datasets.twin.constants import shipped_constants, specimen_beams, specimen_springs
-from stiff_datasets.twin.kr10_twin import Kr10TwinBeam
-from stiff_datasets.twin.springs import SpringLaw
-from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
+from stiff_datasets.twin.constants import shipped_constants, specimen_beams
 
 E, NU = 7.0e10, 0.33
 G = E / (2.0 * (1.0 + NU))
@@ -108,49 +104,3 @@ def element_stiffness(length, tube, modulus):
             )
         )
     return k
-
-
-def test_with_rigid_links_the_springs_remain_alone(poses, rng):
-    robot, wrench = BEAM.robot(), rng.normal(size=(6, 6)) * 10
-    stiff = Beams(robot, (Tube(outer_m=0.2, wall_m=0.1),) * 7, np.full(7, 1e25), NU)
-    alone = DigitalTwin(robot, BEAM.springs).readings(poses, wrench)
-    found = DigitalTwin(robot, BEAM.springs, beams=stiff).readings(poses, wrench)
-    np.testing.assert_allclose(found, alone, rtol=1e-9)
-
-
-def test_links_take_a_fifth_of_the_beam_twins_deflection_and_specimens_differ(beams):
-    first, second = (Kr10TwinBeam(specimen=number).load() for number in (0, 1))
-    samples = first.samples
-    bent = np.linalg.norm(beams.displacement(samples.q, samples.wrench)[:, :3], axis=1)
-    assert np.median(bent / np.linalg.norm(samples.deflection, axis=1)) == pytest.approx(
-        0.18, abs=0.005
-    )
-    assert not np.allclose(first.samples.deflection, second.samples.deflection, atol=1e-5)
-    assert Kr10TwinBeam().load().sha256 == first.sha256
-
-
-@pytest.mark.parametrize(
-    ("name", "specimen"), [("kr10_r1100_2", 0), ("kr10_r1100_2_calibration_2", 3), ("ur5", 1)]
-)
-def test_with_rigid_bearings_joints_turn_as_in_pinocchio_and_links_bend_as_a_frame(
-    name, specimen, poses, rng
-):
-    constants = shipped_constants(name).with_physics("rigid")
-    wrench = rng.normal(size=(6, 6)) * np.repeat([40.0, 4.0], 3)
-    experiment = TwinExperiment(constants, loads="omni", specimen=specimen, seed=0)
-    found = experiment.twin.readings(poses, wrench)
-    law = SpringLaw(specimen_springs(shipped_constants(name), specimen))
-    beams = specimen_beams(constants, constants.robot(), specimen, asked=False)
-    for q, load, moved in zip(poses, wrench, found, strict=True):
-        points = [torsion_point(constants.chain(), law, q, w) for w in (load, np.zeros(6))]
-        bent = frame_compliance(beams, q) @ load
-        np.testing.assert_allclose(moved, points[0] - points[1] + bent[:3], atol=1e-12)
-
-
-def torsion_point(chain, law, q, wrench):
-    """Return the TCP (3,) of the chain that turns about its joints only, by Pinocchio."""
-    theta = np.zeros(3 * len(q))
-    for _ in range(50):
-        torque, point, _ = pinocchio_torque(chain, q, theta, wrench)
-        theta[::3] = law.angle(torque[:, None])[::3, 0]
-    return point

@@ -18,14 +18,11 @@ from calibrate import (
     figures_text,
     line_figures,
     main,
-    misfit,
     paper_figures,
     specimen_figures,
-    vjm_figures,
 )
 from stiff_datasets.twin.constants import read_constants
-from stiff_datasets.twin.kr10_twin import CALIBRATIONS, Kr10Twin
-from stiff_models.physics.vjm import VirtualJointModel
+from stiff_datasets.twin.kr10_twin import CALIBRATIONS
 
 RECORDS = Path(__file__).parents[3] / "results" / "calibration"
 
@@ -81,39 +78,6 @@ def assert_alike(table, card):
     for found, stated in zip(re.findall(NUMBER, table), re.findall(NUMBER, shown), strict=True):
         last_digit = 10.0 ** -len(stated.partition(".")[2])
         assert abs(float(found) - float(stated)) < 1.5 * last_digit
-
-
-def test_the_papers_figures_are_those_of_its_tables_2_and_3():
-    paper = paper_figures()
-    np.testing.assert_allclose(paper.mae * 1000, [0.074, 0.066, 0.062])
-    np.testing.assert_allclose(paper.stde * 1000, [0.108, 0.076, 0.075])
-    np.testing.assert_allclose(paper.me * 1000, [0.628, 0.435, 0.581])
-    np.testing.assert_allclose(paper.stiffness, [50900, 63360, 50340, 2270, 8890, 1390])
-
-
-def test_the_misfit_is_nothing_for_the_paper_itself_and_grows_either_way():
-    paper = paper_figures()
-    assert misfit(paper, paper) == 0.0
-    for factor in (0.9, 1.1):
-        other = paper._replace(mae=paper.mae * factor)
-        assert misfit(other, paper) == pytest.approx(3 * np.log(factor) ** 2)
-
-
-def test_the_figures_are_those_of_the_vjm_on_the_samples_it_was_identified_on():
-    data = Kr10Twin().load()
-    found = vjm_figures(data.robot, data.samples)
-    model = VirtualJointModel().fit(data.samples, robot=data.robot)
-    error = np.abs(model.predict(data.samples.q, data.samples.wrench) - data.samples.deflection)
-    np.testing.assert_allclose(found.mae, error.mean(axis=0))
-    np.testing.assert_allclose(found.stde, error.std(axis=0))
-    np.testing.assert_allclose(found.me, error.max(axis=0))
-    np.testing.assert_allclose(found.stiffness, model.springs_.stiffness)
-
-
-def test_a_folder_that_cannot_be_made_is_one_line_before_the_work(tmp_path):
-    (tmp_path / "file").touch()
-    done = CliRunner().invoke(main, ["--output", str(tmp_path / "file" / "c")])
-    assert done.exit_code == 1 and "cannot be made" in done.output
 
 
 @pytest.mark.slow

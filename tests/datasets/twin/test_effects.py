@@ -7,16 +7,12 @@ from dataclasses import replace
 from importlib.resources import files
 
 import numpy as np
-import pandas as pd
 import pinocchio as pin
 import pytest
 
-from helpers.command_line import assert_refused, bench_here
 from stiff_datasets.dataset_catalog import DATASETS
 from stiff_datasets.planning.loads import stream
-from stiff_datasets.planning.poses import paper_poses
 from stiff_datasets.twin.constants import read_constants, shipped_constants, specimen_springs
-from stiff_datasets.twin.effects import EFFECTS, Instruments, parse_effects, real_robot
 from stiff_datasets.twin.kr10_twin import (
     Kr10Twin,
     Kr10TwinBeam,
@@ -25,15 +21,15 @@ from stiff_datasets.twin.kr10_twin import (
     Kr10TwinRough,
 )
 from stiff_datasets.twin.robot_twin import ArmFamily, RobotTwin, Ur5Twin
-from stiff_datasets.twin.springs import SpringLaw
-from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
+from stiff_datasets.twin.spring_law import SpringLaw
+from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_effects import EFFECTS, Instruments, real_robot
 from stiff_protocols.contract.errors import ConfigError, DataError
 
 CONSTANTS = shipped_constants("kr10_rough")
 LOAD = np.array([60.0, 20.0, -60.0, 3.0, -4.0, 2.0])
 STOPS = 4000
 TWINS = [Kr10Twin, Kr10TwinOmni, Kr10TwinMultiload, Kr10TwinRough, Ur5Twin, ArmFamily]
-DEFAULTS = ("kr10_r1100_2", "kr10_r1100_2_calibration_2")
 
 
 def own_twin(tmp_path, name, old="", new=""):
@@ -43,14 +39,6 @@ def own_twin(tmp_path, name, old="", new=""):
     path = tmp_path / "my.toml"
     path.write_text(source.replace(old, new, 1), encoding="utf-8")
     return read_constants(path)
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [("none", ()), ("links", ("links",)), (" sensor, links", ("links", "sensor"))],
-)
-def test_effects_are_named_in_any_order(text, found):
-    assert parse_effects(text) == found
 
 
 @pytest.mark.parametrize(
@@ -79,13 +67,6 @@ def test_each_effect_changes_the_measurement_and_none_is_the_default_twins_physi
     q, wrench = found[0].samples.q, found[0].samples.wrench
     twin = DigitalTwin(CONSTANTS.robot(), specimen_springs(CONSTANTS, 0))
     np.testing.assert_allclose(found[0].known["oracle"], twin.readings(q, wrench), atol=1e-12)
-
-
-def test_models_are_told_of_the_same_robot_whatever_stands_there():
-    assert repr(Kr10TwinRough().load().robot) == repr(Kr10Twin().load().robot)
-    np.testing.assert_array_equal(
-        Kr10TwinRough(specimen=4).load().robot.masses, Kr10Twin().load().robot.masses
-    )
 
 
 def stop_angle(law, path):
@@ -131,15 +112,6 @@ def test_a_pose_loaded_alone_or_among_others_in_any_order_reads_the_same(kr10, r
     np.testing.assert_allclose(alone, together[:1], rtol=0, atol=1e-14)
 
 
-def test_no_load_moves_nothing_and_a_small_one_moves_in_proportion(rng):
-    experiment = TwinExperiment(CONSTANTS, loads="line", specimen=2, seed=0, effects=EFFECTS)
-    q = rng.uniform(-1.5, 1.5, size=(20, 6))
-    np.testing.assert_allclose(experiment.twin.readings(q, np.zeros((20, 6))), 0.0, atol=1e-14)
-    small = LOAD * 1e-4 * np.array([[1.0], [2.0]])
-    once, twice = (experiment.twin.readings(q, np.tile(load, (20, 1))) for load in small)
-    np.testing.assert_allclose(twice, 2.0 * once, rtol=1e-3)
-
-
 def test_the_real_robot_is_off_by_the_stated_sizes(kr10):
     real = real_robot(kr10, CONSTANTS.errors, stream("test"))
     for described, found in zip(kr10.placements, real.placements, strict=True):
@@ -170,18 +142,6 @@ def test_the_force_sensor_is_turned_by_one_degree_and_its_gain_is_off_by_three_p
     np.testing.assert_array_equal(exact.shown_wrench(wrench), wrench)
 
 
-def test_the_rough_trackers_readings_have_heavy_tails(kr10_chain):
-    noise = {}
-    for effects in ((), ("sensor",)):
-        experiment = TwinExperiment(
-            CONSTANTS, loads="line", specimen=0, seed=0, loads_per_pose=20, effects=effects
-        )
-        data = experiment.measured(paper_poses(kr10_chain))
-        error = data.samples.deflection - data.known["noise"]
-        noise[effects] = np.abs(error).max() / np.median(np.abs(error))
-    assert noise[()] < 8 < noise[("sensor",)]
-
-
 def test_the_oracle_knows_all_but_the_noise():
     data = Kr10TwinRough().load()
     error = np.abs(data.known["oracle"] - data.samples.deflection).mean()
@@ -205,10 +165,10 @@ def test_links_that_shall_bend_need_sections(tmp_path):
         (
             "modulus_Pa = 7.0e10",
             "modulus_Pa = 70e3",
-            r"modulus_Pa: 70000.0 .*at least 1e\+09",
+            r"modulus_Pa: 70000.0: .*1000000000",
         ),
-        ("poisson = 0.33", "poisson = 0.6", r"beams.poisson: 0.6 .*at most 0.5"),
-        ("outer_m = 0.22", "outer_m = 220", r"beams.segment.1.outer_m: 220 .*at most 2"),
+        ("poisson = 0.33", "poisson = 0.6", r"beams.poisson: 0.6: .*equal to 0.5"),
+        ("outer_m = 0.22", "outer_m = 220", r"beams.segment.1.outer_m: 220: .*equal to 2"),
         ("wall_m = 0.006\n\n", "wall_m = 0.2\n\n", r"segment.1.*wall_m 0.2 is more than half"),
         ("2.92e6", "-2.92e6", r"joint.1.structure_Nm_per_rad: -2920000.0: .*nor inf"),
         ("2.92e6", "2.92e12", r"joint.1.structure_Nm_per_rad"),
@@ -229,14 +189,6 @@ def test_a_robot_without_masses_makes_no_twin(tmp_path):
         constants.chain()
 
 
-def test_the_rough_twin_is_the_default_one_but_for_its_name_and_errors():
-    default, second, rough = (
-        constants.model_dump(exclude={"name", "errors"})
-        for constants in (*map(shipped_constants, DEFAULTS), CONSTANTS)
-    )
-    assert rough == default and second["beams"] == default["beams"]
-
-
 @pytest.mark.parametrize("of", TWINS)
 def test_rigid_bearings_keep_poses_and_loads_and_change_the_deflections(of):
     tilting, rigid = of().load(), of(physics="rigid").load()
@@ -255,46 +207,8 @@ def test_the_card_states_the_hash_of_the_rigid_twin(of):
     assert f"`{of(physics='rigid').load().sha256}`" in card
 
 
-def test_links_bend_with_rigid_bearings_whether_or_not_effects_name_them():
-    named, unnamed = (
-        ArmFamily(robot=1, effects=text, physics="rigid").load().sha256
-        for text in ("hysteresis,links", "hysteresis")
-    )
-    assert named == unnamed
-
-
-def test_a_twin_of_linear_joints_has_rigid_bearings_only(tmp_path):
-    assert Kr10TwinBeam().physics == "rigid"
-    done = bench_here(
-        "run", "--model", "vjm", "--dataset", "kr10-twin-beam@physics=tilting", cwd=tmp_path
-    )
-    assert_refused(done, "'tilting' is no valid physics (valid: rigid)")
-
-
-def test_simulated_files_have_the_physics_that_was_asked_for(tmp_path):
-    words = ("data", "simulate", "--twin", "ur5", "--samples", "5", "--output")
-    for name in ("tilting", "rigid"):
-        done = bench_here(*words, f"{name}.csv", "--physics", name, cwd=tmp_path)
-        assert done.returncode == 0
-    tilting, rigid = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("tilting", "rigid"))
-    shifts = [name for name in tilting if name.startswith("d")]
-    assert (tilting[shifts] != rigid[shifts]).all().all()
-    pd.testing.assert_frame_equal(tilting.drop(columns=shifts), rigid.drop(columns=shifts))
-
-
 @pytest.mark.parametrize("of", [Kr10TwinRough, Kr10TwinBeam])
 def test_the_card_states_the_hash_of_the_data(of):
     name = {Kr10TwinRough: "kr10_twin_rough", Kr10TwinBeam: "kr10_twin_beam"}[of]
     card = (files("stiff_datasets") / "data" / f"{name}.md").read_text(encoding="utf-8")
     assert f"`{of().load().sha256}`" in card
-
-
-def test_a_users_own_twin_has_the_effects_that_its_file_has_constants_for():
-    path = files("stiff_datasets") / "twins" / "kr10_beam.toml"
-    plain, rough = (
-        RobotTwin(constants=path, poses=10, effects=text).load().samples.deflection
-        for text in ("none", "hysteresis,kinematics,sensor")
-    )
-    assert not np.allclose(plain, rough, atol=1e-5)
-    with pytest.raises(ConfigError, match="unknown effect 'beams'"):
-        RobotTwin(constants=path, effects="beams")

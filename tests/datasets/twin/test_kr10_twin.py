@@ -47,12 +47,6 @@ def test_it_holds_the_151_planned_poses_with_its_number_of_loads(data, key, numb
     assert f"| `{key}` | {number} | `{data[key, number].sha256}` |" in card
 
 
-def test_two_calibrations_share_no_loads(data):
-    first, second = (data["kr10-twin", number].samples for number in CALIBRATIONS)
-    assert (first.pose_id == second.pose_id).all()
-    assert np.abs(np.corrcoef(first.wrench[:, 0], second.wrench[:, 0])[0, 1]) < 0.3
-
-
 @pytest.mark.parametrize("make", [Kr10TwinOmni, lambda: Kr10Twin(torques="hook")])
 def test_a_ropes_torque_is_at_right_angles_to_its_force(make):
     wrench = make().load().samples.wrench

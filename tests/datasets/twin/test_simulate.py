@@ -7,7 +7,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from stiff_datasets.measured.measured import read_samples
+from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.twin import simulate as module
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.simulate import simulate
@@ -43,14 +43,6 @@ def test_blocks_have_poses_loads_and_noise_of_their_own(tmp_path, kr10, monkeypa
     samples = read_samples(tmp_path / "s.csv", kr10)
     assert len(np.unique(samples.q, axis=0)) == 50 == len(set(samples.pose_id))
     assert len(np.unique(samples.wrench, axis=0)) == 100
-
-
-@pytest.mark.slow
-def test_the_same_words_write_the_same_bytes(tmp_path):
-    for name in ("a", "b", "c"):
-        simulate(tmp_path / f"{name}.csv", omni(seed=int(name == "c")), 30)
-    a, b, c = ((tmp_path / f"{name}.csv").read_bytes() for name in "abc")
-    assert a == b != c
 
 
 def test_an_unknown_ending_and_a_folder_that_is_not_there_are_refused(tmp_path):

@@ -12,7 +12,7 @@ from helpers.pinocchio_twin import pinocchio_torque
 from stiff_datasets.planning.poses import paper_poses
 from stiff_datasets.robots.urdf_reader import load_robot, read_chain, robot_of
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
-from stiff_datasets.twin.springs import Gear, JointSprings, SlideSprings, SpringLaw
+from stiff_datasets.twin.spring_law import Gear, JointSprings, SlideSprings, SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
 from stiff_protocols.contract.errors import DataError
 

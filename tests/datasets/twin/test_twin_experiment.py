@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiff_datasets.planning.poses import Poses, paper_poses
+from stiff_datasets.planning.poses import Poses
 from stiff_datasets.twin.constants import Noise, shipped_constants, specimen_springs
 from stiff_datasets.twin.twin import TwinExperiment, recorded_deflection, recorded_wrench
 
@@ -22,19 +22,6 @@ def test_noise_has_the_data_sheets_size_over_10000_repeats(rng):
     np.testing.assert_allclose(deflection.std(axis=0), np.sqrt(2) * 1e-5, rtol=0.03)
     for readings in (wrench, deflection):
         assert np.abs(readings.mean(axis=0) / readings.std(axis=0)).max() < 0.04
-
-
-def test_another_block_has_other_loads_and_one_rope_the_forces_of_the_line(kr10_chain):
-    line, hook = (
-        TwinExperiment(CONSTANTS, loads=loads, specimen=0, seed=0)
-        for loads in ("line", "line-hook")
-    )
-    q = paper_poses(kr10_chain).q
-    first, again, other = (line.wrenches(q, block=block) for block in (0, 0, 1))
-    np.testing.assert_array_equal(first, again)
-    assert (first != other).all()
-    np.testing.assert_array_equal(first[:, :3], hook.wrenches(q)[:, :3])
-    assert (first[:, 3:] != hook.wrenches(q)[:, 3:]).all()
 
 
 def test_data_sets_that_share_a_seed_share_no_random_numbers():

@@ -12,10 +12,8 @@ import pytest
 from helpers.made_robots import planar_arm
 from helpers.made_samples import CSV_HEADER as HEADER
 from helpers.made_samples import CSV_ROW as GOOD
-from helpers.model_files import archived, members
-from stiff_datasets.measured.file_options import FileOptions
-from stiff_datasets.measured.measured import read_samples
-from stiff_protocols.contract.errors import DataError, StiffBenchWarning
+from stiff_datasets.measured.sample_file import read_samples
+from stiff_protocols.contract.errors import DataError
 
 
 def write(tmp_path, *lines):
@@ -43,13 +41,6 @@ def test_units_are_converted_once_on_the_way_in(tmp_path, kr10):
     np.testing.assert_allclose(samples.wrench[0], [50, 10, -80, 1, 2, 0])
     np.testing.assert_allclose(samples.deflection[0], [0.5e-3, 0.1e-3, -0.9e-3])
     assert samples.pose_id.tolist() == ["P1"]
-
-
-def test_columns_may_stand_in_any_order_with_spaces_and_blank_lines(tmp_path, kr10):
-    names, values = HEADER.split(","), line(pose_id="NA").split(",")  # a name, not a gap
-    path = write(tmp_path, ", ".join(reversed(names)), "", ", ".join(reversed(values)), "")
-    samples = read_samples(path, kr10)
-    assert samples.wrench[0, 2] == -80 and samples.pose_id.tolist() == ["NA"]
 
 
 GERMAN = [text.replace(",", ";").replace(".", ",") for text in (HEADER, GOOD)]
@@ -146,51 +137,10 @@ def test_a_name_with_an_invisible_sign_is_no_second_pose(tmp_path, kr10, sign):
         read_samples(path, kr10)
 
 
-def test_an_excel_file_that_states_a_wrong_size_loses_no_row(tmp_path, kr10):
-    openpyxl = pytest.importorskip("openpyxl")
-    book, path = openpyxl.Workbook(), tmp_path / "my.xlsx"
-    numbers = [float(cell) for cell in GOOD.split(",")[3:]]
-    for row in (HEADER.split(","), *(["P1", i, "all", *numbers] for i in range(3))):
-        book.active.append(row)
-    book.save(path)
-    parts = members(path.read_bytes())
-    sheet = "xl/worksheets/sheet1.xml"
-    assert b'"A1:R4"' in parts[sheet]
-    path.write_bytes(archived(parts | {sheet: parts[sheet].replace(b'"A1:R4"', b'"A1:R2"')}))
-    assert len(read_samples(path, kr10)) == 3
-    far = parts[sheet].replace(b'<row r="4"', b'<row r="99999999"')
-    path.write_bytes(archived(parts | {sheet: far}))
-    with pytest.raises(DataError, match="more than 1048576 rows"):
-        read_samples(path, kr10)
-
-
 @pytest.mark.parametrize("junk", ["pause", "stop,motor,hot", HEADER, ",,," + ",".join(["?"] * 15)])
 def test_a_row_without_data_is_one_problem(tmp_path, kr10, junk):
     with pytest.raises(DataError, match=r"row 3, column \w+: '.*', expected a row [a-z0-9 ]+$"):
         read_samples(write(tmp_path, HEADER, GOOD, junk, line(pose_id="P2")), kr10)
-
-
-def test_columns_that_are_not_used_are_named_once(tmp_path, kr10):
-    with pytest.warns(StiffBenchWarning, match="columns not used: note, T$"):
-        read_samples(write(tmp_path, HEADER + ",note,T", GOOD + ",windy,21"), kr10)
-
-
-def test_rows_of_the_same_joint_angles_are_one_pose_where_a_file_names_none(tmp_path, kr10):
-    rows = [line(), line(q1_deg=20, fx_N=1), line(fx_N=7), line(fx_N=8)]
-    names = [text.split(",", 3)[3] for text in (HEADER, *rows)]
-    with pytest.warns(StiffBenchWarning, match="no pose_id: 4 rows grouped into 2 poses"):
-        samples = read_samples(write(tmp_path, *names), kr10)
-    assert samples.pose_id.tolist() == ["P1", "P2", "P1", "P1"]
-    assert samples.load_id.tolist() == ["1", "1", "2", "3"]
-    assert set(samples.group) == {"all"}
-
-
-def test_a_file_of_forces_alone_is_read_where_that_is_said(tmp_path, kr10):
-    names = [*HEADER.split(",")[:12], *HEADER.split(",")[15:]]
-    values = [*GOOD.split(",")[:12], *GOOD.split(",")[15:]]
-    path = write(tmp_path, ",".join(names), ",".join(values))
-    samples = read_samples(path, kr10, FileOptions(no_torque=True))
-    assert samples.wrench.tolist() == [[50, 10, -80, 0, 0, 0]]
 
 
 @pytest.mark.parametrize(

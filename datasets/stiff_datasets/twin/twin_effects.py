@@ -3,7 +3,7 @@
 ``hysteresis``
     Lost motion has a memory. The robot is measured unloaded, then loaded, and unloaded again
     before the next load, so the order of a pose's loads does not matter. Each joint stands at a
-    turning point when the load comes (Masing's rule, see `springs.py`; assumption).
+    turning point when the load comes (Masing's rule, see `spring_law.py`; assumption).
 ``links``
     Base, links and tool bend (`beams.py`; sections in the twin's file). With `physics=rigid` they
     bend whether or not it is named.

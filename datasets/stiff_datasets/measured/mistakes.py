@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from stiff_datasets.measured.sample_files import DEG_PER_RAD
+from stiff_datasets.measured.sample_columns import DEG_PER_RAD
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, IntArray, Robot
 from stiff_protocols.kinematics.serial_chain import unit_deflections

@@ -12,21 +12,6 @@ from typing import Literal
 import numpy as np
 
 from stiff_datasets.measured.data_card import DataCard, read_card
-from stiff_datasets.measured.data_checks import (
-    FEWEST_SAMPLES,
-    Change,
-    Finding,
-    duplicate_findings,
-    external_axis_findings,
-    fact,
-    find_change,
-    find_outliers,
-    left_out_rms,
-    outlier_findings,
-    range_findings,
-    repeat_findings,
-    warning,
-)
 from stiff_datasets.measured.diagnosis import (
     CLEARLY,
     UNUSUAL,
@@ -37,17 +22,33 @@ from stiff_datasets.measured.diagnosis import (
     softness,
 )
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
-from stiff_datasets.measured.hypotheses import Reading, compliances, reading
-from stiff_datasets.measured.sample_checks import (
-    LIMIT_SLACK,
+from stiff_datasets.measured.mistakes import Reading, compliances, reading
+from stiff_datasets.measured.odd_rows import (
+    FEWEST_SAMPLES,
+    Finding,
+    duplicate_findings,
+    external_axis_findings,
+    fact,
+    range_findings,
+    repeat_findings,
+    warning,
+)
+from stiff_datasets.measured.outliers_and_drift import (
+    Change,
+    find_change,
+    find_outliers,
+    left_out_rms,
+    outlier_findings,
+)
+from stiff_datasets.measured.row_checks import LIMIT_SLACK, Problem, row_ranges
+from stiff_datasets.measured.sample_columns import MM_PER_M, file_units, joint_columns
+from stiff_datasets.measured.sample_file import (
     SMALL_UNITS,
     USUAL_DEFLECTION_MM,
     CheckedSamples,
-    Problem,
     check_sheet,
-    row_ranges,
 )
-from stiff_datasets.measured.sample_files import MM_PER_M, file_units, joint_columns, read_sheet
+from stiff_datasets.measured.sheet_files import read_sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples

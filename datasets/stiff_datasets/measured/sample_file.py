@@ -1,34 +1,56 @@
-"""Checks of a table of measured samples: every problem of a file."""
+"""A file of measured samples and its robot: read, checked row by row, and turned into samples.
+
+The columns are those of `sample_columns.py`.
+"""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
-from stiff_datasets.measured.sample_files import (
+from stiff_datasets.measured.row_checks import (
+    NO_TORQUE,
+    POSITIONS_TEXT,
+    Problem,
+    cell_problem,
+    filled,
+    limit_problems,
+    linked_rows,
+    near_poses_text,
+    number_problems,
+    pose_reach,
+    problems_error,
+    radian_problems,
+    range_problems,
+    row_ranges,
+    shortened,
+    table_problems,
+    wrench_problems,
+)
+from stiff_datasets.measured.sample_columns import (
     DECIMALS,
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     LOADED_COLUMNS,
-    LONGEST_CELL,
-    MAYBE_GROUPED,
     MM_PER_M,
     TORQUE_COLUMNS,
     UNLOADED_COLUMNS,
     WRENCH_COLUMNS,
-    Sheet,
     all_columns,
+    counted,
     file_units,
     joint_columns,
 )
-from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, TextArray
+from stiff_datasets.measured.sheet_files import LONGEST_CELL, Sheet, read_sheet, sheet_of
+from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Robot, Samples
 
 LARGEST_DEFLECTION_MM = 50.0
 """No industrial robot deflects so far under a load it may carry."""
@@ -38,51 +60,95 @@ SMALL_UNITS = {"1/10 mm": 10.0, "0.001 inch": 1000.0 / 25.4, "1/100 mm": 100.0, 
 """Units of instruments -> how many of them are 1 mm."""
 SMALLEST_DEFLECTION_MM = 0.01
 """What trackers repeat; a file that never exceeds it holds metres, not millimetres."""
-LARGEST_NUMBER = 1e6
-"""N, N m, deg or mm; no load of a robot is larger, nor a position of a joint without limits."""
-FULL_TURN_RAD = 2.0 * np.pi
-LIMIT_SLACK = 1e-6
-"""deg or mm; a limit may have been written with rounding."""
-
-WIDE = 4.0
-"""Tolerances that a pose spans whose rows form a chain."""
 SAME_POSITION = 0.2
 """Share by which positions of a tool may differ from the robot description's."""
 FEWEST_FOR_PLACE = 5
 FAR_FROM_ORIGIN = 5.0
 """Mean of positions over their spread; deflections differ more in direction and size."""
 
-POSITIONS_TEXT = (
-    f"{','.join(UNLOADED_COLUMNS)} (unloaded) and {','.join(LOADED_COLUMNS)} (loaded position)"
-)
-NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
 
-RUNS_SHOWN = 10
-_SHOWN = 60
-"""Characters of a wrong cell that a message shows."""
+def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Samples:
+    """Read and check a file of measured samples.
+
+    A `StiffBenchWarning` each names the columns that are not used, the number of poses that rows
+    without `pose_id` were grouped into, and poses that have two names. The instrument's
+    noise is what a data card FILE.md beside the file states.
+
+    Args:
+        path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
+        robot: that was measured; gives the number of joints and their limits.
+        options: what is not in the file.
+
+    Raises:
+        ConfigError: the file has no such sheet, or several with tables and none is asked for.
+        DataError: the file is unreadable, empty or wrongly headed, or a value cannot be; the
+            message names file, row (1 is the header of a CSV file), column, value and what is
+            valid, and how many problems there are beside the first. Or the card's noise is none.
+    """
+    checked = check_sheet(read_sheet(path, options.sheet), robot, options)
+    samples = _samples(checked, "bench data validate lists them")
+    if noise := read_card(path).instrument_noise:  # else the arrays would be copied for nothing
+        samples = replace(samples, instrument_noise=noise)
+    return samples
 
 
-@dataclass(frozen=True)
-class Problem:
-    """One thing that is wrong with a file.
+@dataclass(kw_only=True, eq=False)
+class MeasuredData:
+    """A user's own measurement: a file of samples and the robot they were measured on.
 
     Attributes:
-        value: what is there; of the file as a whole, what is wrong.
-        valid: what would be right; "" where that says itself.
-        row: the row's number (see `sample_files.Sheet`); None: the whole file.
-        column: name of the column, or of the columns with commas between.
+        csv: the samples; Parquet or Excel if the name ends in .parquet or .xlsx.
+        robot: the robot.
+        options: what is not in the file.
     """
 
-    value: str
-    valid: str
-    row: int | None = None
-    column: str | None = None
+    csv: Path
+    robot: Robot
+    options: FileOptions = DEFAULTS
 
-    def __str__(self) -> str:
-        """Return one line without the file's name."""
-        if self.row is None:
-            return f"{self.value} (valid: {self.valid})" if self.valid else self.value
-        return f"row {self.row}, column {self.column}: {self.value!r}, expected {self.valid}"
+    def load(self) -> BenchmarkData:
+        """Read the file.
+
+        Raises:
+            DataError: see `read_samples`.
+        """
+        return BenchmarkData(read_samples(self.csv, self.robot, self.options), self.robot)
+
+
+def samples_of(
+    path: Path, table: pd.DataFrame, robot: Robot, hint: str, options: FileOptions = DEFAULTS
+) -> Samples:
+    """Return the samples of a table with the columns of a file, once it is checked.
+
+    Warnings are those of `read_samples`.
+
+    Raises:
+        DataError: see `read_samples`; it names `path`, and `hint` stands behind the first of
+            several problems.
+    """
+    return _samples(check_sheet(sheet_of(path, table), robot, options), hint)
+
+
+def near_poses(samples: Samples, robot: Robot, tolerance: float = DEFAULTS.pose_tolerance) -> str:
+    """Describe poses of different `pose_id` that lie within a tolerance, deg and mm; "" for none.
+
+    Rows are counted from 0.
+    """
+    near = linked_rows(samples.q * file_units(robot), tolerance)
+    reach = pose_reach(robot, tolerance)
+    return near_poses_text(samples.pose_id, near, np.arange(len(samples)), reach)
+
+
+def _samples(checked: CheckedSamples, hint: str) -> Samples:
+    """Return the samples with a warning of each oddity, or raise for the first problem."""
+    path = checked.sheet.path
+    if checked.samples is None or checked.problems or checked.unfilled:
+        problems = [checked.unfilled] if checked.unfilled else checked.problems
+        raise problems_error(path, problems, hint)
+    near = [f"{path}: {checked.near_poses}"] if checked.near_poses else []
+    for oddity in (*checked.sheet.oddities, *near):
+        warnings.warn(oddity, StiffBenchWarning, stacklevel=3)
+    return checked.samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +196,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     q_file, wrench, measured_mm = np.split(numbers, [n, n + len(WRENCH_COLUMNS)], axis=1)
     near = linked_rows(q_file, options.pose_tolerance)
     reach = pose_reach(robot, options.pose_tolerance)
-    sheet = _with_names(sheet, near, f"{reach}{_chain_text(q_file, near, options)}")
+    sheet = _with_names(sheet, near, reach)
     unreadable = [*junk, *_id_problems(sheet), *number_problems(sheet, columns, numbers)]
     sheet, deflection_mm = _deflections(sheet, measured_mm)
     problems = [
@@ -155,12 +221,6 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     )
     near_poses = near_poses_text(pose_id, near, sheet.lines, reach)
     return CheckedSamples(sheet, problems, samples, unfilled, near_poses)
-
-
-def filled(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
-    """Return the sheet with numbers of ours in the columns that the file does not have."""
-    absent = {name: number for name, number in usual.items() if name not in sheet.cells}
-    return replace(sheet, cells=sheet.cells.assign(**absent))
 
 
 def _with_positions(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, tuple[str, ...]]:
@@ -198,87 +258,6 @@ def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArr
     return replace(sheet, cells=cells, headers=headers, notes=(*sheet.notes, note)), deflection_mm
 
 
-def pose_reach(robot: Robot, tolerance: float) -> str:
-    """Return a tolerance with the units of the robot's joints: "0.05 deg and mm"."""
-    units = {column.rpartition("_")[2]: "" for column in joint_columns(robot)}
-    return f"{tolerance:g} {' and '.join(units)}"
-
-
-def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
-    """Number the poses of rows: linked are two that differ by the tolerance at most in each joint.
-
-    Rows are of one pose where a chain of linked rows connects them. This does not depend on the
-    order of the rows, and no grid has an edge between them.
-
-    Args:
-        q_file: (n, n_joints) joint positions, deg, and mm of prismatic joints.
-        tolerance: deg and mm.
-
-    Returns:
-        (n,) number of each row's pose, in the order in which poses come first.
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-    from scipy.spatial.distance import cdist
-
-    reach = tolerance + LIMIT_SLACK
-    q_file = np.clip(np.nan_to_num(q_file), -LARGEST_NUMBER, LARGEST_NUMBER)  # others are refused
-    cells = pd.DataFrame(np.floor(q_file / reach))  # all rows of a cell are linked
-    cell = cells.groupby([*cells], sort=False).ngroup().to_numpy()
-    ends = np.cumsum(np.bincount(cell))
-    rows = np.split(np.argsort(cell, kind="stable"), ends[:-1])
-    beside = cKDTree(cells.drop_duplicates()).query_pairs(1.5, p=np.inf, output_type="ndarray")
-    linked = [
-        (a, b)
-        for a, b in beside.tolist()
-        if cdist(q_file[rows[a]], q_file[rows[b]], "chebyshev").min() <= reach
-    ]
-    a, b = np.array(linked, dtype=np.int64).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(rows), len(rows)))
-    return np.asarray(connected_components(graph, directed=False)[1][cell], dtype=np.int64)
-
-
-def _chain_text(q_file: FloatArray, near: IntArray, options: FileOptions) -> str:
-    """Say how wide the widest pose is where chains of rows make it wide; else ""."""
-    of_pose = pd.DataFrame(q_file).groupby(near)
-    widest = float(np.nan_to_num((of_pose.max() - of_pose.min()).to_numpy()).max())
-    if widest <= WIDE * options.pose_tolerance:
-        return ""
-    return f"; the widest spans {widest:.2g}, as near rows form a chain"
-
-
-def near_poses_text(pose_id: TextArray, near: IntArray, lines: IntArray, reach: str) -> str:
-    """Describe poses that lie within the tolerance of each other under different names.
-
-    Args:
-        pose_id: (n,) names.
-        near: (n,) numbers of `linked_rows`.
-        lines: (n,) row numbers, for the message.
-        reach: the tolerance with its units.
-
-    Returns:
-        One line with an example and what to do; "" where there are none.
-    """
-    named = pd.DataFrame({"name": pose_id, "near": near, "line": lines})
-    named = named.drop_duplicates(["name", "near"])
-    several = named[named.duplicated("near", keep=False)]
-    if several.empty:
-        return ""
-    pair = several[several["near"] == several["near"].iloc[0]].iloc[:2]
-    example = " and ".join(f"{name!r} (row {line})" for name, _, line in pair.to_numpy())
-    return (
-        f"{several['name'].nunique()} pose_ids name {_poses(several['near'])} within {reach}, such "
-        f"as {example}; a split may put one pose on both sides: give its rows one pose_id, or "
-        "leave the column out"
-    )
-
-
-def _poses(near: Iterable[int]) -> str:
-    number = len({*near})
-    return "1 pose" if number == 1 else f"{number} poses"
-
-
 def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
     """Return the sheet with names of poses, loads and groups, where a file has none.
 
@@ -290,7 +269,8 @@ def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
     cells, notes = sheet.cells, sheet.notes
     if "pose_id" not in cells:
         cells = cells.assign(pose_id=[f"P{pose + 1}" for pose in near])
-        notes += (f"no pose_id: {len(near)} rows grouped into {_poses(near)} within {reach}",)
+        poses = counted(near.max() + 1, "pose")
+        notes += (f"no pose_id: {len(near)} rows grouped into {poses} within {reach}",)
         if "load_id" in cells:  # which may name the load alone
             again = cells.groupby(["pose_id", "load_id"]).cumcount() + 1
             load = cells["load_id"]
@@ -301,56 +281,6 @@ def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
         cells = cells.assign(load_id=(cells.groupby("pose_id").cumcount() + 1).astype(str))
     cells = cells if "group" in cells else cells.assign(group="all")
     return replace(sheet, cells=cells, notes=notes)
-
-
-def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
-    """Return the error that names the first problem, and how many more there are."""
-    first, *further = sorted(problems, key=lambda problem: problem.row or 0)
-    more = f" (and {len(further)} more; {hint})" if further else ""
-    return DataError(f"{path}: {first}{more}")
-
-
-def table_problems(
-    sheet: Sheet, columns: tuple[str, ...], optional: tuple[str, ...] = ()
-) -> list[Problem]:
-    """Return what is wrong with a header, else that there are no rows.
-
-    Args:
-        sheet: the cells.
-        columns: every column that a file may have, in the usual order.
-        optional: those that may be missing.
-    """
-    file_columns = list(sheet.cells.columns)
-    if sum(map(_is_number, sheet.unused)) > len(columns) / 2:
-        return [Problem("no header: the first row holds numbers", ",".join(columns))]
-    missing = [name for name in columns if name not in (*file_columns, *optional)]
-    repeated = sorted({name for name in file_columns if file_columns.count(name) > 1})
-    parts = [f"missing {', '.join(missing)}"] if missing else []
-    parts += [f"repeated {', '.join(repeated)}"] if repeated else []
-    if parts:
-        parts += [
-            f"unit of {name!r} (valid: {', '.join(units)})"
-            for name, units in sheet.odd_units.items()
-        ]
-        unused = [name for name in sheet.unused if name not in sheet.odd_units]
-        parts += [f"columns not used: {', '.join(unused)}"] if missing and unused else []
-        may_miss = f"; optional: {', '.join(optional)}" if optional else ""
-        if missing and set(missing) <= set(TORQUE_COLUMNS):
-            may_miss = "; say no-torque if none were measured"
-        elif {*DEFLECTION_COLUMNS} <= {*missing}:
-            may_miss += f"; in place of dx_mm..: {POSITIONS_TEXT}"
-        return [
-            Problem(_shortened(f"header: {'; '.join(parts)}", 500), ",".join(columns) + may_miss)
-        ]
-    return [Problem("no data rows below the header", "")] if sheet.cells.empty else []
-
-
-def _is_number(name: str) -> bool:
-    try:
-        float(name.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[Problem]]:
@@ -369,8 +299,7 @@ def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[P
         column = str(filled.columns[int(np.argmax(filled.iloc[row]))])
         valid = f"a row of {filled.shape[1]} cells" if empty[row] else "a row with numbers"
         problems.append(cell_problem(sheet, row, column, valid))
-    rows = sheet.cells[~junk].reset_index(drop=True)
-    return replace(sheet, cells=rows, lines=sheet.lines[~junk]), problems
+    return sheet.take(~junk), problems
 
 
 def _without_unfilled(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, Problem | None]:
@@ -393,35 +322,7 @@ def _without_unfilled(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, Pr
     where = f"row{'s' * (len(missing) > 1)} {row_ranges(missing)}"
     count = f"{len(missing)} of {len(unfilled)} rows have no deflections ({where})"
     problem = Problem(f"this plan is not filled in yet: {count}; {step}", "")
-    rows = sheet.cells[~unfilled].reset_index(drop=True)
-    return replace(sheet, cells=rows, lines=sheet.lines[~unfilled]), problem
-
-
-def row_ranges(rows: Iterable[int]) -> str:
-    """Return row numbers as text: those that follow each other as "2-152", the first ten runs."""
-    runs: list[list[int]] = []
-    for row in rows:
-        if runs and row == runs[-1][-1] + 1:
-            runs[-1][1:] = [row]
-        else:
-            runs.append([row])
-    listed = ", ".join("-".join(map(str, run)) for run in runs[:RUNS_SHOWN])
-    hidden = sum(run[-1] - run[0] + 1 for run in runs[RUNS_SHOWN:])
-    return listed + (f" and {hidden} more" if hidden else "")
-
-
-def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:
-    """Return the problem of one cell: its value, and what would be valid."""
-    return Problem(
-        value=_shortened(str(sheet.cells[column].iloc[row])),
-        valid=valid,
-        row=int(sheet.lines[row]),
-        column=sheet.headers.get(column, column),
-    )
-
-
-def _shortened(text: str, most: int = _SHOWN) -> str:
-    return text if len(text) <= most else f"{text[:most]}..."
+    return sheet.take(~unfilled), problem
 
 
 def _long_names(sheet: Sheet) -> Iterator[Problem]:
@@ -442,80 +343,11 @@ def _id_problems(sheet: Sheet) -> Iterator[Problem]:
     pair = sheet.cells[["pose_id", "load_id"]]
     for again in np.flatnonzero(pair.duplicated() & (pair != "").all(axis=1)):
         yield Problem(
-            value=",".join(map(_shortened, pair.iloc[again])),
+            value=",".join(map(shortened, pair.iloc[again])),
             valid="a pair that no earlier row has",
             row=int(sheet.lines[again]),
             column="pose_id,load_id",
         )
-
-
-def number_problems(
-    sheet: Sheet, columns: tuple[str, ...], values: FloatArray
-) -> Iterator[Problem]:
-    """Yield the cells of `columns` whose `values` (n, len(columns)) are no finite numbers."""
-    for row, column in np.argwhere(~np.isfinite(values)):
-        text = sheet.cells[columns[column]].iloc[row]
-        valid = "a finite number"
-        if isinstance(text, str) and MAYBE_GROUPED.fullmatch(text):
-            valid += "; the point or comma may mark decimals or thousands in this file"
-        yield cell_problem(sheet, row, columns[column], valid)
-
-
-def numbers_and_loads(
-    sheet: Sheet, columns: tuple[str, ...]
-) -> tuple[FloatArray, FloatArray, list[Problem]]:
-    """Return the (n, len(columns)) numbers and (n, 6) wrenches of a file, and what is wrong."""
-    numbers, wrench = sheet.numbers(columns), sheet.numbers(WRENCH_COLUMNS)
-    problems = [
-        *number_problems(sheet, columns, numbers),
-        *number_problems(sheet, WRENCH_COLUMNS, wrench),
-        *wrench_problems(sheet, wrench),
-    ]
-    return numbers, wrench, problems
-
-
-def range_problems(
-    sheet: Sheet,
-    columns: Sequence[str],
-    values: FloatArray,
-    lower: FloatArray | float,
-    upper: FloatArray | float,
-    valid: Sequence[str],
-) -> Iterator[Problem]:
-    """Yield the cells whose (n, n_columns) `values` are numbers beyond their column's bounds."""
-    for row, i in np.argwhere(np.isfinite(values) & ((values < lower) | (values > upper))):
-        yield cell_problem(sheet, row, columns[i], valid[i])
-
-
-def wrench_problems(sheet: Sheet, wrench: FloatArray) -> Iterator[Problem]:
-    """Yield the components of (n, 6) `wrench` that no robot bears, N and N m."""
-    valid = f"a load within +-{LARGEST_NUMBER:g}; is the file in another unit?"
-    ends = -LARGEST_NUMBER, LARGEST_NUMBER
-    return range_problems(sheet, WRENCH_COLUMNS, wrench, *ends, [valid] * 6)
-
-
-def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
-    """Say whether (n, n_joints) `q_file`, in deg, look like radians."""
-    angles = q_file[:, robot.turns]
-    small = angles.size > 0 and (np.abs(angles) <= FULL_TURN_RAD).all() and np.ptp(angles) > 0.0
-    if len(q_file) >= 5 and small:
-        yield Problem(
-            f"every joint angle lies within +-{FULL_TURN_RAD:.2f} deg; the columns q1_deg.. are in "
-            "degrees, these look like radians",
-            "",
-        )
-
-
-def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
-    """Yield the joint positions (n, n_joints), deg or mm, outside of the robot's limits."""
-    columns = joint_columns(robot)
-    lower = np.maximum(robot.lower * file_units(robot), -LARGEST_NUMBER)
-    upper = np.minimum(robot.upper * file_units(robot), LARGEST_NUMBER)
-    valid = [
-        f"{low:g}..{high:g} {column.rpartition('_')[2]}, the limits of joint {name} of {robot.name}"
-        for low, high, column, name in zip(lower, upper, columns, robot.joint_names, strict=True)
-    ]
-    return range_problems(sheet, columns, q_file, lower - LIMIT_SLACK, upper + LIMIT_SLACK, valid)
 
 
 def _deflection_problems(

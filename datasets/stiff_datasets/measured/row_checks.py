@@ -1,0 +1,286 @@
+"""Checks of the rows of a file: what is wrong with a header, a cell, a row or a pose.
+
+A check yields a `Problem` each; every reader of rows uses these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from stiff_datasets.measured.sample_columns import (
+    DEFLECTION_COLUMNS,
+    LOADED_COLUMNS,
+    TORQUE_COLUMNS,
+    UNLOADED_COLUMNS,
+    WRENCH_COLUMNS,
+    counted,
+    file_units,
+    joint_columns,
+)
+from stiff_datasets.measured.sheet_files import MAYBE_GROUPED, Sheet
+from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, TextArray
+
+LARGEST_NUMBER = 1e6
+"""N, N m, deg or mm; no load of a robot is larger, nor a position of a joint without limits."""
+FULL_TURN_RAD = 2.0 * np.pi
+LIMIT_SLACK = 1e-6
+"""deg or mm; a limit may have been written with rounding."""
+
+POSITIONS_TEXT = (
+    f"{','.join(UNLOADED_COLUMNS)} (unloaded) and {','.join(LOADED_COLUMNS)} (loaded position)"
+)
+NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
+"""Columns of a file without torques -> what stands for them."""
+
+RUNS_SHOWN = 10
+_SHOWN = 60
+"""Characters of a wrong cell that a message shows."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with a file.
+
+    Attributes:
+        value: what is there; of the file as a whole, what is wrong.
+        valid: what would be right; "" where that says itself.
+        row: the row's number (see `sheet_files.Sheet`); None: the whole file.
+        column: name of the column, or of the columns with commas between.
+    """
+
+    value: str
+    valid: str
+    row: int | None = None
+    column: str | None = None
+
+    def __str__(self) -> str:
+        """Return one line without the file's name."""
+        if self.row is None:
+            return f"{self.value} (valid: {self.valid})" if self.valid else self.value
+        return f"row {self.row}, column {self.column}: {self.value!r}, expected {self.valid}"
+
+
+def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
+    """Return the error that names the first problem, and how many more there are."""
+    first, *further = sorted(problems, key=lambda problem: problem.row or 0)
+    more = f" (and {len(further)} more; {hint})" if further else ""
+    return DataError(f"{path}: {first}{more}")
+
+
+def table_problems(
+    sheet: Sheet, columns: tuple[str, ...], optional: tuple[str, ...] = ()
+) -> list[Problem]:
+    """Return what is wrong with a header, else that there are no rows.
+
+    Args:
+        sheet: the cells.
+        columns: every column that a file may have, in the usual order.
+        optional: those that may be missing.
+    """
+    file_columns = list(sheet.cells.columns)
+    if sum(map(_is_number, sheet.unused)) > len(columns) / 2:
+        return [Problem("no header: the first row holds numbers", ",".join(columns))]
+    missing = [name for name in columns if name not in (*file_columns, *optional)]
+    repeated = sorted({name for name in file_columns if file_columns.count(name) > 1})
+    parts = [f"missing {', '.join(missing)}"] if missing else []
+    parts += [f"repeated {', '.join(repeated)}"] if repeated else []
+    if parts:
+        parts += [
+            f"unit of {name!r} (valid: {', '.join(units)})"
+            for name, units in sheet.odd_units.items()
+        ]
+        unused = [name for name in sheet.unused if name not in sheet.odd_units]
+        parts += [f"columns not used: {', '.join(unused)}"] if missing and unused else []
+        may_miss = f"; optional: {', '.join(optional)}" if optional else ""
+        if missing and set(missing) <= set(TORQUE_COLUMNS):
+            may_miss = "; say no-torque if none were measured"
+        elif {*DEFLECTION_COLUMNS} <= {*missing}:
+            may_miss += f"; in place of dx_mm..: {POSITIONS_TEXT}"
+        return [
+            Problem(shortened(f"header: {'; '.join(parts)}", 500), ",".join(columns) + may_miss)
+        ]
+    return [Problem("no data rows below the header", "")] if sheet.cells.empty else []
+
+
+def _is_number(name: str) -> bool:
+    try:
+        float(name.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:
+    """Return the problem of one cell: its value, and what would be valid."""
+    return Problem(
+        value=shortened(str(sheet.cells[column].iloc[row])),
+        valid=valid,
+        row=int(sheet.lines[row]),
+        column=sheet.headers.get(column, column),
+    )
+
+
+def shortened(text: str, most: int = _SHOWN) -> str:
+    """Return the first characters of a long text."""
+    return text if len(text) <= most else f"{text[:most]}..."
+
+
+def number_problems(
+    sheet: Sheet, columns: tuple[str, ...], values: FloatArray
+) -> Iterator[Problem]:
+    """Yield the cells of `columns` whose `values` (n, len(columns)) are no finite numbers."""
+    for row, column in np.argwhere(~np.isfinite(values)):
+        text = sheet.cells[columns[column]].iloc[row]
+        valid = "a finite number"
+        if isinstance(text, str) and MAYBE_GROUPED.fullmatch(text):
+            valid += "; the point or comma may mark decimals or thousands in this file"
+        yield cell_problem(sheet, row, columns[column], valid)
+
+
+def numbers_and_loads(
+    sheet: Sheet, columns: tuple[str, ...]
+) -> tuple[FloatArray, FloatArray, list[Problem]]:
+    """Return the (n, len(columns)) numbers and (n, 6) wrenches of a file, and what is wrong."""
+    numbers, wrench = sheet.numbers(columns), sheet.numbers(WRENCH_COLUMNS)
+    problems = [
+        *number_problems(sheet, columns, numbers),
+        *number_problems(sheet, WRENCH_COLUMNS, wrench),
+        *wrench_problems(sheet, wrench),
+    ]
+    return numbers, wrench, problems
+
+
+def range_problems(
+    sheet: Sheet,
+    columns: Sequence[str],
+    values: FloatArray,
+    lower: FloatArray | float,
+    upper: FloatArray | float,
+    valid: Sequence[str],
+) -> Iterator[Problem]:
+    """Yield the cells whose (n, n_columns) `values` are numbers beyond their column's bounds."""
+    for row, i in np.argwhere(np.isfinite(values) & ((values < lower) | (values > upper))):
+        yield cell_problem(sheet, row, columns[i], valid[i])
+
+
+def wrench_problems(sheet: Sheet, wrench: FloatArray) -> Iterator[Problem]:
+    """Yield the components of (n, 6) `wrench` that no robot bears, N and N m."""
+    valid = f"a load within +-{LARGEST_NUMBER:g}; is the file in another unit?"
+    ends = -LARGEST_NUMBER, LARGEST_NUMBER
+    return range_problems(sheet, WRENCH_COLUMNS, wrench, *ends, [valid] * 6)
+
+
+def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
+    """Say whether (n, n_joints) `q_file`, in deg, look like radians."""
+    angles = q_file[:, robot.turns]
+    small = angles.size > 0 and (np.abs(angles) <= FULL_TURN_RAD).all() and np.ptp(angles) > 0.0
+    if len(q_file) >= 5 and small:
+        yield Problem(
+            f"every joint angle lies within +-{FULL_TURN_RAD:.2f} deg; the columns q1_deg.. are in "
+            "degrees, these look like radians",
+            "",
+        )
+
+
+def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
+    """Yield the joint positions (n, n_joints), deg or mm, outside of the robot's limits."""
+    columns = joint_columns(robot)
+    lower = np.maximum(robot.lower * file_units(robot), -LARGEST_NUMBER)
+    upper = np.minimum(robot.upper * file_units(robot), LARGEST_NUMBER)
+    valid = [
+        f"{low:g}..{high:g} {column.rpartition('_')[2]}, the limits of joint {name} of {robot.name}"
+        for low, high, column, name in zip(lower, upper, columns, robot.joint_names, strict=True)
+    ]
+    return range_problems(sheet, columns, q_file, lower - LIMIT_SLACK, upper + LIMIT_SLACK, valid)
+
+
+def filled(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
+    """Return the sheet with numbers of ours in the columns that the file does not have."""
+    absent = {name: number for name, number in usual.items() if name not in sheet.cells}
+    return replace(sheet, cells=sheet.cells.assign(**absent))
+
+
+def row_ranges(rows: Iterable[int]) -> str:
+    """Return row numbers as text: those that follow each other as "2-152", the first ten runs."""
+    runs: list[list[int]] = []
+    for row in rows:
+        if runs and row == runs[-1][-1] + 1:
+            runs[-1][1:] = [row]
+        else:
+            runs.append([row])
+    listed = ", ".join("-".join(map(str, run)) for run in runs[:RUNS_SHOWN])
+    hidden = sum(run[-1] - run[0] + 1 for run in runs[RUNS_SHOWN:])
+    return listed + (f" and {hidden} more" if hidden else "")
+
+
+def pose_reach(robot: Robot, tolerance: float) -> str:
+    """Return a tolerance with the units of the robot's joints: "0.05 deg and mm"."""
+    units = {column.rpartition("_")[2]: "" for column in joint_columns(robot)}
+    return f"{tolerance:g} {' and '.join(units)}"
+
+
+def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
+    """Number the poses of rows: linked are two that differ by the tolerance at most in each joint.
+
+    Rows are of one pose where a chain of linked rows connects them. This does not depend on the
+    order of the rows, and no grid has an edge between them.
+
+    Args:
+        q_file: (n, n_joints) joint positions, deg, and mm of prismatic joints.
+        tolerance: deg and mm.
+
+    Returns:
+        (n,) number of each row's pose, in the order in which poses come first.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+    from scipy.spatial.distance import cdist
+
+    reach = tolerance + LIMIT_SLACK
+    q_file = np.clip(np.nan_to_num(q_file), -LARGEST_NUMBER, LARGEST_NUMBER)  # others are refused
+    cells = pd.DataFrame(np.floor(q_file / reach))  # all rows of a cell are linked
+    cell = cells.groupby([*cells], sort=False).ngroup().to_numpy()
+    ends = np.cumsum(np.bincount(cell))
+    rows = np.split(np.argsort(cell, kind="stable"), ends[:-1])
+    beside = cKDTree(cells.drop_duplicates()).query_pairs(1.5, p=np.inf, output_type="ndarray")
+    linked = [
+        (a, b)
+        for a, b in beside.tolist()
+        if cdist(q_file[rows[a]], q_file[rows[b]], "chebyshev").min() <= reach
+    ]
+    a, b = np.array(linked, dtype=np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(rows), len(rows)))
+    return np.asarray(connected_components(graph, directed=False)[1][cell], dtype=np.int64)
+
+
+def near_poses_text(pose_id: TextArray, near: IntArray, lines: IntArray, reach: str) -> str:
+    """Describe poses that lie within the tolerance of each other under different names.
+
+    Args:
+        pose_id: (n,) names.
+        near: (n,) numbers of `linked_rows`.
+        lines: (n,) row numbers, for the message.
+        reach: the tolerance with its units.
+
+    Returns:
+        One line with an example and what to do; "" where there are none.
+    """
+    named = pd.DataFrame({"name": pose_id, "near": near, "line": lines})
+    named = named.drop_duplicates(["name", "near"])
+    several = named[named.duplicated("near", keep=False)]
+    if several.empty:
+        return ""
+    pair = several[several["near"] == several["near"].iloc[0]].iloc[:2]
+    example = " and ".join(f"{name!r} (row {line})" for name, _, line in pair.to_numpy())
+    poses = counted(several["near"].nunique(), "pose")
+    return (
+        f"{several['name'].nunique()} pose_ids name {poses} within {reach}, such as {example}; a "
+        "split may put one pose on both sides: give its rows one pose_id, or leave the column out"
+    )

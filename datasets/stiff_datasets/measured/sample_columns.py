@@ -1,0 +1,139 @@
+"""The columns of a file of measured samples: names, units, and what people call them.
+
+One row a load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, fx_N, fy_N, fz_N, tx_Nm,
+ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` where joint 2 is prismatic). The wrench acts at the
+TCP; wrench and deflection are expressed in the robot base frame; a deflection is the loaded minus
+the unloaded position. In place of it a file may have both positions of the TCP, ``x0_mm .. z0_mm``
+(unloaded) and ``x1_mm .. z1_mm`` (loaded).
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from stiff_protocols.contract.types import FloatArray, Robot
+
+ID_COLUMNS = ("pose_id", "load_id", "group")
+SIMULATED_GROUP = "simulated"
+"""The group of rows that `bench data simulate` wrote."""
+WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
+TORQUE_COLUMNS = WRENCH_COLUMNS[3:]
+DEFLECTION_COLUMNS = ("dx_mm", "dy_mm", "dz_mm")
+UNLOADED_COLUMNS = ("x0_mm", "y0_mm", "z0_mm")
+LOADED_COLUMNS = ("x1_mm", "y1_mm", "z1_mm")
+"""Positions of the TCP in place of its deflection."""
+MM_PER_M = 1000.0
+DEG_PER_RAD = 180.0 / np.pi
+DECIMALS = 10
+"""Numbers are written with so few decimals where that reads back as the same SI number."""
+
+_JOINT_WORDS = (
+    *("joint", "jointangle", "jointposition", "axis", "axisangle", "angle"),
+    *("gelenk", "gelenkwinkel", "achse", "achswinkel", "achsenwinkel", "achsstellung", "winkel"),
+)
+_FORCE_WORDS = ("force", "kraft")
+_TORQUE_WORDS = ("torque", "moment", "drehmoment")
+_DEFLECTION_WORDS = (
+    *("deflection", "displacement", "deformation"),
+    *("auslenkung", "verformung", "verschiebung", "verlagerung"),
+)
+ALIASES = {
+    "pose": "pose_id",
+    "poseid": "pose_id",
+    "load": "load_id",
+    "loadid": "load_id",
+    **{
+        f"{name}{i}": f"q{i}"
+        for word in ("", *_JOINT_WORDS)
+        for name in (word, *(f"{word}{letter}" for letter in ("a", "j", "q", "theta", "θ")))
+        if name not in ("", "q")
+        for i in range(1, 10)
+    },
+    **{
+        f"{name}{axis}": f"{kind}{axis}"
+        for kind, letters, words in (
+            ("f", ("f",), _FORCE_WORDS),
+            ("t", ("t", "m"), _TORQUE_WORDS),
+            ("d", ("d", "u", "delta", "δ"), _DEFLECTION_WORDS),
+        )
+        for name in (*letters, *words, *(f"{word}{letter}" for word in words for letter in letters))
+        if name != kind
+        for axis in "xyz"
+    },
+    **{
+        name: f"{axis}{number}"
+        for number, words in enumerate(
+            (("unloaded", "unbelastet", "ohnelast"), ("loaded", "belastet", "mitlast"))
+        )
+        for word in words
+        for axis in "xyz"
+        for name in (f"{axis}{word}", f"{word}{axis}")
+    },
+}
+"""What people call a column, in lower case, without its unit, blanks, hyphens and underscores."""
+NAMES = {
+    *ID_COLUMNS,
+    *(f"{kind}{axis}" for kind in "ftd" for axis in "xyz"),
+    *(f"{axis}{number}" for axis in "xyz" for number in "01"),
+    *(f"q{i}" for i in range(1, 10)),
+}
+"""Names of columns without their units."""
+UNITS = {
+    "deg": {"deg": 1.0, "degrees": 1.0, "grad": 1.0, "°": 1.0, "rad": DEG_PER_RAD},
+    "mm": {"mm": 1.0, "m": MM_PER_M, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "micron": 1e-3},
+    "N": {"n": 1.0, "kn": 1e3, "kg": 9.80665, "kgf": 9.80665},
+    "Nm": {"nm": 1.0, "knm": 1e3, "nmm": 1e-3},
+}
+"""Unit of our columns -> units that a header may name, in lower case -> factor to ours."""
+_UNIT_WORDS = "|".join(unit for units in UNITS.values() for unit in units)
+_HEADER = re.compile(
+    rf"(.+?)[\s_]*(?:[\[(]\s*(.*?)\s*[\])]|(?:/\s*|\s+in\s+|[\s_])({_UNIT_WORDS}))?"
+)
+
+
+def split_header(header: str) -> tuple[str, str]:
+    """Return the usual name of a column without its unit, and the unit, "" for none."""
+    header = re.sub(r"\.\d+$", "", header)  # pandas numbers a name that stands twice
+    text = re.sub(r"n[ ·⋅*]m", "nm", header.strip().lower())
+    match = _HEADER.fullmatch(text)
+    name, bracketed, bare = match.groups() if match else (text, None, None)
+    plain = re.sub(r"[\s_-]", "", name)
+    return ALIASES.get(plain, plain), bracketed or bare or ""
+
+
+def joint_columns(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the joint columns, base to tip, with their units."""
+    units = {"revolute": "deg", "prismatic": "mm"}
+    return tuple(f"q{i + 1}_{units[kind]}" for i, kind in enumerate(robot.joint_types))
+
+
+def all_columns(robot: Robot) -> tuple[str, ...]:
+    """Return the names of all columns, in the order in which they are written."""
+    return (*ID_COLUMNS, *joint_columns(robot), *WRENCH_COLUMNS, *DEFLECTION_COLUMNS)
+
+
+def file_units(robot: Robot) -> FloatArray:
+    """Return (n_joints,) how many of the file's units make one rad or one m."""
+    return np.where(robot.turns, DEG_PER_RAD, MM_PER_M)
+
+
+def in_file_units(values: FloatArray, unit: float) -> FloatArray:
+    """Return (n,) the numbers x for which x / `unit` is `values` (n,), or comes nearest."""
+    with np.errstate(over="ignore"):  # then the next candidate is the right one
+        result = np.asarray(values * unit)
+        candidates = (
+            np.nextafter(result, np.inf),
+            np.nextafter(result, -np.inf),
+            result,
+            np.round(result, DECIMALS),
+        )
+    for candidate in candidates:  # the best last
+        result = np.where(candidate / unit == values, candidate, result)
+    return result
+
+
+def counted(number: int, thing: str) -> str:
+    """Return "1 row", "5 rows"."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

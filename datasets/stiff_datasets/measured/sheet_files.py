@@ -1,0 +1,507 @@
+"""Tables of samples as files, CSV, Excel or Parquet: reading their cells, and writing.
+
+The columns are those of `sample_columns.py`. Other names and units that people write are
+understood, as are a row of units below the header, semicolons or tabs with decimal commas, titles
+above the header, and lines that begin with ``#``.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import itertools
+import math
+import re
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stiff_datasets.measured.sample_columns import (
+    DEFLECTION_COLUMNS,
+    ID_COLUMNS,
+    MM_PER_M,
+    NAMES,
+    UNITS,
+    WRENCH_COLUMNS,
+    file_units,
+    in_file_units,
+    joint_columns,
+    split_header,
+)
+from stiff_protocols.contract.errors import ConfigError, DataError
+from stiff_protocols.contract.extras import require
+from stiff_protocols.contract.files import written_whole
+from stiff_protocols.contract.types import (
+    BenchmarkData,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Robot,
+    Samples,
+)
+
+PARQUET, EXCEL = ".parquet", ".xlsx"
+"""The endings of Parquet and Excel files; every other file is CSV."""
+LARGEST_EXCEL, MOST_EXCEL_ROWS = 2**27, 2**20
+"""Bytes, unpacked; rows of a sheet, as Excel has it."""
+MOST_COLUMNS = 100
+"""Of a Parquet file; more than any robot's joints need."""
+LONGEST_CELL = 100
+"""Characters of a name or a number; an array of names is as wide as its longest."""
+LONGEST_LINE = 20_000
+"""Characters; a line of 500,000 commas takes pandas seconds."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+", re.ASCII)
+"""A number with thousands separators and decimals; 1.234 alone may be either."""
+MAYBE_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}", re.ASCII)
+_HEADER_NAMES, _TITLE_ROWS = 3, 20
+"""The header is the first row with three names of columns, among the first twenty rows."""
+_NO_UNIT = re.compile(r"[-\u2013\u2014]*")
+_UNITS_IN_ROW = 3
+"""Fewest units of a row below the header that states the units of the columns."""
+_Row = tuple[int, list[Any]]  # its number in the file, and its cells
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """The cells of a file, before any check.
+
+    Attributes:
+        path: the file.
+        cells: text (CSV) or whatever the file holds, without blank rows.
+        lines: (n,) row number of each data row, for messages. In a CSV or Excel file it is the
+            line as an editor counts; a Parquet file has no header row, and row 1 is its first.
+        decimal: what stands for the decimal point in text.
+        factors: column -> factor from its unit in the file to ours, where that is another.
+        headers: column -> its name in the file, where that is another.
+        unused: names of columns that are not ours.
+        odd_units: those of them that are ours but for their unit -> the units that are valid.
+        notes: how the file was understood, where that is not plain from its header.
+    """
+
+    path: Path
+    cells: pd.DataFrame
+    lines: IntArray
+    decimal: str = "."
+    factors: Mapping[str, float] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
+    odd_units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def oddities(self) -> list[str]:
+        """The notes, and one line that names the columns that are not used, if any."""
+        unused = [f"columns not used: {', '.join(self.unused)}"] if self.unused else []
+        return [f"{self.path}: {line}" for line in (*self.notes, *unused)]
+
+    def take(self, rows: BoolArray | slice) -> Sheet:
+        """Return some of the rows."""
+        cells = self.cells[rows].reset_index(drop=True)
+        return replace(self, cells=cells, lines=self.lines[rows])
+
+    def numbers(self, columns: tuple[str, ...]) -> FloatArray:
+        """Return (n, len(columns)) the cells in our units, NaN where a cell is no finite number.
+
+        Text is read as Python reads it, to the nearest floating point number; not every version
+        of pandas promises that.
+        """
+        doubtful = self._doubtful_signs
+        values = [
+            [_number(cell, self.decimal, doubtful) for cell in self.cells[column]]
+            for column in columns
+        ]
+        factors = [self.factors.get(column, 1.0) for column in columns]
+        return np.array(values, dtype=np.float64).T * factors
+
+    @cached_property
+    def _doubtful_signs(self) -> str:
+        """Signs that may mark decimals or thousands in this file, as in 1.234 where 0,5 is, too."""
+        if self.decimal != ",":
+            return ""
+        names = [*ID_COLUMNS, "frame"]
+        columns = [cells for name, cells in self.cells.items() if name not in names]
+        texts = [cell for cells in columns for cell in cells if isinstance(cell, str)]
+        texts = [text for text in texts if _NUMBER.fullmatch(text.replace(",", "."))]
+        clear = {
+            sign
+            for sign in ".,"
+            if any(sign in text and not MAYBE_GROUPED.fullmatch(text) for text in texts)
+        }
+        has_comma = any("," in text for text in texts)
+        doubtful = "." if "," in clear or (has_comma and not clear) else ""
+        return doubtful + ("," if clear == {"."} else "")
+
+    def recognised(self, columns: tuple[str, ...]) -> Sheet:
+        """Return the sheet with columns named as in `columns`, the others set apart.
+
+        A column is recognised in any case, under the `ALIASES`, with another unit of `UNITS`
+        behind its name or with none: ``A1``, ``q1 [rad]``, ``Fx[kN]``, ``dx_um``.
+        """
+        usual = {split_header(column)[0]: column for column in columns}
+        kept: dict[int, str] = {}
+        factors: dict[str, float] = {}
+        odd_units: dict[str, tuple[str, ...]] = {}
+        for i, header in enumerate(self.cells.columns):
+            name, unit = split_header(header)
+            column = usual.get(name, "")
+            ours = column.rpartition("_")[2]
+            ours = ours if ours in UNITS else ""
+            factor = UNITS[ours].get(unit) if ours and unit else 1.0
+            if factor is None:
+                others = (one for one in UNITS[ours] if one.isascii() and one != ours.lower())
+                odd_units[header] = (ours, *others)
+            if not column or factor is None or (unit and not ours):
+                continue
+            kept[i] = column
+            if factor != 1.0:
+                factors[column] = factor
+        found = list(self.cells.columns)
+        return replace(
+            self,
+            cells=self.cells.iloc[:, list(kept)].set_axis(list(kept.values()), axis="columns"),
+            factors=factors,
+            headers={column: found[i] for i, column in kept.items()},
+            unused=tuple(name for i, name in enumerate(found) if i not in kept),
+            odd_units=odd_units,
+        )
+
+
+def read_sheet(path: Path, sheet: str | None = None) -> Sheet:
+    """Read a CSV, Excel or Parquet file as it is.
+
+    Args:
+        path: the file.
+        sheet: name of the Excel file's sheet; None: the only one that holds a table.
+
+    Raises:
+        DataError: the file cannot be read, is empty, or is no table.
+        ConfigError: the package that reads Excel or Parquet is not installed; or the file has
+            other sheets, or several sheets with tables and none is named.
+    """
+    suffix = path.suffix.lower()
+    if sheet is not None and suffix != EXCEL:
+        raise ConfigError(f"{sheet!r}: {path} has no sheets (valid: an {EXCEL} file)", "sheet")
+    try:
+        if suffix == EXCEL:
+            return _read_excel(path, sheet)
+        return _read_parquet(path) if suffix == PARQUET else _read_csv(path)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def sheet_of(path: Path, table: pd.DataFrame) -> Sheet:
+    """Return the sheet of a table that stands for the file `path`."""
+    cells = _named(table.astype(object).rename(columns=str), strip=False)
+    first = 1 if path.suffix == PARQUET else 2
+    return Sheet(path, cells, np.arange(len(cells), dtype=np.int64) + first)
+
+
+def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
+    """Return the samples as a table in the units of files (deg, N, N m, mm).
+
+    Every number is the plainest one that `sample_file.read_samples` turns into the sample's SI
+    number again: rounded to ten decimals, else as it is, else one of its neighbours
+    in floating point. One of these exists for every number that was read from a file (a division
+    and a multiplication each err by less than half a unit in the last place, so their product
+    lands on the number or next to it). Of arbitrary SI numbers, 9 % of the angles and 4 % of the
+    lengths are the image of no number in deg or mm; the nearest one is taken, which reads back
+    as the neighbour of the SI number (1e-16 of it).
+
+    Raises:
+        DataError: samples and robot have different numbers of joints.
+    """
+    BenchmarkData(samples, robot)  # checks that they belong together
+    columns: dict[str, object] = {
+        name: pd.Series(getattr(samples, name).tolist(), dtype=object) for name in ID_COLUMNS
+    }
+    units = file_units(robot)
+    for i, name in enumerate(joint_columns(robot)):
+        columns[name] = in_file_units(samples.q[:, i], units[i])
+    columns |= dict(zip(WRENCH_COLUMNS, samples.wrench.T, strict=True))
+    for name, values in zip(DEFLECTION_COLUMNS, samples.deflection.T, strict=True):
+        columns[name] = in_file_units(values, MM_PER_M)
+    return pd.DataFrame(columns)
+
+
+def write_table(path: Path, parts: Iterable[pd.DataFrame]) -> None:
+    """Write a table whose rows come in parts, whole or not at all.
+
+    Args:
+        path: Parquet if it ends so, else CSV.
+        parts: each is written before the next is asked for; at least one.
+
+    Raises:
+        StoreError: the file cannot be written.
+        ConfigError: Excel is asked for, or Parquet and pyarrow is not installed.
+    """
+    if path.suffix.lower() == EXCEL:
+        raise ConfigError(f"{path}: Excel files are read, not written (valid: .csv, {PARQUET})")
+    if path.suffix == PARQUET:
+        require(f"{path}: Parquet", "pyarrow")
+    with written_whole(path) as temporary:
+        if path.suffix == PARQUET:
+            import pyarrow as pa
+            from pyarrow.parquet import ParquetWriter
+
+            tables = (pa.Table.from_pandas(part, preserve_index=False) for part in parts)
+            first = next(tables)
+            with ParquetWriter(temporary, first.schema) as writer:
+                for table in itertools.chain([first], tables):
+                    writer.write_table(table)
+            return
+        with temporary.open("w", encoding="utf-8", newline="") as file:
+            for i, part in enumerate(parts):
+                part.to_csv(file, index=False, header=i == 0, lineterminator="\n")
+
+
+def _read_csv(path: Path) -> Sheet:
+    """Read the table as text, so that a message can show a wrong value as it was written."""
+    content = path.read_bytes()
+    encoding = "utf-8-sig"
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encoding = "utf-16"
+    elif b"\0" in content[:2]:  # without a byte order mark, the first character in ASCII
+        encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        byte = f"byte 0x{content[error.start]:02x} at {error.start}"
+        raise DataError(
+            f"{path}: no text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
+        ) from error
+    lines = [*_filled_lines(path, io.StringIO(text, newline=None))]
+    stated = re.fullmatch(r"sep=([,;\t])", lines[0][1].strip(" \ufeff")) if lines else None
+    lines = lines[1:] if stated else lines  # Excel states its separator
+    if not lines:
+        raise DataError(f"{path}: the file is empty")
+    first = _header(re.split(r"[,;\t]", line.replace('"', "")) for _, line in lines) or 0
+    separator = stated[1] if stated else max(",;\t", key=lines[first][1].count)
+    rows = [*_csv_rows(path, lines[first:], separator)]
+    return _sheet_of_rows(path, rows, "." if separator == "," else ",")
+
+
+def _filled_lines(path: Path, text: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """Yield the lines that hold more than separators or a remark, with their numbers."""
+    for number, line in enumerate(text, start=1):
+        if "\0" in line:
+            raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: it has NUL characters")
+        if len(line) > LONGEST_LINE:
+            raise DataError(f"{path}: a line of {len(line)} characters (valid: {LONGEST_LINE})")
+        if line.strip(' ,;\t\n"') and not line.lstrip().startswith("#"):
+            yield number, line.rstrip("\n")
+
+
+def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Iterator[_Row]:
+    """Yield the rows, all as wide as the first; a cell in quotes may have several lines."""
+    begun = width = 0
+
+    def texts() -> Iterator[str]:
+        nonlocal begun
+        for number, line in lines:
+            begun = begun or number
+            yield line
+        if begun:
+            raise csv.Error(f"a cell of row {begun} has a quotation mark that is not closed")
+
+    try:
+        for cells in csv.reader(texts(), delimiter=separator, skipinitialspace=True):
+            number, begun, width = begun, 0, width or len(cells)
+            if len(cells) > width:
+                hint = "; decimal commas need semicolons between columns" * (separator == ",")
+                raise csv.Error(f"row {number} has {len(cells)} cells, the header {width}{hint}")
+            cells = [cell.strip() for cell in cells]
+            if any(cells):
+                yield number, cells + [""] * (width - len(cells))
+    except csv.Error as error:
+        raise DataError(f"{path}: not a CSV table: {error}") from error
+
+
+def _sheet_of_rows(path: Path, rows: list[_Row], decimal: str) -> Sheet:
+    """Return the sheet of the header, the first row, and the rows below it."""
+    (_, header), *rows = rows
+    names = [str(name) or f"column {i + 1}" for i, name in enumerate(header)]
+    notes: tuple[str, ...] = ()
+    if rows and (units := _units_row(rows[0][1])):
+        (number, _), *rows = rows
+        names = _with_units(path, names, units, number)
+        notes = (f"row {number} states the units of the columns",)
+    cells = pd.DataFrame([row for _, row in rows], columns=names, dtype=object)
+    kept = (np.array(header, dtype=object) != "") | (cells != "").any().to_numpy()
+    lines = np.array([number for number, _ in rows], dtype=np.int64)
+    return Sheet(path, _named(cells.loc[:, kept]), lines, decimal=decimal, notes=notes)
+
+
+def _units_row(cells: Sequence[Any]) -> list[str] | None:
+    """Return the unit of each column, "" for none, if the row below a header states them."""
+    texts = [str(cell).strip() for cell in cells]
+    if any(_NUMBER.fullmatch(text.replace(",", ".")) for text in texts):
+        return None
+    units = [
+        "" if _NO_UNIT.fullmatch(text) else split_header(f"? [{text.strip('[]()')}]")[1]
+        for text in texts
+    ]
+    n_known = sum(any(unit in of_ours for of_ours in UNITS.values()) for unit in units)
+    return units if n_known >= _UNITS_IN_ROW else None
+
+
+def _with_units(path: Path, names: list[str], units: list[str], number: int) -> list[str]:
+    """Return the names of columns with the units of row `number`, where they state none.
+
+    Raises:
+        DataError: a name states another unit than the row.
+    """
+    result = []
+    for name, unit in zip(names, units, strict=True):
+        usual, stated = split_header(name)
+        same = any(of.get(unit) == of.get(stated) is not None for of in UNITS.values())
+        if stated and unit and unit != stated and usual in NAMES and not same:
+            raise DataError(f"{path}: row {number}: unit {unit!r} of the column {name!r}")
+        needed = unit and not stated and usual not in ID_COLUMNS
+        result.append(f"{name} [{unit}]" if needed else name)
+    return result
+
+
+def _read_excel(path: Path, sheet: str | None) -> Sheet:
+    require(f"{path}: Excel", "openpyxl")
+    try:
+        with zipfile.ZipFile(path) as parts:
+            size = sum(part.file_size for part in parts.infolist())
+        if size > LARGEST_EXCEL:
+            raise ValueError(f"{size} bytes unpacked (valid: at most {LARGEST_EXCEL})")
+        found = pd.read_excel(
+            path,
+            engine="openpyxl",
+            sheet_name=None,  # all of them
+            header=None,
+            nrows=MOST_EXCEL_ROWS,
+            dtype=object,
+            na_filter=False,
+        )
+    except OSError:
+        raise
+    except zipfile.BadZipFile as error:
+        raise DataError(f"{path}: not an Excel table (valid: .xlsx, or 'CSV UTF-8')") from error
+    except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
+        reason = " ".join(str(error).split())
+        raise DataError(f"{path}: not an Excel table: {reason}") from error
+    tables = {title: [*_excel_rows(cells)] for title, cells in found.items()}
+    title, first = _table_sheet(path, tables, sheet)
+    notes = (f"sheet {title!r} read",) if sheet is None and title != next(iter(tables)) else ()
+    found_sheet = _sheet_of_rows(path, tables[title][first:], ",")
+    return replace(found_sheet, notes=(*notes, *found_sheet.notes))
+
+
+def _excel_rows(cells: pd.DataFrame) -> Iterator[_Row]:
+    """Yield the rows of a sheet that hold more than blanks or a remark."""
+    for number, row in enumerate(cells.to_numpy().tolist(), start=1):
+        row = [cell.strip() if isinstance(cell, str) else cell for cell in row]
+        if any(cell != "" for cell in row) and not str(row[0]).startswith("#"):
+            yield number, row
+
+
+def _table_sheet(
+    path: Path, tables: Mapping[str, list[_Row]], sheet: str | None
+) -> tuple[str, int]:
+    """Return the name of the sheet to read, and where its header is.
+
+    The sheet is `sheet`, else the only one with a table.
+
+    Raises:
+        ConfigError: the file has another sheet, or none is asked for and several hold a table.
+        DataError: the sheet is empty.
+    """
+    if sheet is not None and sheet not in tables:
+        valid = ", ".join(map(repr, tables))
+        raise ConfigError(f"{sheet!r}: no sheet of {path} (valid: {valid})", "sheet")
+    filled = {title: rows for title, rows in tables.items() if rows and sheet in (None, title)}
+    if not filled:
+        which = "every sheet" if sheet is None else f"the sheet {sheet!r}"
+        raise DataError(f"{path}: {which} is empty")
+    headers = {title: _header([*map(str, row)] for _, row in filled[title]) for title in filled}
+    with_header = [title for title, first in headers.items() if first is not None]
+    if len(with_header) > 1:
+        valid = ", ".join(map(repr, with_header))
+        reason = f"is needed: {path} holds tables on {len(with_header)} sheets (valid: {valid})"
+        raise ConfigError(reason, "sheet")
+    title = (with_header or [*filled])[0]
+    return title, headers[title] or 0
+
+
+def _read_parquet(path: Path) -> Sheet:
+    require(f"{path}: Parquet", "pyarrow")
+    import pyarrow as pa
+    from pyarrow.parquet import ParquetFile
+
+    size = path.stat().st_size
+    try:
+        about = ParquetFile(path).metadata
+        if about.num_columns > MOST_COLUMNS:
+            raise ValueError(f"{about.num_columns} columns (valid: at most {MOST_COLUMNS})")
+        if about.num_rows > size:  # a measured row takes dozens of bytes, one repeated takes none
+            raise ValueError(f"{about.num_rows} rows in {size} bytes")
+        # as a dictionary, a long text in many rows is kept once
+        texts = [about.schema.column(i).path for i in range(about.num_columns)]
+        table = ParquetFile(path, read_dictionary=texts).read()
+        cells = table.to_pandas(ignore_metadata=True).astype(object).rename(columns=str)
+        return sheet_of(path, _named(cells))
+    except pa.ArrowInvalid as error:
+        raise DataError(f"{path}: not a Parquet table, or a damaged one") from error
+    except (ValueError, KeyError, pa.ArrowException) as error:
+        reason = " ".join(str(error).split())
+        raise DataError(f"{path}: not a Parquet table: {reason}") from error
+
+
+def _named(cells: pd.DataFrame, *, strip: bool = True) -> pd.DataFrame:
+    """Return the cells with text in the columns of names, which may hold numbers."""
+    for i, header in enumerate(cells.columns):
+        if split_header(header)[0] in ID_COLUMNS:
+            column = cells.iloc[:, i]
+            names = [*map(str, column.where(column.notna(), ""))]
+            names = [name.strip() for name in names] if strip else names
+            cells.iloc[:, i] = names
+    return cells
+
+
+def _header(rows: Iterable[Sequence[str]]) -> int | None:
+    """Return which row is the header: the first with names of columns, below a title, if any.
+
+    None: no row has any.
+    """
+    for i, row in enumerate(itertools.islice(rows, _TITLE_ROWS)):
+        names = (split_header(cell)[0] for cell in row if len(cell) <= LONGEST_CELL)
+        if sum(name in NAMES for name in names) >= _HEADER_NAMES:
+            return i
+    return None
+
+
+def _number(cell: object, decimal: str, doubtful: str) -> float:
+    """Return the number in a cell; NaN where it is none, or no finite one.
+
+    Args:
+        cell: text, or whatever an Excel or Parquet file holds.
+        decimal: sign that marks decimals in text.
+        doubtful: signs that may mark decimals or thousands, as in 1.234.
+    """
+    number = np.nan
+    if isinstance(cell, str):
+        if len(cell) > LONGEST_CELL:
+            return np.nan
+        if doubtful and MAYBE_GROUPED.fullmatch(cell) and any(sign in cell for sign in doubtful):
+            return np.nan
+        if _GROUPED.fullmatch(cell):
+            decimal = "," if cell.rfind(",") > cell.rfind(".") else "."
+            cell = cell.replace("." if decimal == "," else ",", "")
+        cell = cell.replace(decimal, ".")
+        number = float(cell) if _NUMBER.fullmatch(cell) else np.nan
+    elif isinstance(cell, int | float | np.integer | np.floating) and not isinstance(cell, bool):
+        number = float(cell)
+    return number if math.isfinite(number) else np.nan
