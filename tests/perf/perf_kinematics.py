@@ -23,7 +23,7 @@ from helpers.quick_models import twin_data
 from stiff_datasets.robots.robot import shipped_chain, shipped_robot
 from stiff_models.physics.kinematics import jacobian, joint_deflection
 from stiff_models.physics.vjm import VirtualJointModel
-from stiff_models.transfer.source import simulate, source_design
+from stiff_models.transfer.source_domain import simulate, source_design
 from stiff_protocols.contract.robot import REACHED_M, REACHED_RAD
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.inverse import follow

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Gt
 from sklearn.base import clone
 
-from stiff_models.base import FittedModel, folds_of_poses, normal_interval
+from stiff_models.fitted_model import FittedModel, folds_of_poses, normal_interval
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Samples
 

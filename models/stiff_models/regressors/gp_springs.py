@@ -16,7 +16,7 @@ import numpy as np
 from annotated_types import Ge
 from scipy.optimize import minimize
 
-from stiff_models.networks.features import encode
+from stiff_models.networks.encoded_model import encode
 from stiff_models.physics.fitted_geometry import (
     STEP,
     Geometry,
@@ -36,11 +36,11 @@ from stiff_models.regressors.calibrated_process import CalibratedProcess
 from stiff_models.regressors.gaussian_process import Covariance, minimum
 from stiff_models.regressors.joint_curves import JointCurves
 from stiff_models.regressors.spring_process import (
-    Likelihood,
     LikelihoodSlopes,
     SpringCovariance,
     SpringLoads,
     SpringProcess,
+    likelihood_slopes,
 )
 from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.identification import typical_joints
@@ -234,11 +234,10 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _likeliest(self, hyper: Hyperparameters, samples: Samples, robot: Robot) -> FloatArray:
         """Return the most probable hyperparameters for the geometry as it is."""
         loads = self._measured_loads(robot, self.geometry_, samples.q, samples.wrench)
-        likelihood = Likelihood(loads, samples.deflection.T)
 
         def loss(theta: FloatArray) -> tuple[float, FloatArray]:
             covariance, away = hyper.covariance(theta), theta - hyper.start
-            slopes = likelihood.slopes(covariance)
+            slopes = likelihood_slopes(covariance, loads, samples.deflection.T)
             value = 0.5 * float(hyper.precision @ away**2) - slopes.value
             return value, hyper.precision * away - hyper.slopes(covariance, slopes)
 

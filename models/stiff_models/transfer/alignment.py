@@ -6,33 +6,23 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 
-from stiff_models.networks.training import Objective
-from stiff_models.networks.training_plan import HUBER_DELTA, Loss, loss_function
+from stiff_models.networks.training import HUBER_DELTA, Loss, Objective, loss_function
 from stiff_models.transfer.cnn import WIDTH, Cnn
 
 DISCRIMINATOR_WIDTH = 1024
 DISCRIMINATOR_DROPOUT = 0.5
 
 
-class _Reversal(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, values: torch.Tensor, strength: float) -> torch.Tensor:
-        ctx.strength = strength
-        return values.view_as(values)
-
-    @staticmethod
-    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None]:
-        return -ctx.strength * gradient, None
-
-
 def reverse_gradient(values: torch.Tensor, strength: float) -> torch.Tensor:
     """Return `values`; on the way back their gradient is multiplied by -`strength`."""
-    reversed_: torch.Tensor = _Reversal.apply(values, strength)  # type: ignore[no-untyped-call]
-    return reversed_
+    passed = values.view_as(values)
+    if passed.requires_grad:
+        passed.register_hook(lambda grad: -strength * grad)  # type: ignore[no-untyped-call]
+    return passed
 
 
 def build_discriminator(n_features: int, *, seed: int) -> torch.nn.Sequential:

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from annotated_types import Ge
 
-from stiff_models.base import left_out_fifths, normal_interval
-from stiff_models.networks.torch_parts import MeanOf
+from stiff_models.fitted_model import left_out_fifths, normal_interval
+from stiff_models.networks.onnx_export import MeanOf
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples

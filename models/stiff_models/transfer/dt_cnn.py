@@ -13,8 +13,8 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge
 
-from stiff_models.networks.features import Scaler
-from stiff_models.networks.training_plan import Loss, TrainingPlan
+from stiff_models.networks.encoded_model import Scaler
+from stiff_models.networks.training import Loss, TrainingPlan
 from stiff_models.transfer.alignment import AlignedObjective, Alignment, uses_target
 from stiff_models.transfer.cnn import Cnn, Pool, adapt_statistics, build_cnn
 from stiff_models.transfer.pretraining import PretrainedModel

@@ -16,14 +16,12 @@ from typing import Literal, Self
 import numpy as np
 import torch
 
+from stiff_models.networks.fully_connected import linear_layers
 from stiff_models.networks.mlp import Epochs, LearningRate
-from stiff_models.networks.network import linear_layers
 from stiff_models.networks.network_model import Selection
-from stiff_models.networks.training import Curve, Rows, Visits, train_network
-from stiff_models.networks.training_plan import TrainingPlan
-from stiff_models.transfer.anchor import AnchoredMlp
-from stiff_models.transfer.freeze import Stage, stages
-from stiff_models.transfer.pretrained_mlp import PretrainedMlp, Recipe
+from stiff_models.networks.training import Curve, Rows, TrainingPlan, Visits, train_network
+from stiff_models.transfer.freeze_strategies import Stage, stages
+from stiff_models.transfer.pretrained_mlp import AnchoredMlp, PretrainedMlp, Recipe
 from stiff_protocols.contract.types import Robot, Samples
 
 _FAST = TrainingPlan(steps=400, learning_rate=1e-4, loss="mae", optimizer="adam")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from stiff_models.networks.fully_connected import linear_layers
 from stiff_models.networks.mlp import Mlp
-from stiff_models.networks.network import linear_layers
 from stiff_models.transfer.ft_mlp import FtMlp
 
 pytestmark = pytest.mark.usefixtures("small_source")

@@ -11,7 +11,7 @@ from helpers.made_samples import samples_with
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
 from stiff_datasets.twin.robot_twin import random_poses
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
-from stiff_models.io.saved import load
+from stiff_models.io.model_file import load
 from stiff_models.physics.fitted_geometry import Geometry, moved_wrench
 from stiff_models.physics.full_vjm import FullVjm, spring_twists
 from stiff_models.physics.kinematics import joint_deflection
@@ -19,8 +19,8 @@ from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.conformance.suite import check_model
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.interfaces import interval_at_tcp, tcp_deflection
-from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData, Interval
+from stiff_protocols.contract.interfaces import tcp_deflection
+from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData
 from stiff_protocols.splits.path_compensation import PathCompensation
 
 STIFFNESS = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
@@ -124,15 +124,6 @@ def test_the_tcp_is_predicted_by_the_turn_of_the_tool_about_the_measured_point(o
     np.testing.assert_allclose(model.predict_at_tcp(test.q, test.wrench), expected, atol=1e-12)
 
 
-def test_an_interval_is_moved_to_the_tcp_with_its_width(kr10, rng):
-    train = measured(kr10, rng)
-    model, zero = VirtualJointModel(tcp="fit").fit(train, robot=kr10), np.zeros((len(train.q), 3))
-    moved = interval_at_tcp(model, Interval(zero, zero + 1e-4, 0.9), train.q, train.wrench)
-    shift = model.predict_at_tcp(train.q, train.wrench) - model.predict(train.q, train.wrench)
-    np.testing.assert_allclose(moved.lower, shift)
-    np.testing.assert_allclose(moved.upper - moved.lower, 1e-4)
-
-
 @pytest.mark.parametrize("model", MODELS)
 def test_where_nothing_is_fitted_both_predictions_are_the_same_numbers(model, parts):
     robot, train, _, test = parts
@@ -165,14 +156,6 @@ def test_models_with_a_fitted_geometry_keep_the_contract_and_are_saved(model, op
     assert not failed, "\n".join(failed)
     by_name = {check.name: check.status for check in checks}
     assert by_name["save and load give the same numbers"] == "passed"
-
-
-def test_a_fit_without_any_deflection_leaves_the_point(kr10, rng):
-    train = measured(kr10, rng)
-    train = replace(train, deflection=np.zeros_like(train.deflection))
-    with pytest.warns(match="every joint is rigid"):
-        model = VirtualJointModel(tcp="fit").fit(train, robot=kr10)
-    np.testing.assert_array_equal(model.geometry_.point, kr10.tcp)
 
 
 @pytest.fixture(scope="module")

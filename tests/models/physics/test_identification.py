@@ -17,7 +17,7 @@ from stiff_models.physics.full_vjm import FullVjm, spring_regressor
 from stiff_models.physics.kinematics import joint_deflection
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel, compliance_regressor, identify_joints
-from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_models.transfer.pretrained_mlp import MlpPretrained
 from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.identification import least_compliance
 

@@ -10,18 +10,15 @@ from scipy.stats import multivariate_normal
 from sklearn.gaussian_process.kernels import Matern
 
 from helpers.made_robots import random_chain
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.robot_twin import ArmFamily, Ur5Twin
 from stiff_models.physics.full_vjm import FullVjm
 from stiff_models.physics.kinematics import (
-    gravity_torque,
     joint_deflection,
-    virtual_gravity_torque,
 )
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.gp_springs import GpSprings
-from stiff_models.regressors.spring_process import Likelihood, SpringProcess
+from stiff_models.regressors.spring_process import SpringProcess, likelihood_slopes
 from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.types import BenchmarkData, Samples
 
@@ -51,13 +48,13 @@ def some(hyper, rng):
 )
 def test_slopes_of_the_likelihood_are_its_differences(twin, options, rng):
     _, loads, hyper, deflection = prepared(twin, **options)
-    likelihood, theta = Likelihood(loads, deflection), some(hyper, rng)
+    theta = some(hyper, rng)
 
     def value(theta):
-        return likelihood.slopes(hyper.covariance(theta)).value
+        return likelihood_slopes(hyper.covariance(theta), loads, deflection).value
 
     covariance = hyper.covariance(theta)
-    slopes = hyper.slopes(covariance, likelihood.slopes(covariance))
+    slopes = hyper.slopes(covariance, likelihood_slopes(covariance, loads, deflection))
     steps = 1e-5 * np.eye(len(theta))
     differences = [(value(theta + step) - value(theta - step)) / 2e-5 for step in steps]
     np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-5)
@@ -92,7 +89,7 @@ def test_likelihood_and_posterior_are_those_of_the_normal_that_the_equation_desc
     whole = dense(covariance, loads)
     noisy = whole + covariance.noise * np.eye(len(whole))
     truth = multivariate_normal(cov=noisy).logpdf(deflection.ravel())
-    assert Likelihood(loads, deflection).slopes(covariance).value == pytest.approx(truth)
+    assert likelihood_slopes(covariance, loads, deflection).value == pytest.approx(truth)
 
     first, last = loads.take(np.arange(10)), loads.take(np.arange(10, 15))
     known = np.arange(45).reshape(3, 15)[:, :10].ravel()
@@ -159,14 +156,6 @@ def test_curves_of_two_slopes_are_learned_as_the_multi_segment_model_has_them(tw
         )
     }
     assert errors[GpSprings] < 0.03 * errors[VirtualJointModel]
-
-
-def test_weights_turn_a_joint_itself_as_its_own_virtual_joint():
-    data = Kr10Twin().load()
-    virtual = virtual_gravity_torque(data.robot, data.samples.q)
-    np.testing.assert_allclose(
-        virtual[:, :, 2], gravity_torque(data.robot, data.samples.q), atol=1e-12
-    )
 
 
 def test_a_robot_without_masses_is_fitted_without_preload_and_says_so(twin, rng):

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from stiff_models.physics.vjm import Physics, VirtualJointModel, joint_deflection
-from stiff_models.regressors.baselines import ZeroModel
-from stiff_models.regressors.on_physics import OnPhysics, VjmBoosting, VjmGp
-from stiff_models.regressors.residual_mlp import ResidualMlp
+from stiff_models.networks.mlp import ResidualMlp
+from stiff_models.physics.vjm import OnPhysics, Physics, VirtualJointModel, joint_deflection
+from stiff_models.regressors.gp_model import VjmGp
+from stiff_models.regressors.regressor_model import VjmBoosting, ZeroModel
 
 COMPLIANCE = 1.0 / np.array([5e5, 4e5, 3e5, 4e4, 4e4, 3e4])  # rad/(N m)
 

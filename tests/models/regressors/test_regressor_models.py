@@ -9,9 +9,8 @@ import pytest
 from sklearn.exceptions import ConvergenceWarning
 
 from helpers.made_samples import samples_with
-from stiff_models.regressors.baselines import MeanModel, ZeroModel
-from stiff_models.regressors.gp import GaussianProcessModel
-from stiff_models.regressors.regressor_model import told_as_ours
+from stiff_models.regressors.gp_model import GaussianProcessModel
+from stiff_models.regressors.regressor_model import MeanModel, ZeroModel, told_as_ours
 from stiff_protocols.contract.errors import StiffBenchWarning
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from stiff_bench.plan.options import options_of
-from stiff_bench.plan.words import parse_settings
-from stiff_models.networks.features import Scaler, encode
+from stiff_models.networks.encoded_model import Scaler, encode
 from stiff_models.regressors.sklearn_model import literal, member
 from stiff_protocols.contract.errors import ConfigError, ModelError
 
@@ -72,12 +71,6 @@ def test_the_options_are_the_regressors_arguments_with_their_documented_types():
     assert "int" in options["n_estimators"].description
     assert "physics" not in options
     assert "physics" in options_of(member("vjm+" + FOREST).load())
-
-
-def test_options_are_parsed_from_the_command_line():
-    settings = [f"{FOREST}.n_estimators=300", f"{FOREST}.max_features=sqrt"]
-    parsed = parse_settings(settings, {FOREST: member(FOREST).load()})
-    assert parsed == {FOREST: {"n_estimators": 300, "max_features": "sqrt"}}
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiff_models.networks.epochs import FOLDS, chosen_epochs, lengths_up_to
-from stiff_models.networks.mlp import Mlp
-from stiff_models.regressors.residual_mlp import ResidualMlp
+from stiff_models.networks.mlp import Mlp, ResidualMlp
+from stiff_models.networks.network_model import FOLDS, chosen_epochs, lengths_up_to
 from stiff_models.transfer.ft_mlp import FtMlp
 
 SMALL = {"width": 8, "device": "cpu"}

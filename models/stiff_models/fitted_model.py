@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from stiff_models.io import saved
+from stiff_models.io import model_file
 from stiff_protocols.contract.errors import ModelError, NotFittedError
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot, Samples
@@ -107,14 +107,14 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
         return predicted
 
     def save(self, path: Path) -> None:
-        """Write the fitted model to one file that `stiff_models.load` reads; see `io.saved`.
+        """Write the fitted model to one file that `stiff_models.load` reads; see `io.model_file`.
 
         Raises:
             NotFittedError: `fit` was not called.
             ModelError: the model is none of stiffbench's own, or holds what no file can.
             StoreError: the file cannot be written.
         """
-        saved.save(self, path)
+        model_file.save(self, path)
 
     def _empty_module(self, name: str) -> torch.nn.Module:
         """Return an untrained module of the shape of the fitted attribute `name`, for loading.
