@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -78,31 +77,9 @@ RISEN = 10.0
 ROWS_LOOKED_AT = 256  # at the end, for signs of divergence
 
 
-class Objective(ABC):
-    """What a training minimises in place of its plan's loss.
-
-    Attributes:
-        made_of: tensors that it is made of: a part of the training's identity.
-        about: its settings as text: another one.
-    """
-
-    made_of: Sequence[torch.Tensor]
-    about: str
-
-    def parameters(self) -> list[torch.nn.Parameter]:
-        """Return what is trained beside the network's own parameters."""
-        return []
-
-    @abstractmethod
-    def __call__(
-        self, progress: float, inputs: torch.Tensor, targets: torch.Tensor
-    ) -> torch.Tensor:
-        """Return the loss of a batch of inputs (n, n_features) and standardised targets (n, 3).
-
-        `progress` is that of the training, 0 at its first step, towards 1.
-        """
-
-
+Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
+"""Loss of a batch of inputs (n, n_features) and standardised targets (n, 3), minimised in place of
+the plan's; the first argument is the progress of the training, 0 at its first step, towards 1."""
 Visits = Mapping[int, Callable[[], None]]
 """Number of steps -> what is called then."""
 

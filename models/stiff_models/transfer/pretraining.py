@@ -29,11 +29,11 @@ from stiff_models.networks.training import (
     PRETRAINING_VERSION,
     Curve,
     Loss,
-    Objective,
     Rows,
     TrainingPlan,
     train_network,
 )
+from stiff_models.transfer.alignment import TargetObjective
 from stiff_models.transfer.source_domain import SourceDomain, simulate
 from stiff_models.transfer.source_model import SourceModel
 from stiff_protocols.contract.source_code import code_of
@@ -177,7 +177,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         )
         return trained, len(domain)
 
-    def _objective(self, train: Samples, loss: Loss, seed: int) -> Objective | None:
+    def _objective(self, train: Samples, loss: Loss, seed: int) -> TargetObjective | None:
         """Return what is minimised on the source in place of its loss; `train` is the target's."""
         return None
 
@@ -187,7 +187,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         plan: TrainingPlan,
         seed: int,
         judge: Callable[[], dict[str, FloatArray]],
-        objective: Objective | None = None,
+        objective: TargetObjective | None = None,
     ) -> Trained:
         """Train the network in place, and measure it once with `judge`."""
         start = time.perf_counter()

@@ -16,7 +16,7 @@ from stiff_models.networks.onnx_export import export_onnx
 from stiff_models.physics.vjm import joint_deflection
 from stiff_models.transfer.compliance_net import ComplianceNet
 from stiff_models.transfer.dt_cnn import DtCnn
-from stiff_protocols.contract.errors import ConfigError, NotFittedError
+from stiff_protocols.contract.errors import ConfigError
 
 onnxruntime = pytest.importorskip("onnxruntime")
 pytest.importorskip("onnxscript")
@@ -92,8 +92,3 @@ def test_a_missing_package_is_named_with_the_extra_that_brings_it(tmp_path, monk
     )
     with pytest.raises(ConfigError, match=r"onnxscript.*stiffbench\[onnx\]"):
         export_onnx(model, tmp_path / "net.onnx")
-
-
-def test_an_unfitted_network_is_refused(tmp_path):
-    with pytest.raises(NotFittedError):
-        export_onnx(Mlp(), tmp_path / "net.onnx")

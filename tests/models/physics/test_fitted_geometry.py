@@ -124,17 +124,6 @@ def test_the_tcp_is_predicted_by_the_turn_of_the_tool_about_the_measured_point(o
     np.testing.assert_allclose(model.predict_at_tcp(test.q, test.wrench), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_where_nothing_is_fitted_both_predictions_are_the_same_numbers(model, parts):
-    robot, train, _, test = parts
-    found = model().fit(train, robot=robot)
-    assert found.geometry_ is None
-    for predict in (found.predict_at_tcp, tcp_deflection(found)):
-        np.testing.assert_array_equal(
-            predict(test.q, test.wrench), found.predict(test.q, test.wrench)
-        )
-
-
 @pytest.mark.parametrize(
     ("model", "options"),
     [

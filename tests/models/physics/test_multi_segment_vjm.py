@@ -10,7 +10,6 @@ import pytest
 from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.kinematics import gravity_torque, jacobian, joint_torque
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel, joint_deflection
@@ -94,30 +93,6 @@ def test_equal_slopes_give_the_linear_models_springs(kr10, rng):
         np.testing.assert_allclose(
             model.predict(q[:5], wrench[:5]), linear.predict(q[:5], wrench[:5]), rtol=1e-9
         )
-
-
-def test_quantiles_are_those_of_the_training_torques_with_gravitys_share():
-    robot, samples = preloaded()
-    load = joint_torque(jacobian(robot, samples.q), samples.wrench)
-    torque = load + gravity_torque(robot, samples.q)
-    for segments, shares in ((2, [0.25]), (3, [0.25, 0.625]), (4, [0.25, 0.5, 0.75])):
-        for gravity, used in ((True, torque), (False, load)):
-            model = MultiSegmentVjm(segments=segments, gravity=gravity).fit(samples, robot=robot)
-            expected = [np.quantile(np.abs(used), shares)]
-            np.testing.assert_allclose(model.breakpoints_, expected, rtol=1e-12)
-
-
-@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of 4 segments
-@pytest.mark.parametrize("segments", [2, 4])
-def test_the_search_fits_the_training_samples_better_than_quantiles(segments):
-    data, residual = Kr10Twin().load(), {}
-    for breakpoints in ("quantile", "search"):
-        model = MultiSegmentVjm(breakpoints=breakpoints, segments=segments)
-        model.fit(data.samples, robot=data.robot)
-        error = model.predict(data.samples.q, data.samples.wrench) - data.samples.deflection
-        residual[breakpoints] = (error**2).sum()
-        assert (np.diff(model.breakpoints_, axis=1) > 0.0).all()
-    assert residual["search"] < residual["quantile"]
 
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")

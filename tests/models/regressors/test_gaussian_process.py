@@ -142,16 +142,6 @@ def test_the_noise_that_the_data_card_states_is_the_instruments(family, parts):
     assert noise(stated, instrument_noise_mm=0.02)[0] == 2e-5  # what is said goes before
 
 
-def test_the_noise_is_what_repeated_measurements_differ_by(parts, rng):
-    robot, train, _, _ = parts
-    repeated = train.take(np.repeat(np.arange(20), 4))
-    noise = 5e-5 * rng.normal(size=repeated.deflection.shape)
-    repeated = replace(repeated, deflection=repeated.deflection + noise)
-    model = GaussianProcessModel(restarts=0).fit(repeated, robot=robot)
-    for found in model.diagnostics_.values():
-        assert found == pytest.approx(0.05, rel=0.3)  # 60 degrees of freedom: 9 % are one sigma
-
-
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable.* J6")  # of FANUC samples
 def test_a_process_that_is_too_sure_of_few_poses_is_told_so_by_those_that_were_left_out(fanuc):
     samples, robot = fanuc.samples, fanuc.robot

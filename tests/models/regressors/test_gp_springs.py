@@ -182,14 +182,6 @@ def test_every_joint_has_a_curve_and_three_stiffnesses_whatever_its_kind(kind, r
     assert np.abs(predicted - deflection).max() < 0.1 * np.abs(deflection).max()
 
 
-def test_more_samples_than_the_process_learns_from_are_drawn_at_random(twin):
-    with pytest.warns(StiffBenchWarning, match="learns from 10 of 12 training samples"):
-        model = GpSprings(most_samples=10, search_rows=10).fit(
-            twin.samples.take(np.arange(12)), robot=twin.robot
-        )
-    assert len(model.process_.loads) == 10
-
-
 @pytest.mark.slow
 def test_the_bands_of_curves_hold_most_true_curves_where_no_link_bends():
     data = Ur5Twin().load()

@@ -55,15 +55,6 @@ def test_samples_of_a_vjm_give_the_vjm_back(make, parts):
     np.testing.assert_allclose(stiffness, 1.0 / COMPLIANCE, rtol=1e-6)
 
 
-def test_the_diagnostics_hold_the_physics_and_the_learners_and_none_of_an_earlier_fit(parts):
-    robot, train, _, _ = parts
-    model = VjmGp(restarts=0, ard=False).fit(train, robot=robot)
-    assert {"rank", "noise Z [mm]"} <= set(model.diagnostics_)
-    mlp = ResidualMlp(layers=1, width=4, epochs=1, device="cpu").fit(train, robot=robot)
-    mlp.diagnostics_["stale"] = 1.0
-    assert "stale" not in mlp.fit(train, robot=robot).diagnostics_
-
-
 def test_validation_rows_reach_the_residual_network_and_never_the_physics(parts):
     robot, train, held_out, _ = parts
     fits = [

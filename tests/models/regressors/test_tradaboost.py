@@ -14,7 +14,6 @@ from stiff_models.regressors.tradaboost import (
     TrAdaBoost,
     adaboost_r2,
     cross_validated,
-    faded,
     relative_errors,
     steps_of,
 )
@@ -49,15 +48,6 @@ def best(steps):
 
 def error_of(model):
     return np.abs(model.predict(LINE) - truth(LINE)).mean()
-
-
-def test_faded_weights_have_the_wanted_sum_and_fall_as_a_power_of_the_error(rng):
-    weights, errors = rng.uniform(0.5, 1.0, size=8), rng.uniform(0.1, 1.0, size=8)
-    left = faded(weights, errors, 0.3)
-    assert left.sum() == pytest.approx(0.3, rel=1e-9)
-    exponents = np.log(left / weights) / errors  # log beta, the same for all rows
-    np.testing.assert_allclose(exponents, exponents[0], rtol=1e-9)
-    assert exponents[0] < 0.0
 
 
 class Witness(DecisionTreeRegressor):
@@ -145,14 +135,3 @@ def test_a_source_of_softer_joints_is_given_up_and_the_true_one_kept(kr10, linea
         return np.mean([model.diagnostics_[f"simulated share of the weight {a}"] for a in "XYZ"])
 
     assert share(**softer(5.0)) < 0.5 * share()
-
-
-@pytest.mark.usefixtures("small_source")
-@pytest.mark.parametrize("learner", ["kernel-ridge", "tree"])
-def test_the_same_seed_draws_the_same_simulated_samples_and_another_seed_others(learner, parts):
-    robot, train, _, test = parts
-    options = FEW | {"source_samples": 40, "steps": 2, "learner": learner}
-    models = [TrAdaBoost(**options).fit(train, robot=robot, seed=seed) for seed in (1, 1, 2)]
-    first, again, other = (model.predict(test.q, test.wrench) for model in models)
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first - other).max() > 0.0

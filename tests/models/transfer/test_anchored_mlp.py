@@ -16,7 +16,6 @@ from stiff_models.physics.vjm import VirtualJointModel, fitted_physics
 from stiff_models.transfer.deep_ensemble import DeepEnsemble
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.pretrained_mlp import (
-    ANCHORED_STEPS,
     TEACHERS,
     MlpPretrained,
     chosen_teacher,
@@ -75,20 +74,6 @@ def test_the_teacher_is_chosen_that_predicts_left_out_poses_best(teacher, parts,
         assert chosen_teacher(samples.take(np.arange(3)), robot, 0) in TEACHERS
     else:
         assert chosen_teacher(samples, robot, 0) == teacher
-
-
-@pytest.mark.parametrize(
-    ("options", "steps"),
-    [
-        ({}, ANCHORED_STEPS),
-        ({"anchor": "none"}, 2000),
-        ({"recipe": "best"}, 4000),
-        ({"recipe": "paper"}, 100_000),
-        ({"pretrain_steps": 7}, 7),
-    ],
-)
-def test_an_anchored_network_is_pre_trained_for_fewer_steps(options, steps):
-    assert FtMlp(**options)._pretraining_plan(1000).steps == steps
 
 
 def test_the_chosen_teacher_is_reported_and_an_ensembles_members_have_the_first_ones(parts):
@@ -168,14 +153,3 @@ def test_a_physical_model_predicts_the_same_in_torch(model, slide, parts):
     module = physics_module(model)
     ours = module(torch.tensor(test.q), torch.tensor(test.wrench)).numpy()
     np.testing.assert_allclose(ours, predicted(model, test), atol=1e-12)
-
-
-@pytest.mark.parametrize("anchor", TEACHERS)
-def test_the_exported_module_of_an_anchored_network_holds_its_teacher(anchor, parts):
-    robot, train, _, test = parts
-    options = {"epochs": 10, "training": "normal", "learning_rate": 1e-3}
-    model = FtMlp(**SMALL, **options, anchor=anchor).fit(train, robot=robot)
-    with torch.no_grad():
-        module = model._torch_module()
-        ours = module(torch.tensor(test.q), torch.tensor(test.wrench)).numpy()
-    np.testing.assert_allclose(ours, predicted(model, test), atol=1e-8)

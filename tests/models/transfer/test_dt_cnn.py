@@ -46,12 +46,6 @@ def changed(first, second):
     return {k for k, v in first.network_.state_dict().items() if not torch.equal(v, other[k])}
 
 
-def test_our_preset_is_unpooled_without_dropout_on_standardised_features(parts):
-    network = fit(parts, pretrain_steps=0).network_
-    assert not kinds(network) & {CellMaxPool, torch.nn.MaxPool1d, torch.nn.LayerNorm}
-    assert {m.p for m in network.modules() if isinstance(m, torch.nn.Dropout)} == {0.0}
-
-
 def test_the_udtl_preset_is_the_literal_network(parts):
     model = fit(parts, pretrain_steps=0, preset="udtl")
     assert {CellMaxPool, torch.nn.MaxPool1d, torch.nn.LayerNorm} <= kinds(model.network_)

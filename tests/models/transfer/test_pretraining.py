@@ -96,15 +96,6 @@ def test_what_makes_another_pre_training(options, twin, trainings):
     assert trainings.count("pre-train") == 2
 
 
-def test_the_source_domain_of_a_row_is_named():
-    for options, words in (
-        ({}, "vjm on Sobol poses in the training samples' joint ranges, uniform wrenches"),
-        ({"preset": "paper"}, "vjm on the paper's Table 4, the paper's Table 5"),
-        ({"source_teacher": "vjm-full", "source_poses": "data"}, "vjm-full on a grid over"),
-    ):
-        assert FtMlp(**options).source_words.startswith(words)
-
-
 @pytest.mark.slow
 def test_the_source_is_learned_to_3_5_micrometres_also_at_a_factor_of_two_off(twin, monkeypatch):
     monkeypatch.setattr("stiff_models.transfer.source_domain.POSE_BUDGET", 21_280)

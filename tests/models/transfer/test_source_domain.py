@@ -83,28 +83,6 @@ def model_with(**options):
     return MlpPretrained(**options, device="cpu", width=8, pretrain_steps=0)
 
 
-def test_nominal_stiffnesses_of_the_papers_robot_are_its_table_3(twin):
-    model = model_with(source_stiffness="nominal", preset="paper", source_poses="data")
-    domain = model._simulated(twin.samples, twin.robot, 0)
-    stiffness = 1000 * np.array([50.90, 63.36, 50.34, 2.27, 8.89, 1.39])
-    np.testing.assert_allclose(
-        domain.deflection[:50],
-        joint_deflection(twin.robot, 1 / stiffness, domain.q[:50], domain.wrench[:50]),
-    )
-
-
-def test_sobol_poses_and_sobol_wrenches_are_independent(twin):
-    design = source_design("sobol", "sobol", twin.robot, twin.samples, 0)
-    for joint in (0, 1, 2, 4):
-        for component in range(6):
-            counts, _, _ = np.histogram2d(
-                np.repeat(design.q[:, joint], 5), design.wrench[:, :, component].ravel(), bins=32
-            )
-            assert (
-                counts == 0
-            ).mean() < 0.01  # side by side, 81 % of the cells of A1, Fx are empty
-
-
 @pytest.mark.parametrize(
     ("text", "refused"),
     [
