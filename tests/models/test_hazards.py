@@ -200,14 +200,10 @@ def test_arrays_of_any_kind_and_no_rows_are_predicted_and_what_is_no_number_is_r
 DIVERGING = [
     ("mlp", {"learning_rate": 1e30, "epochs": 1}, "fails: train: the loss is nan after 1 steps"),
     ("mlp", {"learning_rate": 1e6, "epochs": 1}, "warns: train: the loss rose from"),
-    ("mlp", {"learning_rate": 1e30}, "fails: train: the loss is nan after 3 steps"),
-    ("mlp", {"learning_rate": 1e6}, "warns: train: the loss rose from"),
     ("mlp", {"learning_rate": 10.0, "epochs": 60}, "warns: train: .*every row the same output"),
-    ("residual-mlp", {"learning_rate": 1e6}, "warns: train: the loss rose from"),
     ("ft-mlp", {"learning_rate": 1e30}, "fails: fine-tune: the loss is nan"),
     ("ft-mlp", {"learning_rate": 1e6, "freeze": "full"}, "warns: fine-tune: the loss rose from"),
     ("compliance-net", {"learning_rate": 1e6}, "warns: fine-tune: .*every row the same output"),
-    ("deep-ensemble", {"learning_rate": 1e30}, "fails: fine-tune: the loss is nan"),
 ]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
@@ -13,7 +12,7 @@ import pytest
 import torch
 
 from stiff_models.device import Arithmetic
-from stiff_models.io.training_cache import cache_info, clear_cache, remembered
+from stiff_models.io.training_cache import cache_info, clear_cache
 from stiff_models.transfer import pretraining
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.pretrained_mlp import MlpPretrained
@@ -111,14 +110,6 @@ def test_a_full_disk_is_a_warning_and_no_failure(twin, monkeypatch, trainings):
     assert len(trainings) == 2
 
 
-def test_a_folder_where_everybody_may_write_is_not_used(twin, empty_cache):
-    empty_cache.mkdir()
-    empty_cache.chmod(0o777)
-    with pytest.warns(StiffBenchWarning, match="others may write"):
-        fit(twin)
-    assert not [*empty_cache.iterdir()]
-
-
 def test_no_steps_are_not_kept_and_switched_off_nothing_is(
     twin, trainings, monkeypatch, empty_cache
 ):
@@ -138,28 +129,3 @@ def test_a_damaged_entry_is_trained_again(twin, trainings, empty_cache):
     again = fit(twin).predict(twin.samples.q, twin.samples.wrench)
     np.testing.assert_array_equal(first, again)
     assert len(trainings) == 2
-
-
-PROGRAM = """
-import time, numpy as np
-from stiff_models.io.training_cache import remembered
-for number in range(20):
-    def compute():
-        time.sleep(0.01)
-        print("computed")
-        return np.full(10_000, number)
-    assert (remembered(("a", number), compute) == number).all()
-"""
-
-
-@pytest.mark.slow
-def test_processes_that_use_it_at_once_harm_nothing_and_a_later_one_computes_nothing():
-    words = [sys.executable, "-c", PROGRAM]
-    at_once = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    said = [process.communicate(timeout=60)[0] for process in at_once]
-    assert [process.returncode for process in at_once] == [0, 0]
-    assert "".join(said).count("computed") >= 20
-    for number in range(20):
-        found = remembered(("a", number), lambda: pytest.fail("computed again"))
-        assert (found == number).all()
-    assert cache_info().entries == 20

@@ -10,12 +10,10 @@ import pytest
 
 from helpers.made_samples import samples_with
 from helpers.quick_models import KEYS, quick_model, twin_data
-from stiff_models.model_catalog import model_info
 from stiff_models.networks.mlp import Mlp
 from stiff_models.networks.onnx_export import export_onnx
 from stiff_models.physics.vjm import joint_deflection
 from stiff_models.transfer.compliance_net import ComplianceNet
-from stiff_models.transfer.dt_cnn import DtCnn
 from stiff_protocols.contract.errors import ConfigError
 
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -51,17 +49,6 @@ def test_onnxruntime_predicts_what_the_model_does(key, tmp_path, capfd):
         assert np.abs(ours - predicted[:n]).max() <= 1e-6
     meta = session.get_modelmeta().custom_metadata_map
     assert meta["robot"] == model.robot_.name and "rad" in meta["units"]
-
-
-@pytest.mark.slow
-def test_the_literal_network_of_dt_cnn_pools_and_normalises_each_sample_in_its_graph(tmp_path):
-    samples = twin_data().samples.take(np.arange(0, 151, 4))
-    quick = dict(model_info("dt-cnn").quick) | {"preset": "udtl", "device": "cpu"}
-    model = DtCnn(**quick).fit(samples, robot=twin_data().robot)
-    export_onnx(model, tmp_path / "net.onnx")
-    session = onnxruntime.InferenceSession(tmp_path / "net.onnx")
-    (ours,) = session.run(None, {"q": samples.q, "wrench": samples.wrench})
-    assert np.abs(ours - model.predict(samples.q, samples.wrench)).max() <= 1e-8
 
 
 @pytest.mark.slow

@@ -88,23 +88,6 @@ def test_the_interval_holds_the_point_in_nine_of_ten_measurements(kr10, rng):
     assert 0.8 < np.mean(inside) < 0.98
 
 
-def test_the_report_has_the_point_with_its_interval_and_distance_in_mm(kr10, rng):
-    model = VirtualJointModel(tcp="fit").fit(measured(kr10, rng), robot=kr10)
-    numbers = {key: value for key, value in model.diagnostics_.items() if "fitted" in key}
-    true = 1e3 * elsewhere(kr10).tcp_on_flange
-    for axis, value in zip("xyz", true, strict=True):
-        name = f"fitted geometry, TCP {axis}"
-        assert numbers[f"{name} [mm]"] == pytest.approx(value, abs=0.1)
-        ends = [numbers[f"{name} 90 % interval {end} [mm]"] for end in ("from", "to")]
-        assert ends[0] <= numbers[f"{name} [mm]"] <= ends[1]
-    distance = numbers["fitted geometry, TCP from the given [mm]"]
-    assert distance == pytest.approx(1e3 * np.linalg.norm(OFFSET), abs=0.1)
-    assert not any(
-        "fitted" in key
-        for key in VirtualJointModel().fit(measured(kr10, rng), robot=kr10).diagnostics_
-    )
-
-
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_the_tcp_is_predicted_by_the_turn_of_the_tool_about_the_measured_point(options, kr10, rng):
     train = measured(kr10, rng, lever="lever" in options, noise=1e-5)

@@ -110,14 +110,6 @@ def test_the_labels_that_identify_a_teacher_are_declared():
     assert FtMlp().regime == ""
 
 
-def test_one_pre_training_serves_every_anchor(parts, trainings, tmp_path, monkeypatch):
-    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
-    robot, train, _, _ = parts
-    for anchor in ("none", *TEACHERS):
-        FtMlp(**SMALL, epochs=0, anchor=anchor).fit(train, robot=robot)
-    assert trainings == ["pre-train"]
-
-
 def test_a_fold_has_a_teacher_that_never_saw_the_poses_left_out(parts, monkeypatch):
     robot, train, _, _ = parts
     learn, held_out = np.arange(60), np.arange(60, 90)
