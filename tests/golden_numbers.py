@@ -144,7 +144,6 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
         {"supervision": "fine-tune", "alignment": "none"},
         {"preset": "udtl", "alignment": "none"},
         {"preset": "paper"},
-        {"recipe": "udtl", "pool": "udtl", "alignment": "none"},
     ),
     "adann-2r": ({}, {"supervision": "labels"}, OTHER_SOURCE),
     "tradaboost": ({"steps": 4}, {"rounds": 1, "folds": 3}, OTHER_SOURCE),

@@ -25,7 +25,6 @@ OptimizerName = Literal["muon", "adam", "sgd"]
 HUBER_DELTA = 0.02  # standardised outputs
 ADAM_RATE_BESIDE_MUON = 4e-3  # of biases and of the first and last layer
 WARM_UP = 0.1  # share of the steps over which a "linear" schedule rises before it falls
-STEP_DECAYS = (1 / 2, 5 / 6)  # shares of the steps after which a "steps" schedule falls to a tenth
 
 
 @dataclass(frozen=True)
@@ -38,11 +37,9 @@ class TrainingPlan:
         loss: on standardised outputs; "huber" has a width of 0.02.
         optimizer: "muon" moves square hidden weights, Adam the rest beside it.
         batch: samples a step; None: all.
-        schedule: "constant"; "linear": 10 % warm-up, then linear decay to zero; "steps": a tenth
-            after half of the steps, and again after five sixths.
+        schedule: "constant"; "linear": 10 % warm-up, then linear decay to zero.
         keep_best: end with the weights of the step that was best on the validation rows.
         mixed_precision: use bfloat16 where the device has it in hardware.
-        weight_decay: of "adam", added to the gradient (L2).
     """
 
     steps: int
@@ -50,17 +47,14 @@ class TrainingPlan:
     loss: Loss
     optimizer: OptimizerName
     batch: int | None = None
-    schedule: Literal["constant", "linear", "steps"] = "constant"
+    schedule: Literal["constant", "linear"] = "constant"
     keep_best: bool = False
     mixed_precision: bool = False
-    weight_decay: float = 0.0
 
     def rate(self, step: int) -> float:
         """Return the schedule's factor on the learning rate at a step, from 0."""
         if self.schedule == "constant":
             return 1.0
-        if self.schedule == "steps":
-            return 0.1 ** sum(step >= share * self.steps for share in STEP_DECAYS)
         rising = max(1, round(WARM_UP * self.steps))
         falling = max(1, self.steps - rising)
         return min((step + 1) / rising, (self.steps - step) / falling)
@@ -325,11 +319,11 @@ def _optimizers(
     `inputs` are (n, n_inputs) of the rows that `network` learns from; `bfloat16`: low precision is
     at hand.
     """
-    rate, decay = plan.learning_rate, plan.weight_decay
+    rate = plan.learning_rate
     if plan.optimizer == "sgd":
         return [torch.optim.SGD(trainable, lr=rate)]
     if plan.optimizer == "adam":
-        return [torch.optim.Adam(trainable, lr=rate, weight_decay=decay, fused=True)]
+        return [torch.optim.Adam(trainable, lr=rate, fused=True)]
     moving = set(trainable)
     hidden = [
         layer

@@ -166,5 +166,5 @@ class Adann2R(PretrainedModel, NetworkModel):
         )
         return TwoRegressors(cast(torch.nn.Sequential, one), cast(torch.nn.Sequential, two))
 
-    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
+    def _recipe_plan(self) -> TrainingPlan:
         return FAST

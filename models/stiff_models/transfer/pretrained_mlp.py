@@ -83,7 +83,7 @@ class PretrainedMlp(PretrainedModel, NetworkModel):
             return "relu" if self.paper_source else "sharp-gelu"
         return self.activation
 
-    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
+    def _recipe_plan(self) -> TrainingPlan:
         return PRETRAINING[self.recipe]
 
 
@@ -128,8 +128,8 @@ class AnchoredMlp(PretrainedMlp):
                 self.best_params_["anchor"] = name
             self.teacher_ = fitted_physics(name, train, robot)
 
-    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
-        plan = super()._recipe_plan(n_rows)
+    def _recipe_plan(self) -> TrainingPlan:
+        plan = super()._recipe_plan()
         short = self.is_anchored and self.recipe == "fast"
         return replace(plan, steps=ANCHORED_STEPS) if short else plan
 

@@ -120,11 +120,11 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         return self.source_teacher == "vjm"
 
     @abstractmethod
-    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
-        """Return how the network learns so many simulated samples, but for `pretrain_steps`."""
+    def _recipe_plan(self) -> TrainingPlan:
+        """Return how the network learns the source, but for `pretrain_steps`."""
 
-    def _pretraining_plan(self, n_rows: int) -> TrainingPlan:
-        plan = self._recipe_plan(n_rows)
+    def _pretraining_plan(self) -> TrainingPlan:
+        plan = self._recipe_plan()
         return plan if self.pretrain_steps is None else replace(plan, steps=self.pretrain_steps)
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -160,7 +160,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             ]
             return {"residual": np.stack(residual)}
 
-        plan = self._pretraining_plan(len(rows))
+        plan = self._pretraining_plan()
         objective = self._objective(train, plan.loss, seed)
         made_of = objective.made_of if objective else ()
         trained = remembered_training(
@@ -216,7 +216,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         n_inputs = encode(robot, design.q[:1], np.zeros((1, 6)), self.angle_encoding).shape[1]
         network = self._new_network(n_inputs, seed, n_outputs=3 * robot.n_joints)
         network = network.to(torch_device(self.device))
-        plan = self._pretraining_plan(round(SOURCE_TRAIN_SHARE * n_samples))
+        plan = self._pretraining_plan()
 
         def compute() -> Trained:
             learn, test = divided(simulate(robot, reference, design), seed)
