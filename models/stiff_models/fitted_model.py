@@ -23,17 +23,6 @@ FOLDS = 5
 """In which poses are left out, to see how wrong a model is at poses that it did not learn from."""
 
 
-def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) -> Interval:
-    """Return the central interval of (n, 3) means and standard deviations, m, axis by axis.
-
-    `coverage` is the probability (0..1) of each axis alone.
-    """
-    from scipy.special import ndtri  # not every model needs it
-
-    half = ndtri(0.5 + coverage / 2.0) * deviation
-    return Interval(mean - half, mean + half, coverage)
-
-
 def folds_of_poses(samples: Samples, seed: int) -> Iterator[tuple[IntArray, IntArray]]:
     """Yield the rows that are learned from and those that are left out, for a fifth of the poses.
 
@@ -138,6 +127,31 @@ class FittedModel(BaseEstimator):  # type: ignore[misc]
                 row = _first_not_finite(array)
                 raise ModelError(f"{name}[{row}] is {array[row].tolist()}, expected finite numbers")
         return q, wrench
+
+
+class NormalModel(FittedModel):
+    """Base of the families with standard deviations of their own, before their other bases."""
+
+    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
+        """Return the central interval of each axis' predictive normal, its noise included.
+
+        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis by itself. Beyond
+        the training range it is wider, as `TrainingRange.widened` says.
+        """
+        from scipy.special import ndtri  # not every model needs it
+
+        def within(q: FloatArray, wrench: FloatArray) -> Interval:
+            mean, deviation = self._mean_and_deviation(q, wrench)
+            half = ndtri(0.5 + coverage / 2.0) * deviation
+            return Interval(mean - half, mean + half, coverage)
+
+        return self.training_range_.widened(within, *self._checked(q, wrench))
+
+    @abstractmethod
+    def _mean_and_deviation(
+        self, q: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return (n, 3) m twice: the prediction, and its standard deviation with the noise."""
 
 
 def _first_not_finite(rows: FloatArray) -> int:

@@ -67,9 +67,7 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
         means = np.stack([process.mean(inputs) for process in self.processes_], axis=1)
         return self.output_scaler_.undo(means)
 
-    def _mean_and_deviation(
-        self, q: FloatArray, wrench: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _uncalibrated(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
         inputs = self._features(self.robot_, q, wrench)
         found = np.stack([process.deviation(inputs) for process in self.processes_], axis=1)
         return self._predict(q, wrench), np.asarray(found * self.output_scaler_.scale)

@@ -345,9 +345,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return self.process_.mean(self._loads(robot, q, wrench))
 
-    def _mean_and_deviation(
-        self, q: FloatArray, wrench: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _uncalibrated(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
         return self.process_.mean_and_deviation(self._fitted_loads(q, wrench))
 
     def _fitted_loads(self, q: FloatArray, wrench: FloatArray) -> SpringLoads:
