@@ -81,7 +81,7 @@ def parts(twin: BenchmarkData) -> tuple[Robot, Samples, Samples, Samples]:
 @pytest.fixture()
 def small_source(monkeypatch: pytest.MonkeyPatch) -> None:
     """Networks learn from a source of few poses: what is asked of them is no matter of its size."""
-    monkeypatch.setattr("stiff_models.transfer.source.POSE_BUDGET", 120)
+    monkeypatch.setattr("stiff_models.transfer.source_domain.POSE_BUDGET", 120)
 
 
 @pytest.fixture()

@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.robot_twin import ARMS, ArmFamily, Ur5Twin
-from stiff_models.base import FittedModel
+from stiff_models.fitted_model import FittedModel
 from stiff_models.physics.full_vjm import spring_regressor, typical_springs
 from stiff_models.physics.multi_segment_vjm import FIRST_SHARE, _loaded_joints
 from stiff_models.physics.vjm import compliance_regressor, fitted_physics

@@ -31,12 +31,18 @@ from threadpoolctl import threadpool_limits
 
 from helpers.quick_models import twin_data
 from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models import device
 from stiff_models.model_catalog import MODELS, model_info
-from stiff_models.networks import arithmetic, epochs, network_model, training
-from stiff_models.networks.network import build_network
+from stiff_models.networks import network_model, training
+from stiff_models.networks.fully_connected import build_network
 from stiff_models.networks.network_model import EncodedNetworkModel
-from stiff_models.networks.training import PRETRAINING_VERSION, Curve, Rows, train_network
-from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.networks.training import (
+    PRETRAINING_VERSION,
+    Curve,
+    Rows,
+    TrainingPlan,
+    train_network,
+)
 from stiff_models.regressors import gaussian_process as likelihood
 from stiff_models.regressors.tabular import InContextModel, PytabkitModel
 from stiff_models.transfer import dt_cnn, ft_mlp
@@ -138,7 +144,6 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
         {"supervision": "fine-tune", "alignment": "none"},
         {"preset": "udtl", "alignment": "none"},
         {"preset": "paper"},
-        {"recipe": "udtl", "pool": "udtl", "alignment": "none"},
     ),
     "adann-2r": ({}, {"supervision": "labels"}, OTHER_SOURCE),
     "tradaboost": ({"steps": 4}, {"rounds": 1, "folds": 3}, OTHER_SOURCE),
@@ -329,7 +334,7 @@ def same_everywhere() -> Iterator[None]:
     with (
         threadpool_limits(1),
         mock.patch.dict(os.environ, {"STIFFBENCH_CACHE": "off"}),
-        mock.patch.object(arithmetic, "has_fast_bfloat16", lambda device: False),
+        mock.patch.object(device, "has_fast_bfloat16", lambda device: False),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")
@@ -350,7 +355,7 @@ def few_steps() -> Iterator[None]:
 
     with (
         same_everywhere(),
-        mock.patch.object(epochs, "LENGTHS", (0, 2)),
+        mock.patch.object(network_model, "LENGTHS", (0, 2)),
         mock.patch.dict(ft_mlp.FINE_TUNING, fast=replace(ft_mlp.FINE_TUNING["fast"], steps=5)),
         mock.patch.object(dt_cnn, "FINE_TUNING", replace(dt_cnn.FINE_TUNING, steps=5)),
         mock.patch.object(dt_cnn, "build_cnn", without_noise),

@@ -6,18 +6,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from stiff_models.base import FittedModel
+    from stiff_models.fitted_model import FittedModel
 
 __all__ = ["load"]
 
 
 def load(path: Path | str) -> FittedModel:
-    """Return the fitted model that `model.save(path)` or `bench fit` wrote; see `saved.load`.
+    """Return the fitted model that `model.save(path)` or `bench fit` wrote; see `model_file.load`.
 
     Raises:
         DataError: the file cannot be read, is damaged, or holds what this version does not know.
     """
-    from stiff_models.io.saved import load as load_file
+    from stiff_models.io.model_file import load as load_file
 
     model: FittedModel = load_file(path)
     return model

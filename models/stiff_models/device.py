@@ -1,9 +1,16 @@
-"""Where a network runs."""
+"""Where a network runs, and how its training multiplies matrices there.
+
+What a processor says of its matrix products is checked before it is taken.
+"""
 
 from __future__ import annotations
 
 import os
+import timeit
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 import torch
@@ -42,3 +49,88 @@ def torch_device(device: Device) -> torch.device:
     if on_gpu:
         os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # cuBLAS reads it as it starts
     return torch.device("cuda" if on_gpu else "cpu")
+
+
+FLOAT32_ERROR = 2.0**-21  # of a product, against the product of its factors' lengths
+BFLOAT16_ERROR = 2.0**-8  # bfloat16 has 8 bits
+FASTER = 1.1  # so many times: half of the time or twice of it are what processors show
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """How a training multiplies matrices.
+
+    Attributes:
+        float32_route: torch's name. "medium" is oneDNN on a processor, which is faster there; the
+            name allows it to round to bfloat16, and where it does, "highest" is taken.
+        bfloat16: multiply in bfloat16 while the training is in low precision.
+        deterministic: torch's deterministic mode, which a GPU needs to repeat itself.
+    """
+
+    float32_route: Literal["highest", "medium"]
+    bfloat16: bool
+    deterministic: bool = False
+
+    @contextmanager
+    def in_force(self) -> Iterator[None]:
+        """Take route and mode meanwhile; everybody else's stay as they were."""
+        route = torch.get_float32_matmul_precision()
+        mode = torch.get_deterministic_debug_mode()
+        torch.set_float32_matmul_precision(self.float32_route)
+        if self.deterministic:
+            torch.use_deterministic_algorithms(True)
+        try:
+            yield
+        finally:
+            torch.set_float32_matmul_precision(route)
+            torch.set_deterministic_debug_mode(mode)
+
+
+def arithmetic(device: torch.device, *, mixed_precision: bool) -> Arithmetic:
+    """Return the fastest arithmetic of a device that is as accurate as its name says."""
+    return Arithmetic(
+        "medium" if device.type == "cpu" and medium_is_float32() else "highest",
+        mixed_precision and has_fast_bfloat16(device),
+        deterministic=device.type == "cuda",
+    )
+
+
+@cache
+def medium_is_float32() -> bool:
+    """Say whether the processor's "medium" products have float32's accuracy."""
+    with Arithmetic("medium", bfloat16=False).in_force():
+        return _relative_error(torch.float32, torch.device("cpu")) <= FLOAT32_ERROR
+
+
+@cache
+def has_fast_bfloat16(device: torch.device) -> bool:
+    """Say whether bfloat16 products run in hardware there, sum in float32 and are faster."""
+    if device.type == "cuda":
+        in_hardware = torch.cuda.is_bf16_supported(including_emulation=False)
+    else:
+        names = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
+        in_hardware = any(getattr(torch.cpu, name, lambda: False)() for name in names)
+    if not in_hardware or _relative_error(torch.bfloat16, device) > BFLOAT16_ERROR:
+        return False
+    # an Intel processor without its matrix unit has the instructions, and is slower with them
+    return device.type == "cuda" or _seconds(torch.bfloat16) < _seconds(torch.float32) / FASTER
+
+
+def _seconds(dtype: torch.dtype) -> float:
+    """Return the shortest time of a few products of the base network's size."""
+    left, right = (torch.ones(n, 380, dtype=dtype) for n in (1024, 380))
+    with Arithmetic("medium", bfloat16=False).in_force():
+        return min(timeit.repeat(lambda: left @ right, number=1, repeat=10))
+
+
+def _relative_error(dtype: torch.dtype, device: torch.device) -> float:
+    """Return the largest error of a product of the base network's size, against float64.
+
+    Each element's is relative to the lengths of the row and the column that it comes from.
+    """
+    generator = torch.Generator().manual_seed(0)
+    left, right = torch.randn(2, 380, 380, generator=generator).to(device, dtype)
+    product = (left @ right).double()
+    left, right = left.double(), right.double()
+    lengths = left.norm(dim=1)[:, None] * right.norm(dim=0)
+    return float((product - left @ right).abs().div(lengths).max())

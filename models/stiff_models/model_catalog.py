@@ -1,10 +1,16 @@
-"""The model families that stiffbench ships, from reference rows to the learned ones."""
+"""The model families that stiffbench ships, and why an optional one cannot be used here.
+
+Imports nothing heavy, so that lists come at once.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations
+from pathlib import Path
 
 from stiff_protocols.contract.errors import unknown_name
+from stiff_protocols.contract.extras import missing
 from stiff_protocols.contract.plugin import ModelFamily, ModelInfo
 
 _QUICK_NETWORK = {"width": 16, "epochs": 20}
@@ -20,12 +26,12 @@ REFERENCE_MODEL = "vjm"
 MODELS = (
     ModelInfo(
         key="zero",
-        target="stiff_models.regressors.baselines:ZeroModel",
+        target="stiff_models.regressors.regressor_model:ZeroModel",
         summary="no deflection: the uncorrected path",
     ),
     ModelInfo(
         key="mean",
-        target="stiff_models.regressors.baselines:MeanModel",
+        target="stiff_models.regressors.regressor_model:MeanModel",
         summary="mean deflection of the training samples",
     ),
     ModelInfo(
@@ -77,7 +83,7 @@ MODELS = (
     ),
     ModelInfo(
         key="mlp-pretrained",
-        target="stiff_models.transfer.mlp_pretrained:MlpPretrained",
+        target="stiff_models.transfer.pretrained_mlp:MlpPretrained",
         version=4,
         summary="4 x 380 network trained on simulated samples alone",
         reference="pre-training of the source paper",
@@ -146,7 +152,7 @@ MODELS = (
     ),
     ModelInfo(
         key="residual-mlp",
-        target="stiff_models.regressors.residual_mlp:ResidualMlp",
+        target="stiff_models.networks.mlp:ResidualMlp",
         version=3,
         summary="VJM plus an MLP of its residual",
         uses_validation=True,
@@ -158,7 +164,7 @@ MODELS = (
     ),
     ModelInfo(
         key="gp",
-        target="stiff_models.regressors.gp:GaussianProcessModel",
+        target="stiff_models.regressors.gp_model:GaussianProcessModel",
         version=4,
         summary="Gaussian process of the deflection, with prediction intervals",
         quick=_QUICK_PROCESS,
@@ -166,7 +172,7 @@ MODELS = (
     ),
     ModelInfo(
         key="vjm-gp",
-        target="stiff_models.regressors.on_physics:VjmGp",
+        target="stiff_models.regressors.gp_model:VjmGp",
         version=4,
         summary="VJM plus a Gaussian process of its residual, with prediction intervals",
         quick=_QUICK_PROCESS,
@@ -182,7 +188,7 @@ MODELS = (
     ),
     ModelInfo(
         key="vjm-boosting",
-        target="stiff_models.regressors.on_physics:VjmBoosting",
+        target="stiff_models.regressors.regressor_model:VjmBoosting",
         version=2,
         summary="VJM plus gradient-boosted trees of its residual",
         quick={"trees": 20},
@@ -196,7 +202,7 @@ MODELS = (
         target="stiff_models.regressors.tabular:RealMlp",
         summary="RealMLP, a tuned network for small tables",
         reference="Holzmueller, Grinsztajn and Steinwart 2024; package pytabkit",
-        missing_because="stiff_models.regressors.optional_packages:missing_pytabkit",
+        missing_because="stiff_models.model_catalog:missing_pytabkit",
         library="pytabkit",
         uses_validation=True,
         quick={"epochs": 3},
@@ -206,7 +212,7 @@ MODELS = (
         target="stiff_models.regressors.tabular:TabM",
         summary="TabM, an ensemble of networks that share most weights",
         reference="Gorishniy, Kotelnikov and Babenko 2025; package pytabkit",
-        missing_because="stiff_models.regressors.optional_packages:missing_pytabkit",
+        missing_because="stiff_models.model_catalog:missing_pytabkit",
         library="pytabkit",
         uses_validation=True,
         quick={"epochs": 3},
@@ -216,7 +222,7 @@ MODELS = (
         target="stiff_models.regressors.tabular:TabPfn",
         summary="TabPFN, a network that learned to predict from small tables",
         reference="Hollmann et al. 2025; package tabpfn",
-        missing_because="stiff_models.regressors.optional_packages:missing_tabpfn",
+        missing_because="stiff_models.model_catalog:missing_tabpfn",
         library="tabpfn",
     ),
     ModelInfo(
@@ -224,7 +230,7 @@ MODELS = (
         target="stiff_models.regressors.tabular:TabIcl",
         summary="TabICL, an open network that learned to predict from small tables",
         reference="Qu, Holzmueller, Varoquaux and Le Morvan 2026 (TabICLv2); package tabicl",
-        missing_because="stiff_models.regressors.optional_packages:missing_tabicl",
+        missing_because="stiff_models.model_catalog:missing_tabicl",
         library="tabicl",
     ),
 )
@@ -254,3 +260,51 @@ def model_info(key: str) -> ModelInfo:
         if key.startswith(family.prefix):
             return family.member(key)
     raise unknown_name("model", key, [info.key for info in MODELS])
+
+
+def missing_pytabkit() -> str:
+    """Return why `realmlp` and `tabm` cannot be used here; "" where they can."""
+    return missing("pytabkit")
+
+
+def missing_tabpfn(model_path: str = "") -> str:
+    """Return why `tabpfn` cannot be used here: no package, or no weights; "" where it can.
+
+    `model_path` is the file of weights; "": the package's default in its own cache folder.
+    """
+    return missing("tabpfn") or _missing_weights("tabpfn", model_path, _tabpfn_weights)
+
+
+def missing_tabicl(model_path: str = "") -> str:
+    """Return why `tabicl` cannot be used here: no package, or no weights; "" where it can.
+
+    `model_path` is the file of weights; "": the package's default in Hugging Face's cache folder.
+    """
+    return missing("tabicl") or _missing_weights("tabicl", model_path, _tabicl_weights)
+
+
+def _missing_weights(key: str, model_path: str, default: Callable[[], Path]) -> str:
+    file = Path(model_path) if model_path else default()
+    if file.is_file():
+        return ""
+    return (
+        f"needs its weights, {file} is not there (nothing is downloaded at run time): "
+        f"set {key}.model_path to a file of weights of the package's regressor"
+    )
+
+
+def _tabpfn_weights() -> Path:
+    from tabpfn.model_loading import resolve_model_path, resolve_model_version
+
+    version = resolve_model_version(None)
+    (path,), *_ = resolve_model_path(None, "regressor", version.value)
+    return Path(path)
+
+
+def _tabicl_weights() -> Path:
+    from huggingface_hub import try_to_load_from_cache
+    from tabicl import TabICLRegressor
+
+    name = TabICLRegressor().checkpoint_version
+    cached_file = try_to_load_from_cache("jingang/TabICL", name)  # a path, or why there is none
+    return Path(cached_file if isinstance(cached_file, str) else name)

@@ -13,7 +13,7 @@ from fuzz.sealed import results_with
 
 from helpers.model_files import archived, members
 from stiff_bench.store.codec import COLUMNS
-from stiff_models.io.saved import TRUSTED
+from stiff_models.io.model_file import TRUSTED
 
 LONG = 500_000
 

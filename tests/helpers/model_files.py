@@ -11,7 +11,7 @@ from typing import Any
 import skops.io
 
 from helpers.quick_models import quick_model
-from stiff_models.io.saved import TRUSTED
+from stiff_models.io.model_file import TRUSTED
 
 
 def saved_model(folder: Path, key: str) -> Path:

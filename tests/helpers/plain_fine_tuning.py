@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from stiff_models.networks.network import linear_layers
-from stiff_models.networks.training import Curve, Rows
-from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.networks.fully_connected import linear_layers
+from stiff_models.networks.training import Curve, Rows, TrainingPlan
 from stiff_models.transfer.ft_mlp import FtMlp
 
 

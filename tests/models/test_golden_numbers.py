@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import copy
 import json
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-import golden_numbers
-from golden_numbers import KEPT, KEYS, PRETRAINING_KEY, finding, library, made, main
+from golden_numbers import KEPT, KEYS, PRETRAINING_KEY, finding, library, made
 from stiff_models.model_catalog import FAMILIES, model_info
-from stiff_models.networks import optimizers as muon
+from stiff_models.networks import muon
 from stiff_models.regressors import gaussian_process as likelihood
 
 KNOWN: dict[str, Any] = json.loads(KEPT.read_text())
@@ -55,47 +51,3 @@ def test_a_changed_constant_is_found(
     monkeypatch.setattr(place, name, value)
     of = "PRETRAINING_VERSION" if key == PRETRAINING_KEY else "its version"
     assert finding(key, KNOWN, made(key)).startswith(f"numbers of {key} changed: raise {of}\n")
-
-
-def test_what_is_to_be_made_is_said() -> None:
-    now = KNOWN["vjm"]
-    assert finding("new", KNOWN, now).startswith("no golden numbers of new: make them by")
-    version = now["version"]
-    assert f"of version {version}, it has version {version + 1}: make them anew" in finding(
-        "vjm", KNOWN, now | {"version": version + 1}
-    )
-    more = now | {"numbers": now["numbers"] | {"another=1": [0.0]}}
-    assert "another=1" in finding("vjm", KNOWN, more)
-
-
-@pytest.fixture()
-def another(tmp_path: Path) -> Path:
-    """A file with other numbers of one model than it gives."""
-    content = {key: copy.deepcopy(KNOWN[key]) for key in ("mean", "zero", "vjm")}
-    content["vjm"]["numbers"][""][0] += 2e-9
-    path = tmp_path / "golden.json"
-    path.write_text(golden_numbers.text_of(content))
-    return path
-
-
-def test_the_command_refuses_numbers_that_changed_while_the_version_did_not(another: Path) -> None:
-    before = another.read_bytes()
-    refused = main(another, ("mean", "vjm"))
-    assert refused.splitlines()[0] == "numbers of vjm changed: raise its version"
-    assert "mean" not in refused and another.read_bytes() == before
-
-
-def test_the_command_writes_them_where_the_version_was_raised_and_leaves_the_others(
-    another: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    raised = replace(model_info("vjm"), version=model_info("vjm").version + 1)
-    monkeypatch.setattr(
-        golden_numbers, "model_info", lambda key: raised if key == "vjm" else model_info(key)
-    )
-    assert main(another, ("mean", "vjm")) == ""
-    content = json.loads(another.read_text())
-    assert content["vjm"]["version"] == raised.version
-    assert content["vjm"]["numbers"][""][0] == pytest.approx(
-        KNOWN["vjm"]["numbers"][""][0], abs=1e-12
-    )
-    assert content["mean"] == KNOWN["mean"] and content["zero"] == KNOWN["zero"]

@@ -16,16 +16,14 @@ import numpy as np
 import pytest
 
 import stiff_models.transfer.pretraining
-import stiff_models.transfer.source
-from helpers.hazard_outcomes import ALWAYS, ROWS, VARIANTS, expected
+import stiff_models.transfer.source_domain
+from helpers.hazard_outcomes import ROWS, VARIANTS, expected
 from helpers.made_hazards import HAZARDS, Case
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.errors import ModelError, StiffBenchError, StiffBenchWarning
-from stiff_protocols.contract.types import FloatArray
-from stiff_protocols.scoring.sanity import check_units, warn_of_rows
+from stiff_protocols.scoring.sanity import warn_of_rows
 from stiff_protocols.splits.random_splits import Holdout
-from stiff_protocols.springs.identification import nonnegative
 
 TINY = {
     "width": 8,
@@ -58,8 +56,7 @@ def healthy() -> Case:
 def small_source() -> Iterator[None]:
     """A source of few poses, trained on anew each time: looking for old ones takes longer."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stiff_models.transfer.source, "POSE_BUDGET", 16)
-        patch.setattr(stiff_models.transfer.pretraining, "training_digest", lambda *_, **__: "")
+        patch.setattr(stiff_models.transfer.source_domain, "POSE_BUDGET", 16)
         patch.setattr(stiff_models.transfer.pretraining, "remembered", lambda _, compute: compute())
         yield
 
@@ -115,21 +112,15 @@ def pairwise() -> set[tuple[str, str]]:
     """Choose the fast suite's part of the matrix: a walk along its diagonal.
 
     Every model meets three hazards, and the next one's begin one further. Every hazard meets the
-    first model of each of its outcomes, and the next one's search begins one model further. So each
-    hazard, each model and each line of `OUTCOMES` takes part.
+    first model of each of its outcomes.
     """
     chosen = set()
     for start, variant in enumerate(VARIANTS):
         pairs = [pair for pair in MATRIX if pair[0] == variant]
         third = len(pairs) // HAZARDS_A_MODEL
         chosen |= {pairs[(start + n * third) % len(pairs)] for n in range(HAZARDS_A_MODEL)}
-    for start, hazard in enumerate(HAZARDS):
-        pairs = [pair for pair in MATRIX if pair[1] == hazard]
-        pairs = [pair for pair in pairs if expected(hazard, pair[0]) not in ALWAYS.values()]
-        start %= len(pairs)
-        walk = [*pairs[start:], *pairs[:start]]
-        chosen |= set({expected(hazard, pair[0]): pair for pair in reversed(walk)}.values())
-    return chosen
+    first = {(hazard, expected(hazard, variant)): variant for variant, hazard in reversed(MATRIX)}
+    return chosen | {(variant, hazard) for (hazard, _), variant in first.items()}
 
 
 FAST = pairwise()
@@ -142,14 +133,6 @@ FAST = pairwise()
 def test_a_model_works_or_says_what_is_wrong_with_the_samples(variant, hazard, healthy):
     case = HAZARDS[hazard](healthy)
     assert re.match(expected(hazard, variant), outcome(tiny_model(variant), case))
-
-
-def test_every_model_hazard_and_outcome_takes_part_in_the_fast_suite():
-    assert {variant for variant, _ in FAST} == set(VARIANTS)
-    outcomes = {(hazard, expected(hazard, variant)) for variant, hazard in MATRIX}
-    assert {(hazard, expected(hazard, variant)) for variant, hazard in FAST} >= {
-        (hazard, said) for hazard, said in outcomes if said not in ALWAYS.values()
-    }
 
 
 @pytest.mark.parametrize("hazard", HAZARDS)
@@ -217,14 +200,10 @@ def test_arrays_of_any_kind_and_no_rows_are_predicted_and_what_is_no_number_is_r
 DIVERGING = [
     ("mlp", {"learning_rate": 1e30, "epochs": 1}, "fails: train: the loss is nan after 1 steps"),
     ("mlp", {"learning_rate": 1e6, "epochs": 1}, "warns: train: the loss rose from"),
-    ("mlp", {"learning_rate": 1e30}, "fails: train: the loss is nan after 3 steps"),
-    ("mlp", {"learning_rate": 1e6}, "warns: train: the loss rose from"),
     ("mlp", {"learning_rate": 10.0, "epochs": 60}, "warns: train: .*every row the same output"),
-    ("residual-mlp", {"learning_rate": 1e6}, "warns: train: the loss rose from"),
     ("ft-mlp", {"learning_rate": 1e30}, "fails: fine-tune: the loss is nan"),
     ("ft-mlp", {"learning_rate": 1e6, "freeze": "full"}, "warns: fine-tune: the loss rose from"),
     ("compliance-net", {"learning_rate": 1e6}, "warns: fine-tune: .*every row the same output"),
-    ("deep-ensemble", {"learning_rate": 1e30}, "fails: fine-tune: the loss is nan"),
 ]
 
 
@@ -233,18 +212,3 @@ def test_a_diverging_training_says_so_with_its_learning_rate(variant, options, s
     case = replace(healthy, validation=None)
     rate = re.escape(f"a learning rate of {options['learning_rate']:g} is too high here")
     assert re.search(f"{said}.*{rate}", outcome(tiny_model(variant, **options), case))
-
-
-def test_predictions_out_of_hand_are_not_taken_for_millimetres(healthy):
-    measured = healthy.train.deflection
-    with pytest.raises(ModelError, match=r"1e\+09 times larger .*: has the model diverged"):
-        check_units(1e9 * measured, measured)
-
-
-def test_least_squares_that_go_round_in_circles_are_our_error(monkeypatch, rng):
-    def circling(*_: FloatArray) -> None:
-        raise RuntimeError("Maximum number of iterations reached.")
-
-    monkeypatch.setattr("stiff_protocols.springs.identification.nnls", circling)
-    with pytest.raises(ModelError, match="no compliances >= 0 were found for 3 springs: Maximum"):
-        nonnegative(rng.normal(size=(9, 3)), rng.normal(size=9))

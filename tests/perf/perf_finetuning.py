@@ -15,8 +15,8 @@ from helpers.plain_fine_tuning import Pretrained, largest_difference, our_loop, 
 from helpers.quick_models import twin_data
 from helpers.run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
-from stiff_models.networks.arithmetic import has_fast_bfloat16
-from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.device import has_fast_bfloat16
+from stiff_models.networks.training import TrainingPlan
 from stiff_models.transfer.ft_mlp import FINE_TUNING, FtMlp
 from stiff_models.transfer.pretrained_mlp import Recipe
 from stiff_protocols.contract.types import FloatArray, Samples

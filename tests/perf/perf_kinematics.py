@@ -22,7 +22,7 @@ from helpers.perf_case import OURS, needed, ours_or_peer
 from helpers.quick_models import twin_data
 from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robot
 from stiff_models.physics.vjm import VirtualJointModel
-from stiff_models.transfer.source import simulate, source_design
+from stiff_models.transfer.source_domain import simulate, source_design
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.kinematics.serial_chain import REACHED_M, REACHED_RAD
 from stiff_protocols.paths.inverse import follow

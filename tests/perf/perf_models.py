@@ -14,11 +14,11 @@ from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
 from helpers.perf_case import OURS, ours_or_peer
 from helpers.quick_models import twin_data
-from stiff_models.networks.features import Scaler, encode
+from stiff_models.networks.encoded_model import Scaler, encode
 from stiff_models.physics.multi_segment_vjm import search_breakpoints
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, log_likelihood
 from stiff_models.regressors.gp_springs import GpSprings, Hyperparameters
-from stiff_models.regressors.spring_process import Likelihood, SpringLoads
+from stiff_models.regressors.spring_process import SpringLoads, likelihood_slopes
 from stiff_protocols.contract.types import FloatArray
 
 SCIKIT_LEARN = "scikit-learn"
@@ -129,11 +129,10 @@ def test_springs_with_curves(benchmark, who):
     model = GpSprings(search_rows=10).fit(train, robot=data.robot)
     loads, deflection = model.process_.loads, train.deflection.T
     hyper = model._hyperparameters(train, data.robot, loads)
-    likelihood = Likelihood(loads, deflection)
 
     def ours(theta: FloatArray) -> tuple[float, FloatArray]:
         covariance = hyper.covariance(theta)
-        slopes = likelihood.slopes(covariance)
+        slopes = likelihood_slopes(covariance, loads, deflection)
         return slopes.value, hyper.slopes(covariance, slopes)
 
     default = torch.get_default_dtype()

@@ -16,12 +16,10 @@ from sklearn.neural_network import MLPRegressor
 
 from helpers.perf_case import figure, ours_or_peer
 from helpers.quick_models import twin_data
-from stiff_models.networks.arithmetic import has_fast_bfloat16
-from stiff_models.networks.network import Activation, build_network, linear_layers
-from stiff_models.networks.training import Rows, train_network
-from stiff_models.networks.training_plan import TrainingPlan
-from stiff_models.transfer.mlp_pretrained import MlpPretrained
-from stiff_models.transfer.pretrained_mlp import PRETRAINING
+from stiff_models.device import has_fast_bfloat16
+from stiff_models.networks.fully_connected import Activation, build_network, linear_layers
+from stiff_models.networks.training import Rows, TrainingPlan, train_network
+from stiff_models.transfer.pretrained_mlp import PRETRAINING, MlpPretrained
 from stiff_models.transfer.pretraining import divided
 from stiff_protocols.contract.types import FloatArray
 

@@ -344,7 +344,7 @@ class Model:
             ModelError: it is a class of a script, or holds what no file can.
             StoreError: the file cannot be written.
         """
-        from stiff_models.io.saved import save
+        from stiff_models.io.model_file import save
 
         self.check_fitted()
         choice = self.choice
@@ -414,7 +414,7 @@ def load_model(file: Path | str) -> Model:
         DataError: the file cannot be read, is damaged, or holds a plugin's model that
             `use_plugin` was not called for, or whose code has changed.
     """
-    from stiff_models.io.saved import key_of, load
+    from stiff_models.io.model_file import key_of, load
 
     known = registry()
     plugins = {key: info.load() for key, info in known.models.items() if known.origins[key] != OURS}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from stiff_bench.run.machine import keep_libraries_in_our_cache, pin_threads, threads_asked_for
 
 if TYPE_CHECKING:
-    from stiff_models.networks.cache import CacheInfo
+    from stiff_models.io.training_cache import CacheInfo
 
 
 def prepare() -> None:
@@ -30,13 +30,13 @@ def pinned(number: int | None = None) -> int:
 
 def cache_info() -> CacheInfo:
     """Return how many pre-trained networks the cache holds, and where."""
-    from stiff_models.networks import cache
+    from stiff_models.io import training_cache
 
-    return cache.cache_info()
+    return training_cache.cache_info()
 
 
 def clear_cache() -> CacheInfo:
     """Delete every pre-trained network, and return what there was."""
-    from stiff_models.networks import cache
+    from stiff_models.io import training_cache
 
-    return cache.clear_cache()
+    return training_cache.clear_cache()

@@ -20,7 +20,7 @@ from stiff_bench.store.newest import slot_of
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.units import MM
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_models.transfer.freeze import named_layers
+from stiff_models.transfer.freeze_strategies import named_layers
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.scoring.metrics import absolute_errors

@@ -22,8 +22,8 @@ from stiff_bench.plan.registry import OURS, Info, Registry
 from stiff_bench.plan.request import loaded
 from stiff_bench.plan.words import chosen_dataset, parse_settings
 from stiff_bench.run.progress import display
-from stiff_models.io.cache_folder import OFF, VARIABLE
-from stiff_models.io.saved import load, save
+from stiff_models.io.model_file import load, save
+from stiff_models.io.training_cache import OFF, VARIABLE
 from stiff_protocols.conformance.checks import Check, Status
 from stiff_protocols.conformance.data_and_protocol_checks import check_dataset, check_protocol
 from stiff_protocols.conformance.model_checks import check_model

@@ -68,7 +68,7 @@ def _torch() -> dict[str, str]:
         "oneDNN": torch.backends.mkldnn.is_available(),
         "deterministic": torch.are_deterministic_algorithms_enabled(),
     }
-    if (ours := sys.modules.get("stiff_models.networks.arithmetic")) is not None:
+    if (ours := sys.modules.get("stiff_models.device")) is not None:
         arithmetic["bfloat16"] = ours.has_fast_bfloat16(torch.device("cpu"))
         arithmetic["medium is float32"] = ours.medium_is_float32()
     return {

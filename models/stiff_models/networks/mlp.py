@@ -1,4 +1,4 @@
-"""`mlp`: the base network trained from scratch on the measured training samples alone."""
+"""`mlp`: the base network from scratch on the measured training samples; `residual-mlp`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import warnings
 from dataclasses import dataclass
 from typing import Annotated
 
+import torch
 from annotated_types import Ge, Gt
 
 from stiff_models.networks.network_model import NetworkModel, Selection
-from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.networks.onnx_export import SumOf, physics_module
+from stiff_models.networks.training import TrainingPlan
+from stiff_models.physics.vjm import OnPhysics
 from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.types import Robot, Samples
 
@@ -50,3 +53,11 @@ class Mlp(NetworkModel):
                 StiffBenchWarning,
                 stacklevel=3,
             )
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class ResidualMlp(OnPhysics, Mlp):
+    """Physics plus a network from scratch on the residuals."""
+
+    def _torch_module(self) -> torch.nn.Module:
+        return SumOf([physics_module(self.physics_), super()._torch_module()])

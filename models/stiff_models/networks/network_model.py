@@ -1,9 +1,13 @@
-"""What all network families share: options, feature encoding, prediction."""
+"""What all network families share: options, prediction, and how long they are trained.
+
+The number of epochs is chosen by cross-validation inside the training samples.
+"""
 
 from __future__ import annotations
 
 import copy
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -13,14 +17,11 @@ import numpy as np
 import torch
 from annotated_types import Ge, Le
 
-from stiff_models.base import FittedModel
 from stiff_models.device import RunsOnDevice, torch_device
-from stiff_models.networks.epochs import chosen_epochs, lengths_up_to
-from stiff_models.networks.features import AngleEncoding, Scaler, encode
-from stiff_models.networks.network import Activation, ChosenActivation, build_network
-from stiff_models.networks.torch_parts import EncodedNetwork
-from stiff_models.networks.training import Curve, Rows, Visits, train_network
-from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.networks.encoded_model import EncodedModel, Scaler, encode
+from stiff_models.networks.fully_connected import Activation, ChosenActivation, build_network
+from stiff_models.networks.onnx_export import EncodedNetwork
+from stiff_models.networks.training import Curve, Rows, TrainingPlan, Visits, train_network
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 Layers = Annotated[int, Ge(1), Le(20)]
@@ -29,18 +30,53 @@ Width = Annotated[int, Ge(1), Le(4096)]
 Selection = Literal["cv", "best", "normal"]
 """What chooses the number of epochs: cross-validation, the validation rows, or nothing."""
 
+LENGTHS = (0, 10, 30, 100, 400)
+"""Numbers of epochs to choose from."""
+FOLDS = 5
+
+HeldOutErrors = Callable[[IntArray, IntArray], FloatArray]
+"""Trains on these rows and returns the (n_lengths, n) errors of those rows, after each length."""
+
+
+def lengths_up_to(longest: int) -> tuple[int, ...]:
+    """Return the numbers of epochs to choose from where the longest training is given."""
+    return (*(length for length in LENGTHS if length < longest), longest)
+
+
+def chosen_epochs(
+    samples: Samples, lengths: tuple[int, ...], errors_of: HeldOutErrors, seed: int
+) -> int:
+    """Return the fewest epochs whose error is no more than a standard error above the least.
+
+    The error is the mean over the poses, in `FOLDS`-fold cross-validation by pose; the standard
+    error is that of the difference from the best length, pose by pose (the one-standard-error rule
+    of Breiman et al. 1984, on paired differences). A single pose cannot be divided: the longest.
+    """
+    poses, pose_of_row = np.unique(samples.pose_id, return_inverse=True)
+    if len(poses) < 2:
+        return lengths[-1]
+    fold_of_pose = np.random.default_rng(seed).permutation(len(poses)) % FOLDS
+    fold_of_row = fold_of_pose[pose_of_row]
+    errors = np.empty((len(lengths), len(samples)))
+    for fold in np.unique(fold_of_pose):
+        held_out = fold_of_row == fold
+        errors[:, held_out] = errors_of(np.flatnonzero(~held_out), np.flatnonzero(held_out))
+    rows_a_pose = np.bincount(pose_of_row)
+    of_poses = np.stack([np.bincount(pose_of_row, row) / rows_a_pose for row in errors])
+    best = of_poses[of_poses.mean(axis=1).argmin()]
+    for length, error in zip(lengths, of_poses, strict=True):
+        more = error - best
+        if more.mean() <= more.std(ddof=1) / np.sqrt(len(poses)):
+            return length
+    return lengths[-1]  # not reached: the best is within
+
+
 PREDICTED_AT_ONCE = 1024  # rows: what the layers pass on stays in the processor's cache
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class EncodedNetworkModel(RunsOnDevice, FittedModel):
-    """Base of the families with one network on encoded, standardised samples.
-
-    Attributes:
-        angle_encoding: "sincos" (sine and cosine of each angle) or "raw" (the angle).
-    """
-
-    angle_encoding: AngleEncoding = "sincos"
+class EncodedNetworkModel(RunsOnDevice, EncodedModel):
+    """Base of the families with one network on encoded, standardised samples."""
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return self._predicted_by(self.network_, q, wrench)
@@ -169,7 +205,7 @@ class EncodedNetworkModel(RunsOnDevice, FittedModel):
 
     def _inputs(self, q: FloatArray, wrench: FloatArray) -> torch.Tensor:
         """Return what the network is given for each sample, (n, n_inputs) on the device."""
-        features = self.input_scaler_.apply(encode(self.robot_, q, wrench, self.angle_encoding))
+        features = self._features(self.robot_, q, wrench)
         return torch.as_tensor(features, dtype=torch.float32, device=torch_device(self.device))
 
     def _rows(self, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> Rows:

@@ -4,51 +4,76 @@ from __future__ import annotations
 
 import math
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 import torch
 
-from stiff_models.networks.arithmetic import arithmetic
-from stiff_models.networks.optimizers import optimizers
-from stiff_models.networks.training_plan import TrainingPlan, loss_function
+from stiff_models.device import arithmetic
+from stiff_models.networks.fully_connected import linear_layers
+from stiff_models.networks.muon import Muon
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import FloatArray, IntArray
+
+Loss = Literal["huber", "mse", "mae"]
+OptimizerName = Literal["muon", "adam", "sgd"]
+
+HUBER_DELTA = 0.02  # standardised outputs
+ADAM_RATE_BESIDE_MUON = 4e-3  # of biases and of the first and last layer
+WARM_UP = 0.1  # share of the steps over which a "linear" schedule rises before it falls
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """How a network is trained.
+
+    Attributes:
+        steps: number of optimizer steps; with `batch=None` a step is an epoch.
+        learning_rate: at its highest.
+        loss: on standardised outputs; "huber" has a width of 0.02.
+        optimizer: "muon" moves square hidden weights, Adam the rest beside it.
+        batch: samples a step; None: all.
+        schedule: "constant"; "linear": 10 % warm-up, then linear decay to zero.
+        keep_best: end with the weights of the step that was best on the validation rows.
+        mixed_precision: use bfloat16 where the device has it in hardware.
+    """
+
+    steps: int
+    learning_rate: float
+    loss: Loss
+    optimizer: OptimizerName
+    batch: int | None = None
+    schedule: Literal["constant", "linear"] = "constant"
+    keep_best: bool = False
+    mixed_precision: bool = False
+
+    def rate(self, step: int) -> float:
+        """Return the schedule's factor on the learning rate at a step, from 0."""
+        if self.schedule == "constant":
+            return 1.0
+        rising = max(1, round(WARM_UP * self.steps))
+        falling = max(1, self.steps - rising)
+        return min((step + 1) / rising, (self.steps - step) / falling)
+
+
+def loss_function(name: Loss) -> Callable[[torch.Tensor, torch.Tensor], torch.Tensor]:
+    """Return the loss of (n, 3) outputs and targets."""
+    huber = torch.nn.HuberLoss(delta=HUBER_DELTA)
+    return {"huber": huber, "mse": torch.nn.MSELoss(), "mae": torch.nn.L1Loss()}[name]
+
 
 RISEN = 10.0
 """So many times both the first loss and that of outputs of zero: the training has diverged."""
 ROWS_LOOKED_AT = 256  # at the end, for signs of divergence
 
 
-class Objective(ABC):
-    """What a training minimises in place of its plan's loss.
-
-    Attributes:
-        made_of: tensors that it is made of: a part of the training's identity.
-        about: its settings as text: another one.
-    """
-
-    made_of: Sequence[torch.Tensor]
-    about: str
-
-    def parameters(self) -> list[torch.nn.Parameter]:
-        """Return what is trained beside the network's own parameters."""
-        return []
-
-    @abstractmethod
-    def __call__(
-        self, progress: float, inputs: torch.Tensor, targets: torch.Tensor
-    ) -> torch.Tensor:
-        """Return the loss of a batch of inputs (n, n_features) and standardised targets (n, 3).
-
-        `progress` is that of the training, 0 at its first step, towards 1.
-        """
-
-
+Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
+"""Loss of a batch of inputs (n, n_features) and standardised targets (n, 3), minimised in place of
+the plan's; the first argument is the progress of the training, 0 at its first step, towards 1."""
 Visits = Mapping[int, Callable[[], None]]
 """Number of steps -> what is called then."""
 
@@ -163,7 +188,7 @@ class _Run:
                 None if validation is None else Rows(frozen(validation.inputs), validation.targets)
             )
         self.loss = loss_function(plan.loss)
-        self.optimizers = optimizers(
+        self.optimizers = _optimizers(
             self.tail, plan, trainable, self.rows.inputs, bfloat16=bfloat16
         )
         self.highest = [[g["lr"] for g in opt.param_groups] for opt in self.optimizers]
@@ -279,6 +304,40 @@ class _Run:
             self.best_step, self.best_loss = step, self.validation_loss
             self.best_weights = self.best_weights or [torch.empty_like(t) for t in self.kept]
             torch._foreach_copy_(self.best_weights, self.kept)
+
+
+def _optimizers(
+    network: torch.nn.Module,
+    plan: TrainingPlan,
+    trainable: Sequence[torch.nn.Parameter],
+    inputs: torch.Tensor,
+    *,
+    bfloat16: bool,
+) -> list[torch.optim.Optimizer]:
+    """Return the optimizers of the `trainable` parameters.
+
+    `inputs` are (n, n_inputs) of the rows that `network` learns from; `bfloat16`: low precision is
+    at hand.
+    """
+    rate = plan.learning_rate
+    if plan.optimizer == "sgd":
+        return [torch.optim.SGD(trainable, lr=rate)]
+    if plan.optimizer == "adam":
+        return [torch.optim.Adam(trainable, lr=rate, fused=True)]
+    moving = set(trainable)
+    hidden = [
+        layer
+        for layer in linear_layers(network)[1:-1]
+        if layer.weight in moving and layer.in_features == layer.out_features
+    ]
+    weights = {layer.weight for layer in hidden}
+    rest = [parameter for parameter in trainable if parameter not in weights]
+    optimizers: list[torch.optim.Optimizer] = [
+        torch.optim.Adam(rest, lr=ADAM_RATE_BESIDE_MUON, fused=True)
+    ]
+    if hidden:
+        optimizers.append(Muon(network, hidden, inputs, lr=rate, low_precision=bfloat16))
+    return optimizers
 
 
 def _varies(values: torch.Tensor) -> bool:

@@ -26,7 +26,7 @@ from annotated_types import Gt
 from scipy.optimize import least_squares
 from scipy.special import ndtri
 
-from stiff_models.base import FittedModel
+from stiff_models.fitted_model import FittedModel
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 from stiff_protocols.springs.identification import LEAST_NOISE, least_compliance

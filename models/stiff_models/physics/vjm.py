@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
-from stiff_models.base import FittedModel
+from stiff_models.fitted_model import FittedModel
 from stiff_models.model_catalog import model_info
 from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_protocols.contract.errors import StiffBenchWarning
@@ -138,3 +138,41 @@ def why_rigid(samples: Samples) -> str:
         "no joint spring explains any of the deflections: is the sign or the frame of the "
         "wrench wrong? `bench data validate` compares them"
     )
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class OnPhysics:
+    """Mixin before a learner: the learner's samples are the physics' residuals.
+
+    A family is ``class VjmX(OnPhysics, X)``. Validation rows serve the learner alone.
+
+    Attributes:
+        physics: model that is identified first, with its default options.
+    """
+
+    physics: Physics = "vjm"
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        vars(self).pop("diagnostics_", None)  # an earlier fit's
+        self.physics_ = fitted_physics(self.physics, train, robot)
+        learner: Any = super()
+        residuals = None if validation is None else self._residual(validation)
+        learner._fit(self._residual(train), robot, residuals, seed)
+        learned: dict[str, float] = vars(self).get("diagnostics_", {})
+        self.diagnostics_ = {**self.physics_.diagnostics_, **learned}
+
+    @property
+    def springs_(self) -> IdentifiedSprings:
+        """What was identified of the physics' springs."""
+        found: IdentifiedSprings = self.physics_.springs_
+        return found
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        learner: Any = super()
+        residual: FloatArray = learner._predict(q, wrench)
+        explained: FloatArray = self.physics_.predict(q, wrench)
+        return explained + residual
+
+    def _residual(self, samples: Samples) -> Samples:
+        left = samples.deflection - self.physics_.predict(samples.q, samples.wrench)
+        return replace(samples, deflection=left)

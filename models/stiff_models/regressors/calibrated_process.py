@@ -12,9 +12,9 @@ import numpy as np
 from annotated_types import Gt
 from sklearn.base import clone
 
-from stiff_models.base import FittedModel, folds_of_poses, normal_interval
+from stiff_models.fitted_model import NormalModel, folds_of_poses
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
-from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot, Samples
+from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
 FEWEST_POSES = 10
 """Fewer are not divided: two of eight poses hold no standard deviation."""
@@ -25,7 +25,7 @@ ONE_DEVIATION = 0.6826894921370859
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class CalibratedProcess(FittedModel):
+class CalibratedProcess(NormalModel):
     """Base of the families with standard deviations of their own, before `FittedModel`'s others.
 
     Hyperparameters that are the likeliest ones for a hundred samples make the process too sure of
@@ -92,22 +92,12 @@ class CalibratedProcess(FittedModel):
         copy: Self = clone(self)
         return copy
 
-    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return the central interval of each axis' predictive normal, its noise included.
-
-        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis by itself. Beyond
-        the training range it is wider, as `TrainingRange.widened` says.
-        """
-
-        def within(q: FloatArray, wrench: FloatArray) -> Interval:
-            mean, deviation = self._mean_and_deviation(q, wrench)
-            deviation = np.maximum(deviation * self.calibration_, self.instrument_noise_)
-            return normal_interval(mean, deviation, coverage)
-
-        return self.training_range_.widened(within, *self._checked(q, wrench))
-
-    @abstractmethod
     def _mean_and_deviation(
         self, q: FloatArray, wrench: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
+        mean, deviation = self._uncalibrated(q, wrench)
+        return mean, np.maximum(deviation * self.calibration_, self.instrument_noise_)
+
+    @abstractmethod
+    def _uncalibrated(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (n, 3) m twice: the prediction, its standard deviation before calibration."""

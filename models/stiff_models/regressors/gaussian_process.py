@@ -148,9 +148,35 @@ def log_likelihood(
 
 
 Kernel = Literal["matern", "rbf"]
+"""Names of `CORRELATIONS`: a new kernel is a name here and a function there."""
 
-_BLOCK = 2**16
-"""Entries of a covariance that are computed at once: they stay in a core's cache."""
+
+def _matern(squares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    x = np.sqrt(5.0 * squares)
+    decay = np.exp(-x)
+    slope = (1.0 + x) * decay
+    return slope + 5.0 / 3.0 * squares * decay, 5.0 / 3.0 * slope
+
+
+def _rbf(squares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    correlation = np.exp(-0.5 * squares)
+    return correlation, correlation
+
+
+CORRELATIONS: dict[Kernel, Callable[[FloatArray], tuple[FloatArray, FloatArray]]] = {
+    "matern": _matern,
+    "rbf": _rbf,
+}
+"""Kernel -> function of squared distances r^2 that returns k(r) and its slope, -2 dk/dr^2."""
+
+BLOCK = 2**18
+"""Numbers of a covariance with other rows that are computed at once."""
+
+
+def row_blocks(n_rows: int, n_columns: int) -> Iterator[slice]:
+    """Yield slices of rows whose part of a matrix has at most about `BLOCK` numbers."""
+    size = max(1, BLOCK // n_columns)
+    return (slice(start, min(start + size, n_rows)) for start in range(0, n_rows, size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,35 +213,12 @@ class Covariance:
         )
 
     def scaled(self, inputs: FloatArray) -> FloatArray:
-        """Return (n, n_features) inputs whose distances are the kernel's argument, x or r."""
-        unit = np.sqrt(5.0) if self.kernel == "matern" else 1.0
-        return inputs * (unit / self.lengths)
-
-    def blocks(
-        self, first: FloatArray, second: FloatArray, *, fewest: int = 1
-    ) -> Iterator[tuple[slice, FloatArray]]:
-        """Yield rows of the (m, n) covariance without noise of `scaled` rows, block by block.
-
-        A block has at least `fewest` rows. What is yielded says which rows of `first` it holds; the
-        next block overwrites it.
-        """
-        left, right = _factors(first, second)
-        size = max(1, min(len(first), max(fewest, _BLOCK // len(second))))
-        # memory that is new for each block costs several times what is computed in it
-        squares, slope, decay = np.empty((3, size, len(second)))
-        for start in range(0, len(first), size):
-            part = left[start : start + size]
-            n = len(part)
-            self._correlate(np.matmul(part, right, out=squares[:n]), slope[:n], decay[:n])
-            squares *= self.variance
-            yield slice(start, start + n), squares[:n]
+        """Return (n, n_features) inputs in units of the length scales."""
+        return inputs / self.lengths
 
     def between(self, first: FloatArray, second: FloatArray) -> FloatArray:
         """Return the (m, n) covariance without noise of `scaled` rows."""
-        covariance = np.empty((len(first), len(second)))
-        for part, block in self.blocks(first, second):
-            covariance[part] = block
-        return covariance
+        return self.variance * CORRELATIONS[self.kernel](_squares(first, second))[0]
 
     def with_slope(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the (n, n) covariance without noise of `scaled` rows and its slope.
@@ -223,12 +226,8 @@ class Covariance:
         The slope times a feature's own squared distance, in `scaled` units, is the covariance's
         derivative by the logarithm of that feature's length scale.
         """
-        left, right = _factors(rows, rows)
-        covariance, slope = left @ right, np.empty((len(rows), len(rows)))
-        self._correlate(covariance, slope, np.empty_like(slope))
-        covariance *= self.variance
-        slope *= self.variance
-        return covariance, slope
+        correlation, slope = CORRELATIONS[self.kernel](_squares(rows, rows))
+        return self.variance * correlation, self.variance * slope
 
     def factor(self, of_rows: FloatArray) -> FloatArray:
         """Return the (n, n) lower Cholesky factor of training outputs' covariance.
@@ -238,23 +237,6 @@ class Covariance:
         """
         of_rows[np.diag_indices(len(of_rows))] += self.noise + self.jitter
         return np.asarray(cholesky(of_rows.T, lower=True, overwrite_a=True, check_finite=False))
-
-    def _correlate(self, squares: FloatArray, slope: FloatArray, decay: FloatArray) -> None:
-        """Turn squared distances of `scaled` rows into k and fill its slope; `decay` is scratch."""
-        np.maximum(squares, 0.0, out=squares)
-        if self.kernel == "rbf":
-            squares *= -0.5
-            np.exp(squares, out=squares)
-            slope[:] = squares
-            return
-        np.sqrt(squares, out=slope)
-        np.exp(np.negative(slope, out=decay), out=decay)
-        slope += 1.0
-        slope *= decay
-        squares *= decay
-        squares /= 3.0
-        squares += slope
-        slope /= 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,15 +280,15 @@ class GaussianProcess:
     def mean(self, inputs: FloatArray) -> FloatArray:
         """Return the (n,) predicted outputs, less their trend."""
         scaled, mean = self.covariance.scaled(inputs), np.empty(len(inputs))
-        for part, between in self.covariance.blocks(scaled, self.rows):
-            mean[part] = between @ self.weights
+        for part in row_blocks(len(scaled), len(self.rows)):
+            mean[part] = self.covariance.between(scaled[part], self.rows) @ self.weights
         return mean
 
     def deviation(self, inputs: FloatArray) -> FloatArray:
         """Return the (n,) standard deviation of outputs there, noise included."""
         scaled, known = self.covariance.scaled(inputs), np.empty(len(inputs))
-        # triangular systems want many right-hand sides: the factor is read once for all of them
-        for part, between in self.covariance.blocks(scaled, self.rows, fewest=256):
+        for part in row_blocks(len(scaled), len(self.rows)):
+            between = self.covariance.between(scaled[part], self.rows)
             solved = solve_triangular(self.factor, between.T, lower=True, check_finite=False)
             known[part] = np.einsum("ij,ij->j", solved, solved)
         variance = self.covariance.variance + self.covariance.noise - known
@@ -341,13 +323,11 @@ def weights_and_rho(
     return weights - rho * weighed, rho
 
 
-def _factors(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two matrices whose product is the (m, n) squared distances of rows.
+def _squares(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the (m, n) squared distances of rows.
 
     Rounding leaves errors of the order of 1e-16 of the rows' squared lengths; correlations are
     smooth at 0, so theirs are no larger.
     """
-    sizes = np.einsum("ij,ij->i", first, first), np.einsum("ij,ij->i", second, second)
-    left = np.column_stack([-2.0 * first, sizes[0], np.ones(len(first))])
-    right = np.column_stack([second, np.ones(len(second)), sizes[1]])
-    return left, right.T
+    sizes = np.einsum("ij,ij->i", first, first)[:, None] + np.einsum("ij,ij->i", second, second)
+    return np.asarray(np.maximum(sizes - 2.0 * first @ second.T, 0.0))

@@ -16,7 +16,7 @@ import numpy as np
 from annotated_types import Ge
 from scipy.optimize import minimize
 
-from stiff_models.networks.features import encode
+from stiff_models.networks.encoded_model import encode
 from stiff_models.physics.fitted_geometry import (
     STEP,
     Geometry,
@@ -30,11 +30,11 @@ from stiff_models.regressors.calibrated_process import CalibratedProcess
 from stiff_models.regressors.gaussian_process import Covariance, minimum
 from stiff_models.regressors.joint_curves import JointCurves
 from stiff_models.regressors.spring_process import (
-    Likelihood,
     LikelihoodSlopes,
     SpringCovariance,
     SpringLoads,
     SpringProcess,
+    likelihood_slopes,
 )
 from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
@@ -229,11 +229,10 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _likeliest(self, hyper: Hyperparameters, samples: Samples, robot: Robot) -> FloatArray:
         """Return the most probable hyperparameters for the geometry as it is."""
         loads = self._measured_loads(robot, self.geometry_, samples.q, samples.wrench)
-        likelihood = Likelihood(loads, samples.deflection.T)
 
         def loss(theta: FloatArray) -> tuple[float, FloatArray]:
             covariance, away = hyper.covariance(theta), theta - hyper.start
-            slopes = likelihood.slopes(covariance)
+            slopes = likelihood_slopes(covariance, loads, samples.deflection.T)
             value = 0.5 * float(hyper.precision @ away**2) - slopes.value
             return value, hyper.precision * away - hyper.slopes(covariance, slopes)
 
@@ -341,9 +340,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return self.process_.mean(self._loads(robot, q, wrench))
 
-    def _mean_and_deviation(
-        self, q: FloatArray, wrench: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _uncalibrated(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
         return self.process_.mean_and_deviation(self._fitted_loads(q, wrench))
 
     def _fitted_loads(self, q: FloatArray, wrench: FloatArray) -> SpringLoads:

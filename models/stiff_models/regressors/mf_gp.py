@@ -9,8 +9,8 @@ import numpy as np
 from annotated_types import Ge
 
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Search
-from stiff_models.regressors.gp import GaussianProcessModel
-from stiff_models.transfer.source import PoseDesign, WrenchDesign, drawn_from
+from stiff_models.regressors.gp_model import GaussianProcessModel
+from stiff_models.transfer.source_domain import PoseDesign, WrenchDesign, drawn_from
 from stiff_models.transfer.source_model import SourceModel
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
@@ -107,7 +107,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
         )
         # nested designs: the low fidelity is simulated where the high one was measured too
         q, wrench = np.vstack([drawn_q, train.q]), np.vstack([drawn_wrench, train.wrench])
-        cheap_inputs = self._inputs(robot, q, wrench)
+        cheap_inputs = self._features(robot, q, wrench)
         cheap = self.output_scaler_.apply(teacher(q, wrench))
         lows = self._low_starts or (self._start(inputs.shape[1], noise=False),) * len(AXES)
         levels = tuple(

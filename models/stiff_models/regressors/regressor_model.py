@@ -1,4 +1,7 @@
-"""What the families share that are a scikit-learn-style regressor on encoded samples."""
+"""Models that are a scikit-learn-style regressor on encoded samples, and what they share.
+
+With the reference rows `zero`, `mean` and `knn`.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +19,15 @@ from sklearn.multioutput import MultiOutputRegressor
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.utils import get_tags
 
-from stiff_models.regressors.standardised_model import StandardisedModel, StandardisedRows
+from stiff_models.fitted_model import FittedModel
+from stiff_models.networks.encoded_model import EncodedModel, StandardisedRows
+from stiff_models.physics.vjm import OnPhysics
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class RegressorModel(StandardisedModel):
+class RegressorModel(EncodedModel):
     """Base of the families whose learner has scikit-learn's `fit` and `predict`."""
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -30,6 +35,10 @@ class RegressorModel(StandardisedModel):
         self.regressor_ = self._regressor(seed)
         with numpys_seed(seed):
             self._learn(rows, None if validation is None else self._rows(robot, validation))
+
+    def _rows(self, robot: Robot, samples: Samples) -> StandardisedRows:
+        features = self._features(robot, samples.q, samples.wrench)
+        return features, self.output_scaler_.apply(samples.deflection)
 
     @abstractmethod
     def _regressor(self, seed: int) -> Any:
@@ -41,7 +50,7 @@ class RegressorModel(StandardisedModel):
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         with told_as_ours():
-            predicted = self.regressor_.predict(self._inputs(self.robot_, q, wrench))
+            predicted = self.regressor_.predict(self._features(self.robot_, q, wrench))
         return self.output_scaler_.undo(predicted)
 
 
@@ -79,6 +88,26 @@ def numpys_seed(seed: int) -> Iterator[None]:
         yield
     finally:
         np.random.set_state(state)  # noqa: NPY002
+
+
+class ZeroModel(FittedModel):
+    """A rigid robot."""
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        pass
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        return np.zeros((len(q), 3))
+
+
+class MeanModel(FittedModel):
+    """A constant: the mean deflection of the training samples, `mean_` (3,) m."""
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        self.mean_ = train.deflection.mean(axis=0)
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        return np.tile(self.mean_, (len(q), 1))
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -133,3 +162,8 @@ class BoostingModel(RegressorModel):
                 random_state=seed,
             )
         )
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class VjmBoosting(OnPhysics, BoostingModel):
+    """Physics plus a gradient-boosting residual."""

@@ -15,9 +15,9 @@ from pydantic import BeforeValidator
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils import all_estimators
 
-from stiff_models.regressors.on_physics import OnPhysics
+from stiff_models.networks.encoded_model import StandardisedRows
+from stiff_models.physics.vjm import OnPhysics
 from stiff_models.regressors.regressor_model import RegressorModel, for_three_outputs
-from stiff_models.regressors.standardised_model import StandardisedRows
 from stiff_protocols.contract.errors import ConfigError, ModelError, unknown_name
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.types import FloatArray

@@ -24,7 +24,6 @@ Shapes: a "row" is one axis of one sample; matrices over rows have the order axi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -32,13 +31,11 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotri
 
-from stiff_models.regressors.gaussian_process import Covariance
+from stiff_models.regressors.gaussian_process import Covariance, row_blocks
 from stiff_protocols.contract.arrays import FloatArray, IntArray
 from stiff_protocols.contract.errors import ModelError
 
 ROOT3 = math.sqrt(3.0)
-BLOCK = 2**20
-"""Numbers of a covariance with other samples that are computed at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,137 +195,83 @@ def _matern32(distance: FloatArray) -> FloatArray:
     return distance
 
 
-class Likelihood:
-    """The log marginal likelihood of deflections by springs, for one covariance after another.
+def likelihood_slopes(
+    covariance: SpringCovariance, loads: SpringLoads, deflection: FloatArray
+) -> LikelihoodSlopes:
+    """Return the log marginal likelihood of (3, n) deflections [m], and its derivatives.
 
-    Memory that is new for each covariance costs more than what is computed in it, so it is kept.
-
-    Args:
-        loads: torques in the n training samples.
-        deflection: (3, n) m.
+    The value is minus infinity, and the slopes are zero, if rounding leaves the covariance without
+    a Cholesky factor.
     """
-
-    def __init__(self, loads: SpringLoads, deflection: FloatArray) -> None:
-        """Reserve the memory."""
-        n, n_springs = len(loads), len(loads.loaded)
-        self._loads, self._outputs = loads, deflection.ravel()
-        self._pairs = np.empty((3, 2 * n, 2 * n))
-        self._correlation, self._stretch, self._turned, self._part = np.empty((4, n, n_springs, n))
-        self._gain = np.empty((3 * n, 3 * n))
-
-    def slopes(self, covariance: SpringCovariance) -> LikelihoodSlopes:
-        """Return the likelihood and its derivatives.
-
-        The value is minus infinity, and the slopes are zero, if rounding leaves the covariance
-        without a Cholesky factor.
-        """
-        loads, remainder = self._loads, covariance.remainder
-        n, n_springs = len(loads), len(covariance.scale)
-        regressor = covariance.regressor(loads)
-        matrix = (regressor.T * covariance.term_variance) @ regressor
-        self._add_bends(covariance, matrix)
-        correlation = stretch = scaled = np.zeros(0)
-        if remainder is not None:
-            scaled = remainder.scaled(loads.features)
-            correlation, stretch = self._remainder(remainder, scaled)
-            for axis in range(3):
-                matrix.reshape(3, n, 3, n)[axis, :, axis] += correlation
-        matrix[np.diag_indices(3 * n)] += covariance.noise
-        try:
-            # the matrix is symmetric: its transpose is in the order that LAPACK writes over
-            factor = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)
-        except np.linalg.LinAlgError:
-            return LikelihoodSlopes.nothing(n_springs)
-        weights = cho_solve((factor, True), self._outputs, check_finite=False)
-        value = -0.5 * float(self._outputs @ weights) - float(np.log(np.diag(factor)).sum())
-        value -= 1.5 * n * math.log(2.0 * math.pi)
-
-        gain = self._fill_gain(factor, weights)
-        by_bend, by_length = self._slopes_by_bends(covariance, gain)
-        by_remainder, by_features = 0.0, np.zeros(0)
-        if remainder is not None:
-            part = np.einsum("anam->nm", gain.reshape(3, n, 3, n))
-            by_remainder = 2.0 * float(np.vdot(part, correlation))
-            part = part * stretch
-            by_features = part.sum(axis=0) @ scaled**2 - (scaled * (part @ scaled)).sum(axis=0)
-        gained, is_lost = regressor @ gain, covariance.lost > 0.0
-        by_term, by_lost = np.einsum("si,si->s", gained, regressor), np.zeros(is_lost.shape)
-        by_lost[is_lost] = by_term[n_springs:]
-        widened = covariance.lost_effects(loads, covariance.lost_motion_slope(loads))
-        by_width = covariance.lost[is_lost] @ np.einsum("si,si->s", gained[n_springs:], widened)
-        return LikelihoodSlopes(
-            value=value,
-            by_slope=by_term[:n_springs],
-            by_bend=by_bend,
-            by_lost=by_lost,
-            by_width=2.0 * float(by_width),
-            by_length=by_length,
-            by_noise=float(np.trace(gain)),
-            by_remainder=by_remainder,
-            by_features=2.0 * by_features,
-        )
-
-    def _add_bends(self, covariance: SpringCovariance, matrix: FloatArray) -> None:
-        """Add the curves' Matern parts to the (3 n, 3 n) covariance."""
-        n = len(self._loads)
-        self._correlate(covariance)
-        move, blocks = self._loads.move, matrix.reshape(3, n, 3, n)
-        weighed = (move * covariance.bend[:, None, None]).transpose(2, 1, 0)
+    n, n_springs, move, outputs = len(loads), len(covariance.scale), loads.move, deflection.ravel()
+    regressor, bend, remainder = covariance.regressor(loads), covariance.bend, covariance.remainder
+    matrix = (regressor.T * covariance.term_variance) @ regressor
+    blocks = matrix.reshape(3, n, 3, n)
+    turned, bent = _turns_with_slope(covariance, loads)
+    weighed = (move * bend[:, None, None]).transpose(2, 1, 0)
+    for axis in range(3):
+        blocks[:, :, axis] += (weighed @ (turned * move[:, axis])).transpose(1, 0, 2)
+    if remainder is not None:
+        scaled, shares = remainder.scaled(loads.features), loads.load @ loads.load.T
+        left_over, stretch = (part * shares for part in remainder.with_slope(scaled))
         for axis in range(3):
-            part = np.multiply(self._correlation, move[:, axis], out=self._part)
-            blocks[:, :, axis] += (weighed @ part).transpose(1, 0, 2)
+            blocks[axis, :, axis] += left_over
+    matrix[np.diag_indices(3 * n)] += covariance.noise
+    try:
+        # the matrix is symmetric: its transpose is in the order that LAPACK writes over
+        factor = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        return LikelihoodSlopes.nothing(n_springs)
+    weights = cho_solve((factor, True), outputs, check_finite=False)
+    value = -0.5 * float(outputs @ weights) - float(np.log(np.diag(factor)).sum())
+    value -= 1.5 * n * math.log(2.0 * math.pi)
 
-    def _remainder(
-        self, remainder: Covariance, scaled: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the remainder's (n, n) covariance of an axis, and `Covariance.with_slope`'s."""
-        shares = self._loads.load @ self._loads.load.T
-        correlation, stretch = remainder.with_slope(scaled)
-        return correlation * shares, stretch * shares
+    # the gain (3 n, 3 n): a change of the value is its sum with the change of the covariance
+    gain = np.multiply.outer(0.5 * weights, weights)
+    inverse, _ = dpotri(factor, lower=1, overwrite_c=1)  # its lower triangle, zeros above
+    inverse *= -0.5
+    gain += inverse
+    inverse[np.diag_indices(len(inverse))] = 0.0
+    gain += inverse.T
+    shifts, columns = move.transpose(2, 0, 1), gain.reshape(3, n, 3, n).transpose(2, 1, 0, 3)
+    by_turn = sum((shifts @ columns[axis]) * move[:, axis] for axis in range(3))
+    by_remainder, by_features = 0.0, np.zeros(0)
+    if remainder is not None:
+        part = np.einsum("anam->nm", gain.reshape(3, n, 3, n))
+        by_remainder = 2.0 * float(np.vdot(part, left_over))
+        part = part * stretch
+        by_features = part.sum(axis=0) @ scaled**2 - (scaled * (part @ scaled)).sum(axis=0)
+    gained, is_lost = regressor @ gain, covariance.lost > 0.0
+    by_term, by_lost = np.einsum("si,si->s", gained, regressor), np.zeros(is_lost.shape)
+    by_lost[is_lost] = by_term[n_springs:]
+    widened = covariance.lost_effects(loads, covariance.lost_motion_slope(loads))
+    by_width = covariance.lost[is_lost] @ np.einsum("si,si->s", gained[n_springs:], widened)
+    return LikelihoodSlopes(
+        value=value,
+        by_slope=by_term[:n_springs],
+        by_bend=np.einsum("isj,isj->s", by_turn, turned),
+        by_lost=by_lost,
+        by_width=2.0 * float(by_width),
+        by_length=float(bend @ np.einsum("isj,isj->s", by_turn, bent)),
+        by_noise=float(np.trace(gain)),
+        by_remainder=by_remainder,
+        by_features=2.0 * by_features,
+    )
 
-    def _fill_gain(self, factor: FloatArray, weights: FloatArray) -> FloatArray:
-        """Return the (3 n, 3 n) gain: a change of the value is its sum with the covariance's."""
-        np.multiply.outer(0.5 * weights, weights, out=self._gain)
-        inverse, _ = dpotri(factor, lower=1, overwrite_c=1)  # its lower triangle, zeros above
-        inverse *= -0.5
-        self._gain += inverse
-        inverse[np.diag_indices(len(inverse))] = 0.0
-        self._gain += inverse.T
-        return self._gain
 
-    def _slopes_by_bends(
-        self, covariance: SpringCovariance, gain: FloatArray
-    ) -> tuple[FloatArray, float]:
-        """Return the derivatives by the variances of Matern parts, and by ln l."""
-        n, move = len(self._loads), self._loads.move
-        for axis in range(3):
-            columns = gain.reshape(3, n, 3, n)[:, :, axis].transpose(1, 0, 2)
-            part = np.matmul(move.transpose(2, 0, 1), columns, out=self._part)
-            part *= move[:, axis]
-            if axis:
-                self._turned += part
-            else:
-                self._turned[:] = part
-        by_length = covariance.bend @ np.einsum("isj,isj->s", self._turned, self._stretch)
-        return np.einsum("isj,isj->s", self._turned, self._correlation), float(by_length)
-
-    def _correlate(self, covariance: SpringCovariance) -> None:
-        """Fill the (n, n_springs, n) correlations of turns, and their derivatives by ln l."""
-        n, (apart, decay, bent) = len(self._loads), self._pairs
-        unit = ROOT3 / covariance.unit_length[:, None]
-        torques = np.hstack([unit * self._loads.loaded, unit * self._loads.unloaded])
-        for s, torque in enumerate(torques):
-            np.subtract.outer(torque, torque, out=apart)
-            np.abs(apart, out=apart)
-            np.exp(np.negative(apart, out=decay), out=decay)
-            np.multiply(apart, apart, out=bent)
-            bent *= decay
-            apart += 1.0
-            apart *= decay
-            for out, part in ((self._correlation[:, s], apart), (self._stretch[:, s], bent)):
-                np.add(part[:n, :n], part[n:, n:], out=out)
-                out -= part[:n, n:]
-                out -= part[n:, :n]
+def _turns_with_slope(
+    covariance: SpringCovariance, loads: SpringLoads
+) -> tuple[FloatArray, FloatArray]:
+    """Return the (n, n_springs, n) correlations of turns, and their derivatives by ln l."""
+    n, unit = len(loads), ROOT3 / covariance.unit_length[:, None]
+    torques = np.hstack([unit * loads.loaded, unit * loads.unloaded])
+    turned, bent = np.empty((2, n, len(torques), n))
+    for s, torque in enumerate(torques):
+        apart = np.abs(np.subtract.outer(torque, torque))
+        slope = apart**2 * np.exp(-apart)
+        for out, part in ((turned[:, s], _matern32(apart)), (bent[:, s], slope)):
+            out[:] = part[:n, :n] + part[n:, n:] - part[:n, n:] - part[n:, :n]
+    return turned, bent
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,7 +356,7 @@ class SpringProcess:
             curve = partial(_curve_mean, knots, height, ROOT3 / covariance.unit_length[s])
             mean += loads.move[s] * (curve(loads.loaded[s]) - curve(loads.unloaded[s]))
         if covariance.remainder is not None:
-            for rows in _blocks(len(loads), len(training)):
+            for rows in row_blocks(len(loads), len(training)):
                 part = covariance.remainder_between(loads.take(rows), training)
                 mean[:, rows] += self.weights.reshape(3, -1) @ part.T
         return mean.T
@@ -422,7 +365,7 @@ class SpringProcess:
         """Return the (n, 3) predicted deflection and its standard deviation with noise, m."""
         mean = np.empty((len(loads), 3))
         variance = self.covariance.variance(loads).reshape(3, -1).T + self.covariance.noise
-        for rows in _blocks(len(loads), 9 * len(self.loads)):
+        for rows in row_blocks(len(loads), 9 * len(self.loads)):
             between = self.covariance.between(loads.take(rows), self.loads)
             mean[rows] = (between @ self.weights).reshape(3, -1).T
             solved = solve_triangular(self.factor, between.T, lower=True, check_finite=False)
@@ -468,18 +411,12 @@ class SpringProcess:
         return math.pi * (between @ self.weights), math.pi * np.sqrt(np.maximum(variance, 0.0))
 
 
-def _blocks(n_rows: int, n_columns: int) -> Iterator[slice]:
-    """Yield slices of rows whose part of a matrix has at most about `BLOCK` numbers."""
-    size = max(1, BLOCK // n_columns)
-    return (slice(start, min(start + size, n_rows)) for start in range(0, n_rows, size))
-
-
 def _curve_mean(
     knots: FloatArray, height: FloatArray, unit: float, torque: FloatArray
 ) -> FloatArray:
     """Return the (n,) sum of Matern functions at (m,) knots of these heights."""
     mean = np.empty(len(torque))
-    for rows in _blocks(len(torque), len(knots)):
+    for rows in row_blocks(len(torque), len(knots)):
         apart = np.abs(unit * torque[rows, None] - unit * knots)
         mean[rows] = _matern32(apart) @ height
     return mean

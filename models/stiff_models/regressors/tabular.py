@@ -19,9 +19,9 @@ from annotated_types import Ge
 from sklearn.multioutput import MultiOutputRegressor
 
 from stiff_models.device import RunsOnDevice, torch_device
-from stiff_models.regressors.optional_packages import missing_tabicl, missing_tabpfn
+from stiff_models.model_catalog import missing_tabicl, missing_tabpfn
+from stiff_models.networks.encoded_model import StandardisedRows
 from stiff_models.regressors.regressor_model import RegressorModel, for_three_outputs
-from stiff_models.regressors.standardised_model import StandardisedRows
 from stiff_protocols.contract.errors import ConfigError, NotSavable
 from stiff_protocols.contract.types import FloatArray
 

@@ -26,8 +26,8 @@ from sklearn.kernel_ridge import KernelRidge
 from sklearn.model_selection import GroupKFold
 from sklearn.tree import DecisionTreeRegressor
 
-from stiff_models.regressors.standardised_model import StandardisedModel
-from stiff_models.transfer.source import PoseDesign, WrenchDesign
+from stiff_models.networks.encoded_model import EncodedModel
+from stiff_models.transfer.source_domain import PoseDesign, WrenchDesign
 from stiff_models.transfer.source_model import SourceModel
 from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Robot, Samples, TextArray
 
@@ -186,7 +186,7 @@ def cross_validated(
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class TrAdaBoost(SourceModel, StandardisedModel):
+class TrAdaBoost(SourceModel, EncodedModel):
     """Two-stage TrAdaBoost.R2, one an axis.
 
     As with `mf-gp`, the few simulated samples should lie where the measured ones do.
@@ -214,7 +214,7 @@ class TrAdaBoost(SourceModel, StandardisedModel):
         domain = self._simulated(origin.samples, origin.robot, seed)
         order = np.random.default_rng(seed).permutation(len(domain))
         drawn = domain.take(order[: self.source_samples])
-        both = np.vstack([self._inputs(robot, drawn.q, drawn.wrench), inputs])
+        both = np.vstack([self._features(robot, drawn.q, drawn.wrench), inputs])
         outputs = np.vstack([self.output_scaler_.apply(drawn.deflection), targets])
         learner = self._learner(both.shape[1], seed)
         self.diagnostics_: dict[str, float] = {}
@@ -238,6 +238,6 @@ class TrAdaBoost(SourceModel, StandardisedModel):
         return KernelRidge(kernel="rbf", gamma=KERNEL_GAMMA / n_features, alpha=RIDGE)
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        inputs = self._inputs(self.robot_, q, wrench)
+        inputs = self._features(self.robot_, q, wrench)
         predicted = np.stack([each.predict(inputs) for each in self.boosted_], axis=1)
         return self.output_scaler_.undo(predicted)

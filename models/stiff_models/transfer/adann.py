@@ -20,8 +20,7 @@ import torch
 from annotated_types import Ge
 
 from stiff_models.networks.network_model import NetworkModel
-from stiff_models.networks.training import Rows
-from stiff_models.networks.training_plan import HUBER_DELTA, Loss, TrainingPlan, loss_function
+from stiff_models.networks.training import HUBER_DELTA, Loss, Rows, TrainingPlan, loss_function
 from stiff_models.transfer.alignment import TargetObjective, ramp, reverse_gradient
 from stiff_models.transfer.pretrained_mlp import PRETRAINING
 from stiff_models.transfer.pretraining import PretrainedModel
@@ -167,5 +166,5 @@ class Adann2R(PretrainedModel, NetworkModel):
         )
         return TwoRegressors(cast(torch.nn.Sequential, one), cast(torch.nn.Sequential, two))
 
-    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
+    def _recipe_plan(self) -> TrainingPlan:
         return FAST

@@ -6,33 +6,25 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Literal
 
 import torch
 
-from stiff_models.networks.training import Objective
-from stiff_models.networks.training_plan import HUBER_DELTA, Loss, loss_function
+from stiff_models.networks.training import HUBER_DELTA, Loss, loss_function
 from stiff_models.transfer.cnn import WIDTH, Cnn
 
 DISCRIMINATOR_WIDTH = 1024
 DISCRIMINATOR_DROPOUT = 0.5
 
 
-class _Reversal(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, values: torch.Tensor, strength: float) -> torch.Tensor:
-        ctx.strength = strength
-        return values.view_as(values)
-
-    @staticmethod
-    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None]:
-        return -ctx.strength * gradient, None
-
-
 def reverse_gradient(values: torch.Tensor, strength: float) -> torch.Tensor:
     """Return `values`; on the way back their gradient is multiplied by -`strength`."""
-    reversed_: torch.Tensor = _Reversal.apply(values, strength)  # type: ignore[no-untyped-call]
-    return reversed_
+    passed = values.view_as(values)
+    if passed.requires_grad:
+        passed.register_hook(lambda grad: -strength * grad)  # type: ignore[no-untyped-call]
+    return passed
 
 
 def build_discriminator(n_features: int, *, seed: int) -> torch.nn.Sequential:
@@ -42,16 +34,11 @@ def build_discriminator(n_features: int, *, seed: int) -> torch.nn.Sequential:
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return torch.nn.Sequential(
-            *_discriminator_layer(n_features),
-            *_discriminator_layer(DISCRIMINATOR_WIDTH),
-            torch.nn.Linear(DISCRIMINATOR_WIDTH, 1),
-        )
-
-
-def _discriminator_layer(n_inputs: int) -> list[torch.nn.Module]:
-    layer, dropout = torch.nn.Linear(n_inputs, DISCRIMINATOR_WIDTH), DISCRIMINATOR_DROPOUT
-    return [layer, torch.nn.ReLU(), torch.nn.Dropout(dropout)]
+        layers: list[torch.nn.Module] = []
+        for n_inputs in (n_features, DISCRIMINATOR_WIDTH):
+            layers += [torch.nn.Linear(n_inputs, DISCRIMINATOR_WIDTH), torch.nn.ReLU()]
+            layers.append(torch.nn.Dropout(DISCRIMINATOR_DROPOUT))
+        return torch.nn.Sequential(*layers, torch.nn.Linear(DISCRIMINATOR_WIDTH, 1))
 
 
 def domain_loss(
@@ -133,13 +120,31 @@ def ramp(progress: float) -> float:
     return 2.0 / (1.0 + math.exp(-10.0 * aligned)) - 1.0
 
 
-class TargetObjective(Objective):
-    """Base of the objectives that see inputs of the target, (n, n_inputs)."""
+class TargetObjective(ABC):
+    """Base of the objectives that see inputs of the target, (n, n_inputs).
+
+    Attributes:
+        made_of: tensors that it is made of: a part of the training's identity.
+        about: its settings as text: another one.
+    """
+
+    made_of: Sequence[torch.Tensor]
+    about: str
 
     def __init__(self, target: torch.Tensor, *, seed: int) -> None:
         """Store them; `seed` is of their batches."""
         self.target = target
         self.generator = torch.Generator().manual_seed(seed)
+
+    def parameters(self) -> list[torch.nn.Parameter]:
+        """Return what is trained beside the network's own parameters."""
+        return []
+
+    @abstractmethod
+    def __call__(
+        self, progress: float, inputs: torch.Tensor, targets: torch.Tensor
+    ) -> torch.Tensor:
+        """Return the loss of a source batch (n, n_inputs) with its (n, 3) standardised outputs."""
 
     def _target_rows(self, n: int) -> torch.Tensor:
         """Draw the numbers of `n` rows of the target, or of all where there are fewer."""

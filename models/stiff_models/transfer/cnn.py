@@ -41,20 +41,6 @@ class CellMaxPool(torch.nn.Module):
         return torch.stack([values[..., start:stop].amax(-1) for start, stop in self.cells], -1)
 
 
-class SampleNormalisation(torch.nn.Module):
-    """Brings the features of each sample to mean 0 and standard deviation 1.
-
-    UDTL's "mean-std" (`datasets/sequence_aug.py`), its scripts' default: one mean and one
-    deviation over all features of a sample, whatever their units.
-    """
-
-    def forward(self, values: torch.Tensor) -> torch.Tensor:
-        """Return (n, n_features) normalised values."""
-        centred = values - values.mean(1, keepdim=True)
-        scale = centred.square().mean(1, keepdim=True).sqrt()
-        return centred / scale.clamp_min(torch.finfo(values.dtype).tiny)
-
-
 class Cnn(torch.nn.Module):
     """Four 1x1 convolutions, a hidden layer, a bottleneck layer, linear outputs.
 
@@ -75,7 +61,9 @@ class Cnn(torch.nn.Module):
         `per_sample`: the features of each sample are normalised first.
         """
         super().__init__()
-        modules: list[torch.nn.Module] = [SampleNormalisation()] if per_sample else []
+        modules: list[torch.nn.Module] = []
+        if per_sample:  # UDTL's "mean-std" (`datasets/sequence_aug.py`), its scripts' default
+            modules.append(torch.nn.LayerNorm(n_inputs, eps=1e-12, elementwise_affine=False))
         modules.append(torch.nn.Unflatten(1, (1, n_inputs)))  # (n, 1 channel, n_inputs)
         length = n_inputs
         for number, (n_in, n_out) in enumerate(itertools.pairwise(CHANNELS), start=1):

@@ -16,11 +16,11 @@ import torch
 from annotated_types import Ge
 
 from stiff_models.device import torch_device
-from stiff_models.networks.features import Scaler, encode
-from stiff_models.networks.network import ChosenActivation, linear_layers
-from stiff_models.networks.torch_parts import EncodedNetwork, TorchJacobian
+from stiff_models.networks.encoded_model import Scaler, encode
+from stiff_models.networks.fully_connected import ChosenActivation, linear_layers
+from stiff_models.networks.onnx_export import EncodedNetwork, TorchJacobian
 from stiff_models.transfer.ft_mlp import FineTunedMlp
-from stiff_models.transfer.source import SourceDomain
+from stiff_models.transfer.source_domain import SourceDomain
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import joint_torque
 

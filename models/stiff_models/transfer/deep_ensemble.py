@@ -14,11 +14,11 @@ import numpy as np
 import torch
 from annotated_types import Ge
 
-from stiff_models.base import left_out_fifths, normal_interval
-from stiff_models.networks.torch_parts import MeanOf
+from stiff_models.fitted_model import NormalModel, left_out_fifths
+from stiff_models.networks.onnx_export import MeanOf
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ModelError
-from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 LEAST_SHARE = 0.1
 """Of the errors at poses that were left out: the least of them that is the members' in common."""
@@ -43,7 +43,7 @@ def common_error(pair: FloatArray, members: int) -> FloatArray:
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class DeepEnsemble(FtMlp):
+class DeepEnsemble(NormalModel, FtMlp):
     """Mean of `members` fine-tuned MLPs; every option of `ft-mlp` is every member's.
 
     The first member chooses for all: the teacher, and with training="cv" the number of epochs. What
@@ -87,19 +87,12 @@ class DeepEnsemble(FtMlp):
         self.noise_ = common_error(np.concatenate(errors, axis=1), self.members)
         self.diagnostics_ = {"members": float(self.members)} | self.members_[0].diagnostics_
 
-    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return normal intervals: variance among the members plus that of their common errors.
-
-        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis alone. Beyond the
-        training range they are wider, as `TrainingRange.widened` says.
-        """
-
-        def within(q: FloatArray, wrench: FloatArray) -> Interval:
-            members = self._of_members(q, wrench)
-            deviation = np.sqrt(members.var(axis=0) + self.noise_**2)
-            return normal_interval(members.mean(axis=0), deviation, coverage)
-
-        return self.training_range_.widened(within, *self._checked(q, wrench))
+    def _mean_and_deviation(
+        self, q: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the members' mean, and their variance plus that of their common errors."""
+        members = self._of_members(q, wrench)
+        return members.mean(axis=0), np.sqrt(members.var(axis=0) + self.noise_**2)
 
     def _member(self, number: int) -> FtMlp:
         """Return an unfitted network with the ensemble's options and source."""

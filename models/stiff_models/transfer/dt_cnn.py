@@ -13,15 +13,15 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge
 
-from stiff_models.networks.features import Scaler
-from stiff_models.networks.training_plan import Loss, TrainingPlan
+from stiff_models.networks.encoded_model import Scaler
+from stiff_models.networks.training import Loss, TrainingPlan
 from stiff_models.transfer.alignment import AlignedObjective, Alignment, uses_target
-from stiff_models.transfer.cnn import Cnn, Pool, adapt_statistics, build_cnn
+from stiff_models.transfer.cnn import Cnn, adapt_statistics, build_cnn
 from stiff_models.transfer.pretraining import PretrainedModel
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
-UDTL_EPOCHS, UDTL_BATCH, UDTL_DROPOUT = 300, 64, 0.5
+UDTL_DROPOUT = 0.5
 
 FAST = TrainingPlan(
     steps=3000,
@@ -37,19 +37,6 @@ FAST = TrainingPlan(
 FINE_TUNING = TrainingPlan(steps=400, learning_rate=3e-4, loss="mae", optimizer="adam")
 
 
-def udtl_plan(n_source: int) -> TrainingPlan:
-    """Return UDTL's training over `n_source` rows; mean squared error for its cross-entropy."""
-    return TrainingPlan(
-        steps=UDTL_EPOCHS * -(-n_source // UDTL_BATCH),
-        learning_rate=1e-3,
-        loss="mse",
-        optimizer="adam",
-        batch=UDTL_BATCH,
-        schedule="steps",
-        weight_decay=1e-5,
-    )
-
-
 @dataclass(kw_only=True, eq=False, repr=False)
 class DtCnn(PretrainedModel):
     """Deep-transfer CNN, in two regimes that cannot be compared; a table says in which a row is.
@@ -61,23 +48,18 @@ class DtCnn(PretrainedModel):
         preset: "ours" (no dropout, every feature standardised with the source's statistics) or
             "udtl" (the literal network: pooling, dropout 0.5, every sample normalised on its own)
             or "paper" (our network on the source domain of the source paper's Tables 4 and 5).
-        pool: "udtl" cannot tell apart the features of a neighbouring pair; "none" gives every
-            feature its own place; "auto": the preset's.
         alignment: "none", "adabn" (batch statistics taken anew from target inputs), or the distance
             of the features: "mk-mmd", "coral", "dann".
         alignment_weight: weight of the distance against the loss on standardised outputs.
         supervision: "none" (no measured deflection trains the network) or "fine-tune" (all layers
             then learn from the measured training samples, for a number of epochs that
             cross-validation chooses).
-        recipe: "fast" (ours) or "udtl" (300 epochs of batches of 64: hours).
     """
 
     preset: Literal["ours", "udtl", "paper"] = "ours"
-    pool: Literal["auto", "none", "udtl"] = "auto"
     alignment: Alignment = "none"
     alignment_weight: Annotated[float, Ge(0.0)] = 1.0
     supervision: Literal["none", "fine-tune"] = "none"
-    recipe: Literal["fast", "udtl"] = "fast"
 
     @property
     def regime(self) -> str:
@@ -130,15 +112,15 @@ class DtCnn(PretrainedModel):
         return self.network_
 
     def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> Cnn:
-        pool: Pool = "udtl" if self.preset == "udtl" else "none"
+        literal = self.preset == "udtl"
         return build_cnn(
             n_inputs,
-            pool=pool if self.pool == "auto" else self.pool,
-            dropout=UDTL_DROPOUT if self.preset == "udtl" else 0.0,
-            per_sample=self.preset == "udtl",
+            pool="udtl" if literal else "none",
+            dropout=UDTL_DROPOUT if literal else 0.0,
+            per_sample=literal,
             seed=seed,
             n_outputs=n_outputs,
         )
 
-    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
-        return FAST if self.recipe == "fast" else udtl_plan(n_rows)
+    def _recipe_plan(self) -> TrainingPlan:
+        return FAST

@@ -11,19 +11,17 @@ import copy
 import math
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 import torch
 
+from stiff_models.networks.fully_connected import linear_layers
 from stiff_models.networks.mlp import Epochs, LearningRate
-from stiff_models.networks.network import linear_layers
 from stiff_models.networks.network_model import Selection
-from stiff_models.networks.training import Curve, Rows, Visits, train_network
-from stiff_models.networks.training_plan import TrainingPlan
-from stiff_models.transfer.anchor import AnchoredMlp
-from stiff_models.transfer.freeze import Stage, stages
-from stiff_models.transfer.pretrained_mlp import PretrainedMlp, Recipe
+from stiff_models.networks.training import Curve, Rows, TrainingPlan, Visits, train_network
+from stiff_models.transfer.freeze_strategies import Stage, stages
+from stiff_models.transfer.pretrained_mlp import AnchoredMlp, PretrainedMlp, Recipe
 from stiff_protocols.contract.types import Robot, Samples
 
 _FAST = TrainingPlan(steps=400, learning_rate=1e-4, loss="mae", optimizer="adam")
@@ -41,21 +39,18 @@ class FineTunedMlp(PretrainedMlp):
 
     Attributes:
         freeze: layers that fine-tuning trains: "layers:1,2" (hidden layers from 1, "out" for the
-            output layer; any set), "first:k", "last:k", "full", "head", "lp-ft".
+            output layer; any set), or another strategy of docs/models.md.
         training: "cv" chooses the number of epochs (0, 10, 30, 100, 400, or the longest) by
             cross-validation and trains on all rows, "best" keeps the best epoch on the validation
             rows, "normal" the last.
         epochs: epochs of fine-tuning, or the most to choose from; none: the recipe's.
         learning_rate: learning rate of fine-tuning; none: the recipe's.
-        precision: of matrix products in fine-tuning: "float32", or "bfloat16" where the device has
-            it, which is faster; losses then differ by about 1 %.
     """
 
     freeze: str = "layers:1,2"
     training: Selection = "cv"
     epochs: Epochs | None = None
     learning_rate: LearningRate | None = None
-    precision: Literal["float32", "bfloat16"] = "float32"
 
     @property
     def regime(self) -> str:
@@ -132,7 +127,6 @@ class FineTunedMlp(PretrainedMlp):
             plan,
             steps=plan.steps if self.epochs is None else self.epochs,
             learning_rate=plan.learning_rate if self.learning_rate is None else self.learning_rate,
-            mixed_precision=self.precision == "bfloat16",
         )
 
     def _stages(self, epochs: int) -> tuple[Stage, ...]:

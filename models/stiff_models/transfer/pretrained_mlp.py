@@ -1,14 +1,31 @@
-"""Presets and recipes of the families whose MLP learns the source domain."""
+"""MLPs that learn the source domain: recipes, anchored transfer, and `mlp-pretrained`.
+
+Anchored transfer: fine-tuning begins as a physical model, the network's teacher,
+``d = teacher(q, w) + net(theta)(q, w) - net(theta_0)(q, w)`` with the pre-trained weights theta_0.
+Before fine-tuning this is exactly the teacher, whatever the network learned from simulated data.
+The pre-training only shapes the network's features, so one pre-training serves any teacher.
+"""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal, get_args
 
-from stiff_models.networks.network import Activation
+import numpy as np
+import torch
+from sklearn.base import clone
+
+from stiff_models.fitted_model import FittedModel, left_out_fifths
+from stiff_models.networks.fully_connected import Activation
 from stiff_models.networks.network_model import NetworkModel
-from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.networks.onnx_export import Difference, EncodedNetwork, SumOf, physics_module
+from stiff_models.networks.training import Rows, TrainingPlan
+from stiff_models.physics.vjm import Physics, fitted_physics
 from stiff_models.transfer.pretraining import PretrainedModel
+from stiff_models.transfer.source_model import NO_TARGET_LABELS
+from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 Recipe = Literal["fast", "best", "paper"]
 
@@ -66,5 +83,157 @@ class PretrainedMlp(PretrainedModel, NetworkModel):
             return "relu" if self.paper_source else "sharp-gelu"
         return self.activation
 
-    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
+    def _recipe_plan(self) -> TrainingPlan:
         return PRETRAINING[self.recipe]
+
+
+Anchor = Literal["auto", "none", "teacher", "vjm", "vjm-multisegment", "vjm-full", "gp-springs"]
+TEACHERS: tuple[Physics, ...] = get_args(Physics)
+"""Models that anchor="teacher" chooses from; a teacher that is only named need not be one."""
+ANCHORED_STEPS = 300
+"""Pre-training steps of recipe="fast": an anchored network need not know the teacher by heart."""
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class AnchoredMlp(PretrainedMlp):
+    """Pre-trained MLP whose prediction before fine-tuning is a teacher's.
+
+    The teacher is identified on the training samples, even if the network was pre-trained on
+    another robot's.
+
+    Attributes:
+        anchor: "teacher" (of vjm, vjm-multisegment and vjm-full the one with the least error at
+            training poses that are left out), one of them or gp-springs by name, or "none" (the
+            prediction before fine-tuning is the pre-trained network's: the source paper's method);
+            "auto": "none" with the paper's source, else "teacher".
+        teacher_: the fitted teacher; None without an anchor.
+    """
+
+    anchor: Anchor = "auto"
+
+    @property
+    def is_anchored(self) -> bool:
+        """Return whether the prediction before fine-tuning is a teacher's."""
+        return self.anchor != "none" and not (self.anchor == "auto" and self.paper_source)
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        super()._fit(train, robot, validation, seed)
+        self.best_params_: dict[str, Any] = {}
+        self.teacher_: FittedModel | None = None
+        self.source_network_: torch.nn.Module
+        if self.is_anchored:
+            name: str = self.anchor
+            if name in ("auto", "teacher"):
+                name = chosen_teacher(train, robot, seed)
+                self.best_params_["anchor"] = name
+            self.teacher_ = fitted_physics(name, train, robot)
+
+    def _recipe_plan(self) -> TrainingPlan:
+        plan = super()._recipe_plan()
+        short = self.is_anchored and self.recipe == "fast"
+        return replace(plan, steps=ANCHORED_STEPS) if short else plan
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        if self.teacher_ is None:
+            return super()._predict(q, wrench)
+        return self.teacher_.predict(q, wrench) + (
+            self._predicted_by(self.network_, q, wrench)
+            - self._predicted_by(self.source_network_, q, wrench)
+        )
+
+    def _measured_rows(self, samples: Samples) -> Rows:
+        return self._anchored_rows(samples, self.teacher_)
+
+    def _rows_of_fold(
+        self, samples: Samples, rows: Rows, learn: IntArray, held_out: IntArray
+    ) -> tuple[Rows, Rows]:
+        if self.teacher_ is None:
+            return super()._rows_of_fold(samples, rows, learn, held_out)
+        teacher = self._teacher_of(samples.take(learn))
+        learned, tested = (
+            self._anchored_rows(samples.take(part), teacher) for part in (learn, held_out)
+        )
+        return learned, tested
+
+    def _anchored_rows(self, samples: Samples, teacher: FittedModel | None) -> Rows:
+        """Return rows whose targets the network has to reach to predict with a teacher."""
+        if teacher is None:
+            return super()._measured_rows(samples)
+        residual = samples.deflection - teacher.predict(samples.q, samples.wrench)
+        before = self._predicted_by(self.source_network_, samples.q, samples.wrench)
+        return super()._measured_rows(replace(samples, deflection=residual + before))
+
+    def _teacher_of(self, samples: Samples) -> FittedModel | None:
+        """Return the teacher identified on a part of the samples.
+
+        If they identify no spring, it is the teacher of all samples.
+        """
+        if self.teacher_ is None:
+            return None
+        try:
+            with _no_warnings():
+                fitted: FittedModel = clone(self.teacher_).fit(samples, robot=self.teacher_.robot_)
+        except ModelError:
+            return self.teacher_
+        return fitted
+
+    def _torch_module(self) -> torch.nn.Module:
+        if self.teacher_ is None:
+            return super()._torch_module()
+        learned = EncodedNetwork(
+            self.robot_,
+            Difference(self.network_, self.source_network_),
+            angle_encoding=self.angle_encoding,
+            input_scaler=self.input_scaler_,
+            output_scaler=replace(self.output_scaler_, mean=np.zeros(3)),
+        )
+        return SumOf([physics_module(self.teacher_), learned])
+
+
+def chosen_teacher(samples: Samples, robot: Robot, seed: int) -> Physics:
+    """Return the teacher with the least mean 3-D error at poses that are left out.
+
+    It is identified without each fifth of the poses. A teacher that a part of the samples cannot
+    identify is not chosen. A single pose cannot be divided: the first of `TEACHERS`.
+    """
+    if len(np.unique(samples.pose_id)) < 2:
+        return TEACHERS[0]
+    errors = dict.fromkeys(TEACHERS, 0.0)  # sum over the samples, m
+    for learned, left_out in left_out_fifths(samples, seed):
+        for name in TEACHERS:
+            try:
+                with _no_warnings():
+                    fitted = fitted_physics(name, learned, robot)
+            except ModelError:
+                errors[name] = np.inf
+                continue
+            error = fitted.predict(left_out.q, left_out.wrench) - left_out.deflection
+            errors[name] += float(np.linalg.norm(error, axis=1).sum())
+    return min(TEACHERS, key=errors.__getitem__)
+
+
+def _no_warnings() -> warnings.catch_warnings[None]:
+    """Ignore warnings about a part of the samples: the teacher of all has its own."""
+    return warnings.catch_warnings(action="ignore", category=StiffBenchWarning)
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class MlpPretrained(AnchoredMlp):
+    """Pre-training on the source domain.
+
+    It sees the measurements only through the VJM that is identified on the training part and
+    supplies the source domain's deflections; with another robot's source it does not see them at
+    all. With an anchor it predicts what its teacher predicts: nothing is fine-tuned.
+    """
+
+    anchor: Anchor = "none"
+
+    @property
+    def regime(self) -> str:
+        """No measured deflection trains the network."""
+        return NO_TARGET_LABELS if self.is_anchored else self._unlabelled()
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        super()._fit(train, robot, validation, seed)
+        if self.is_anchored:
+            self.source_network_ = self.network_

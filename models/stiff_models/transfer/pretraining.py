@@ -9,25 +9,34 @@ which nearly all training parts of a robot share.
 
 from __future__ import annotations
 
+import platform
 import time
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from annotated_types import Ge
 
-from stiff_models.device import torch_device
-from stiff_models.networks.cache import Trained, remembered, training_digest
-from stiff_models.networks.features import NO_DEFLECTION, Scaler, encode
+from stiff_models.device import arithmetic, torch_device
+from stiff_models.io.training_cache import remembered
+from stiff_models.networks.encoded_model import NO_DEFLECTION, Scaler, encode
 from stiff_models.networks.network_model import EncodedNetworkModel
-from stiff_models.networks.training import Objective, Rows, train_network
-from stiff_models.networks.training_plan import Loss, TrainingPlan
-from stiff_models.transfer.source import SourceDomain, simulate
+from stiff_models.networks.training import (
+    PRETRAINING_VERSION,
+    Curve,
+    Loss,
+    Rows,
+    TrainingPlan,
+    train_network,
+)
+from stiff_models.transfer.alignment import TargetObjective
+from stiff_models.transfer.source_domain import SourceDomain, simulate
 from stiff_models.transfer.source_model import SourceModel
+from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, Robot, Samples
 
 SOURCE_TRAIN_SHARE = 0.7  # source paper: 70 % train, 30 % test, at random
@@ -40,6 +49,56 @@ SOURCE_ERRORS = (
     "test MAE",
     "test STDE",
 )
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """The outcome of a training: the network's state, its curve, and the wall time it took.
+
+    `judged` is what was measured with the network right after, by name.
+    """
+
+    weights: dict[str, np.ndarray[Any, Any]]
+    curve: Curve
+    seconds: float
+    judged: dict[str, FloatArray]
+
+
+def remembered_training(
+    network: torch.nn.Module,
+    plan: TrainingPlan,
+    seed: int,
+    arrays: Iterable[FloatArray],
+    compute: Callable[[], Trained],
+    *,
+    actors: Iterable[object],
+    about: str,
+) -> Trained:
+    """Return a training from the cache, or compute it and keep it; none of 0 steps is kept.
+
+    Args:
+        network: with its first weights.
+        plan: how it is trained.
+        seed: of the batches' order.
+        arrays: what it learns from or is made of.
+        compute: trains it.
+        actors: objects that take part, such as the model: third-party code of them and of the
+            network's parts counts.
+        about: further settings as text.
+    """
+    if not plan.steps:
+        return compute()
+    device = next(network.parameters()).device
+    name = torch.cuda.get_device_name(device) if device.type == "cuda" else platform.machine()
+    shaped_by = (
+        *(repr(network), repr(plan), seed, about),
+        f"{device.type} {name} {torch.get_num_threads()} threads",
+        repr(arithmetic(device, mixed_precision=plan.mixed_precision)),
+        f"{PRETRAINING_VERSION} torch {torch.__version__}",
+        sorted({code_of(type(thing)) for thing in (*network.modules(), *actors)}),
+        [*arrays, *(tensor.cpu().numpy() for tensor in network.state_dict().values())],
+    )
+    return remembered(shaped_by, compute)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -61,11 +120,11 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         return self.source_teacher == "vjm"
 
     @abstractmethod
-    def _recipe_plan(self, n_rows: int) -> TrainingPlan:
-        """Return how the network learns so many simulated samples, but for `pretrain_steps`."""
+    def _recipe_plan(self) -> TrainingPlan:
+        """Return how the network learns the source, but for `pretrain_steps`."""
 
-    def _pretraining_plan(self, n_rows: int) -> TrainingPlan:
-        plan = self._recipe_plan(n_rows)
+    def _pretraining_plan(self) -> TrainingPlan:
+        plan = self._recipe_plan()
         return plan if self.pretrain_steps is None else replace(plan, steps=self.pretrain_steps)
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -101,23 +160,24 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             ]
             return {"residual": np.stack(residual)}
 
-        plan = self._pretraining_plan(len(rows))
+        plan = self._pretraining_plan()
         objective = self._objective(train, plan.loss, seed)
-        tensors, about = [rows.inputs, rows.targets], ""
-        actors: list[object] = [self]
-        if objective is not None:
-            tensors += objective.made_of
-            about = objective.about
-            actors.append(objective)
-        compute = partial(self._pretrain, rows, plan, seed, judge, objective)
-        digest = training_digest(self.network_, plan, seed, tensors, actors=actors, about=about)
-        trained = remembered(digest, compute) if plan.steps else compute()
+        made_of = objective.made_of if objective else ()
+        trained = remembered_training(
+            self.network_,
+            plan,
+            seed,
+            [tensor.cpu().numpy() for tensor in (rows.inputs, rows.targets, *made_of)],
+            partial(self._pretrain, rows, plan, seed, judge, objective),
+            actors=[self, objective] if objective else [self],
+            about=objective.about if objective else "",
+        )
         self.network_.load_state_dict(
             {name: torch.from_numpy(array.copy()) for name, array in trained.weights.items()}
         )
         return trained, len(domain)
 
-    def _objective(self, train: Samples, loss: Loss, seed: int) -> Objective | None:
+    def _objective(self, train: Samples, loss: Loss, seed: int) -> TargetObjective | None:
         """Return what is minimised on the source in place of its loss; `train` is the target's."""
         return None
 
@@ -127,7 +187,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         plan: TrainingPlan,
         seed: int,
         judge: Callable[[], dict[str, FloatArray]],
-        objective: Objective | None = None,
+        objective: TargetObjective | None = None,
     ) -> Trained:
         """Train the network in place, and measure it once with `judge`."""
         start = time.perf_counter()
@@ -156,7 +216,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         n_inputs = encode(robot, design.q[:1], np.zeros((1, 6)), self.angle_encoding).shape[1]
         network = self._new_network(n_inputs, seed, n_outputs=3 * robot.n_joints)
         network = network.to(torch_device(self.device))
-        plan = self._pretraining_plan(round(SOURCE_TRAIN_SHARE * n_samples))
+        plan = self._pretraining_plan()
 
         def compute() -> Trained:
             learn, test = divided(simulate(robot, reference, design), seed)
@@ -185,16 +245,15 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
 
             return self._pretrain(rows, plan, seed, judge)
 
-        geometry = (robot.placements, robot.axes, robot.tcp)
-        digest = training_digest(
+        trained = remembered_training(
             network,
             plan,
             seed,
-            map(torch.tensor, (design.q, design.wrench, reference, *geometry)),
+            (design.q, design.wrench, reference, robot.placements, robot.axes, robot.tcp),
+            compute,
             actors=[self],
             about=f"an output a joint, {self.angle_encoding}, {robot.joint_types}",
         )
-        trained = remembered(digest, compute) if plan.steps else compute()
         weights = compliance / np.where(reference > 0.0, reference, 1.0)
         self._add_up(trained, weights)
         return trained, n_samples, trained.judged["residual"] @ weights

@@ -16,7 +16,7 @@ from stiff_models.physics.vjm import (
     warn_unidentifiable,
     why_rigid,
 )
-from stiff_models.transfer.source import (
+from stiff_models.transfer.source_domain import (
     PoseDesign,
     SourceDesign,
     SourceDomain,

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from helpers.command_line import BENCH
 from stiff_bench.cli.main import bench
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_models.transfer.pretrained_mlp import MlpPretrained
 
 pytestmark = pytest.mark.usefixtures("small_source")
 

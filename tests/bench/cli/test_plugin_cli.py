@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator
 from helpers.command_line import bench_here
 from stiff_bench.model_tools.plugins import checklist, new_model
 from stiff_bench.plan.registry import build_registry
-from stiff_models.io.cache_folder import VARIABLE
+from stiff_models.io.training_cache import VARIABLE
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
 from stiff_protocols.contract.plugin import ModelInfo
 

@@ -15,7 +15,7 @@ from stiff_bench.tables.published import (
     published_stiffness,
 )
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.transfer.source import source_design
+from stiff_models.transfer.source_domain import source_design
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 

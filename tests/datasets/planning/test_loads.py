@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiff_datasets.planning.loads import TABLE_5, hook_wrenches, line_wrenches, omni_forces
-from stiff_models.transfer.source import PAPER_WRENCHES
+from stiff_models.transfer.source_domain import PAPER_WRENCHES
 
 
 def test_the_line_is_that_of_the_simulated_source_domain():

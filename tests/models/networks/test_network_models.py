@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from stiff_models.networks.fully_connected import linear_layers
 from stiff_models.networks.mlp import Mlp
-from stiff_models.networks.network import linear_layers
 from stiff_models.transfer.ft_mlp import FtMlp
 
 pytestmark = pytest.mark.usefixtures("small_source")
@@ -60,34 +60,3 @@ def test_every_strategy_moves_its_own_parameters_and_no_others(freeze, parts):
     changed = {name for name in before if not np.array_equal(before[name], after[name])}
     moving = {f"{layer}.{kind}" for layer in STRATEGIES[freeze] for kind in ("weight", "bias")}
     assert changed == moving
-
-
-def test_without_validation_rows_the_last_epoch_is_kept(parts):
-    best, normal = (
-        fit(FtMlp(**SMALL_SOURCE, epochs=15, training=training), parts, validation=False)
-        for training in ("best", "normal")
-    )
-    q, wrench = parts[3].q, parts[3].wrench
-    np.testing.assert_array_equal(best.predict(q, wrench), normal.predict(q, wrench))
-
-
-def test_what_is_pretrained_has_sharp_gelu_unless_an_option_or_the_paper_says_otherwise():
-    for options, expected in (
-        ({}, "sharp-gelu"),
-        ({"preset": "paper"}, "relu"),
-        ({"recipe": "best", "activation": "relu"}, "relu"),
-        ({"activation": "tanh"}, "tanh"),
-        ({"recipe": "paper"}, "relu"),
-    ):
-        assert FtMlp(**options).hidden_activation == expected
-    assert Mlp().hidden_activation == "relu"
-
-
-def test_fine_tuning_in_bfloat16_is_close_to_float32_and_is_asked_for(parts):
-    exact, low = (
-        fit(FtMlp(**SMALL_SOURCE, epochs=20, training="best", precision=precision), parts)
-        for precision in ("float32", "bfloat16")
-    )
-    assert FtMlp().precision == "float32"
-    of_exact, of_low = (model.curves_["fine-tuning"][-1, 2] for model in (exact, low))
-    assert of_low == pytest.approx(of_exact, rel=0.02)

@@ -7,16 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from helpers.made_samples import samples_with
 from helpers.quick_models import KEYS, quick_model, twin_data
-from stiff_models.model_catalog import model_info
 from stiff_models.networks.mlp import Mlp
 from stiff_models.networks.onnx_export import export_onnx
 from stiff_models.transfer.compliance_net import ComplianceNet
-from stiff_models.transfer.dt_cnn import DtCnn
-from stiff_protocols.contract.errors import ConfigError, ModelError, NotFittedError
+from stiff_protocols.contract.errors import ConfigError
 
 onnxruntime = pytest.importorskip("onnxruntime")
 pytest.importorskip("onnxscript")
@@ -54,17 +51,6 @@ def test_onnxruntime_predicts_what_the_model_does(key, tmp_path, capfd):
 
 
 @pytest.mark.slow
-def test_the_literal_network_of_dt_cnn_pools_and_normalises_each_sample_in_its_graph(tmp_path):
-    samples = twin_data().samples.take(np.arange(0, 151, 4))
-    quick = dict(model_info("dt-cnn").quick) | {"preset": "udtl", "device": "cpu"}
-    model = DtCnn(**quick).fit(samples, robot=twin_data().robot)
-    export_onnx(model, tmp_path / "net.onnx")
-    session = onnxruntime.InferenceSession(tmp_path / "net.onnx")
-    (ours,) = session.run(None, {"q": samples.q, "wrench": samples.wrench})
-    assert np.abs(ours - model.predict(samples.q, samples.wrench)).max() <= 1e-8
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("family", [Mlp, ComplianceNet])
 def test_a_robot_with_a_slide_and_raw_angles_is_exported_whole(family, tmp_path, rng):
     kr10 = twin_data().robot
@@ -92,22 +78,3 @@ def test_a_missing_package_is_named_with_the_extra_that_brings_it(tmp_path, monk
     )
     with pytest.raises(ConfigError, match=r"onnxscript.*stiffbench\[onnx\]"):
         export_onnx(model, tmp_path / "net.onnx")
-
-
-def test_an_unfitted_network_is_refused(tmp_path):
-    with pytest.raises(NotFittedError):
-        export_onnx(Mlp(), tmp_path / "net.onnx")
-
-
-def test_a_module_that_leaves_a_part_out_is_refused_and_not_written(tmp_path, monkeypatch):
-    model = quick_model("mlp")
-    whole = model._torch_module()
-
-    class Half(torch.nn.Module):
-        def forward(self, q, wrench):
-            return whole(q, wrench) / 2
-
-    monkeypatch.setattr(type(model), "_torch_module", lambda self: Half())
-    with pytest.raises(ModelError, match="predicts something else"):
-        export_onnx(model, tmp_path / "net.onnx")
-    assert list(tmp_path.iterdir()) == []

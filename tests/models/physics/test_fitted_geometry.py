@@ -11,15 +11,15 @@ from helpers.made_samples import samples_with
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
 from stiff_datasets.twin.robot_twin import random_poses
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
-from stiff_models.io.saved import load
+from stiff_models.io.model_file import load
 from stiff_models.physics.fitted_geometry import Geometry, moved_wrench
 from stiff_models.physics.full_vjm import FullVjm, spring_twists
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.stiffness_model import interval_at_tcp, optional
-from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData, Interval
+from stiff_protocols.contract.stiffness_model import optional
+from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData
 from stiff_protocols.splits.path_compensation import PathCompensation
 
 STIFFNESS = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
@@ -87,23 +87,6 @@ def test_the_interval_holds_the_point_in_nine_of_ten_measurements(kr10, rng):
     assert 0.8 < np.mean(inside) < 0.98
 
 
-def test_the_report_has_the_point_with_its_interval_and_distance_in_mm(kr10, rng):
-    model = VirtualJointModel(tcp="fit").fit(measured(kr10, rng), robot=kr10)
-    numbers = {key: value for key, value in model.diagnostics_.items() if "fitted" in key}
-    true = 1e3 * elsewhere(kr10).tcp_on_flange
-    for axis, value in zip("xyz", true, strict=True):
-        name = f"fitted geometry, TCP {axis}"
-        assert numbers[f"{name} [mm]"] == pytest.approx(value, abs=0.1)
-        ends = [numbers[f"{name} 90 % interval {end} [mm]"] for end in ("from", "to")]
-        assert ends[0] <= numbers[f"{name} [mm]"] <= ends[1]
-    distance = numbers["fitted geometry, TCP from the given [mm]"]
-    assert distance == pytest.approx(1e3 * np.linalg.norm(OFFSET), abs=0.1)
-    assert not any(
-        "fitted" in key
-        for key in VirtualJointModel().fit(measured(kr10, rng), robot=kr10).diagnostics_
-    )
-
-
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_the_tcp_is_predicted_by_the_turn_of_the_tool_about_the_measured_point(options, kr10, rng):
     train = measured(kr10, rng, lever="lever" in options, noise=1e-5)
@@ -121,26 +104,6 @@ def test_the_tcp_is_predicted_by_the_turn_of_the_tool_about_the_measured_point(o
     to_tcp = rotation @ (kr10.tcp - place.robot.tcp)
     expected = model.predict(test.q, at_point) + np.cross(turned[:, 3:], to_tcp)
     np.testing.assert_allclose(model.predict_at_tcp(test.q, test.wrench), expected, atol=1e-12)
-
-
-def test_an_interval_is_moved_to_the_tcp_with_its_width(kr10, rng):
-    train = measured(kr10, rng)
-    model, zero = VirtualJointModel(tcp="fit").fit(train, robot=kr10), np.zeros((len(train.q), 3))
-    moved = interval_at_tcp(model, Interval(zero, zero + 1e-4, 0.9), train.q, train.wrench)
-    shift = model.predict_at_tcp(train.q, train.wrench) - model.predict(train.q, train.wrench)
-    np.testing.assert_allclose(moved.lower, shift)
-    np.testing.assert_allclose(moved.upper - moved.lower, 1e-4)
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_where_nothing_is_fitted_both_predictions_are_the_same_numbers(model, parts):
-    robot, train, _, test = parts
-    found = model().fit(train, robot=robot)
-    assert found.geometry_ is None
-    for predict in (found.predict_at_tcp, optional(found, "predict_at_tcp")):
-        np.testing.assert_array_equal(
-            predict(test.q, test.wrench), found.predict(test.q, test.wrench)
-        )
 
 
 @pytest.mark.parametrize(
@@ -164,14 +127,6 @@ def test_models_with_a_fitted_geometry_keep_the_contract_and_are_saved(model, op
     assert not failed, "\n".join(failed)
     by_name = {check.name: check.status for check in checks}
     assert by_name["save and load give the same numbers"] == "passed"
-
-
-def test_a_fit_without_any_deflection_leaves_the_point(kr10, rng):
-    train = measured(kr10, rng)
-    train = replace(train, deflection=np.zeros_like(train.deflection))
-    with pytest.warns(match="every joint is rigid"):
-        model = VirtualJointModel(tcp="fit").fit(train, robot=kr10)
-    np.testing.assert_array_equal(model.geometry_.point, kr10.tcp)
 
 
 @pytest.fixture(scope="module")

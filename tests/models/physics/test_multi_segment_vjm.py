@@ -10,8 +10,7 @@ import pytest
 from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm, segment_torques
+from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.kinematics.serial_chain import joint_torque
@@ -50,19 +49,6 @@ def test_one_joint_bends_by_the_closed_form_and_its_slopes_are_found():
     new = np.array([-100.0, 0.0, 5.0, 60.0])
     expected = -phi(new, (SOFT, STIFF), 10.0)
     np.testing.assert_allclose(model.predict(*down(new))[:, 2], expected, atol=1e-15)
-
-
-def test_the_parts_of_a_torque_are_odd_continuous_and_add_up_to_it():
-    breakpoints = np.array([[1.0, 3.0, 7.0]])
-    torque = np.linspace(-12.0, 12.0, 2401)[:, None]
-    parts = segment_torques(torque, breakpoints)
-    assert parts.shape == (2401, 1, 4)
-    np.testing.assert_allclose(parts.sum(axis=2), torque, atol=1e-14)
-    np.testing.assert_array_equal(segment_torques(-torque, breakpoints), -parts)
-    assert np.abs(np.diff(parts, axis=0)).max() <= 0.01 + 1e-12  # no jump: a step is 0.01 N m
-    np.testing.assert_allclose(
-        segment_torques(np.array([[5.0]]), breakpoints)[0, 0], [1.0, 2.0, 2.0, 0.0]
-    )
 
 
 def preloaded():
@@ -107,39 +93,6 @@ def test_equal_slopes_give_the_linear_models_springs(kr10, rng):
         np.testing.assert_allclose(
             model.predict(q[:5], wrench[:5]), linear.predict(q[:5], wrench[:5]), rtol=1e-9
         )
-
-
-def test_quantiles_are_those_of_the_training_torques_with_gravitys_share():
-    robot, samples = preloaded()
-    load = joint_torque(robot.jacobian(samples.q), samples.wrench)
-    torque = load + robot.gravity_torque(samples.q)
-    for segments, shares in ((2, [0.25]), (3, [0.25, 0.625]), (4, [0.25, 0.5, 0.75])):
-        for gravity, used in ((True, torque), (False, load)):
-            model = MultiSegmentVjm(segments=segments, gravity=gravity).fit(samples, robot=robot)
-            expected = [np.quantile(np.abs(used), shares)]
-            np.testing.assert_allclose(model.breakpoints_, expected, rtol=1e-12)
-
-
-def test_the_search_comes_as_near_to_the_true_breakpoint_as_its_candidates():
-    robot, samples = preloaded()
-    model = MultiSegmentVjm(breakpoints="search").fit(samples, robot=robot)
-    load = joint_torque(robot.jacobian(samples.q), samples.wrench)
-    torque = np.abs(load + robot.gravity_torque(samples.q))
-    below, above = (np.quantile(torque, (torque < 12.0).mean() + step) for step in (-0.05, 0.05))
-    assert below < model.breakpoints_[0, 0] < above
-
-
-@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of 4 segments
-@pytest.mark.parametrize("segments", [2, 4])
-def test_the_search_fits_the_training_samples_better_than_quantiles(segments):
-    data, residual = Kr10Twin().load(), {}
-    for breakpoints in ("quantile", "search"):
-        model = MultiSegmentVjm(breakpoints=breakpoints, segments=segments)
-        model.fit(data.samples, robot=data.robot)
-        error = model.predict(data.samples.q, data.samples.wrench) - data.samples.deflection
-        residual[breakpoints] = (error**2).sum()
-        assert (np.diff(model.breakpoints_, axis=1) > 0.0).all()
-    assert residual["search"] < residual["quantile"]
 
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")
@@ -195,8 +148,3 @@ def test_given_breakpoints_are_for_all_joints_or_one_list_a_joint(kr10, rng):
     two = MultiSegmentVjm(breakpoints="given", given_breakpoints="1;2")
     with pytest.raises(ConfigError, match="holds 2 lists, expected 1 for all joints or 6"):
         two.check_robot(kr10)
-
-
-def test_given_breakpoints_that_would_not_be_used_are_refused():
-    with pytest.raises(ConfigError, match="would not be used: breakpoints is 'quantile'"):
-        MultiSegmentVjm(given_breakpoints="10").check_params()

@@ -17,12 +17,10 @@ from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.gaussian_process import (
     Covariance,
     GaussianProcess,
-    Search,
     log_likelihood,
 )
-from stiff_models.regressors.gp import GaussianProcessModel
+from stiff_models.regressors.gp_model import GaussianProcessModel, VjmGp
 from stiff_models.regressors.mf_gp import MultiFidelityGp
-from stiff_models.regressors.on_physics import VjmGp
 from stiff_models.regressors.regressor_model import NearestNeighbours
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.stiffness_model import offers
@@ -113,34 +111,6 @@ def test_the_gradient_with_a_trend_is_that_of_the_likelihood_at_its_likeliest_sc
     assert value(start.theta) > log_likelihood(start, inputs, outputs)[0]
 
 
-def test_the_search_finds_what_scikit_learns_finds(rng):
-    inputs, outputs = rows_of(rng)
-    start = Covariance("rbf", 1.0, np.array([2.0]), 0.1, jitter=1e-10)
-    found = Search(restarts=1, rows=100, seed=3).likeliest(start, inputs, outputs)
-    kernel = ConstantKernel(1.0, (1e-3, 1e5)) * RBF(2.0, (1e-2, 1e4)) + WhiteKernel(
-        0.1, (1e-8, 10.0)
-    )
-    truth = GaussianProcessRegressor(kernel, n_restarts_optimizer=1, random_state=3)
-    truth.fit(inputs, outputs)
-    np.testing.assert_allclose(found.theta, truth.kernel_.theta, atol=1e-3)
-
-
-def test_the_search_looks_at_some_rows_and_the_process_learns_from_all(parts):
-    robot, train, _, _ = parts
-    few, again, other = (
-        GaussianProcessModel(restarts=0, ard=False, search_rows=30).fit(
-            train, robot=robot, seed=seed
-        )
-        for seed in (0, 0, 1)
-    )
-    whole = GaussianProcessModel(restarts=0, ard=False).fit(train, robot=robot)
-    assert {len(model.processes_[0].rows) for model in (few, whole)} == {len(train)}
-    thetas = [model.processes_[0].covariance.theta for model in (few, again, other, whole)]
-    np.testing.assert_array_equal(thetas[0], thetas[1])
-    assert not np.allclose(thetas[0], thetas[2])
-    assert not np.allclose(thetas[0], thetas[3])
-
-
 @pytest.mark.parametrize("noise_mm", [0.01, 0.05])
 def test_no_noise_lies_below_that_of_the_instrument(noise_mm, parts):
     robot, train, _, _ = parts
@@ -170,16 +140,6 @@ def test_the_noise_that_the_data_card_states_is_the_instruments(family, parts):
     taken, found = noise(stated)
     assert taken == 4e-5 and (found >= 0.999 * taken).all()
     assert noise(stated, instrument_noise_mm=0.02)[0] == 2e-5  # what is said goes before
-
-
-def test_the_noise_is_what_repeated_measurements_differ_by(parts, rng):
-    robot, train, _, _ = parts
-    repeated = train.take(np.repeat(np.arange(20), 4))
-    noise = 5e-5 * rng.normal(size=repeated.deflection.shape)
-    repeated = replace(repeated, deflection=repeated.deflection + noise)
-    model = GaussianProcessModel(restarts=0).fit(repeated, robot=robot)
-    for found in model.diagnostics_.values():
-        assert found == pytest.approx(0.05, rel=0.3)  # 60 degrees of freedom: 9 % are one sigma
 
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable.* J6")  # of FANUC samples
@@ -239,12 +199,6 @@ def test_intervals_hold_beyond_the_training_range(model, beyond, parts, real_rob
     far, truth = fitted.predict_interval(q, wrench, 0.9), real_robot.readings(q, wrench)
     assert ((far.lower <= truth) & (truth <= far.upper)).mean() >= 0.8
     assert np.median((far.upper - far.lower) / (near.upper - near.lower)) >= 1.8
-
-
-def test_poses_that_are_too_few_to_leave_any_out_leave_the_deviations_as_they_are(parts):
-    robot, train, _, _ = parts
-    model = GaussianProcessModel(restarts=0).fit(train.take(np.arange(9)), robot=robot)
-    np.testing.assert_array_equal(model.calibration_, 1.0)
 
 
 def test_rows_whose_covariance_has_no_factor_are_refused(rng):

@@ -12,9 +12,8 @@ from stiff_models.regressors.gaussian_process import (
     Covariance,
     GaussianProcess,
     Search,
-    log_likelihood,
 )
-from stiff_models.regressors.mf_gp import MultiFidelityGp, fit_co_kriging
+from stiff_models.regressors.mf_gp import fit_co_kriging
 
 LINE = np.linspace(0.0, 1.0, 51)[:, None]
 CHEAP = np.linspace(0.0, 1.0, 11)[:, None]
@@ -55,15 +54,6 @@ def test_forresters_function_is_found_from_four_points_and_its_low_fidelity():
 
 
 # at the better one the likelihood is flat up to rounding, which ends the line search
-@pytest.mark.filterwarnings("ignore:hyperparameters of a Gaussian process")
-def test_more_starts_of_the_search_never_find_a_lower_likelihood():
-    def likelihood(restarts):
-        # a start at a length scale that explains every point by itself
-        fitted = co_kriging(0.2, 0.01, high(DEAR), restarts)
-        trend = fitted.low.mean(DEAR)
-        return log_likelihood(fitted.delta.covariance, DEAR, high(DEAR), trend)[0]
-
-    assert likelihood(8) > likelihood(0) + 1.0
 
 
 def squared_exponential(first, second, length, variance):
@@ -128,16 +118,3 @@ def test_smts_co_kriging_is_the_same_joint_process_with_constant_means():
     rho = smt.optimal_par[1]["beta"][0, 0]
     mean, _ = joint_co_kriging(*kernels, rho, high(DEAR), nugget=0.0, constant_means=True)
     np.testing.assert_allclose(smt.predict_values(LINE)[:, 0], mean, atol=1e-9)
-
-
-def test_its_simulated_samples_come_from_the_one_source_builder(twin):
-    stiff = ",".join(["5e4"] * 6)
-    options = {"ard": False, "source_stiffness": "nominal", "nominal_stiffness": stiff}
-    model = MultiFidelityGp(source_samples=16, restarts=0, **options)
-    few = twin.samples.take(np.arange(0, 150, 8))
-    soft = MultiFidelityGp(**model.get_params() | {"nominal_stiffness": ",".join(["1e3"] * 6)})
-    own, other = (m.fit(few, robot=twin.robot).processes_[0].low for m in (model, soft))
-    assert len(own.rows) == 16 + len(few)
-    # the low fidelity is the softer robot's: what it predicts at the same rows is larger
-    rows = own.rows / np.sqrt(5.0) * own.covariance.lengths
-    assert np.abs(other.mean(rows)).max() > 5 * np.abs(own.mean(rows)).max()

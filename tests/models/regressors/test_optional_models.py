@@ -11,7 +11,7 @@ import pytest
 from sklearn.neighbors import KNeighborsRegressor
 
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models.regressors import optional_packages
+from stiff_models import model_catalog as optional_packages
 from stiff_models.regressors.tabular import RealMlp, TabIcl, TabPfn
 from stiff_protocols.contract.errors import ConfigError, StoreError
 

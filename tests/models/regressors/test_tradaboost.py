@@ -9,18 +9,15 @@ from sklearn.tree import DecisionTreeRegressor
 
 from helpers.made_samples import samples_with
 from stiff_models.regressors.tradaboost import (
-    Boosted,
     Domains,
     TrAdaBoost,
     adaboost_r2,
     cross_validated,
-    faded,
     relative_errors,
     steps_of,
 )
 
 RIDGE = KernelRidge(kernel="rbf", gamma=20.0, alpha=1e-3)
-TREE = DecisionTreeRegressor(max_depth=3, random_state=0)
 N_SOURCE, N_TARGET = 60, 12
 SOURCE = np.linspace(0.0, 1.0, N_SOURCE)[:, None]
 TARGET = np.linspace(0.02, 0.98, N_TARGET)[:, None]
@@ -52,35 +49,6 @@ def error_of(model):
     return np.abs(model.predict(LINE) - truth(LINE)).mean()
 
 
-def test_a_weighted_median_is_the_prediction_that_half_of_the_weight_does_not_exceed():
-    class Constant:
-        def __init__(self, value):
-            self.value = value
-
-        def predict(self, inputs):
-            return np.full(len(inputs), self.value)
-
-    learners = tuple(map(Constant, (5.0, 1.0, 3.0)))
-    for weights, median in (((1, 1, 1), 3.0), ((3, 1, 1), 5.0), ((1, 4, 1), 1.0), ((2, 1, 1), 3.0)):
-        boosted = Boosted(learners, np.array(weights, dtype=float))
-        np.testing.assert_array_equal(boosted.predict(LINE[:2]), median)
-
-
-def test_faded_weights_have_the_wanted_sum_and_fall_as_a_power_of_the_error(rng):
-    weights, errors = rng.uniform(0.5, 1.0, size=8), rng.uniform(0.1, 1.0, size=8)
-    left = faded(weights, errors, 0.3)
-    assert left.sum() == pytest.approx(0.3, rel=1e-9)
-    exponents = np.log(left / weights) / errors  # log beta, the same for all rows
-    np.testing.assert_allclose(exponents, exponents[0], rtol=1e-9)
-    assert exponents[0] < 0.0
-
-
-def test_rows_without_error_are_faded_alike_where_the_others_have_not_enough_to_lose():
-    left = faded(np.ones(4), np.array([0.0, 0.0, 0.5, 1.0]), 1.0)
-    np.testing.assert_allclose(left, [0.5, 0.5, 0.0, 0.0], atol=1e-12)
-    np.testing.assert_array_equal(faded(np.ones(2), np.ones(2), 0.0), 0.0)
-
-
 class Witness(DecisionTreeRegressor):
     """Notes the weights that it learns with, as shares of all."""
 
@@ -106,23 +74,6 @@ def test_boosting_raises_target_rows_by_their_error_and_leaves_the_source_alone(
     expected = raised / raised.sum() * weights[N_SOURCE:].sum()
     np.testing.assert_allclose(second[N_SOURCE:], expected)
     assert boosted.weights[0] == pytest.approx(-np.log(beta))
-
-
-def test_a_learner_without_error_ends_the_boosting():
-    rows = Domains(SOURCE, np.ones(N_SOURCE), N_SOURCE - 10)
-    weights = np.full(N_SOURCE, 1.0 / N_SOURCE)
-    boosted = adaboost_r2(TREE, rows, weights, rounds=5)
-    assert len(boosted.learners) == 1
-    np.testing.assert_array_equal(boosted.predict(LINE), 1.0)
-
-
-def test_the_targets_share_of_the_weight_grows_evenly_to_all_of_it():
-    steps = all_steps(rows_with(0.5))
-    first = N_TARGET / (N_TARGET + N_SOURCE)
-    expected = first + np.arange(6) / 5 * (1.0 - first)
-    np.testing.assert_allclose([step.weights[N_SOURCE:].sum() for step in steps], expected)
-    np.testing.assert_allclose([step.weights.sum() for step in steps], 1.0)
-    assert not steps[-1].weights[:N_SOURCE].any()
 
 
 def test_simulated_rows_that_contradict_the_measured_ones_lose_their_weight():
@@ -183,14 +134,3 @@ def test_a_source_of_softer_joints_is_given_up_and_the_true_one_kept(kr10, linea
         return np.mean([model.diagnostics_[f"simulated share of the weight {a}"] for a in "XYZ"])
 
     assert share(**softer(5.0)) < 0.5 * share()
-
-
-@pytest.mark.usefixtures("small_source")
-@pytest.mark.parametrize("learner", ["kernel-ridge", "tree"])
-def test_the_same_seed_draws_the_same_simulated_samples_and_another_seed_others(learner, parts):
-    robot, train, _, test = parts
-    options = FEW | {"source_samples": 40, "steps": 2, "learner": learner}
-    models = [TrAdaBoost(**options).fit(train, robot=robot, seed=seed) for seed in (1, 1, 2)]
-    first, again, other = (model.predict(test.q, test.wrench) for model in models)
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first - other).max() > 0.0

@@ -47,18 +47,6 @@ def test_the_ramp_starts_after_a_sixth_and_ends_at_one():
     assert ramp(1.0) == pytest.approx(1.0, abs=1e-4)
 
 
-@pytest.mark.parametrize("alignment", ["mk-mmd", "coral", "dann"])
-def test_the_first_sixth_sees_the_source_alone(alignment):
-    made = objective(alignment)
-    elsewhere = objective(alignment, target=OF_TARGET + 100.0)
-    value = made(0.16, INPUTS, TARGETS)
-    assert torch.equal(value, elsewhere(0.16, INPUTS, TARGETS))
-    error = (made.network(INPUTS) - TARGETS).abs()
-    # Huber with a width of 0.02, divided by it: |e| - 0.01 beyond the width
-    expected = torch.where(error > 0.02, error - 0.01, error**2 / 0.04).mean()
-    assert value.item() == pytest.approx(expected.item(), rel=1e-5)
-
-
 @pytest.mark.parametrize(("alignment", "distance"), [("mk-mmd", mk_mmd), ("coral", coral)])
 def test_then_the_distance_comes_in_with_its_weight(alignment, distance):
     # 30 target rows: all of them are in every batch
@@ -92,15 +80,6 @@ def test_dann_carries_the_ramp_in_the_reversed_gradient_alone():
     )
 
 
-def test_target_batches_are_as_long_as_the_sources_and_reach_every_row():
-    made = objective("coral")
-    batches = [OF_TARGET[made._target_rows(16)] for _ in range(20)]
-    assert {len(batch) for batch in batches} == {16}
-    seen = {tuple(row.tolist()) for batch in batches for row in batch}
-    assert seen == {tuple(row.tolist()) for row in OF_TARGET}
-    assert len({tuple(row.tolist()) for row in batches[0]}) == 16  # no row twice in a batch
-
-
 @pytest.mark.parametrize("distance", [mk_mmd, coral])
 def test_identical_samples_have_no_distance_and_others_the_same_both_ways(distance):
     assert distance(SOURCE, SOURCE.flip(0)).item() == pytest.approx(0.0, abs=1e-6)
@@ -120,33 +99,6 @@ def test_identical_samples_have_no_distance_and_others_the_same_both_ways(distan
 )
 def test_values_are_those_of_public_implementations(value, published):
     assert value.item() == pytest.approx(published, rel=1e-9)
-
-
-@pytest.mark.parametrize("distance", [mk_mmd, coral])
-@pytest.mark.parametrize("same", [True, False])
-def test_gradients_are_finite_also_where_all_rows_are_the_same(distance, same):
-    source = torch.ones(4, 6) if same else torch.randn(4, 6)
-    source.requires_grad_()
-    distance(source, torch.ones(3, 6)).backward()
-    assert torch.isfinite(source.grad).all()
-
-
-def test_the_gradient_of_mk_mmd_holds_the_bandwidth_fixed():
-    source = SOURCE.clone().requires_grad_()
-    mk_mmd(source, TARGET).backward()
-    rows = torch.cat([SOURCE, TARGET])
-    bandwidth = torch.cdist(rows, rows).square().sum() / (6 * 5)
-
-    def value(step):
-        moved = rows.clone()
-        moved[1, 2] += step
-        squares = torch.cdist(moved, moved).square()
-        kernels = sum(torch.exp(-squares / (bandwidth * 2.0**power)) for power in range(-2, 3))
-        within = kernels[:3, :3].mean() + kernels[3:, 3:].mean()
-        return (within - 2 * kernels[:3, 3:].mean()).item()
-
-    slope = (value(1e-6) - value(-1e-6)) / 2e-6
-    assert source.grad[1, 2].item() == pytest.approx(slope, rel=1e-6)
 
 
 THREE = torch.tensor([[1.0, -2.0], [0.5, 3.0], [2.0, 1.0]])
@@ -192,12 +144,6 @@ def test_the_loss_is_the_cross_entropy_and_features_climb_where_the_discriminato
     probabilities = torch.sigmoid(discriminator(torch.cat([THREE, ONE])))[:, 0]
     expected = ((probabilities[:3] - 1.0).mean() + probabilities[3]) / 2
     assert discriminator.bias.grad.item() == pytest.approx(expected.item(), rel=1e-5)
-
-
-def test_extreme_logits_have_finite_gradients():
-    source = (1e4 * THREE).requires_grad_()
-    domain_loss(logit(), source, -1e4 * ONE, strength=1.0).backward()
-    assert torch.isfinite(source.grad).all()
 
 
 def test_the_discriminator_is_256_1024_1024_1_and_drawn_from_its_seed():

@@ -82,11 +82,6 @@ def test_common_errors_and_the_spread_make_up_the_error_of_the_mean(members, sca
     np.testing.assert_allclose(together, expected, rtol=0.1)
 
 
-def test_common_errors_do_not_vanish_where_networks_differ_by_more_than_they_err():
-    pair = np.array([[[1.0, 1.0, 1.0]], [[-1.1, -1.1, -1.1]]])
-    np.testing.assert_allclose(common_error(pair, 5), 0.1 * 0.05)
-
-
 def test_a_network_that_is_fine_tuned_anew_on_the_same_samples_is_the_same(parts):
     robot, train, _, test = parts
     once = FtMlp(**SMALL).fit(train, robot=robot, seed=4)
@@ -96,11 +91,6 @@ def test_a_network_that_is_fine_tuned_anew_on_the_same_samples_is_the_same(parts
     other = once.fine_tuned_anew(train.take(np.arange(len(train) // 2)), None, 4)
     assert (other.predict(test.q, test.wrench) != before).any()
     np.testing.assert_array_equal(once.predict(test.q, test.wrench), before)
-
-
-def test_the_first_member_chooses_the_epochs_of_all(ensemble):
-    chosen = ensemble.members_[0].best_params_["epochs"]
-    assert [member.epochs for member in ensemble.members_[1:]] == [chosen, chosen]
 
 
 def test_samples_of_one_pose_cannot_give_it_intervals(parts):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 import torch
 
 from helpers.made_samples import with_other_labels
-from stiff_models.networks import epochs
-from stiff_models.transfer.cnn import CellMaxPool, SampleNormalisation
+from stiff_models.networks import network_model
+from stiff_models.transfer.cnn import CellMaxPool, adapt_statistics, build_cnn
 from stiff_models.transfer.dt_cnn import FAST, FINE_TUNING, DtCnn
 from stiff_models.transfer.source_model import NO_TARGET_LABELS
 
@@ -21,7 +22,7 @@ SMALL = {"device": "cpu", "source_poses": "sobol", "pretrain_steps": 8}
 def short_training(small_source, monkeypatch):
     monkeypatch.setenv("STIFFBENCH_CACHE", "off")
     monkeypatch.setattr("stiff_models.transfer.dt_cnn.FAST", replace(FAST, batch=32))
-    monkeypatch.setattr(epochs, "LENGTHS", (0, 6))
+    monkeypatch.setattr(network_model, "LENGTHS", (0, 6))
     monkeypatch.setattr("stiff_models.transfer.dt_cnn.FINE_TUNING", replace(FINE_TUNING, steps=12))
 
 
@@ -46,19 +47,13 @@ def changed(first, second):
     return {k for k, v in first.network_.state_dict().items() if not torch.equal(v, other[k])}
 
 
-def test_our_preset_is_unpooled_without_dropout_on_standardised_features(parts):
-    network = fit(parts, pretrain_steps=0).network_
-    assert not kinds(network) & {CellMaxPool, torch.nn.MaxPool1d, SampleNormalisation}
-    assert {m.p for m in network.modules() if isinstance(m, torch.nn.Dropout)} == {0.0}
-
-
 def test_the_udtl_preset_is_the_literal_network(parts):
     model = fit(parts, pretrain_steps=0, preset="udtl")
-    assert {CellMaxPool, torch.nn.MaxPool1d, SampleNormalisation} <= kinds(model.network_)
+    assert {CellMaxPool, torch.nn.MaxPool1d, torch.nn.LayerNorm} <= kinds(model.network_)
     assert {m.p for m in model.network_.modules() if isinstance(m, torch.nn.Dropout)} == {0.5}
     assert not model.input_scaler_.mean.any() and (model.input_scaler_.scale == 1.0).all()
-    unpooled = fit(parts, pretrain_steps=0, preset="udtl", pool="none")
-    assert not kinds(unpooled.network_) & {CellMaxPool, torch.nn.MaxPool1d}
+    ours = fit(parts, pretrain_steps=0)
+    assert not kinds(ours.network_) & {CellMaxPool, torch.nn.MaxPool1d, torch.nn.LayerNorm}
 
 
 def test_adabn_changes_only_the_batch_statistics(parts):
@@ -105,6 +100,84 @@ def test_fine_tuning_learns_every_weight_for_the_chosen_epochs_and_keeps_the_bat
     assert tuned.best_params_["epochs"] == tuned.curves_["fine-tuning"][-1, 0] in (6, 12)
 
 
-def test_training_lowers_the_error_on_the_source(parts):
-    untrained, trained = (fit(parts, pretrain_steps=steps, alignment="none") for steps in (0, 150))
-    assert trained.source_errors_[:3].mean() < 0.5 * untrained.source_errors_[:3].mean()
+def network(n_inputs=12, pool="none", dropout=0.0, per_sample=False, seed=0):
+    """A network in evaluation mode whose batch statistics are not those of its first moment."""
+    net = build_cnn(n_inputs, pool=pool, dropout=dropout, per_sample=per_sample, seed=seed)
+    adapt_statistics(net, inputs(64, n_inputs, seed=9))
+    return net
+
+
+def inputs(n=20, n_inputs=12, seed=1):
+    return torch.randn(n, n_inputs, generator=torch.Generator().manual_seed(seed))
+
+
+def swapped(values, first, second):
+    order = list(range(values.shape[1]))
+    order[first], order[second] = order[second], order[first]
+    return values[:, order]
+
+
+@pytest.mark.parametrize("length", [4, 5, 6, 7, 8, 9, 13, 16])
+def test_cells_are_those_of_torchs_adaptive_pooling(length):
+    values = torch.randn(3, 5, length, generator=torch.Generator().manual_seed(0))
+    assert torch.equal(CellMaxPool(length)(values), torch.nn.AdaptiveMaxPool1d(4)(values))
+
+
+@pytest.mark.parametrize(("n_inputs", "pool", "hidden"), [(18, "none", 2304), (18, "udtl", 512)])
+def test_layers_are_those_of_udtl(n_inputs, pool, hidden):
+    net = network(n_inputs, pool=pool)
+    convolutions = [m for m in net.modules() if isinstance(m, torch.nn.Conv1d)]
+    assert {m.kernel_size for m in convolutions} == {(1,)}
+    channels = [(m.in_channels, m.out_channels) for m in convolutions]
+    assert channels == [(1, 16), (16, 32), (32, 64), (64, 128)]
+    linear = [(m.in_features, m.out_features) for m in net.modules() if hasattr(m, "in_features")]
+    assert linear == [(hidden, 256), (256, 256), (256, 3)]
+    assert len(net.norms()) == 4
+    assert net(inputs(7, n_inputs)).shape == (7, 3)
+    assert net.bottleneck(inputs(7, n_inputs)).shape == (7, 256)
+
+
+@pytest.mark.parametrize("n_inputs", [12, 18])
+@pytest.mark.parametrize("pair", [0, 1, 4])
+def test_the_pooled_network_cannot_tell_apart_the_features_of_a_pair(n_inputs, pair):
+    values = inputs(50, n_inputs)
+    other = swapped(values, 2 * pair, 2 * pair + 1)
+    net = network(n_inputs, pool="udtl")
+    assert not torch.equal(values, other)
+    assert torch.equal(net(values), net(other))  # exactly, q1 with q2 for example
+
+
+def test_samples_are_normalised_on_their_own():
+    values = torch.tensor([[1.0, 2.0, 3.0, 6.0], [5.0, 5.0, 5.0, 5.0]])
+    expected = np.array([[-2.0, -1.0, 0.0, 3.0], [0.0, 0.0, 0.0, 0.0]])
+    expected[0] /= np.sqrt(14 / 4)
+    normalise = build_cnn(4, pool="none", dropout=0.0, per_sample=True, seed=0).body[0]
+    np.testing.assert_allclose(normalise(values), expected, rtol=1e-6)
+    net = network(per_sample=True)
+    np.testing.assert_allclose(
+        net(inputs()).detach(), net(100.0 * inputs() + 7.0).detach(), atol=1e-4
+    )
+
+
+def test_adapted_statistics_are_those_of_the_inputs():
+    net = build_cnn(6, pool="none", dropout=0.0, per_sample=False, seed=0)
+    before = copy.deepcopy(net.state_dict())
+    values = 3.0 + 2.0 * inputs(40, 6)
+    adapt_statistics(net, values)
+    # closed form for the first convolution: w x + b over rows and features
+    weight, bias = (before[f"body.1.{name}"].double().numpy() for name in ("weight", "bias"))
+    outputs = values.double().numpy().reshape(-1, 1) * weight[:, 0, 0] + bias  # (240, 16)
+    np.testing.assert_allclose(net.norms()[0].running_mean, outputs.mean(0), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(net.norms()[0].running_var, outputs.var(0, ddof=1), rtol=1e-4)
+    assert not any(module.training for module in net.modules())
+    assert {module.momentum for module in net.norms()} == {0.1}
+
+
+def test_frozen_statistics_stay_in_training():
+    net = network()
+    net.freeze_statistics()
+    before = copy.deepcopy(net.state_dict())
+    net.train()
+    net(5.0 + inputs())
+    assert all(torch.equal(value, before[name]) for name, value in net.state_dict().items())
+    assert net.head.training

@@ -8,9 +8,8 @@ import pytest
 import torch
 
 from helpers.plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
-from stiff_models.networks.network import build_network
-from stiff_models.networks.training import Rows
-from stiff_models.networks.training_plan import TrainingPlan
+from stiff_models.networks.fully_connected import build_network
+from stiff_models.networks.training import Rows, TrainingPlan
 
 SAME = 1e-4
 """Relative: the sums are taken in another order, and the sign in the gradient of the mean absolute

@@ -9,12 +9,10 @@ import pytest
 import torch
 
 from stiff_models.physics.vjm import VirtualJointModel, identify_joints
-from stiff_models.transfer import source
 from stiff_models.transfer.dt_cnn import DtCnn
 from stiff_models.transfer.ft_mlp import FtMlp
-from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_models.transfer.pretrained_mlp import MlpPretrained
 from stiff_models.transfer.pretraining import power_of_four
-from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.splits.random_splits import LeaveOneOut
 
 SMALL = {"pretrain_steps": 20, "device": "cpu"}
@@ -78,16 +76,6 @@ def test_leave_one_out_needs_few_pre_trainings(twin, trainings):
     assert len(trainings) <= 2
 
 
-def test_no_result_depends_on_the_robots_name(twin):
-    first, second = (
-        FtMlp(**SMALL, width=8, epochs=30).fit(
-            twin.samples, robot=replace(twin.robot, name=name), seed=1
-        )
-        for name in (twin.robot.name, "another")
-    )
-    np.testing.assert_array_equal(predicted(first, twin.samples), predicted(second, twin.samples))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
@@ -108,32 +96,9 @@ def test_what_makes_another_pre_training(options, twin, trainings):
     assert trainings.count("pre-train") == 2
 
 
-def test_the_papers_recipe_pre_trains_for_every_training_part_and_its_seed(twin, trainings):
-    model = MlpPretrained(**SMALL, width=8, recipe="paper")
-    for rows, seed in ((120, 0), (120, 1), (119, 0)):
-        model.fit(twin.samples.take(np.arange(rows)), robot=twin.robot, seed=seed)
-    assert len(trainings) == 3
-
-
-def test_a_rigid_joint_is_pre_trained_as_a_stiff_one(twin):
-    rigid = with_compliance(twin.robot, twin.samples, np.array([1, 1, 0, 1, 1, 1]))
-    with pytest.warns(StiffBenchWarning, match=r"not identifiable.*: A3 "):
-        model = MlpPretrained(**SMALL, width=8).fit(rigid, robot=twin.robot)
-    assert np.isfinite(predicted(model, rigid)).all()
-
-
-def test_the_source_domain_of_a_row_is_named():
-    for options, words in (
-        ({}, "vjm on Sobol poses in the training samples' joint ranges, uniform wrenches"),
-        ({"preset": "paper"}, "vjm on the paper's Table 4, the paper's Table 5"),
-        ({"source_teacher": "vjm-full", "source_poses": "data"}, "vjm-full on a grid over"),
-    ):
-        assert FtMlp(**options).source_words.startswith(words)
-
-
 @pytest.mark.slow
 def test_the_source_is_learned_to_3_5_micrometres_also_at_a_factor_of_two_off(twin, monkeypatch):
-    monkeypatch.setattr(source, "POSE_BUDGET", 21_280)
+    monkeypatch.setattr("stiff_models.transfer.source_domain.POSE_BUDGET", 21_280)
     joints = identify_joints(twin.robot, twin.samples).compliance
     reference = power_of_four(joints) / joints
     for factor in (np.ones(6), 2.0 * reference, 0.5 * reference):
@@ -143,3 +108,13 @@ def test_the_source_is_learned_to_3_5_micrometres_also_at_a_factor_of_two_off(tw
         assert model.source_errors_[:3].mean() <= 0.0035e-3 * max(1.0, size / 0.5e-3)
     assert isinstance(model.network_[-1], torch.nn.Linear)
     assert model.network_[-1].out_features == 3
+
+
+def test_no_result_depends_on_the_robots_name(twin):
+    first, second = (
+        FtMlp(**SMALL, width=8, epochs=30).fit(
+            twin.samples, robot=replace(twin.robot, name=name), seed=1
+        )
+        for name in (twin.robot.name, "another")
+    )
+    np.testing.assert_array_equal(predicted(first, twin.samples), predicted(second, twin.samples))

@@ -7,21 +7,16 @@ import pytest
 from sklearn.base import clone
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models import load
 from stiff_models.model_catalog import MODELS, model_info
 from stiff_models.physics.vjm import VirtualJointModel, fitted_physics
-from stiff_models.regressors import mf_gp
-from stiff_models.regressors.mf_gp import MultiFidelityGp
 from stiff_models.transfer import pretraining
 from stiff_models.transfer.compliance_net import ComplianceNet
-from stiff_models.transfer.deep_ensemble import DeepEnsemble
 from stiff_models.transfer.ft_mlp import FtMlp
-from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_models.transfer.pretrained_mlp import MlpPretrained
 from stiff_models.transfer.pretraining import power_of_four
-from stiff_models.transfer.source import joint_ranges
-from stiff_protocols.contract.errors import ConfigError
+from stiff_models.transfer.source_domain import joint_ranges
 from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import BenchmarkData
 
@@ -129,31 +124,6 @@ def test_a_compliance_network_begins_with_the_other_robots_springs_in_the_target
     np.testing.assert_allclose(predicted(model, target), expected, rtol=1e-4, atol=1e-9)
 
 
-def test_co_kriging_has_the_other_robots_vjm_as_its_low_fidelity(target, ur5, monkeypatch):
-    cheap = []
-
-    def witnessed(low, high, cheap_rows, *rest, **options):
-        cheap.append(cheap_rows[1])
-        return real(low, high, cheap_rows, *rest, **options)
-
-    real = mf_gp.fit_co_kriging
-    monkeypatch.setattr(mf_gp, "fit_co_kriging", witnessed)
-    model = fitted(MultiFidelityGp(source_samples=4, ard=False), target, ur5)
-    at_measured = model.output_scaler_.undo(np.stack(cheap[:3], axis=1))[4:]  # the folds follow
-    np.testing.assert_allclose(at_measured, predicted(vjm_of(ur5), target), atol=1e-15)
-
-
-@pytest.mark.slow
-def test_every_member_of_an_ensemble_has_the_same_foreign_source(target, ur5):
-    options = TINY | {"epochs": 2}
-    ensemble = fitted(DeepEnsemble(**options, members=2), target, ur5, seed=4)
-    alone = fitted(FtMlp(**options), target, ur5, seed=4)
-    np.testing.assert_array_equal(predicted(ensemble.members_[0], target), predicted(alone, target))
-    own = fitted(DeepEnsemble(**options, members=2), target, None, seed=4)
-    for foreign, other in zip(ensemble.members_, own.members_, strict=True):
-        assert (foreign.source_errors_ != other.source_errors_).any()
-
-
 @pytest.mark.parametrize("key", TAKE_A_SOURCE)
 def test_a_copy_keeps_the_source_and_a_new_model_has_none(key, ur5):
     model = model_info(key).load()()
@@ -170,13 +140,3 @@ def test_a_saved_model_needs_its_source_no_more(target, ur5, tmp_path):
     again = load(tmp_path / "m")
     np.testing.assert_array_equal(predicted(again, target), predicted(model, target))
     assert again.robot_.name == target.robot.name and again._source is None
-
-
-def test_options_of_the_source_are_checked_against_the_robot_of_the_source(target):
-    model = MlpPretrained(**TINY, source_stiffness="nominal")
-    with pytest.raises(ConfigError, match=f"for robot '{target.robot.name}'"):
-        model.check_robot(target.robot)
-    model = MlpPretrained(**TINY, source_stiffness="nominal", nominal_stiffness="1,2,3")
-    model.use_source(Kr10Twin().load())
-    with pytest.raises(ConfigError, match="6 positive numbers"):
-        model.check_robot(target.robot)

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiff_models.networks.epochs import FOLDS, chosen_epochs, lengths_up_to
-from stiff_models.networks.mlp import Mlp
-from stiff_models.regressors.residual_mlp import ResidualMlp
+from stiff_models.networks.mlp import Mlp, ResidualMlp
+from stiff_models.networks.network_model import FOLDS, chosen_epochs, lengths_up_to
 from stiff_models.transfer.ft_mlp import FtMlp
 
 SMALL = {"width": 8, "device": "cpu"}
@@ -78,32 +77,3 @@ def test_a_network_is_then_trained_so_long_on_all_rows(cls, parts, small_source)
     assert not getattr(same, "best_params_", {})
     q, wrench = held_out.q, held_out.wrench
     np.testing.assert_array_equal(model.predict(q, wrench), same.predict(q, wrench))
-
-
-@pytest.mark.parametrize("freeze", ["layers:1,2", "lp-ft"])
-def test_a_short_training_of_the_choice_is_the_training_of_that_length(
-    freeze, parts, small_source, monkeypatch
-):
-    robot, train, _, _ = parts
-    model = FtMlp(**SMALL, pretrain_steps=5, epochs=12, freeze=freeze, anchor="none")
-    seen = {}
-
-    def witnessed(samples, lengths, errors_of, seed):
-        seen[lengths] = errors_of(np.arange(60), np.arange(60, 90))
-        return 0
-
-    monkeypatch.setattr("stiff_models.networks.network_model.chosen_epochs", witnessed)
-    model.fit(train, robot=robot, seed=2)
-    ((lengths, errors),) = seen.items()
-    assert lengths == (0, 10, 12)
-    short = model.get_params() | {"training": "normal"}
-    for length, error in zip(lengths, errors, strict=True):
-        network = FtMlp(**short | {"epochs": length})
-        network.fit(train, robot=robot, seed=2)  # scalers and pre-training of all rows
-        rows = network._measured_rows(train).take(np.arange(60))
-        network.network_ = network.source_network_
-        plan = network._fine_tuning_plan()
-        network._learn(network.network_, rows, plan, 2)
-        held_out = train.take(np.arange(60, 90))
-        left = network.predict(held_out.q, held_out.wrench) - held_out.deflection
-        np.testing.assert_allclose(np.linalg.norm(left, axis=1), error, atol=2e-8)

@@ -15,9 +15,6 @@ from contextlib import contextmanager
 
 import torch
 
-from stiff_models.networks.network import linear_layers
-from stiff_models.networks.training_plan import TrainingPlan
-
 MOMENTUM = 0.95
 EVERY = 3  # a matrix moves in every third step, in turn: orthogonalising costs as much as a batch
 ITERATIONS = 3
@@ -35,7 +32,7 @@ class Muon(torch.optim.Optimizer):
     Args:
         network: that is trained.
         layers: the layers of it whose weights move.
-        sample: (n, n_inputs) inputs of the network, to estimate A from.
+        inputs: (n, n_inputs) of the rows that the network learns from, to estimate A from.
         lr: step length: root of the mean square of a weight's change, times the root of the width.
         low_precision: orthogonalise in bfloat16: the step's direction alone depends on it.
     """
@@ -44,14 +41,15 @@ class Muon(torch.optim.Optimizer):
         self,
         network: torch.nn.Module,
         layers: Sequence[torch.nn.Linear],
-        sample: torch.Tensor,
+        inputs: torch.Tensor,
         *,
         lr: float,
         low_precision: bool,
     ) -> None:
         """Store what the steps need."""
         super().__init__([layer.weight for layer in layers], {"lr": lr})
-        self._network, self._layers, self._sample = network, layers, sample
+        self._network, self._layers = network, layers
+        self._sample = inputs[:: max(1, len(inputs) // WHITENED_ROWS)][:WHITENED_ROWS]
         self._dtype = torch.bfloat16 if low_precision else torch.float32
         self._steps = 0
 
@@ -126,43 +124,3 @@ def orthogonalised(matrix: torch.Tensor) -> torch.Tensor:
         gram = x @ x.T
         x = torch.addmm(x, torch.addmm(gram, gram, gram, beta=b, alpha=c), x, beta=a)
     return x
-
-
-ADAM_RATE_BESIDE_MUON = 4e-3  # of biases and of the first and last layer
-
-
-def optimizers(
-    network: torch.nn.Module,
-    plan: TrainingPlan,
-    trainable: Sequence[torch.nn.Parameter],
-    inputs: torch.Tensor,
-    *,
-    bfloat16: bool,
-) -> list[torch.optim.Optimizer]:
-    """Return the optimizers of the `trainable` parameters.
-
-    `inputs` are (n, n_inputs) of the rows that `network` learns from; `bfloat16`: low precision is
-    at hand.
-    """
-    rate, decay = plan.learning_rate, plan.weight_decay
-    if plan.optimizer == "sgd":
-        return [torch.optim.SGD(trainable, lr=rate)]
-    if plan.optimizer == "adam":
-        return [torch.optim.Adam(trainable, lr=rate, weight_decay=decay, fused=True)]
-    moving = set(trainable)
-    hidden = [
-        layer
-        for layer in linear_layers(network)[1:-1]
-        if layer.weight in moving and layer.in_features == layer.out_features
-    ]
-    weights = {layer.weight for layer in hidden}
-    rest = [parameter for parameter in trainable if parameter not in weights]
-    optimizers: list[torch.optim.Optimizer] = [
-        torch.optim.Adam(rest, lr=ADAM_RATE_BESIDE_MUON, fused=True)
-    ]
-    if hidden:
-        sample = inputs[:: max(1, len(inputs) // WHITENED_ROWS)][:WHITENED_ROWS]
-        optimizers.append(
-            Muon(network, hidden, sample, lr=plan.learning_rate, low_precision=bfloat16)
-        )
-    return optimizers

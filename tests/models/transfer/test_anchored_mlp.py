@@ -9,15 +9,17 @@ import pytest
 import torch
 
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_models import load
-from stiff_models.networks.torch_parts import physics_module
+from stiff_models.networks.onnx_export import physics_module
 from stiff_models.physics.full_vjm import FullVjm
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel, fitted_physics
-from stiff_models.transfer.anchor import ANCHORED_STEPS, TEACHERS, chosen_teacher
 from stiff_models.transfer.deep_ensemble import DeepEnsemble
 from stiff_models.transfer.ft_mlp import FtMlp
-from stiff_models.transfer.mlp_pretrained import MlpPretrained
+from stiff_models.transfer.pretrained_mlp import (
+    TEACHERS,
+    MlpPretrained,
+    chosen_teacher,
+)
 from stiff_models.transfer.source_model import NO_TARGET_LABELS
 
 pytestmark = [
@@ -74,26 +76,6 @@ def test_the_teacher_is_chosen_that_predicts_left_out_poses_best(teacher, parts,
         assert chosen_teacher(samples, robot, 0) == teacher
 
 
-@pytest.mark.parametrize(
-    ("options", "steps"),
-    [
-        ({}, ANCHORED_STEPS),
-        ({"anchor": "none"}, 2000),
-        ({"recipe": "best"}, 4000),
-        ({"recipe": "paper"}, 100_000),
-        ({"pretrain_steps": 7}, 7),
-    ],
-)
-def test_an_anchored_network_is_pre_trained_for_fewer_steps(options, steps):
-    assert FtMlp(**options)._pretraining_plan(1000).steps == steps
-
-
-def test_a_single_pose_has_the_simplest_teacher(parts):
-    robot, train, _, _ = parts
-    one = replace(train.take(np.arange(5)), pose_id=np.full(5, "p"))
-    assert chosen_teacher(one, robot, 0) == "vjm"
-
-
 def test_the_chosen_teacher_is_reported_and_an_ensembles_members_have_the_first_ones(parts):
     robot, train, _, _ = parts
     chosen = chosen_teacher(train, robot, 3)
@@ -128,30 +110,6 @@ def test_the_labels_that_identify_a_teacher_are_declared():
     assert FtMlp().regime == ""
 
 
-def test_without_an_anchor_fine_tuning_begins_as_the_pre_trained_network(parts):
-    robot, train, _, test = parts
-    before = MlpPretrained(**SMALL).fit(train, robot=robot, seed=3)
-    model = FtMlp(**SMALL, epochs=0, anchor="none").fit(train, robot=robot, seed=3)
-    np.testing.assert_array_equal(predicted(model, test), predicted(before, test))
-
-
-def test_the_teacher_is_of_the_robot_that_is_fitted_for_whatever_the_source(parts):
-    robot, train, _, test = parts
-    model = FtMlp(**SMALL, epochs=0, anchor="vjm-full")
-    model.use_source(Kr10Twin(specimen=1).load())
-    model.fit(train, robot=robot)
-    teacher = fitted_physics("vjm-full", train, robot)
-    np.testing.assert_array_equal(predicted(model, test), predicted(teacher, test))
-
-
-def test_one_pre_training_serves_every_anchor(parts, trainings, tmp_path, monkeypatch):
-    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
-    robot, train, _, _ = parts
-    for anchor in ("none", *TEACHERS):
-        FtMlp(**SMALL, epochs=0, anchor=anchor).fit(train, robot=robot)
-    assert trainings == ["pre-train"]
-
-
 def test_a_fold_has_a_teacher_that_never_saw_the_poses_left_out(parts, monkeypatch):
     robot, train, _, _ = parts
     learn, held_out = np.arange(60), np.arange(60, 90)
@@ -166,36 +124,6 @@ def test_a_fold_has_a_teacher_that_never_saw_the_poses_left_out(parts, monkeypat
     teacher = fitted_physics("vjm-full", train.take(learn), robot)
     np.testing.assert_allclose(seen[0][0], errors(teacher, train.take(held_out)), atol=2e-9)
     assert (seen[0][1] != seen[0][0]).any()
-
-
-def test_a_part_that_identifies_no_spring_has_the_teacher_of_all_samples(parts):
-    robot, train, _, _ = parts
-    model = FtMlp(**SMALL, epochs=0, anchor="vjm").fit(train, robot=robot)
-    idle = replace(train, wrench=np.zeros_like(train.wrench))
-    assert model._teacher_of(idle) is model.teacher_
-    assert model._teacher_of(train) is not model.teacher_
-
-
-def test_a_network_fine_tuned_on_a_part_has_that_parts_teacher(parts):
-    robot, train, _, test = parts
-    part = train.take(np.arange(60))
-    model = FtMlp(**SMALL, epochs=0, anchor="vjm-full").fit(train, robot=robot, seed=3)
-    anew = model.fine_tuned_anew(part, None, 3)
-    expected = predicted(fitted_physics("vjm-full", part, robot), test)
-    np.testing.assert_array_equal(predicted(anew, test), expected)
-    assert (predicted(model, test) != expected).any()
-
-
-@pytest.mark.parametrize("cls", [FtMlp, MlpPretrained])
-def test_a_loaded_anchored_network_predicts_the_same(cls, parts, tmp_path):
-    robot, train, _, test = parts
-    options = {"epochs": 10, "training": "normal"} if cls is FtMlp else {}
-    model = cls(**SMALL, **options, anchor="vjm-multisegment").fit(train, robot=robot)
-    model.save(tmp_path / "model")
-    loaded = load(tmp_path / "model")
-    np.testing.assert_array_equal(predicted(loaded, test), predicted(model, test))
-    anew = type(loaded.teacher_).__name__
-    assert anew == "MultiSegmentVjm"
 
 
 PHYSICS = (
@@ -217,14 +145,3 @@ def test_a_physical_model_predicts_the_same_in_torch(model, slide, parts):
     module = physics_module(model)
     ours = module(torch.tensor(test.q), torch.tensor(test.wrench)).numpy()
     np.testing.assert_allclose(ours, predicted(model, test), atol=1e-12)
-
-
-@pytest.mark.parametrize("anchor", TEACHERS)
-def test_the_exported_module_of_an_anchored_network_holds_its_teacher(anchor, parts):
-    robot, train, _, test = parts
-    options = {"epochs": 10, "training": "normal", "learning_rate": 1e-3}
-    model = FtMlp(**SMALL, **options, anchor=anchor).fit(train, robot=robot)
-    with torch.no_grad():
-        module = model._torch_module()
-        ours = module(torch.tensor(test.q), torch.tensor(test.wrench)).numpy()
-    np.testing.assert_allclose(ours, predicted(model, test), atol=1e-8)

@@ -1,4 +1,4 @@
-"""`gp`: a Gaussian process from pose and load to deflection, one an axis."""
+"""`gp`, `vjm-gp`: a Gaussian process from pose and load to deflection, or to its residual."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from typing import Annotated, Any, Self
 import numpy as np
 from annotated_types import Ge
 
+from stiff_models.networks.encoded_model import EncodedModel
+from stiff_models.physics.vjm import OnPhysics
 from stiff_models.regressors.calibrated_process import CalibratedProcess
 from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess, Kernel, Search
-from stiff_models.regressors.standardised_model import StandardisedModel
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class GaussianProcessModel(CalibratedProcess, StandardisedModel):
+class GaussianProcessModel(CalibratedProcess, EncodedModel):
     """Gaussian-process regression, one process an axis.
 
     Attributes:
-        kernel: "matern" (Matern 5/2) or "rbf" (squared exponential).
+        kernel: covariance function of the standardised samples.
         ard: one length scale per feature; else all features share one.
         restarts: searches for the hyperparameters from random starts, after the first.
         search_rows: training rows that the search uses at most (drawn at random); the
@@ -50,8 +51,8 @@ class GaussianProcessModel(CalibratedProcess, StandardisedModel):
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:
         """Return how deflections go together, as `StiffnessModel` says; errors as `predict`."""
-        first = self._inputs(self.robot_, *self._checked(q, wrench))
-        second = self._inputs(self.robot_, *self._checked(other_q, other_wrench))
+        first = self._features(self.robot_, *self._checked(q, wrench))
+        second = self._features(self.robot_, *self._checked(other_q, other_wrench))
         scale = (self.calibration_ * self.output_scaler_.scale)[:, None, None] ** 2
         return np.stack([one.between(first, second) for one in self.processes_]) * scale
 
@@ -62,14 +63,12 @@ class GaussianProcessModel(CalibratedProcess, StandardisedModel):
         return np.asarray(np.maximum(noise, self.instrument_noise_**2))
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        inputs = self._inputs(self.robot_, q, wrench)
+        inputs = self._features(self.robot_, q, wrench)
         means = np.stack([process.mean(inputs) for process in self.processes_], axis=1)
         return self.output_scaler_.undo(means)
 
-    def _mean_and_deviation(
-        self, q: FloatArray, wrench: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        inputs = self._inputs(self.robot_, q, wrench)
+    def _uncalibrated(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
+        inputs = self._features(self.robot_, q, wrench)
         found = np.stack([process.deviation(inputs) for process in self.processes_], axis=1)
         return self._predict(q, wrench), np.asarray(found * self.output_scaler_.scale)
 
@@ -99,3 +98,8 @@ class GaussianProcessModel(CalibratedProcess, StandardisedModel):
             noise=0.1 if noise else 0.0,
             jitter=1e-10 if noise else 1e-8,
         )
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class VjmGp(OnPhysics, GaussianProcessModel):
+    """Physics plus a Gaussian-process residual."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from stiff_models.io import saved
+from stiff_models.io import model_file
 from stiff_protocols.contract.errors import ModelError, NotFittedError
 from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.training_range import TrainingRange
@@ -22,17 +22,6 @@ if TYPE_CHECKING:
 
 FOLDS = 5
 """In which poses are left out, to see how wrong a model is at poses that it did not learn from."""
-
-
-def normal_interval(mean: FloatArray, deviation: FloatArray, coverage: float) -> Interval:
-    """Return the central interval of (n, 3) means and standard deviations, m, axis by axis.
-
-    `coverage` is the probability (0..1) of each axis alone.
-    """
-    from scipy.special import ndtri  # not every model needs it
-
-    half = ndtri(0.5 + coverage / 2.0) * deviation
-    return Interval(mean - half, mean + half, coverage)
 
 
 def folds_of_poses(samples: Samples, seed: int) -> Iterator[tuple[IntArray, IntArray]]:
@@ -108,14 +97,14 @@ class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
         return predicted
 
     def save(self, path: Path) -> None:
-        """Write the fitted model to one file that `stiff_models.load` reads; see `io.saved`.
+        """Write the fitted model to one file that `stiff_models.load` reads; see `io.model_file`.
 
         Raises:
             NotFittedError: `fit` was not called.
             ModelError: the model is none of stiffbench's own, or holds what no file can.
             StoreError: the file cannot be written.
         """
-        saved.save(self, path)
+        model_file.save(self, path)
 
     def _empty_module(self, name: str) -> torch.nn.Module:
         """Return an untrained module of the shape of the fitted attribute `name`, for loading.
@@ -139,6 +128,31 @@ class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
                 row = _first_not_finite(array)
                 raise ModelError(f"{name}[{row}] is {array[row].tolist()}, expected finite numbers")
         return q, wrench
+
+
+class NormalModel(FittedModel):
+    """Base of the families with standard deviations of their own, before their other bases."""
+
+    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
+        """Return the central interval of each axis' predictive normal, its noise included.
+
+        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis by itself. Beyond
+        the training range it is wider, as `TrainingRange.widened` says.
+        """
+        from scipy.special import ndtri  # not every model needs it
+
+        def within(q: FloatArray, wrench: FloatArray) -> Interval:
+            mean, deviation = self._mean_and_deviation(q, wrench)
+            half = ndtri(0.5 + coverage / 2.0) * deviation
+            return Interval(mean - half, mean + half, coverage)
+
+        return self.training_range_.widened(within, *self._checked(q, wrench))
+
+    @abstractmethod
+    def _mean_and_deviation(
+        self, q: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return (n, 3) m twice: the prediction, and its standard deviation with the noise."""
 
 
 def _first_not_finite(rows: FloatArray) -> int:

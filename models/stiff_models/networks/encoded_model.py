@@ -1,4 +1,4 @@
-"""What the networks see of a sample, and how numbers are standardised."""
+"""What learners see of a sample: encoded, standardised features and deflections."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Literal, Self
 
 import numpy as np
 
-from stiff_protocols.contract.types import FloatArray, Robot
+from stiff_models.fitted_model import FittedModel
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 AngleEncoding = Literal["sincos", "raw"]
 
@@ -63,3 +64,32 @@ class Scaler:
     def undo(self, values: FloatArray) -> FloatArray:
         """Return values in their own unit again."""
         return values * self.scale + self.mean
+
+
+StandardisedRows = tuple[FloatArray, FloatArray]
+"""Standardised features (n, n_features) and deflections (n, 3)."""
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class EncodedModel(FittedModel):
+    """Base of the families that learn from encoded samples.
+
+    Features and deflections are standardised with the training rows' statistics: the defaults of
+    most learners (a kernel's width, a tube of 0.1) mean nothing on deflections of 1e-4 m.
+
+    Attributes:
+        angle_encoding: "sincos" (sine and cosine of each angle) or "raw" (the angle).
+    """
+
+    angle_encoding: AngleEncoding = "sincos"
+
+    def _standardised(self, robot: Robot, train: Samples) -> StandardisedRows:
+        """Take the training rows' statistics and return the rows in them."""
+        features = encode(robot, train.q, train.wrench, self.angle_encoding)
+        self.input_scaler_ = Scaler.of(features)
+        self.output_scaler_ = Scaler.of_deflection(train.deflection)
+        return self.input_scaler_.apply(features), self.output_scaler_.apply(train.deflection)
+
+    def _features(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, n_features) standardised features."""
+        return self.input_scaler_.apply(encode(robot, q, wrench, self.angle_encoding))

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from helpers.made_robots import random_chain
-from stiff_models.networks.features import Scaler, encode
-from stiff_models.networks.network import build_network
-from stiff_models.networks.torch_parts import EncodedNetwork, TorchJacobian, VjmModule
+from stiff_models.networks.encoded_model import Scaler, encode
+from stiff_models.networks.fully_connected import build_network
+from stiff_models.networks.onnx_export import EncodedNetwork, TorchJacobian
 
 CHAINS = [
     ("revolute",) * 6,
@@ -28,15 +28,6 @@ def test_the_torch_jacobian_is_the_numpy_one(kinds, dtype, tolerance, rng):
     ours = TorchJacobian(robot)(q)
     assert ours.dtype == dtype
     assert np.abs(ours.numpy() - truth).max() <= tolerance * np.abs(truth).max()
-
-
-def test_joint_springs_in_torch_are_the_numpy_ones(rng):
-    robot = random_chain(rng, CHAINS[1])
-    q, wrench = rng.normal(size=(9, 5)), rng.normal(size=(9, 6))
-    compliance = rng.uniform(size=5)
-    ours = VjmModule(robot, compliance)(torch.tensor(q), torch.tensor(wrench)).numpy()
-    truth = robot.joint_deflection(compliance, q, wrench)
-    np.testing.assert_allclose(ours, truth, rtol=0, atol=1e-11 * np.abs(truth).max())
 
 
 @pytest.mark.parametrize("encoding", ["sincos", "raw"])

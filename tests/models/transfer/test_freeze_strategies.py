@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_models.transfer.freeze import named_layers, stages
+from stiff_models.transfer.freeze_strategies import named_layers, stages
 from stiff_protocols.contract.errors import ConfigError
 
 

@@ -29,7 +29,7 @@ from sklearn.preprocessing import FunctionTransformer
 from helpers.model_files import archived, changed, opened, saved_model
 from helpers.quick_models import quick_model, twin_data
 from stiff_models import load
-from stiff_models.io.saved import FORMAT, TRUSTED, save
+from stiff_models.io.model_file import FORMAT, TRUSTED, save
 from stiff_models.networks.mlp import Mlp
 from stiff_protocols.contract.errors import DataError, ModelError, NotFittedError, StoreError
 
@@ -186,15 +186,15 @@ CHANGES = {
     "KeyError: 'params'": lambda content: content["model"].pop("params"),
     "unknown model 'os:system'": object_of("record", "os:system", fields={}),
     "unknown model 'posix:system'": object_of("model", "posix:system"),
-    "holds stiff_models.io.saved:load,": object_of(
-        "record", "stiff_models.io.saved:load", fields={"path": "x"}
+    "holds stiff_models.io.model_file:load,": object_of(
+        "record", "stiff_models.io.model_file:load", fields={"path": "x"}
     ),
-    "holds stiff_models.io.saved:Path,": object_of(
-        "record", "stiff_models.io.saved:Path", fields={}
+    "holds stiff_models.io.model_file:Path,": object_of(
+        "record", "stiff_models.io.model_file:Path", fields={}
     ),
     "which is no frozen dataclass": object_of("record", "stiff_models.networks.mlp:Mlp", fields={}),
     "which is no model": object_of(
-        "model", "stiff_models.networks.features:Scaler", params={}, fitted={}
+        "model", "stiff_models.networks.encoded_model:Scaler", params={}, fitted={}
     ),
     "sets 'predict'": fitted(predict=0),
     "sets '__class__'": fitted(__class__=0),
@@ -209,7 +209,7 @@ CHANGES = {
         flange=np.zeros((4, 4))
     ),
     "posix.getcwd": fitted(a_=FunctionTransformer(func=os.getcwd)),
-    "test_saved.Stranger": fitted(a_=Stranger()),
+    "test_model_file.Stranger": fitted(a_=Stranger()),
 }
 
 

@@ -1,0 +1,144 @@
+"""Trainings that were done before: joblib keeps each one on disk by what shaped it.
+
+An entry is a folder, written beside its place and renamed, so that two processes may use the cache
+at once. Test data never go into a training, and so never into a key.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import stat
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import platformdirs
+
+from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
+from stiff_protocols.contract.files import make_folder
+
+if TYPE_CHECKING:
+    import joblib
+
+Training = TypeVar("Training")
+
+VARIABLE = "STIFFBENCH_CACHE"
+"""Environment variable that names another folder, or `OFF`."""
+OFF = "off"
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
+
+@dataclass(frozen=True)
+class CacheInfo:
+    """How many trainings the cache holds in which folder; None when it is switched off."""
+
+    folder: Path | None
+    entries: int
+    size_bytes: int
+
+    def __str__(self) -> str:
+        """Return a line for people."""
+        if self.folder is None:
+            return f"the cache is switched off ({VARIABLE}={OFF})"
+        trainings = "1 training" if self.entries == 1 else f"{self.entries} trainings"
+        return f"{trainings}, {self.size_bytes / 2**20:.1f} MiB, in {self.folder}"
+
+
+def cache_folder() -> Path | None:
+    """Return the folder, which need not exist yet; None where STIFFBENCH_CACHE is "off".
+
+    StoreError: the variable names a user who does not exist.
+    """
+    named = os.environ.get(VARIABLE)
+    if named == OFF:
+        return None
+    try:
+        return Path(named).expanduser() if named else platformdirs.user_cache_path("stiffbench")
+    except RuntimeError as error:
+        raise StoreError(f"{VARIABLE}={named}: {error}") from error
+
+
+def usable_folder() -> Path | None:
+    """Return the folder, made if need be; None where it is switched off.
+
+    StoreError: it cannot be written, or others can put files there: joblib keeps pickles, which run
+    code when they are read.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return None
+    if not folder.exists():
+        make_folder(folder)
+        folder.chmod(stat.S_IRWXU)
+    if not os.access(folder, os.W_OK):
+        raise StoreError(f"{folder}: cannot be written")
+    about = folder.stat()
+    if hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & _OTHERS_WRITE):
+        raise StoreError(
+            f"{folder}: belongs to another user, or others may write there (chmod go-w ends that)"
+        )
+    return folder
+
+
+def remembered(shaped_by: object, compute: Callable[[], Training]) -> Training:
+    """Return a training from the cache, or compute it and keep it there.
+
+    Its key is the hash of `shaped_by`: numbers, texts and arrays. If the folder cannot be used or
+    the disk is full, the training is computed, with a warning.
+    """
+    computed: list[Training] = []
+
+    def once() -> Training:
+        computed.append(compute())
+        return computed[-1]
+
+    try:
+        kept: Training = _memory(usable_folder()).cache(_trained, ignore=["compute"])(
+            shaped_by, once
+        )
+        return kept
+    except (StoreError, OSError) as error:
+        warnings.warn(
+            f"pre-training is neither kept nor taken from the cache: {error}",
+            StiffBenchWarning,
+            stacklevel=2,
+        )
+        return computed[-1] if computed else compute()
+
+
+def _trained(shaped_by: object, compute: Callable[[], Training]) -> Training:
+    """Joblib keeps the result by `shaped_by` alone."""
+    return compute()
+
+
+def cache_info() -> CacheInfo:
+    """Return what the cache holds."""
+    folder = cache_folder()
+    if folder is None or not folder.is_dir():
+        return CacheInfo(folder, 0, 0)
+    items = _memory(folder).store_backend.get_items()
+    return CacheInfo(folder, len(items), sum(item.size for item in items))
+
+
+def clear_cache() -> CacheInfo:
+    """Delete every training and return what was there; StoreError where that cannot be done."""
+    before = cache_info()
+    if before.entries:
+        try:
+            _memory(before.folder).clear(warn=False)
+        except OSError as error:
+            raise StoreError(
+                f"{before.folder}: cannot be emptied: {error.strerror or error}"
+            ) from error
+    return before
+
+
+def _memory(folder: Path | None) -> joblib.Memory:
+    import joblib  # a command without networks does without it
+
+    # a damaged entry is trained again; joblib would print the traceback of reading it
+    logging.getLogger("joblib").setLevel(logging.ERROR)
+    return joblib.Memory(folder, verbose=0)
