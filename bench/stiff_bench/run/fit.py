@@ -118,7 +118,6 @@ class FitOutcome:
         cause: of a failure, in a word or two that count it: "SIGKILL", "timed out"; else "".
         warnings: what was warned of.
         log: the last lines that a failed fit's own process printed.
-        can_be_retried: perhaps another fit has killed the server of all processes.
     """
 
     fitted: Fitted | None = None
@@ -126,7 +125,6 @@ class FitOutcome:
     cause: str = ""
     warnings: tuple[str, ...] = ()
     log: tuple[str, ...] = ()
-    can_be_retried: bool = False
 
 
 def fit_and_predict(task: FitTask) -> FitOutcome:
@@ -198,9 +196,7 @@ def _fitted(task: FitTask) -> Fitted:
     interval = None
     if intervals is not None and given.coverage is not None:
         interval = intervals.predict_interval(commands, wrench, given.coverage)
-        if not isinstance(interval, Interval):
-            wrong = type(interval).__name__
-            raise ModelError(f"predict_interval returned {wrong}, expected Interval")
+        _check_interval(interval, len(q), given.coverage)
         if commands is not q:
             centre = intervals.model_ if isinstance(intervals, SplitConformal) else model
             interval = interval_at_tcp(centre, interval, commands, wrench)
@@ -225,6 +221,16 @@ def _fitted(task: FitTask) -> Fitted:
         chosen={str(name): str(value) for name, value in chosen.items()},
         curves={str(name): _thinned(name, curve) for name, curve in curves.items()},
     )
+
+
+def _check_interval(interval: Interval, n: int, coverage: float) -> None:
+    if not isinstance(interval, Interval):
+        wrong = type(interval).__name__
+        raise ModelError(f"predict_interval returned {wrong}, expected Interval")
+    if (len(interval.lower), interval.coverage) != (n, coverage):
+        given = f"{len(interval.lower)} intervals of coverage {interval.coverage:g}"
+        wanted = f"{n} of coverage {coverage:g}"
+        raise ModelError(f"predict_interval returned {given}, expected {wanted}")
 
 
 def _checked(predict: Deflection) -> Deflection:

@@ -18,9 +18,9 @@ from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import OURS, Registry
 from stiff_bench.plan.request import RunPlan
-from stiff_bench.run.cell_process import Limits
 from stiff_bench.run.costs import peak_memory_bytes
 from stiff_bench.run.execution import COUNTING, Execution, Rerun
+from stiff_bench.run.fit_process import Limits
 from stiff_bench.run.isolate import OUT_OF_MEMORY, TIMED_OUT, LocalProcesses
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
@@ -124,7 +124,7 @@ def chosen_execution(
         names = ", ".join(sorted(strangers))
         say(f"warning: {names}: in the run's own process, where a model could read test labels")
     if isolated:
-        return LocalProcesses(at_once=jobs, limits=limits, strangers=strangers, **how)
+        return LocalProcesses(at_once=jobs, limits=limits, **how)
     return Execution(**how)
 
 

@@ -320,14 +320,22 @@ def test_a_protocol_that_leaks_by_negative_rows_or_raises_is_refused_by_name(spl
         tasks_under(splits)
 
 
-def test_an_interval_that_is_none_is_a_failure(task_of):
+@pytest.mark.parametrize(
+    ("answer", "part"),
+    [
+        (np.zeros((9, 2)), "returned ndarray, expected Interval"),
+        (Interval(np.zeros((1, 3)), np.ones((1, 3)), 0.9), "returned 1 intervals of coverage 0.9"),
+        (Interval(np.zeros((9, 3)), np.ones((9, 3)), 0.1), "expected 9 of coverage 0.9"),
+    ],
+)
+def test_an_interval_that_is_none_is_a_failure(task_of, answer, part):
     class Odd(Scaled):
         def predict_interval(self, q, wrench, coverage):
-            return np.zeros((len(q), 2))
+            return answer
 
     result = compute_cell(task_of(Odd, 0.9), "r")
-    assert result.status == "failed"
-    assert "predict_interval returned ndarray, expected Interval" in result.failure
+    assert (result.status, result.cause) == ("failed", "ModelError")
+    assert part in result.failure
 
 
 def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
