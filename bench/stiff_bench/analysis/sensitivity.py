@@ -170,7 +170,7 @@ def sensitivities(
         execution = chosen_execution(one.plan, registry, threads=threads, jobs=jobs)
         with display() as shown:
             cells = one.tasks * (1 + draws * len(mistakes))
-            shown.begin(cells, 0, mean_seconds(folder), execution.at_once)
+            shown.begin(cells, 0, mean_seconds(folder))
             found.append(_of_fits(one, execution, shown, mistakes, draws, question))
     left_out = tuple(f"not computed: {why}." for why in whys)
     return [replace(found[0], notes=(*found[0].notes, *left_out)), *found[1:]]

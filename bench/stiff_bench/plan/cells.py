@@ -69,10 +69,12 @@ def make_protocol(choice: Choice[ProtocolInfo]) -> EvaluationProtocol:
     return completed(choice.make())
 
 
-def tell_source(model: StiffnessModel, source: BenchmarkData | None) -> None:
-    """Give a model that learns from one its source, which it must not ask for more."""
+def made_model(choice: Choice[ModelInfo], source: BenchmarkData | None) -> StiffnessModel:
+    """Return a new model, which gets samples and robot of its source if it learns from one."""
+    model: StiffnessModel = choice.make()
     if isinstance(model, LearnsFromSource):
         model.use_source(source and source.without_truth())
+    return model
 
 
 def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
@@ -158,8 +160,7 @@ def _of_protocol(
     def on_first_split(model: Choice[ModelInfo], split: Split) -> CellTask:
         """Return a model's cell on the first split with a source: what is asked once is asked."""
         source = sources.get(split.source)
-        made = model.make()
-        tell_source(made, source)
+        made = made_model(model, source)
         if isinstance(made, ChecksRobot):
             made.check_robot(data.robot)
         chooses = uses_validation(model.info, made)

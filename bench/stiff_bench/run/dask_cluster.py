@@ -28,9 +28,9 @@ import stiff_models
 import stiff_protocols
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.cell import fit_task, score
+from stiff_bench.run.cell import fit_input, score
 from stiff_bench.run.execution import Execution
-from stiff_bench.run.fit import FitOutcome, FitTask
+from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.fit_process import Limits, Work
 from stiff_bench.run.isolate import SECONDS_BETWEEN_LOOKS, RunningFit, work_of
 from stiff_bench.run.machine import pin_threads
@@ -38,6 +38,7 @@ from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
 from stiff_bench.store.versions import LIBRARIES
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.source_code import code_below
 
@@ -78,31 +79,31 @@ class DaskCluster(Execution):
         waiting = iter(tasks)
         if (task := next(waiting, None)) is None:
             return  # and no cluster is needed
-        given: dict[Future, tuple[CellTask, FitTask]] = {}
+        running: dict[Future, tuple[CellTask, FitInput]] = {}
         n_workers, counted = -1, 0.0
         with ExitStack() as stack:
             client = self._connected(stack)
             try:
-                while task is not None or given:
+                while task is not None or running:
                     if time.monotonic() - counted >= SECONDS_BETWEEN_COUNTS:
                         every = client.scheduler_info(n_workers=-1)["workers"]  # some count five
                         before, n_workers, counted = n_workers, len(every), time.monotonic()
                         if n_workers == 0 != before:
                             say(f"--dask {self.words}: there is no worker; waiting for one")
-                    while task is not None and len(given) < n_workers:
+                    while task is not None and len(running) < n_workers:
                         display.start(task)
-                        fit = fit_task(task)
-                        work = work_of(task, fit, self.limits)
+                        given = fit_input(task)
+                        work = work_of(task, given, self.limits)
                         future = client.submit(
                             compute_beside_worker, work, shared_code(), pure=False
                         )
-                        given[future], task = (task, fit), next(waiting, None)
+                        running[future], task = (task, given), next(waiting, None)
                     time.sleep(SECONDS_BETWEEN_LOOKS / 10)
-                    for future in [future for future in given if future.done()]:
+                    for future in [future for future in running if future.done()]:
                         with suppress(TimeoutError):  # its worker has gone with it: computed again
                             outcome = self._outcome(future)
-                            cell, fit = given.pop(future)
-                            yield score(cell, fit, run_id, outcome)
+                            of_future, given = running.pop(future)
+                            yield score(of_future, given, run_id, outcome)
             except OSError as error:  # which Dask may notice only now
                 gone = f"--dask {self.words}: the scheduler has gone; {RESUME_HINT}"
                 raise ConfigError(gone) from error

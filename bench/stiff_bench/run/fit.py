@@ -1,6 +1,6 @@
 """Fits a model and has it predict: all that happens where its code runs.
 
-A `FitTask` has no deflection that the model is scored on, so that a model that looks around in a
+A `FitInput` has no deflection that the model is scored on, so that a model that looks around in a
 process of its own finds none.
 """
 
@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 
 from stiff_bench.console import printing_to_stderr
-from stiff_bench.plan.cells import tell_source
+from stiff_bench.plan.cells import made_model
 from stiff_bench.plan.options import Choice
 from stiff_bench.run.costs import MemoryMeter, latency, throughput
 from stiff_protocols.contract.errors import (
@@ -47,7 +47,7 @@ from stiff_protocols.contract.types import (
     Interval,
 )
 from stiff_protocols.scoring.conformal import SplitConformal
-from stiff_protocols.scoring.sanity import check_prediction
+from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_of_rows
 
 ROWS_FOR_UNITS = 256
 """How many training rows are predicted to see that a model predicts m: enough, and soon done."""
@@ -59,30 +59,6 @@ _Found = TypeVar("_Found")
 
 
 @dataclass(frozen=True, eq=False)
-class FitTask:
-    """A model, and everything that its fit sees and is asked.
-
-    Attributes:
-        model: the line it is made from.
-        given: no deflection that the model is scored on.
-    """
-
-    model: Choice[ModelInfo]
-    given: FitInput
-
-    def make(self) -> StiffnessModel:
-        """Return a new model that knows its source."""
-        model: StiffnessModel = self.model.make()
-        tell_source(model, self.given.source)
-        return model
-
-    @property
-    def rows_for_units(self) -> IntArray:
-        """Training rows whose predictions show the unit that the model predicts in."""
-        return _spread_rows(len(self.given.train), ROWS_FOR_UNITS)
-
-
-@dataclass(frozen=True, eq=False)
 class Fitted:
     """The answers of a fitted model.
 
@@ -90,7 +66,6 @@ class Fitted:
         predicted: (n, 3) m, at the commands.
         commands: (n, n_joints) rad or m at which deflections are predicted: those that it was
             asked for, unless the protocol corrects them with predictions.
-        of_training: (k, 3) m, of `FitTask.rows_for_units`.
         cost: of the fit and the predictions.
         interval: of the predictions; None: no intervals.
         calibration_samples: that split-conformal intervals come from; else 0.
@@ -99,7 +74,6 @@ class Fitted:
 
     predicted: FloatArray
     commands: FloatArray
-    of_training: FloatArray
     cost: Cost
     interval: Interval | None = None
     calibration_samples: int = 0
@@ -127,11 +101,11 @@ class FitOutcome:
     log: tuple[str, ...] = ()
 
 
-def fit_and_predict(task: FitTask) -> FitOutcome:
+def fit_and_predict(model: Choice[ModelInfo], given: FitInput) -> FitOutcome:
     """Fit a model and ask it for predictions; what goes wrong in it becomes a failure."""
-    _seed_global_numbers(task.given.seed)
+    _seed_global_numbers(given.seed)
     with printing_to_stderr():
-        result, failure, cause, warned = attempted(lambda: task.model.missing() or _fitted(task))
+        result, failure, cause, warned = attempted(lambda: model.missing() or _fitted(model, given))
     if isinstance(result, Fitted):
         return FitOutcome(result, warnings=warned)
     return FitOutcome(failure=result or failure, cause=cause, warnings=warned)
@@ -172,8 +146,8 @@ def _seed_global_numbers(seed: int) -> None:
         torch.manual_seed(seed)
 
 
-def _fitted(task: FitTask) -> Fitted:
-    model, given = task.make(), task.given
+def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
+    model = made_model(choice, given.source)
     q, wrench = given.q, given.wrench
     memory = MemoryMeter()
     start = time.perf_counter()
@@ -184,12 +158,12 @@ def _fitted(task: FitTask) -> Fitted:
     memory_bytes = memory.rise()
     predicted = _checked(lambda *_: answer)(q, wrench)
     predict, predict_tcp = _checked(model.predict), _checked(tcp_deflection(model))
-    training = given.train.take(task.rows_for_units)
-    of_training = predict(training.q, training.wrench)
+    training = given.train.take(_spread_rows(len(given.train), ROWS_FOR_UNITS))
+    check_units(predict(training.q, training.wrench), training.deflection)
     diagnostics = model.diagnostics_ if isinstance(model, ReportsDiagnostics) else {}
     diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
     chosen = model.best_params_ if isinstance(model, ChoosesOptions) else {}
-    intervals = _interval_source(task, model)
+    intervals = _interval_source(choice, given, model)
     commands = given.make_protocol().commanded(predict_tcp, given.robot, q, wrench)
     if commands is not q:
         predicted = predict_tcp(commands, wrench)
@@ -200,6 +174,7 @@ def _fitted(task: FitTask) -> Fitted:
         if commands is not q:
             centre = intervals.model_ if isinstance(intervals, SplitConformal) else model
             interval = interval_at_tcp(centre, interval, commands, wrench)
+    warn_of_rows(given.train)
     cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
         fit_s=fitted - start,
         predict_s=predict_s,
@@ -211,7 +186,6 @@ def _fitted(task: FitTask) -> Fitted:
     return Fitted(
         predicted=predicted,
         commands=commands,
-        of_training=of_training,
         cost=cost,
         interval=interval,
         calibration_samples=(
@@ -255,18 +229,19 @@ def _thinned(name: str, curve: FloatArray) -> FloatArray:
     return points[_spread_rows(len(points), CURVE_POINTS)]
 
 
-def _interval_source(task: FitTask, model: StiffnessModel) -> PredictsInterval | None:
+def _interval_source(
+    choice: Choice[ModelInfo], given: FitInput, model: StiffnessModel
+) -> PredictsInterval | None:
     """Return what will give the intervals: the model itself, or a second fit on fewer rows.
 
     None where there are none to give: not asked for, or the training side is too small for the
     coverage, which is a warning and leaves the point predictions alone.
     """
-    given = task.given
     if given.coverage is None:
         return None
     if isinstance(model, PredictsInterval):
         return model
-    conformal = SplitConformal(task.make(), coverage=given.coverage)
+    conformal = SplitConformal(made_model(choice, given.source), coverage=given.coverage)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StiffBenchWarning)
         try:

@@ -21,7 +21,7 @@ import psutil
 
 from stiff_bench.plan.cells import version_of
 from stiff_bench.plan.registry import import_plugin_file, plugin_files
-from stiff_bench.run.fit import FitOutcome, FitTask, fit_and_predict, short
+from stiff_bench.run.fit import FitOutcome, fit_and_predict, short
 from stiff_bench.run.machine import pin_threads
 from stiff_protocols.contract.errors import said_by
 from stiff_protocols.contract.progress import Progress, listening
@@ -58,7 +58,8 @@ class Work:
     """A fit on its way to a process, perhaps on another machine.
 
     Attributes:
-        task: the pickled `FitTask`; it is read in the fit's process, after the plugins.
+        task: the pickled line of the model and its `FitInput`, read in the fit's process after the
+            plugins.
         model_version: version of the model when the run began.
         plugins: files to be imported first.
         imports: modules that the server of the processes imports once, when it starts: those that
@@ -112,14 +113,13 @@ def _outcome(work: Work, folder: Path) -> FitOutcome:
         import_plugin_file(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a fit's own are collected
-        task: FitTask = pickle.loads(work.task)  # from the run's process
-        if not task.model.missing() and version_of(task.model) != work.model_version:
+        model, given = pickle.loads(work.task)  # from the run's process
+        if not model.missing() and version_of(model) != work.model_version:
             return FitOutcome(failure=_WHY_OTHER_CODE, cause="other code")
-        given = task.given
         validation = None if given.validation is None else replace(given.validation)
         given = replace(given, train=replace(given.train), validation=validation)  # read-only
         with listening(_reporter(folder / PROGRESS)):
-            return fit_and_predict(replace(task, given=given))
+            return fit_and_predict(model, given)
 
 
 def _reporter(path: Path) -> Callable[[Progress], None]:

@@ -26,14 +26,15 @@ from pebble import ProcessExpired, ProcessFuture, concurrent
 
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import plugin_files
-from stiff_bench.run.cell import fit_task, score
+from stiff_bench.run.cell import fit_input, score
 from stiff_bench.run.execution import Execution
-from stiff_bench.run.fit import FitOutcome, FitTask
+from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.fit_process import LOG, PID, PROGRESS, Limits, Work, compute_fit
 from stiff_bench.run.fit_server import SERVER, folder_prefix
 from stiff_bench.run.progress import Display
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import said_by
+from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.progress import Progress
 from stiff_protocols.contract.record import CellResult
 
@@ -48,13 +49,13 @@ _NOISE = ("Extension modules:", "/multiprocessing/", 'File "<string>"', "/stiff_
 TIMED_OUT, OUT_OF_MEMORY, NO_OUTCOME = "timed out", "out of memory", "no outcome"
 
 
-def work_of(task: CellTask, fit: FitTask, limits: Limits) -> Work:
+def work_of(task: CellTask, given: FitInput, limits: Limits) -> Work:
     """Return what is sent to the process that computes the fit of a cell."""
     model_info(REFERENCE_MODEL).load()
     loaded = list(sys.modules)  # another thread may import meanwhile
     ours = sorted(name for name in loaded if name.startswith("stiff_models."))
     return Work(
-        task=pickle.dumps(fit),
+        task=pickle.dumps((task.model, given)),
         model_version=task.cell.model_version,
         plugins=plugin_files(),
         imports=(*(("torch",) if "torch" in loaded else ()), *ours),
@@ -219,26 +220,26 @@ class LocalProcesses(Execution):
     ) -> Generator[CellResult, None, None]:
         """Yield the result of every cell as it ends."""
         waiting = iter(tasks)
-        running: dict[RunningFit, tuple[CellTask, FitTask]] = {}
+        running: dict[RunningFit, tuple[CellTask, FitInput]] = {}
         try:
             while True:
                 while len(running) < self.at_once and (task := next(waiting, None)) is not None:
                     display.start(task)
-                    fit = fit_task(task)
+                    given = fit_input(task)
                     try:
-                        running[RunningFit(work_of(task, fit, self.limits))] = task, fit
+                        running[RunningFit(work_of(task, given, self.limits))] = task, given
                     except Exception as error:  # no process could be started
                         reason = f"no process could be started: {said_by(error)}"
                         outcome = FitOutcome(failure=reason, cause=type(error).__name__)
-                        yield score(task, fit, run_id, outcome)
+                        yield score(task, given, run_id, outcome)
                 if not running:
                     return
                 futures = [one.future for one in running]
                 wait(futures, SECONDS_BETWEEN_LOOKS, return_when=FIRST_COMPLETED)
-                for one, (task, fit) in list(running.items()):
+                for one, (task, given) in list(running.items()):
                     if (found := one.outcome(display.step)) is not None:
                         del running[one]
-                        yield score(task, fit, run_id, found)
+                        yield score(task, given, run_id, found)
         finally:
             for one in running:
                 one.end()

@@ -13,11 +13,11 @@ from stiff_bench.analysis.collected import StoredResults, same_name_other_data
 from stiff_bench.analysis.comparison import compare
 from stiff_bench.analysis.leaderboard import of_newest_data
 from stiff_bench.analysis.verdict import Question
-from stiff_bench.plan.cells import cell_tasks, tell_source
-from stiff_bench.run.cell import fit_task
+from stiff_bench.plan.cells import cell_tasks, made_model
+from stiff_bench.run.cell import fit_input
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.fit import fit_and_predict
-from stiff_bench.run.progress import LineDisplay
+from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.tables.metric_table import build_tables
@@ -59,7 +59,7 @@ def tasks():
 def stored(tasks, tmp_path_factory):
     folder = tmp_path_factory.mktemp("paths")
     every = [*tasks, *listed(("vjm", "zero"), ("holdout",))]
-    done = run_cells(every, "bench run", ResultStore(folder), Execution(), LineDisplay())
+    done = run_cells(every, "bench run", ResultStore(folder), Execution(), Display())
     return folder, done.results
 
 
@@ -84,15 +84,15 @@ def test_no_model_is_given_the_robot_that_answers(tasks):
     assert tasks[0].data.under_load is not None
     assert not any(hasattr(one, "under_load") or callable(one) for one in witnessed(tasks[0]))
     SEEN.clear()
-    tell_source(Witness(), tasks[0].data)
+    made_model(with_model(tasks[0], Witness).model, tasks[0].data)
     assert SEEN[0].samples is tasks[0].data.samples and SEEN[0].under_load is None
 
 
 def test_a_model_of_another_point_corrects_paths_for_the_tcp_with_intervals_there():
     (task,) = listed(("vjm@tcp=fit",), splits=1)
-    fit = fit_task(replace(task, cell=replace(task.cell, coverage=0.9)))
-    fitted, given = fit_and_predict(fit).fitted, fit.given
-    model = fit.make().fit(given.train, robot=given.robot)
+    given = fit_input(replace(task, cell=replace(task.cell, coverage=0.9)))
+    fitted = fit_and_predict(task.model, given).fitted
+    model = task.model.make().fit(given.train, robot=given.robot)
     at_tcp = PathCompensation().commanded(model.predict_at_tcp, given.robot, given.q, given.wrench)
     np.testing.assert_array_equal(fitted.commands, at_tcp)
     predicted = model.predict_at_tcp(at_tcp, given.wrench)
@@ -112,14 +112,8 @@ def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results)
     left = spoiled.prediction.measured - spoiled.prediction.predicted
     command = left - 7.0  # p_cmd - p: what the model corrected
     rows = task.split.test
-    model = (
-        fit_task(task)
-        .make()
-        .fit(
-            task.data.samples.take(np.r_[task.split.train, task.split.validation]),
-            robot=task.data.robot,
-        )
-    )
+    train = task.data.samples.take(task.training_rows)
+    model = task.model.make().fit(train, robot=task.data.robot)
     predicted = model.predict(task.data.samples.q[rows], task.data.samples.wrench[rows])
     assert np.abs(command + predicted).max() < 0.02 * np.abs(predicted).max()
 
