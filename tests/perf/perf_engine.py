@@ -27,7 +27,7 @@ from stiff_bench.api.run import Run
 from stiff_bench.cli.run import execute
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import RunPlan
-from stiff_bench.plan.words import RobotWords
+from stiff_bench.plan.robot_words import RobotWords
 from stiff_bench.run.execution import Execution
 from stiff_bench.store.database import FILE, ResultStore, stored_results, stored_statuses
 from stiff_datasets.twin.constants import shipped_constants

@@ -24,10 +24,9 @@ from stiff_bench.analysis.comparison_text import VERDICTS
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import Question, Verdict
 from stiff_bench.plan.cells import CellTask, cell_tasks
-from stiff_bench.plan.options import Choice, Chosen
+from stiff_bench.plan.options import Choice, Chosen, held_data
 from stiff_bench.plan.registry import Registry
 from stiff_bench.plan.request import RunPlan, plan_run, robot_of_results
-from stiff_bench.plan.words import held_data
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import Display, display
 from stiff_bench.run.runner import chosen_execution

@@ -14,8 +14,9 @@ from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
+from stiff_bench.plan.options import measured_file
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import RobotWords, measured_file
+from stiff_bench.plan.robot_words import RobotWords
 from stiff_bench.run.progress import display
 from stiff_datasets.measured import registered, ur5_pose_error
 from stiff_datasets.measured import validate as validation

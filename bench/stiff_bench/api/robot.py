@@ -37,7 +37,7 @@ class Robot(contract.Robot, metaclass=_EveryRobot):
             ConfigError: no link is called `tip`.
             DataError: it is not a URDF, or the chain has a joint that is not supported.
         """
-        from stiff_bench.plan.words import RobotWords
+        from stiff_bench.plan.robot_words import RobotWords
 
         return RobotWords(urdf=file, tcp=tcp, tip=tip).read()[0]
 

@@ -25,8 +25,9 @@ from stiff_bench.api.results import Results
 from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask, cell_tasks
+from stiff_bench.plan.options import choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
-from stiff_bench.plan.words import RobotWords, choices
+from stiff_bench.plan.robot_words import RobotWords
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells

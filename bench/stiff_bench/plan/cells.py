@@ -10,12 +10,11 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 
 from stiff_bench.plan.options import Choice, TunedChoice, parse_option
-from stiff_bench.plan.request import RunPlan, loaded
+from stiff_bench.plan.request import RunPlan, check_model, loaded
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, said_by
 from stiff_protocols.contract.evaluation import Evaluation
 from stiff_protocols.contract.interfaces import (
-    ChecksParams,
     ChecksRobot,
     LearnsFromSource,
     StatesSource,
@@ -130,13 +129,10 @@ def models_under(
         grid, is_set = grids.get(model.info.key, {}), {**model.params, **model.context}
         left = {name: values for name, values in grid.items() if name not in is_set}
         choice = TunedChoice(model.info, model.cls, model.params, model.context, tuner, left)
-        made = choice.make()
-        if isinstance(made, ChecksParams) and not choice.missing():
-            try:
-                made.check_params()
-            except ConfigError as error:
-                words = f"{protocol.name}: {model.info.key}"
-                raise ConfigError(f"{words}: {error}") from error
+        try:
+            check_model(choice)
+        except ConfigError as error:
+            raise ConfigError(f"{protocol.name}: {model.info.key}: {error}") from error
         tuned.append(choice)
     return tuned
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from helpers.command_line import bench_here
+from stiff_bench.plan.options import choices
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import with_reference
-from stiff_bench.plan.words import choices
 from stiff_bench.store.database import read_results
 
 

@@ -10,8 +10,8 @@ import pytest
 from helpers.made_robots import random_chain
 from helpers.run_requests import computed, planned
 from stiff_bench.plan.cells import NO_SOURCE, cell_tasks
+from stiff_bench.plan.options import chosen_dataset
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.words import chosen_dataset
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells

@@ -7,8 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from stiff_bench.plan.options import options_of
-from stiff_bench.plan.words import parse_settings
+from stiff_bench.plan.options import options_of, parse_settings
 from stiff_models.networks.features import Scaler, encode
 from stiff_models.regressors.sklearn_model import literal, member
 from stiff_protocols.contract.errors import ConfigError, ModelError
