@@ -1,11 +1,16 @@
-"""A fit in a process of its own: what happens there. `isolate.py` starts and watches it."""
+"""A fit in a process of its own: what happens there, and in the server that forks the processes.
+
+`isolate.py` starts a fit and watches it.
+"""
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import faulthandler
 import os
 import pickle
+import shutil
 import signal
 import sys
 import tempfile
@@ -26,12 +31,14 @@ from stiff_bench.run.machine import pin_threads
 from stiff_protocols.contract.errors import said_by
 from stiff_protocols.contract.progress import Progress, listening
 
+SERVER = "multiprocessing.forkserver"
+"""A word of the command line of the server, which has imported this module."""
 PID, LOG, PROGRESS, TEMPORARY = "pid", "log", "progress", "tmp"
 """Names in the folder of a fit: what its process says, and its folder for temporary files."""
 SECONDS_BETWEEN_REPORTS = 0.2
 TRACEBACK_AT_TIMEOUT_SHARE = 0.9
 """Share of the time limit after which a process prints where it is."""
-SIGNAL_AT_END_OF_PARENT, ADOPT_ORPHANS = 1, 36  # prctl(2): PR_SET_PDEATHSIG, ..._CHILD_SUBREAPER
+_SIGNAL_AT_END_OF_PARENT, _ADOPT_ORPHANS = 1, 36  # prctl(2): PR_SET_PDEATHSIG, CHILD_SUBREAPER
 _WHY_OTHER_CODE = (
     "the model's version, its plugin's files or the library that it wraps are not what they were "
     "when the run began, or not the same on the machine that ran this fit"
@@ -83,8 +90,8 @@ def compute_fit(work: Work, folder: Path) -> FitOutcome:
     """
     (folder / PID).write_text(str(os.getpid()))
     os.setsid()
-    prctl(SIGNAL_AT_END_OF_PARENT, signal.SIGKILL)
-    prctl(ADOPT_ORPHANS, 1)
+    _prctl(_SIGNAL_AT_END_OF_PARENT, signal.SIGKILL)
+    _prctl(_ADOPT_ORPHANS, 1)
     with suppress(OSError):  # Linux: where memory runs out, these processes go before the others
         Path("/proc/self/oom_score_adj").write_text("1000")
     log = os.open(folder / LOG, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
@@ -104,7 +111,7 @@ def compute_fit(work: Work, folder: Path) -> FitOutcome:
     finally:
         faulthandler.cancel_dump_traceback_later()
         sys.stdout.flush()
-        end_all_below()
+        _end_all_below()
 
 
 def _outcome(work: Work, folder: Path) -> FitOutcome:
@@ -135,16 +142,46 @@ def _reporter(path: Path) -> Callable[[Progress], None]:
     return report
 
 
-def prctl(what: int, how: int) -> None:
-    """Set an attribute of this process (prctl(2)), on Linux."""
+def _prctl(what: int, how: int) -> None:
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(what, how, 0, 0, 0)
 
 
-def end_all_below() -> None:
+def _end_all_below() -> None:
     """Kill every process below this one, also those that are started meanwhile."""
     while below := psutil.Process().children(recursive=True):
         for process in below:
             with suppress(psutil.Error):
                 process.kill()
         psutil.wait_procs(below, timeout=0.1)
+
+
+def folder_prefix(run: int) -> str:
+    """Return how the names of the folders begin that the fits of a run's process have."""
+    return f"bench-{run}-"
+
+
+def _begin_server() -> None:
+    """Have this process end with the run's, however that ended, with all that is below it (Linux).
+
+    It adopts what fits leave behind.
+    """
+    server, run = os.getpid(), os.getppid()
+
+    def end(*_: object) -> None:
+        if os.getpid() != server:
+            os._exit(1)  # forked a moment ago
+        _end_all_below()
+        for folder in Path(tempfile.gettempdir()).glob(f"{folder_prefix(run)}*"):
+            shutil.rmtree(folder, ignore_errors=True)
+        os._exit(0)
+
+    _prctl(_ADOPT_ORPHANS, 1)
+    _prctl(_SIGNAL_AT_END_OF_PARENT, signal.SIGTERM)
+    signal.signal(signal.SIGTERM, end)
+    atexit.register(end)
+    warnings.filterwarnings("ignore", "forkserver: waitpid returned unexpected pid")  # an orphan
+
+
+if any(SERVER in word for word in sys.orig_argv):
+    _begin_server()

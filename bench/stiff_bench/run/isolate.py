@@ -29,8 +29,16 @@ from stiff_bench.plan.registry import plugin_files
 from stiff_bench.run.cell import fit_input, score
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.fit import FitOutcome
-from stiff_bench.run.fit_process import LOG, PID, PROGRESS, Limits, Work, compute_fit
-from stiff_bench.run.fit_server import SERVER, folder_prefix
+from stiff_bench.run.fit_process import (
+    LOG,
+    PID,
+    PROGRESS,
+    SERVER,
+    Limits,
+    Work,
+    compute_fit,
+    folder_prefix,
+)
 from stiff_bench.run.progress import Display
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import said_by
@@ -42,8 +50,8 @@ SECONDS_BETWEEN_LOOKS = 0.1
 SECONDS_TO_HEAR = 5.0
 """How long the result of a process that has gone may be on its way."""
 LOG_LINES, LONGEST_LINE = 30, 500
-LOG_END, LARGEST_LOG = 2**16, 2**24
-"""Bytes of a log that are read, and how large it gets before the rest is thrown away."""
+LARGEST_LOG = 2**22
+"""Bytes of a log: how large it gets before all of it is thrown away."""
 _NOISE = ("Extension modules:", "/multiprocessing/", 'File "<string>"', "/stiff_bench/", "/pebble/")
 """In lines of faulthandler that do not concern the model: names of modules, our own beginning."""
 TIMED_OUT, OUT_OF_MEMORY, NO_OUTCOME = "timed out", "out of memory", "no outcome"
@@ -83,7 +91,7 @@ class RunningFit:
         self._too_much = 0
         self._report = b""
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["stiff_bench.run.fit_server", "pebble", *work.imports])
+        context.set_forkserver_preload(["stiff_bench.run.fit_process", "pebble", *work.imports])
         start = concurrent.process(  # type: ignore[call-overload]  # pebble's hints have mp_context
             daemon=False, timeout=work.limits.timeout_s, context=context
         )
@@ -160,14 +168,11 @@ class RunningFit:
 
     def _last_lines(self) -> tuple[str, ...]:
         try:
-            with (self._folder / LOG).open("rb") as log:
-                log.seek(max(0, log.seek(0, os.SEEK_END) - LOG_END))
-                end = log.read()
+            lines = (self._folder / LOG).read_text(errors="replace").splitlines()
         except OSError:
             return ()
-        lines = [line[:LONGEST_LINE].decode(errors="replace").rstrip() for line in end.split(b"\n")]
         telling = [line for line in lines if line and not any(noise in line for noise in _NOISE)]
-        return tuple(telling[-LOG_LINES:])
+        return tuple(line[:LONGEST_LINE].rstrip() for line in telling[-LOG_LINES:])
 
 
 def _kill(processes: Iterable[psutil.Process]) -> None:

@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 
 from helpers.run_requests import computed, planned, with_model
-from stiff_bench.analysis import collected
 from stiff_bench.analysis.collected import StoredResults, same_name_other_data
-from stiff_bench.analysis.comparison import compare
 from stiff_bench.analysis.leaderboard import of_newest_data
-from stiff_bench.analysis.verdict import Question
 from stiff_bench.plan.cells import cell_tasks, made_model
 from stiff_bench.run.cell import fit_input
 from stiff_bench.run.execution import Execution
@@ -22,7 +19,6 @@ from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.tables.metric_table import build_tables
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import PATH_GROUP, Samples
 from stiff_protocols.scoring.metrics import norm_errors
 from stiff_protocols.splits.path_compensation import PathCompensation
 
@@ -118,11 +114,6 @@ def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results)
     assert np.abs(command + predicted).max() < 0.02 * np.abs(predicted).max()
 
 
-def test_a_training_side_holds_measured_poses_alone(tasks):
-    train = next(one for one in witnessed(tasks[0]) if isinstance(one, Samples))
-    assert PATH_GROUP not in train.group and len(train) == 120
-
-
 def test_the_zero_model_leaves_the_uncorrected_error_and_the_oracle_the_tolerance(results):
     zero = next(one for one in results if one.shown.model == "zero")
     prediction = zero.prediction
@@ -158,13 +149,9 @@ def test_the_table_shows_path_errors_and_the_rows_that_no_model_may_know(results
     assert any("path errors" in note for note in table.notes)
 
 
-def test_whole_paths_are_resampled_and_splits_share_what_they_train_on(cases):
-    folder, of_protocol = cases
-    case = of_protocol[PATHS]
-    data = read_data(folder, case.name.data_sha256)
-    found = compare(case, "vjm", "zero", data, Question())
-    assert found.n_poses == 36 and found.n_test == 720
-    assert collected.test_share(case.results("vjm"), data) == pytest.approx(31 / 151)
+def test_measured_data_are_refused_in_a_line_that_names_them(tasks_of):
+    with pytest.raises(ConfigError, match=f"fanuc-r2000ic under {PATHS}: a measured robot cannot"):
+        tasks_of(("vjm",), "fanuc-r2000ic", PATHS)
 
 
 def test_results_with_and_without_paths_are_of_the_same_data_set(cases):
@@ -173,8 +160,3 @@ def test_results_with_and_without_paths_are_of_the_same_data_set(cases):
     assert len({case.name.data_sha256 for case in every}) == 2
     assert list(same_name_other_data(every, lambda sha256: read_data(folder, sha256))) == []
     assert {case.name.protocol for case in of_newest_data(every)} == {PATHS, "holdout"}
-
-
-def test_measured_data_are_refused_in_a_line_that_names_them(tasks_of):
-    with pytest.raises(ConfigError, match=f"fanuc-r2000ic under {PATHS}: a measured robot cannot"):
-        tasks_of(("vjm",), "fanuc-r2000ic", PATHS)
