@@ -16,7 +16,7 @@ from tabulate import tabulate
 
 import stiffbench as sb
 from stiff_bench.analysis.pose_plans import PlanOptions, first_plan
-from stiff_bench.plan.words import held_data
+from stiff_bench.plan.options import held_data
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.twin import TwinExperiment
 from stiff_protocols.contract.training_range import TrainingRange

@@ -6,14 +6,10 @@ import ctypes
 import gc
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
-from types import SimpleNamespace
-from typing import ClassVar
 
 import numpy as np
 import psutil
@@ -60,17 +56,6 @@ class Reports(Good):
         return super().fit(train, **options)
 
 
-class Keeps(SaysWhere):
-    """Leaves 200 MiB in its process."""
-
-    kept: ClassVar = []
-
-    def fit(self, train, **options):
-        self.kept.append(np.ones(200 * 2**17))
-        time.sleep(0.5)
-        return super().fit(train, **options)
-
-
 class Raises(Good):
     def fit(self, train, **_):
         print("about to raise")
@@ -81,12 +66,6 @@ class Hangs(Good):
     def fit(self, train, **_):
         print("going to sleep", flush=True)
         time.sleep(1e6)
-
-
-class Spins(Good):
-    def fit(self, train, **_):
-        while True:
-            pass
 
 
 class Eats(Good):
@@ -150,20 +129,6 @@ class DetachesAChild(Good):
         return super().fit(train, **options)
 
 
-class ClosesItsPipes(Good):
-    def fit(self, train, **_):
-        os.closerange(3, 4096)
-        Spins().fit(train)
-
-
-class KillsTheServer(Good):
-    """Kills the process that the cells' processes are forked from."""
-
-    def fit(self, train, **_):
-        psutil.Process(os.getppid()).parent().kill()
-        time.sleep(1e6)
-
-
 class HoldsTheInterpreter(Good):
     """Starts a process, and computes where no other thread of Python's can run."""
 
@@ -176,16 +141,7 @@ class KillsWorkers(Good):
     """Kills the process that its server belongs to: the worker of a cluster."""
 
     def fit(self, train, **_):
-        psutil.Process(os.getppid()).parent().parent().kill()
-        time.sleep(1e6)
-
-
-class KillsItsWatcher(Good):
-    """Kills the process that would end what it started."""
-
-    def fit(self, train, **_):
-        subprocess.Popen(["sleep", "1000"])
-        os.kill(os.getppid(), signal.SIGKILL)
+        psutil.Process(os.getppid()).parent().kill()
         time.sleep(1e6)
 
 
@@ -231,44 +187,6 @@ class PatchesTheEngine(Good):
                     if hasattr(module, function):
                         setattr(module, function, perfect)
         return super().fit(train, **options)
-
-
-class ForgesItsOutcome(Good):
-    """Sends another text in the place of its outcome."""
-
-    def __init__(self, *, text: str = "rubbish"):
-        super().__init__()
-        self.text = text
-
-    def get_params(self, deep=True):
-        return {"text": self.text}
-
-    def fit(self, train, **options):
-        vars(sys.modules["stiff_bench.run.outcome"])["orjson"] = SimpleNamespace(dumps=self.forged)
-        return super().fit(train, **options)
-
-    def forged(self, _):
-        return self.text.encode()
-
-
-class DeletesTemporaryFiles(Good):
-    def fit(self, train, **options):
-        shutil.rmtree(tempfile.gettempdir())
-        return super().fit(train, **options)
-
-
-class LeavesAndExits(Good):
-    """Starts processes that nothing binds to it, and ends as a server that was killed does."""
-
-    def fit(self, train, **_):
-        if os.fork() == 0:
-            os.setsid()
-            if os.fork() == 0:
-                subprocess.Popen(["sleep", "1000"], start_new_session=True)
-                time.sleep(1e6)
-            os._exit(0)
-        time.sleep(0.3)
-        os._exit(255)
 
 
 MODELS = [

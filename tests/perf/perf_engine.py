@@ -82,7 +82,7 @@ def test_overhead_of_a_cell(benchmark, tmp_path):
     isolated_s, alone_s = benchmark.pedantic(run_s, ("--isolate",), rounds=1), run_s("--no-isolate")
     figure(benchmark, "a fit with --no-isolate", 1e3 * alone_s / N_CELLS, "ms")
     overhead_ms = 1e3 * (isolated_s - alone_s) / N_CELLS
-    figure(benchmark, "isolation of a fit", overhead_ms, "ms", at_most=10)
+    figure(benchmark, "isolation of a fit", overhead_ms, "ms", at_most=100)
 
 
 @pytest.fixture(scope="module")

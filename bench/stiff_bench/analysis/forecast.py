@@ -86,11 +86,6 @@ def untimed_fits(tasks: Iterable[CellTask], output: Path, *, rerun: Rerun) -> li
     return [task for row in zip_longest(*of_models) for task in row if task is not None]
 
 
-class _Silent(Display):
-    def show(self, line: str) -> None:
-        """Show nothing: failures stand in the plan."""
-
-
 def time_fits(tasks: Sequence[CellTask], execution: Execution) -> Timings:
     """Return what some fits take, of as many as `LONGEST_S` allow; nothing is stored.
 
@@ -98,14 +93,13 @@ def time_fits(tasks: Sequence[CellTask], execution: Execution) -> Timings:
         tasks: to be timed.
         execution: stops each after `LONGEST_FIT_S`.
     """
-    display, timed = _Silent(), dict[tuple[str, str], Timing]()
-    display.begin(tasks, 0, {}, 1)
+    timed: dict[tuple[str, str], Timing] = {}
     end = time.monotonic() + LONGEST_S
 
     def started() -> Iterator[CellTask]:
         yield from takewhile(lambda _: time.monotonic() < end, tasks)
 
-    with closing(execution.results(started(), "plan", display)) as ended:
+    with closing(execution.results(started(), "plan", Display())) as ended:
         for result in ended:
             place = result.shown.model, result.shown.dataset
             if result.cost is not None:

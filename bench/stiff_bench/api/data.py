@@ -14,10 +14,16 @@ import numpy as np
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.robots import as_robot
 from stiff_bench.api.tables import Text
-from stiff_bench.plan.options import Choice, check_option
+from stiff_bench.plan.options import (
+    Choice,
+    chosen,
+    chosen_dataset,
+    held_data,
+    measured_file,
+    parse_option,
+)
 from stiff_bench.plan.registry import Kind
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import chosen, chosen_dataset, held_data, measured_file
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
@@ -37,7 +43,7 @@ def choice_of(kind: Kind, word: str, options: Mapping[str, Any]) -> Choice[Any]:
     """
     choice = chosen({kind: (word,)}, (), registry())[kind][0]
     parsed = {
-        name: check_option(f"{name}={value!r}", choice.info.key, choice.cls, name, value)
+        name: parse_option(f"{name}={value!r}", choice.info.key, choice.cls, name, value)
         for name, value in options.items()
     }
     return replace(choice, params={**choice.params, **parsed})

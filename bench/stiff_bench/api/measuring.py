@@ -22,8 +22,8 @@ from stiff_bench.api.robots import (
 )
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
+from stiff_bench.plan.options import measured_file
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import measured_file
 from stiff_bench.run.progress import display
 from stiff_datasets.measured import kr10_measured
 from stiff_datasets.measured import validation_report as validation

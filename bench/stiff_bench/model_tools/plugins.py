@@ -17,10 +17,9 @@ from string import Template
 from typing import Any
 from unittest import mock
 
-from stiff_bench.plan.options import Choice
+from stiff_bench.plan.options import Choice, chosen_dataset, parse_settings
 from stiff_bench.plan.registry import OURS, Info, Registry
 from stiff_bench.plan.request import loaded
-from stiff_bench.plan.words import chosen_dataset, parse_settings
 from stiff_bench.run.progress import display
 from stiff_models.io.model_file import load, save
 from stiff_models.io.training_cache import OFF, VARIABLE

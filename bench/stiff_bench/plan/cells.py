@@ -10,7 +10,7 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 
 from stiff_bench.plan.options import Choice, TunedChoice, parse_option
-from stiff_bench.plan.request import RunPlan, loaded
+from stiff_bench.plan.request import RunPlan, check_model, loaded
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, said_by
 from stiff_protocols.contract.evaluation import Evaluation
@@ -61,10 +61,12 @@ def make_protocol(choice: Choice[ProtocolInfo]) -> EvaluationProtocol:
     return completed(choice.make())
 
 
-def tell_source(model: StiffnessModel, source: BenchmarkData | None) -> None:
-    """Give a model that learns from one its source, which it must not ask for more."""
+def made_model(choice: Choice[ModelInfo], source: BenchmarkData | None) -> StiffnessModel:
+    """Return a new model, which gets samples and robot of its source if it learns from one."""
+    model: StiffnessModel = choice.make()
     if offers(model, "use_source"):
         model.use_source(source and source.without_truth())
+    return model
 
 
 def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
@@ -120,13 +122,10 @@ def models_under(
         grid, is_set = grids.get(model.info.key, {}), {**model.params, **model.context}
         left = {name: values for name, values in grid.items() if name not in is_set}
         choice = TunedChoice(model.info, model.cls, model.params, model.context, tuner, left)
-        made = choice.make()
-        if not choice.missing():
-            try:
-                optional(made, "check_params")()
-            except ConfigError as error:
-                words = f"{protocol.name}: {model.info.key}"
-                raise ConfigError(f"{words}: {error}") from error
+        try:
+            check_model(choice)
+        except ConfigError as error:
+            raise ConfigError(f"{protocol.name}: {model.info.key}: {error}") from error
         tuned.append(choice)
     return tuned
 
@@ -150,8 +149,7 @@ def _of_protocol(
     def on_first_split(model: Choice[ModelInfo], split: Split) -> CellTask:
         """Return a model's cell on the first split with a source: what is asked once is asked."""
         source = sources.get(split.source)
-        made = model.make()
-        tell_source(made, source)
+        made = made_model(model, source)
         optional(made, "check_robot")(data.robot)
         chooses = uses_validation(model.info, made)
         regimes = [

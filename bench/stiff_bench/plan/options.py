@@ -1,7 +1,8 @@
-"""Options of models, data sets and protocols: read off their constructors, checked on the way in.
+"""What is chosen and with which options: catalogue lines, and the words of a command line.
 
 An option's type is the constructor argument's annotation (with `annotated_types` bounds), or the
-type of its default where there is no annotation.
+type of its default where there is no annotation. Words are taken apart here and nowhere else; what
+follows them has the typed `Choice`.
 """
 
 from __future__ import annotations
@@ -11,18 +12,22 @@ import inspect
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, is_dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, is_dataclass, replace
+from pathlib import Path
 from typing import Any, Generic, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import PydanticUserError, TypeAdapter, ValidationError
 
-from stiff_bench.plan.registry import Info
-from stiff_bench.store.names import Variant
+from stiff_bench.plan.registry import EVERY_MODEL, Info, Kind, Registry
+from stiff_bench.store.names import Variant, split_word
+from stiff_datasets.dataset_catalog import MEASURED_FILE
+from stiff_datasets.measured.file_options import FileOptions
 from stiff_protocols.contract.errors import ConfigError, said_by, unknown_name
 from stiff_protocols.contract.plugin import DatasetInfo, Grid, ModelInfo, ProtocolInfo, Range
 from stiff_protocols.contract.protocol_base import EvaluationProtocol
 from stiff_protocols.contract.stiffness_model import offers
+from stiff_protocols.contract.types import BenchmarkData, Robot
 
 
 @dataclass(frozen=True)
@@ -77,53 +82,29 @@ def options_of(cls: type) -> Mapping[str, Option]:
     return options
 
 
-def parse_option(said: str, key: str, cls: type, name: str, text: str) -> Any:
-    """Turn the text of a value into one of an option's type.
+def parse_option(said: str, key: str, cls: type, name: str, value: Any) -> Any:
+    """Turn a value, or its text, into one of an option's type that a result can store.
 
     `said` is what the user wrote, for messages; `key` is of the catalogue line, `cls` its class.
 
     Raises:
         ConfigError: there is no such option, or its value is wrong.
     """
-    option = _option(said, key, cls, name)
-    if text.lower() == "none" and option.default is None:
-        return None
-    if get_origin(option.annotation) is Literal:  # pydantic takes no text for a number in it
-        words = {str(word): word for word in get_args(option.annotation)}
-        if text in words:
-            return words[text]
-    return _checked(said, option, text, TypeAdapter.validate_strings)
-
-
-def check_option(said: str, key: str, cls: type, name: str, value: Any) -> Any:
-    """Return a value that Python code gave as one of an option's type; see `parse_option`.
-
-    Raises:
-        ConfigError: there is no such option, or its value is wrong.
-    """
-    option = _option(said, key, cls, name)
-    if value is None and option.default is None:
-        return None
-    if isinstance(value, os.PathLike):
-        value = os.fspath(value)  # options that name a file are texts
-    return _checked(said, option, value, TypeAdapter.validate_python)
-
-
-def _option(said: str, key: str, cls: type, name: str) -> Option:
     options = options_of(cls)
     if name not in options:
         raise ConfigError(f"{said}: {unknown_name(f'{key} option', name, options)}")
-    return options[name]
-
-
-def _checked(
-    said: str, option: Option, given: Any, validate: Callable[[TypeAdapter[Any], Any], Any]
-) -> Any:
-    """Return what pydantic makes of a value, if a result can store it."""
-    name = option.name
+    option, given = options[name], os.fspath(value) if isinstance(value, os.PathLike) else value
+    if option.default is None and str(given).lower() == "none":
+        return None
+    is_text = isinstance(given, str)
+    if is_text and get_origin(option.annotation) is Literal:  # pydantic takes no text for a number
+        words = {str(word): word for word in get_args(option.annotation)}
+        if given in words:
+            return words[given]
+    validate = TypeAdapter.validate_strings if is_text else TypeAdapter.validate_python
     try:
         str(given).encode()
-        value = validate(TypeAdapter(option.annotation), given)
+        found = validate(TypeAdapter(option.annotation), given)
     except UnicodeEncodeError:
         raise ConfigError(f"{said}: {given!r} is no UTF-8, which results are stored in") from None
     except PydanticUserError:
@@ -133,11 +114,11 @@ def _checked(
         why = "".join(f": {reason}" for reason in own)  # pydantic's words are for programmers
         wrong = f"{said}: {given!r} is no valid {name}{why}"
         raise ConfigError(f"{wrong} (valid: {option.type_text})") from None
-    if isinstance(value, float) and not math.isfinite(value):
+    if isinstance(found, float) and not math.isfinite(found):
         raise ConfigError(f"{said}: {given!r} is not finite (valid: {option.type_text})")
-    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+    if isinstance(found, int) and not -(2**63) <= found < 2**63:
         raise ConfigError(f"{said}: {given} takes more than the 64 bits that a result stores")
-    return value
+    return found
 
 
 _BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
@@ -221,7 +202,7 @@ class Choice(Generic[Info]):
         changed = {k: v for k, v in identity.items() if k not in usual or usual[k] != v}
         return cls.of(
             info,
-            {k: check_option(info.key, info.key, info.load(), k, v) for k, v in changed.items()},
+            {k: parse_option(info.key, info.key, info.load(), k, v) for k, v in changed.items()},
         )
 
     @property
@@ -292,3 +273,145 @@ class Chosen:
     models: Sequence[Choice[ModelInfo]]
     datasets: Sequence[Choice[DatasetInfo]]
     protocols: Sequence[Choice[ProtocolInfo]] = ()
+
+
+def parse_settings(
+    settings: Sequence[str], classes: Mapping[str, type]
+) -> dict[str, dict[str, Any]]:
+    """Turn ``KEY.option=value`` words into checked values by key and option.
+
+    `classes` has every key of the run and its class.
+
+    Raises:
+        ConfigError: a word is malformed, names what is not in the run, or its value is wrong.
+    """
+    parsed: dict[str, dict[str, Any]] = {key: {} for key in classes}
+    for setting in settings:
+        target, equals, text = setting.partition("=")
+        key, dot, name = target.rpartition(".")
+        if not (equals and dot and key and name):
+            raise ConfigError(f"--set {setting!r}: expected KEY.option=value")
+        if key not in classes:
+            raise ConfigError(f"--set {setting!r}: {unknown_name('key', key, classes)} in this run")
+        _parse_one(parsed[key], f"--set {setting!r}", key, classes[key], name, text)
+    return parsed
+
+
+def _own_options(
+    kind: Kind, word: str, key: str, parts: Sequence[str], cls: type
+) -> dict[str, Any]:
+    """Turn the ``OPTION=VALUE`` parts of a word into checked values."""
+    parsed: dict[str, Any] = {}
+    try:
+        for part in parts:
+            name, equals, text = part.partition("=")
+            if not (equals and name):
+                raise ConfigError(f"{word!r}: expected KEY@OPTION=VALUE")
+            if parsed and name not in options_of(cls):
+                unknown = unknown_name(f"{key} option", name, options_of(cls))
+                raise ConfigError(f"{word!r}: {unknown}; an @ inside a value is doubled: @@")
+            _parse_one(parsed, repr(word), key, cls, name, text)
+    except ConfigError as error:
+        error.argument = kind
+        raise
+    return parsed
+
+
+def _parse_one(
+    parsed: dict[str, Any], said: str, key: str, cls: type, name: str, text: str
+) -> None:
+    value = parse_option(said, key, cls, name, text)
+    if name in parsed:
+        raise ConfigError(f"{said}: {key}.{name} is set twice")
+    parsed[name] = value
+
+
+def chosen(
+    words: Mapping[Kind, Sequence[str]], settings: Sequence[str], registry: Registry
+) -> dict[Kind, list[Choice[Any]]]:
+    """Return what words stand for: a word's own options have the last word, then `settings`.
+
+    Args:
+        words: of each kind, ``KEY@OPTION=VALUE@...``.
+        settings: ``KEY.option=value`` words; each must be of a key among the words.
+        registry: knows the keys.
+
+    Raises:
+        ConfigError: a key, an option or a value is unknown or wrong.
+    """
+    parts = {kind: [(word, *split_word(word)) for word in of] for kind, of in words.items()}
+    infos = {key: registry.find(key, kind) for kind, of in parts.items() for _, key, _ in of}
+    classes = {key: info.load() for key, info in infos.items()}
+    params = parse_settings(settings, classes)
+    found: dict[Kind, list[Choice[Any]]] = {kind: [] for kind in words}
+    for kind, of in parts.items():
+        for word, key, own in of:
+            options = params[key] | _own_options(kind, word, key, own, classes[key])
+            found[kind].append(Choice(infos[key], classes[key], options, {}))
+    return found
+
+
+def chosen_dataset(word: str, settings: Sequence[str], registry: Registry) -> Choice[DatasetInfo]:
+    """Return one data set with its options.
+
+    Raises:
+        ConfigError: the key, an option or a value is unknown or wrong.
+    """
+    return chosen({"dataset": (word,)}, settings, registry)["dataset"][0]
+
+
+def choices(
+    registry: Registry,
+    *,
+    models: Sequence[str | Choice[ModelInfo]],
+    datasets: Sequence[str | Choice[DatasetInfo]] = (),
+    protocols: Sequence[str] = (),
+    settings: Sequence[str] = (),
+) -> Chosen:
+    """Return what words and choices stand for; "all" stands for every model that is registered.
+
+    Raises:
+        ConfigError: a key, option or value is unknown or wrong.
+    """
+    if not models:
+        raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
+    every = [one for word in models for one in (registry.models if word == EVERY_MODEL else [word])]
+    given: dict[Kind, Sequence[str | Choice[Any]]] = {
+        "model": every,
+        "dataset": datasets,
+        "protocol": protocols,
+    }
+    words = {kind: [one for one in of if isinstance(one, str)] for kind, of in given.items()}
+    found = {kind: iter(of) for kind, of in chosen(words, settings, registry).items()}
+    in_order = {
+        kind: [next(found[kind]) if isinstance(one, str) else one for one in of]
+        for kind, of in given.items()
+    }
+    return Chosen(in_order["model"], in_order["dataset"], in_order["protocol"])
+
+
+def measured_file(path: Path, robot: Robot, options: FileOptions) -> Choice[DatasetInfo]:
+    """Return the data set of a file of measured samples, which has the file's name."""
+    context = {"csv": path, "robot": robot, "options": options}
+    return replace(Choice.of(replace(MEASURED_FILE, key=path.name)), context=context)
+
+
+@dataclass(frozen=True)
+class HeldData:
+    """A data set that is in memory."""
+
+    data: BenchmarkData
+
+    def load(self) -> BenchmarkData:
+        """Return it."""
+        return self.data
+
+
+OWN_DATA = DatasetInfo(
+    key="own-data", target=HeldData, kind="user's data", summary="samples from memory"
+)
+
+
+def held_data(data: BenchmarkData, name: str, info: DatasetInfo = OWN_DATA) -> Choice[DatasetInfo]:
+    """Return the data set of this name that is in memory; `info` says what it is."""
+    return Choice(replace(info, key=name, target=HeldData), HeldData, {}, {"data": data})

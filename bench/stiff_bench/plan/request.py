@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from stiff_bench.console import say
-from stiff_bench.plan.options import Choice, Chosen, options_of
+from stiff_bench.plan.options import Choice, Chosen, chosen_dataset, options_of
 from stiff_bench.plan.registry import Info, Registry
-from stiff_bench.plan.words import chosen_dataset
 from stiff_bench.store.samples import StoredData
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import (

@@ -12,13 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.fit import FitOutcome, FitTask, Fitted, attempted, fit_and_predict, unrepeated
+from stiff_bench.run.fit import FitOutcome, Fitted, attempted, fit_and_predict, unrepeated
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import StiffBenchError
+from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.metrics import metric_records
-from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_of_rows
+from stiff_protocols.scoring.sanity import check_prediction
 
 
 def compute_cell(task: CellTask, run_id: str) -> CellResult:
@@ -27,24 +28,23 @@ def compute_cell(task: CellTask, run_id: str) -> CellResult:
     Every metric is stored, whichever a table shows; those of intervals where there are intervals.
     A model that cannot be used on this machine gives a skipped result.
     """
-    fit = fit_task(task)
-    return score(task, fit, run_id, fit_and_predict(fit))
+    given = fit_input(task)
+    return score(task, given, run_id, fit_and_predict(task.model, given))
 
 
-def fit_task(task: CellTask) -> FitTask:
-    """Return the model and what its fit is given: no deflection that it is scored on."""
-    given = task.fit_input(
+def fit_input(task: CellTask) -> FitInput:
+    """Return what the fit of a cell sees and is asked: no deflection that it is scored on."""
+    return task.fit_input(
         chooses_epoch=task.chooses_epoch, seed=task.cell.model_seed, coverage=task.cell.coverage
     )
-    return FitTask(task.model, given)
 
 
-def score(task: CellTask, fit: FitTask, run_id: str, outcome: FitOutcome) -> CellResult:
+def score(task: CellTask, given: FitInput, run_id: str, outcome: FitOutcome) -> CellResult:
     """Score what a fit came to; what cannot be true becomes a failed result that says so."""
     if (fitted := outcome.fitted) is None:
         result = unfinished(task, run_id, outcome.failure, outcome.cause, outcome.log)
         return replace(result, warnings=outcome.warnings)
-    scored, failure, cause, warned = attempted(lambda: _scored(task, fit, run_id, fitted))
+    scored, failure, cause, warned = attempted(lambda: _scored(task, given, run_id, fitted))
     result = scored or unfinished(task, run_id, failure, cause, outcome.log)
     return replace(result, warnings=unrepeated((*outcome.warnings, *warned)))
 
@@ -65,15 +65,11 @@ def unfinished(
     )
 
 
-def _scored(task: CellTask, fit: FitTask, run_id: str, fitted: Fitted) -> CellResult:
+def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> CellResult:
     """Return the result; what was measured at the reported rows is looked at last."""
-    train = fit.given.train
-    check_prediction(fitted.predicted, len(fit.given.q))
-    warn_of_rows(train)
-    check_units(fitted.of_training, train.deflection[fit.rows_for_units])
-    reference = _reference(task, fit)
+    reference = _reference(task, given)
     prediction = task.prediction(fitted.predicted, fitted.commands, fitted.interval, reference)
-    check_prediction(prediction.predicted, len(fit.given.q))
+    check_prediction(prediction.predicted, len(given.q))
     return CellResult(
         cell=task.cell,
         shown=task.shown,
@@ -85,7 +81,7 @@ def _scored(task: CellTask, fit: FitTask, run_id: str, fitted: Fitted) -> CellRe
         calibration_samples=fitted.calibration_samples,
         diagnostics=fitted.diagnostics,
         n_train=len(task.training_rows),
-        n_labels=len(train),
+        n_labels=len(given.train),
         n_poses=len(np.unique(task.data.samples.pose_id[task.training_rows])),
         n_splits=task.n_splits,
         chosen=fitted.chosen,
@@ -93,12 +89,12 @@ def _scored(task: CellTask, fit: FitTask, run_id: str, fitted: Fitted) -> CellRe
     )
 
 
-def _reference(task: CellTask, fit: FitTask) -> FloatArray | None:
+def _reference(task: CellTask, given: FitInput) -> FloatArray | None:
     """Return the scored values of the reference model, which learns from the whole training side.
 
     It takes a millisecond; None: these data do not identify it.
     """
-    model, given = model_info(REFERENCE_MODEL).load()(), fit.given
+    model = model_info(REFERENCE_MODEL).load()()
     train = given.train if given.validation is None else task.data.samples.take(task.training_rows)
     try:
         with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""Computes cells on a Dask cluster: each in a process of its own, beside a worker.
+"""Computes cells on a Dask cluster: each in a process of its own, which a worker watches.
 
 As many cells are given away as there are workers, so that nobody else's is lost with one. Dask
 gives a cell whose worker ends to another one.
@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
-import os
 import re
 import signal
-import threading
 import time
-from collections.abc import Generator, Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Generator, Iterable
+from concurrent.futures import wait
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -29,23 +28,22 @@ import stiff_models
 import stiff_protocols
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.cell import fit_task, score
-from stiff_bench.run.cell_process import Limits, Work
+from stiff_bench.run.cell import fit_input, score
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.fit import FitOutcome
-from stiff_bench.run.isolate import compute_isolated, work_of
+from stiff_bench.run.fit_process import Limits, Work
+from stiff_bench.run.isolate import SECONDS_BETWEEN_LOOKS, RunningFit, work_of
 from stiff_bench.run.machine import pin_threads
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
 from stiff_bench.store.versions import LIBRARIES
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.source_code import code_below
 
-SECONDS_TO_CONNECT = 10.0
-SECONDS_BETWEEN_LOOKS = 0.01
-SECONDS_BETWEEN_COUNTS = 1.0
-GOES_ON = "the same command goes on where this run stopped"
+SECONDS_TO_CONNECT, SECONDS_BETWEEN_COUNTS = 10.0, 1.0
+RESUME_HINT = "the same command goes on where this run stopped"
 
 
 @dataclass(eq=False, kw_only=True)
@@ -71,7 +69,6 @@ class DaskCluster(Execution):
         if not found:
             valid = "(valid: tcp://HOST:PORT, local:N)"
             raise ConfigError(f"--dask {self.words!r}: no cluster {valid}")
-        self._said = f"--dask {self.words}"
         self._address = "" if found[1] else self.words
         self.at_once = int(found[1] or 1)
 
@@ -80,33 +77,36 @@ class DaskCluster(Execution):
     ) -> Generator[CellResult, None, None]:
         """Yield the result of every cell as it ends."""
         waiting = iter(tasks)
-        task = next(waiting, None)
-        if task is None:
+        if (task := next(waiting, None)) is None:
             return  # and no cluster is needed
-        code = shared_code()
-        given: dict[Future, CellTask] = {}
+        running: dict[Future, tuple[CellTask, FitInput]] = {}
         n_workers, counted = -1, 0.0
         with ExitStack() as stack:
             client = self._connected(stack)
-            while task is not None or given:
-                if time.monotonic() - counted >= SECONDS_BETWEEN_COUNTS:
-                    with self._scheduler_may_go():
+            try:
+                while task is not None or running:
+                    if time.monotonic() - counted >= SECONDS_BETWEEN_COUNTS:
                         every = client.scheduler_info(n_workers=-1)["workers"]  # some count five
-                    before, n_workers, counted = n_workers, len(every), time.monotonic()
-                    if n_workers == 0 != before:
-                        say(f"{self._said}: there is no worker; waiting for one")
-                while task is not None and len(given) < n_workers:
-                    display.start(task)
-                    work = work_of(task, self.limits, fresh=True)
-                    given[client.submit(compute_beside_worker, work, code, pure=False)] = task
-                    task = next(waiting, None)
-                time.sleep(SECONDS_BETWEEN_LOOKS)
-                for future in [future for future in given if future.done()]:
-                    with suppress(TimeoutError):  # its worker has gone with it: Dask makes it anew
-                        with self._scheduler_may_go():
-                            found = self._outcome(future)
-                        task_of = given.pop(future)
-                        yield score(task_of, fit_task(task_of), run_id, found)
+                        before, n_workers, counted = n_workers, len(every), time.monotonic()
+                        if n_workers == 0 != before:
+                            say(f"--dask {self.words}: there is no worker; waiting for one")
+                    while task is not None and len(running) < n_workers:
+                        display.start(task)
+                        given = fit_input(task)
+                        work = work_of(task, given, self.limits)
+                        future = client.submit(
+                            compute_beside_worker, work, shared_code(), pure=False
+                        )
+                        running[future], task = (task, given), next(waiting, None)
+                    time.sleep(SECONDS_BETWEEN_LOOKS / 10)
+                    for future in [future for future in running if future.done()]:
+                        with suppress(TimeoutError):  # its worker has gone with it: computed again
+                            outcome = self._outcome(future)
+                            of_future, given = running.pop(future)
+                            yield score(of_future, given, run_id, outcome)
+            except OSError as error:  # which Dask may notice only now
+                gone = f"--dask {self.words}: the scheduler has gone; {RESUME_HINT}"
+                raise ConfigError(gone) from error
 
     def _connected(self, stack: ExitStack) -> Client:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters, we say
@@ -114,22 +114,16 @@ class DaskCluster(Execution):
         if not self._address:
             scratch = stack.enter_context(TemporaryDirectory(dir=self.output, prefix=".dask-"))
             how = {"n_workers": self.at_once, "threads_per_worker": 1, "local_directory": scratch}
-            how["dashboard_address"] = ":0"
+            how |= {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+        # Ctrl-C comes to workers of our own, too, which would print a traceback each
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            with _undisturbed():
-                return stack.enter_context(Client(**how))
+            return stack.enter_context(Client(**how))
         except (OSError, ValueError) as error:
-            raise ConfigError(f"{self._said}: no scheduler answers there ({error})") from error
-
-    @contextmanager
-    def _scheduler_may_go(self) -> Iterator[None]:
-        """Turn a lost connection, which Dask may notice only now, into our error."""
-        try:
-            yield
-        except TimeoutError:
-            raise
-        except OSError as error:
-            raise ConfigError(f"{self._said}: the scheduler has gone; {GOES_ON}") from error
+            why = f"no scheduler answers there ({error})"
+            raise ConfigError(f"--dask {self.words}: {why}") from error
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def _outcome(self, future: Future) -> FitOutcome:
         """Return what became of a fit.
@@ -140,9 +134,9 @@ class DaskCluster(Execution):
             TimeoutError: its worker has gone, with the result.
         """
         if future.status == "finished":
-            worker, machine, found = future.result(timeout=SECONDS_TO_CONNECT)
+            worker, machine, outcome = future.result(timeout=SECONDS_TO_CONNECT)
             self.machines[worker] = machine
-            return found  # type: ignore[no-any-return]
+            return outcome  # type: ignore[no-any-return]
         if future.status != "error":
             raise ConnectionError
         error = future.exception()
@@ -151,34 +145,9 @@ class DaskCluster(Execution):
             reason = f"{n_workers} workers ended while they computed it"
             return FitOutcome(failure=reason, cause="killed its workers")
         raise ConfigError(
-            f"{self._said}: a worker cannot run this stiffbench: {type(error).__name__}: {error}; "
-            f"stop it, and {GOES_ON}"
+            f"--dask {self.words}: a worker cannot run this stiffbench: {type(error).__name__}: "
+            f"{error}; stop it, and {RESUME_HINT}"
         )
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Keep Ctrl-C until the block ends, and what is started in it from standard error.
-
-    Ctrl-C comes to our own workers, too, which would print a traceback each; stopped in the middle
-    of its start, Dask prints more of them.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield  # no signal comes here
-        return
-    came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    stderr = os.dup(2)
-    try:
-        with open(os.devnull, "wb") as nowhere:
-            os.dup2(nowhere.fileno(), 2)
-        yield
-    finally:
-        os.dup2(stderr, 2)
-        os.close(stderr)
-        signal.signal(signal.SIGINT, before)
-        if came:
-            os.kill(os.getpid(), signal.SIGINT)
 
 
 @cache
@@ -201,12 +170,15 @@ def compute_beside_worker(work: Work, code: str) -> tuple[str, dict[str, str], F
     worker = get_worker()
     if code != shared_code():
         raise ConfigError(f"{worker.address} has another version of stiffbench or of a library")
-    pin_threads(work.limits.threads)
     multiprocessing.current_process().daemon = False  # one may not have children; ours end with it
-    key = worker.get_current_task()
-
-    def is_wanted() -> bool:
-        task = worker.state.tasks.get(key)
-        return task is not None and task.state != "cancelled"
-
-    return worker.address, _environment(), compute_isolated(work, is_wanted)
+    pin_threads(work.limits.threads)  # as the server of the fits' processes begins
+    fit, key, outcome = RunningFit(work), worker.get_current_task(), None
+    try:
+        while outcome is None and (task := worker.state.tasks.get(key)) is not None:
+            if task.state == "cancelled":
+                break
+            wait([fit.future], SECONDS_BETWEEN_LOOKS)
+            outcome = fit.outcome()
+    finally:
+        fit.end()
+    return worker.address, _environment(), outcome

@@ -1,6 +1,6 @@
 """Fits a model and has it predict: all that happens where its code runs.
 
-A `FitTask` has no deflection that the model is scored on, so that a model that looks around in a
+A `FitInput` has no deflection that the model is scored on, so that a model that looks around in a
 process of its own finds none.
 """
 
@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 
 from stiff_bench.console import printing_to_stderr
-from stiff_bench.plan.cells import tell_source
+from stiff_bench.plan.cells import made_model
 from stiff_bench.plan.options import Choice
 from stiff_bench.run.costs import MemoryMeter, latency, throughput
 from stiff_protocols.contract.errors import (
@@ -44,7 +44,7 @@ from stiff_protocols.contract.types import (
     Interval,
 )
 from stiff_protocols.scoring.conformal import SplitConformal
-from stiff_protocols.scoring.sanity import check_prediction
+from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_of_rows
 
 ROWS_FOR_UNITS = 256
 """How many training rows are predicted to see that a model predicts m: enough, and soon done."""
@@ -56,30 +56,6 @@ _Found = TypeVar("_Found")
 
 
 @dataclass(frozen=True, eq=False)
-class FitTask:
-    """A model, and everything that its fit sees and is asked.
-
-    Attributes:
-        model: the line it is made from.
-        given: no deflection that the model is scored on.
-    """
-
-    model: Choice[ModelInfo]
-    given: FitInput
-
-    def make(self) -> StiffnessModel:
-        """Return a new model that knows its source."""
-        model: StiffnessModel = self.model.make()
-        tell_source(model, self.given.source)
-        return model
-
-    @property
-    def rows_for_units(self) -> IntArray:
-        """Training rows whose predictions show the unit that the model predicts in."""
-        return _spread_rows(len(self.given.train), ROWS_FOR_UNITS)
-
-
-@dataclass(frozen=True, eq=False)
 class Fitted:
     """The answers of a fitted model.
 
@@ -87,7 +63,6 @@ class Fitted:
         predicted: (n, 3) m, at the commands.
         commands: (n, n_joints) rad or m at which deflections are predicted: those that it was
             asked for, unless the protocol corrects them with predictions.
-        of_training: (k, 3) m, of `FitTask.rows_for_units`.
         cost: of the fit and the predictions.
         interval: of the predictions; None: no intervals.
         calibration_samples: that split-conformal intervals come from; else 0.
@@ -96,7 +71,6 @@ class Fitted:
 
     predicted: FloatArray
     commands: FloatArray
-    of_training: FloatArray
     cost: Cost
     interval: Interval | None = None
     calibration_samples: int = 0
@@ -115,7 +89,6 @@ class FitOutcome:
         cause: of a failure, in a word or two that count it: "SIGKILL", "timed out"; else "".
         warnings: what was warned of.
         log: the last lines that a failed fit's own process printed.
-        can_be_retried: perhaps another fit has killed the server of all processes.
     """
 
     fitted: Fitted | None = None
@@ -123,14 +96,13 @@ class FitOutcome:
     cause: str = ""
     warnings: tuple[str, ...] = ()
     log: tuple[str, ...] = ()
-    can_be_retried: bool = False
 
 
-def fit_and_predict(task: FitTask) -> FitOutcome:
+def fit_and_predict(model: Choice[ModelInfo], given: FitInput) -> FitOutcome:
     """Fit a model and ask it for predictions; what goes wrong in it becomes a failure."""
-    _seed_global_numbers(task.given.seed)
+    _seed_global_numbers(given.seed)
     with printing_to_stderr():
-        result, failure, cause, warned = attempted(lambda: task.model.missing() or _fitted(task))
+        result, failure, cause, warned = attempted(lambda: model.missing() or _fitted(model, given))
     if isinstance(result, Fitted):
         return FitOutcome(result, warnings=warned)
     return FitOutcome(failure=result or failure, cause=cause, warnings=warned)
@@ -171,8 +143,8 @@ def _seed_global_numbers(seed: int) -> None:
         torch.manual_seed(seed)
 
 
-def _fitted(task: FitTask) -> Fitted:
-    model, given = task.make(), task.given
+def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
+    model = made_model(choice, given.source)
     q, wrench = given.q, given.wrench
     memory = MemoryMeter()
     start = time.perf_counter()
@@ -183,24 +155,23 @@ def _fitted(task: FitTask) -> Fitted:
     memory_bytes = memory.rise()
     predicted = _checked(lambda *_: answer)(q, wrench)
     predict, predict_tcp = map(_checked, (model.predict, optional(model, "predict_at_tcp")))
-    training = given.train.take(task.rows_for_units)
-    of_training = predict(training.q, training.wrench)
+    training = given.train.take(_spread_rows(len(given.train), ROWS_FOR_UNITS))
+    check_units(predict(training.q, training.wrench), training.deflection)
     diagnostics = getattr(model, "diagnostics_", {})
     diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
     chosen = getattr(model, "best_params_", {})
-    intervals = _interval_source(task, model)
+    intervals = _interval_source(choice, given, model)
     commands = given.make_protocol().commanded(predict_tcp, given.robot, q, wrench)
     if commands is not q:
         predicted = predict_tcp(commands, wrench)
     interval = None
     if intervals is not None and given.coverage is not None:
         interval = intervals.predict_interval(commands, wrench, given.coverage)
-        if not isinstance(interval, Interval):
-            wrong = type(interval).__name__
-            raise ModelError(f"predict_interval returned {wrong}, expected Interval")
+        _check_interval(interval, len(q), given.coverage)
         if commands is not q:
             centre = intervals.model_ if isinstance(intervals, SplitConformal) else model
             interval = interval_at_tcp(centre, interval, commands, wrench)
+    warn_of_rows(given.train)
     cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
         fit_s=fitted - start,
         predict_s=predict_s,
@@ -212,7 +183,6 @@ def _fitted(task: FitTask) -> Fitted:
     return Fitted(
         predicted=predicted,
         commands=commands,
-        of_training=of_training,
         cost=cost,
         interval=interval,
         calibration_samples=(
@@ -222,6 +192,16 @@ def _fitted(task: FitTask) -> Fitted:
         chosen={str(name): str(value) for name, value in chosen.items()},
         curves={str(name): _thinned(name, curve) for name, curve in curves.items()},
     )
+
+
+def _check_interval(interval: Interval, n: int, coverage: float) -> None:
+    if not isinstance(interval, Interval):
+        wrong = type(interval).__name__
+        raise ModelError(f"predict_interval returned {wrong}, expected Interval")
+    if (len(interval.lower), interval.coverage) != (n, coverage):
+        given = f"{len(interval.lower)} intervals of coverage {interval.coverage:g}"
+        wanted = f"{n} of coverage {coverage:g}"
+        raise ModelError(f"predict_interval returned {given}, expected {wanted}")
 
 
 def _checked(predict: Deflection) -> Deflection:
@@ -247,19 +227,18 @@ def _thinned(name: str, curve: FloatArray) -> FloatArray:
 
 
 def _interval_source(
-    task: FitTask, model: StiffnessModel
+    choice: Choice[ModelInfo], given: FitInput, model: StiffnessModel
 ) -> StiffnessModel | SplitConformal | None:
     """Return what will give the intervals: the model itself, or a second fit on fewer rows.
 
     None where there are none to give: not asked for, or the training side is too small for the
     coverage, which is a warning and leaves the point predictions alone.
     """
-    given = task.given
     if given.coverage is None:
         return None
     if offers(model, "predict_interval"):
         return model
-    conformal = SplitConformal(task.make(), coverage=given.coverage)
+    conformal = SplitConformal(made_model(choice, given.source), coverage=given.coverage)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StiffBenchWarning)
         try:

@@ -18,9 +18,9 @@ from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import OURS, Registry
 from stiff_bench.plan.request import RunPlan
-from stiff_bench.run.cell_process import Limits
 from stiff_bench.run.costs import peak_memory_bytes
 from stiff_bench.run.execution import COUNTING, Execution, Rerun
+from stiff_bench.run.fit_process import Limits
 from stiff_bench.run.isolate import OUT_OF_MEMORY, TIMED_OUT, LocalProcesses
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
@@ -124,7 +124,7 @@ def chosen_execution(
         names = ", ".join(sorted(strangers))
         say(f"warning: {names}: in the run's own process, where a model could read test labels")
     if isolated:
-        return LocalProcesses(at_once=jobs, limits=limits, strangers=strangers, **how)
+        return LocalProcesses(at_once=jobs, limits=limits, **how)
     return Execution(**how)
 
 
@@ -160,7 +160,7 @@ def run_cells(
                 cached.add(task.cell.key)
                 display.end(other)
 
-    display.begin(missing, len(cached), mean_seconds(store.folder), execution.at_once)
+    display.begin(missing, len(cached), mean_seconds(store.folder))
     with _described(tasks, command, store, execution) as run_id:
         sets = {task.cell.data_sha256: task.data for task in tasks}
         sets |= {one.cell.source_sha256: one.source for one in tasks if one.source is not None}
@@ -220,15 +220,12 @@ def _this_process() -> str:
 
 
 def _has_ended(process: str) -> bool:
-    """Say whether a process of `_this_process` has ended; no where nobody here can tell."""
-    number, _, when_where = process.partition(" ")
-    started, _, machine = when_where.partition(" ")
+    """Return whether a process of `_this_process` has ended; False if nobody here can tell."""
+    number, started, machine = [*process.split(" ", 2), "", "", ""][:3]
     if machine != platform.node():
         return False
     try:
-        there = psutil.Process(int(number))
-        is_it = abs(there.create_time() - float(started)) < SECONDS_APART
-        return not is_it or there.status() == psutil.STATUS_ZOMBIE
+        return abs(psutil.Process(int(number)).create_time() - float(started)) >= SECONDS_APART
     except psutil.Error:
         return True
 

@@ -11,6 +11,7 @@ from stiff_bench.plan.cells import uses_validation
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.request import DEFAULT_COVERAGE
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_protocols.contract.evaluation import training_side
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.stiffness_model import optional
 from stiff_protocols.contract.training_range import TrainingRange
@@ -77,8 +78,6 @@ def _training_side(
     choice: Choice[ModelInfo], samples: Samples, seed: int
 ) -> tuple[Samples, Samples | None]:
     """Return the samples to learn from, and those that choose the epoch, if the model uses any."""
-    if uses_validation(choice.info, choice.make()):
-        split = inner_validation(samples, np.arange(len(samples)), VALIDATION_FRACTION, seed)
-        if len(split.validation):
-            return samples.take(split.train), samples.take(split.validation)
-    return samples, None
+    chooses = uses_validation(choice.info, choice.make())
+    split = inner_validation(samples, np.arange(len(samples)), VALIDATION_FRACTION, seed)
+    return training_side(samples, split, chooses_epoch=chooses)

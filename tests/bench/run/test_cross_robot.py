@@ -10,15 +10,14 @@ import pytest
 from helpers.made_robots import random_chain
 from helpers.run_requests import computed, planned
 from stiff_bench.plan.cells import NO_SOURCE, cell_tasks
+from stiff_bench.plan.options import chosen_dataset
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.words import chosen_dataset
 from stiff_bench.run.execution import Execution
-from stiff_bench.run.progress import LineDisplay
+from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.store.names import split_word
 from stiff_datasets.twin.robot_twin import Ur5Twin
-from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ProtocolInfo
 from stiff_protocols.contract.types import BenchmarkData, Samples, Split
@@ -59,19 +58,6 @@ def test_both_conditions_share_rows_and_model_seed_and_are_stored_apart(cross_ta
     assert len({task.cell.model_seed for task in tasks}) == 2  # one a split
 
 
-def test_with_its_own_source_a_cell_is_what_holdout_gives_for_the_same_seed(cross_tasks, fanuc):
-    task = of_condition(cross_tasks(FT_MLP), OWN)[1]
-    result = computed(task)
-    split = Holdout().splits(fanuc.samples, n_splits=2, seed=0)[1]
-    train, validation, test = (
-        fanuc.samples.take(rows) for rows in (split.train, split.validation, split.test)
-    )
-    model = FtMlp(**OPTIONS, device="cpu").fit(
-        train, robot=fanuc.robot, validation=validation, seed=task.cell.model_seed
-    )
-    np.testing.assert_array_equal(result.prediction.predicted, model.predict(test.q, test.wrench))
-
-
 def test_with_the_foreign_source_a_cell_and_its_intervals_are_those_of_that_source(cross_tasks):
     pretrained = "mlp-pretrained@width=8@pretrain_steps=3"
     own, foreign, *_ = (
@@ -107,7 +93,7 @@ def test_rows_say_what_the_source_means_for_them(cross_tasks):
 
 def test_the_sources_samples_are_stored_beside_the_targets(cross_tasks, tmp_path, ur5):
     tasks = cross_tasks("vjm")
-    run_cells(tasks, "bench run", ResultStore(tmp_path), Execution(), LineDisplay())
+    run_cells(tasks, "bench run", ResultStore(tmp_path), Execution(), Display())
     for data in (tasks[0].data, ur5):
         assert len(read_data(tmp_path, data.sha256).samples) == len(data.samples)
 
@@ -126,15 +112,6 @@ def test_a_source_that_does_not_exist_is_refused_before_any_data_is_loaded(
     monkeypatch.setattr("stiff_bench.plan.cells.loaded", lambda _: pytest.fail("loaded"))
     with pytest.raises(ConfigError, match=f"protocol cross-robot@source={word}: source .*{part}"):
         tasks_of(("vjm",), "fanuc-r2000ic", f"cross-robot@source={word}")
-
-
-def test_a_source_that_is_the_target_itself_is_refused(tasks_of):
-    with pytest.raises(
-        ConfigError, match=r"'kr10-twin' holds 151 of the 151 samples of its target"
-    ):
-        tasks_of(("vjm",), "kr10-twin", "cross-robot@source=kr10-twin")
-    with pytest.raises(ConfigError, match="valid: samples of another robot or another specimen"):
-        tasks_of(("vjm",), "kr10-twin@specimen=9", "cross-robot")
 
 
 def test_a_source_that_holds_but_one_sample_of_the_target_is_refused(fanuc, ur5):

@@ -22,7 +22,7 @@ import pytest
 import stiff_models
 from helpers import hostile_models
 from helpers.command_line import assert_refused, bench, bench_here, n_stored, started, wait_until
-from stiff_bench.store.database import FILE, read_manifests, read_results
+from stiff_bench.store.database import read_manifests, read_results
 
 pytest.importorskip("distributed", reason="needs the extra 'cluster'")
 PLUGIN = str(Path(hostile_models.__file__))
@@ -290,13 +290,3 @@ def test_ctrl_c_while_workers_of_our_own_start_is_one_line(tmp_path):
         _, said = command.communicate(timeout=60)
     assert command.returncode == 130
     assert "Traceback" not in said and said.strip().splitlines()[-1].startswith("bench: interrup")
-
-
-@pytest.mark.slow
-def test_limits_hold_beside_a_worker(tmp_path):
-    words = ["run", "--plugin", PLUGIN, "--model", "Hangs", "--model", "Eats", "--model", "knn"]
-    limits = ["--timeout", "8", "--memory", "500MiB", "--dask", "local:2", "--output", "out"]
-    done = bench(*words, *limits, cwd=tmp_path)
-    assert done.returncode == 1
-    assert "bench: 2 ok, 1 timed out, 1 out of memory; " in done.stderr
-    assert [path.name for path in (tmp_path / "out").iterdir()] == [FILE]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,6 @@ import pytest
 from helpers.run_requests import computed, planned
 from helpers.sealed_samples import with_other_test_deflections
 from stiff_bench.plan.cells import cell_tasks
-from stiff_bench.store.database import ResultStore
-from stiff_bench.tables.metric_table import build_tables
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import Range
@@ -83,21 +80,6 @@ def test_a_fit_sees_the_training_side_alone_and_calibration_poses_choose_nothing
     chosen, calibrated = seen[:n_fits], seen[n_fits:]
     assert len(calibrated) == len(chosen) == n_fits and chosen[-1] == side
     assert len(side - set().union(*calibrated)) == result.calibration_samples
-
-
-def test_what_was_chosen_stands_under_the_table_and_comes_back_from_disk(tmp_path):
-    found = tasks("knn", "vjm", splits=3)
-    results = [computed(task) for task in found]
-    store = ResultStore(tmp_path)
-    for result in results:
-        store.write_cells([result])
-    back = [store.result(task.cell.key) for task in found]
-    assert [result.chosen for result in back] == [result.chosen for result in results]
-    (table,) = build_tables(back, METRICS)
-    assert [str(row[0]) for row in table.rows] == ["knn", "vjm [not tuned]"]
-    (note,) = [note for note in table.notes if "inner cross-validation" in note]
-    counts = [int(count) for count in re.findall(r"weights=\w+ \((\d) of 3 splits\)", note)]
-    assert note.startswith("knn: ") and sum(counts) == 3
 
 
 def test_an_option_that_the_user_set_is_not_searched():
@@ -181,16 +163,3 @@ def test_a_wrong_file_is_refused_before_anything_is_loaded(text, parts, grid_fil
     assert "grid=my.toml: " in message and "\n" not in message
     for part in parts:
         assert part in message
-
-
-@pytest.mark.parametrize(
-    ("grid", "message"),
-    [
-        ("none.toml", r"nested.grid=none.toml: cannot be read: No such file"),
-        ("freeze-pair", r"unknown grid of these models 'freeze-pair'; did you mean 'freeze-pairs'"),
-    ],
-)
-def test_a_grid_that_is_not_there_is_refused(grid, message, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(ConfigError, match=message):
-        tasks("ft-mlp", protocol=f"nested@grid={grid}")

@@ -8,21 +8,17 @@ import numpy as np
 import pytest
 
 from helpers.run_requests import computed, planned, with_model
-from stiff_bench.analysis import collected
 from stiff_bench.analysis.collected import StoredResults, same_name_other_data
-from stiff_bench.analysis.comparison import compare
 from stiff_bench.analysis.leaderboard import of_newest_data
-from stiff_bench.analysis.verdict import Question
-from stiff_bench.plan.cells import cell_tasks, tell_source
-from stiff_bench.run.cell import fit_task
+from stiff_bench.plan.cells import cell_tasks, made_model
+from stiff_bench.run.cell import fit_input
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.fit import fit_and_predict
-from stiff_bench.run.progress import LineDisplay
+from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.tables.metric_table import build_tables
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import PATH_GROUP, Samples
 from stiff_protocols.scoring.metrics import norm_errors
 from stiff_protocols.splits.path_compensation import PathCompensation
 
@@ -59,7 +55,7 @@ def tasks():
 def stored(tasks, tmp_path_factory):
     folder = tmp_path_factory.mktemp("paths")
     every = [*tasks, *listed(("vjm", "zero"), ("holdout",))]
-    done = run_cells(every, "bench run", ResultStore(folder), Execution(), LineDisplay())
+    done = run_cells(every, "bench run", ResultStore(folder), Execution(), Display())
     return folder, done.results
 
 
@@ -84,15 +80,15 @@ def test_no_model_is_given_the_robot_that_answers(tasks):
     assert tasks[0].data.under_load is not None
     assert not any(hasattr(one, "under_load") or callable(one) for one in witnessed(tasks[0]))
     SEEN.clear()
-    tell_source(Witness(), tasks[0].data)
+    made_model(with_model(tasks[0], Witness).model, tasks[0].data)
     assert SEEN[0].samples is tasks[0].data.samples and SEEN[0].under_load is None
 
 
 def test_a_model_of_another_point_corrects_paths_for_the_tcp_with_intervals_there():
     (task,) = listed(("vjm@tcp=fit",), splits=1)
-    fit = fit_task(replace(task, cell=replace(task.cell, coverage=0.9)))
-    fitted, given = fit_and_predict(fit).fitted, fit.given
-    model = fit.make().fit(given.train, robot=given.robot)
+    given = fit_input(replace(task, cell=replace(task.cell, coverage=0.9)))
+    fitted = fit_and_predict(task.model, given).fitted
+    model = task.model.make().fit(given.train, robot=given.robot)
     at_tcp = PathCompensation().commanded(model.predict_at_tcp, given.robot, given.q, given.wrench)
     np.testing.assert_array_equal(fitted.commands, at_tcp)
     predicted = model.predict_at_tcp(at_tcp, given.wrench)
@@ -112,21 +108,10 @@ def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results)
     left = spoiled.prediction.measured - spoiled.prediction.predicted
     command = left - 7.0  # p_cmd - p: what the model corrected
     rows = task.split.test
-    model = (
-        fit_task(task)
-        .make()
-        .fit(
-            task.data.samples.take(np.r_[task.split.train, task.split.validation]),
-            robot=task.data.robot,
-        )
-    )
+    train = task.data.samples.take(task.training_rows)
+    model = task.model.make().fit(train, robot=task.data.robot)
     predicted = model.predict(task.data.samples.q[rows], task.data.samples.wrench[rows])
     assert np.abs(command + predicted).max() < 0.02 * np.abs(predicted).max()
-
-
-def test_a_training_side_holds_measured_poses_alone(tasks):
-    train = next(one for one in witnessed(tasks[0]) if isinstance(one, Samples))
-    assert PATH_GROUP not in train.group and len(train) == 120
 
 
 def test_the_zero_model_leaves_the_uncorrected_error_and_the_oracle_the_tolerance(results):
@@ -164,13 +149,9 @@ def test_the_table_shows_path_errors_and_the_rows_that_no_model_may_know(results
     assert any("path errors" in note for note in table.notes)
 
 
-def test_whole_paths_are_resampled_and_splits_share_what_they_train_on(cases):
-    folder, of_protocol = cases
-    case = of_protocol[PATHS]
-    data = read_data(folder, case.name.data_sha256)
-    found = compare(case, "vjm", "zero", data, Question())
-    assert found.n_poses == 36 and found.n_test == 720
-    assert collected.test_share(case.results("vjm"), data) == pytest.approx(31 / 151)
+def test_measured_data_are_refused_in_a_line_that_names_them(tasks_of):
+    with pytest.raises(ConfigError, match=f"fanuc-r2000ic under {PATHS}: a measured robot cannot"):
+        tasks_of(("vjm",), "fanuc-r2000ic", PATHS)
 
 
 def test_results_with_and_without_paths_are_of_the_same_data_set(cases):
@@ -179,8 +160,3 @@ def test_results_with_and_without_paths_are_of_the_same_data_set(cases):
     assert len({case.name.data_sha256 for case in every}) == 2
     assert list(same_name_other_data(every, lambda sha256: read_data(folder, sha256))) == []
     assert {case.name.protocol for case in of_newest_data(every)} == {PATHS, "holdout"}
-
-
-def test_measured_data_are_refused_in_a_line_that_names_them(tasks_of):
-    with pytest.raises(ConfigError, match=f"fanuc-r2000ic under {PATHS}: a measured robot cannot"):
-        tasks_of(("vjm",), "fanuc-r2000ic", PATHS)

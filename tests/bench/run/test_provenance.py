@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import os
 import re
 import subprocess
-import sys
 from importlib.metadata import requires, version
 
 import pytest
@@ -15,41 +12,6 @@ import pytest
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run import provenance
 from stiff_bench.run.provenance import environment
-
-ASK = """
-import json, sys
-{before}
-from stiff_bench.run.provenance import environment
-print(json.dumps([environment(), sorted(sys.modules)]))
-"""
-
-
-def asked(before: str = "", **variables: str):
-    """The facts of a fresh process, and its modules."""
-    done = subprocess.run(
-        [sys.executable, "-c", ASK.format(before=before)],
-        env=os.environ | variables,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    facts, modules = json.loads(done.stdout)
-    return facts, set(modules)
-
-
-@pytest.mark.slow
-def test_every_linear_algebra_library_is_named_with_version_and_threads():
-    facts, _ = asked("import numpy, scipy.linalg", OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
-    for library in facts["libraries"].split("; "):
-        assert re.search(r"^\w+ .*\(\S+\), threads 1$", library), library
-    two, _ = asked("import numpy", OMP_NUM_THREADS="2", OPENBLAS_NUM_THREADS="1")
-    assert facts["libraries"] != "" and two["threads"] == two["OMP_NUM_THREADS"] == "2"
-
-
-def test_torch_is_not_loaded_to_be_asked():
-    facts, modules = asked()
-    assert "torch" not in modules
-    assert facts["torch threads"] == facts["torch arithmetic"] == "not loaded"
 
 
 def test_every_dependency_is_named_with_its_version():
@@ -60,11 +22,6 @@ def test_every_dependency_is_named_with_its_version():
     assert all(facts[name] == version(name) for name in needed)
     assert facts["stiffbench"] == version("stiffbench")
     assert "ruff" not in facts and "pytest" not in facts
-
-
-def test_an_optional_package_that_is_not_there_is_said_to_be_so(monkeypatch):
-    monkeypatch.setattr(provenance, "requires", lambda _: ['none-such>=1; extra == "tune"'])
-    assert environment()["none-such"] == "not installed"
 
 
 def test_variables_that_shape_numbers_are_there_and_others_are_not(monkeypatch):

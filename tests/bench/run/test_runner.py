@@ -199,15 +199,6 @@ def test_a_long_curve_is_thinned_to_points_of_its_own_with_both_ends(task_of):
     assert np.diff(found[:, 0]).min() >= 62 and np.diff(found[:, 0]).max() <= 63
 
 
-@pytest.mark.parametrize(
-    "wrong", [np.zeros((5, 2)), np.zeros(3), "none", [[1, 2, 3], [1]], None, np.zeros((2, 3, 3))]
-)
-def test_what_is_no_curve_fails_the_cell_and_is_named(task_of, wrong):
-    result = compute_cell(task_of(Curved, curve=wrong), "r")
-    assert (result.status, result.cause) == ("failed", "ModelError")
-    assert result.failure.startswith("curves_['training'] is no (n, 3) array")
-
-
 @pytest.mark.parametrize(("factor", "part"), [(1e3, "are these mm?"), (1e-3, "times smaller")])
 def test_a_model_a_thousand_times_off_fails_and_is_told_the_unit(task_of, factor, part):
     result = compute_cell(task_of(Scaled, factor=factor), "r")
@@ -244,14 +235,6 @@ def test_a_model_whose_prediction_draws_gives_the_same_interval_however_often_it
     monkeypatch.setattr("stiff_bench.run.costs.MOST_SINGLE_PREDICTIONS", 3)
     again = computed(task_of(Drawing, 0.8))
     np.testing.assert_array_equal(first.prediction.interval.lower, again.prediction.interval.lower)
-
-
-def test_what_training_rows_cannot_teach_stands_beside_the_result(tasks_of):
-    task = tasks_of(("knn",), splits=1)[0]
-    samples = task.data.samples
-    one_pose = replace(samples, q=np.tile(samples.q[0], (len(samples), 1)))
-    result = computed(replace(task, data=replace(task.data, samples=one_pose)))
-    assert any("training samples are of one pose" in said for said in result.warnings)
 
 
 def plan(metrics=("mae",), coverage=None, protocol="holdout", registry=None):
@@ -320,14 +303,29 @@ def test_a_protocol_that_leaks_by_negative_rows_or_raises_is_refused_by_name(spl
         tasks_under(splits)
 
 
-def test_an_interval_that_is_none_is_a_failure(task_of):
+@pytest.mark.parametrize(
+    ("answer", "part"),
+    [
+        (np.zeros((9, 2)), "returned ndarray, expected Interval"),
+        (Interval(np.zeros((1, 3)), np.ones((1, 3)), 0.9), "returned 1 intervals of coverage 0.9"),
+        (Interval(np.zeros((9, 3)), np.ones((9, 3)), 0.1), "expected 9 of coverage 0.9"),
+    ],
+)
+def test_an_interval_that_is_none_is_a_failure(task_of, answer, part):
     class Odd(Scaled):
         def predict_interval(self, q, wrench, coverage):
-            return np.zeros((len(q), 2))
+            return answer
 
     result = compute_cell(task_of(Odd, 0.9), "r")
-    assert result.status == "failed"
-    assert "predict_interval returned ndarray, expected Interval" in result.failure
+    assert (result.status, result.cause) == ("failed", "ModelError")
+    assert part in result.failure
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((5, 2)), "none", [[1, 2, 3], [1]]])
+def test_what_is_no_curve_fails_the_cell_and_is_named(task_of, wrong):
+    result = compute_cell(task_of(Curved, curve=wrong), "r")
+    assert (result.status, result.cause) == ("failed", "ModelError")
+    assert result.failure.startswith("curves_['training'] is no (n, 3) array")
 
 
 def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
@@ -336,9 +334,3 @@ def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
     store = ResultStore(tmp_path)
     store.write_cells([computed(task)])
     assert store.result(task.cell.key).cell.model_params["stop_score"] == "inf"
-
-
-def test_a_result_says_how_many_poses_its_model_was_given():
-    words = ("sample-efficiency@sizes=5,10",)
-    tasks = cell_tasks(planned(models=("zero",), datasets=("fanuc-r2000ic",), protocols=words))
-    assert [computed(task).n_poses for task in tasks] == [5, 10]

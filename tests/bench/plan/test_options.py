@@ -9,8 +9,7 @@ from pydantic import AfterValidator
 
 from helpers.run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
-from stiff_bench.plan.options import Choice, options_of
-from stiff_bench.plan.words import parse_settings
+from stiff_bench.plan.options import Choice, options_of, parse_settings
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ConfigError
