@@ -20,7 +20,7 @@ from stiff_models.networks.training_plan import TrainingPlan
 from stiff_models.transfer.ft_mlp import FINE_TUNING, FtMlp
 from stiff_models.transfer.pretrained_mlp import Recipe
 from stiff_protocols.contract.types import FloatArray, Samples
-from stiff_protocols.splits.random_splits import LeaveOneOut, PaperHoldout
+from stiff_protocols.splits.random_splits import PaperHoldout
 
 FREEZE = "layers:1,2"  # the paper's
 UPPER = "layers:3,4,out"  # what lies below is computed once
@@ -69,45 +69,6 @@ def test_epochs(benchmark, case, freeze, who):
     benchmark.group = f"fine-tuning, 121 + 30 rows, freeze={freeze}"
     ours_or_peer(benchmark, who, {PLAIN: AT_LEAST.get(who)}, work=plan.steps, unit="epoch")
     benchmark.pedantic(way, (case, chosen, plan), rounds=8, warmup_rounds=1)
-
-
-@pytest.mark.benchmark(group="fine-tuning, 121 + 30 rows, two processes of one thread")
-def test_two_processes(benchmark, case):
-    plan = replace(PLAN, steps=1000)
-    ours_or_peer(benchmark, work=PROCESSES * plan.steps, unit="epoch")
-
-    def at_once(count: int) -> float:
-        start = time.perf_counter()
-        workers(delayed(our_loop)(case, FREEZE, plan) for _ in range(count))
-        return time.perf_counter() - start
-
-    with parallel_config("loky", inner_max_num_threads=1), Parallel(PROCESSES) as workers:
-        at_once(PROCESSES)  # starts them
-        alone = min(at_once(1) for _ in range(3))
-        benchmark.pedantic(at_once, (PROCESSES,), rounds=3)
-    ratio = PROCESSES * alone / benchmark.stats.stats.min
-    figure(benchmark, "epochs/s of two processes over one's", ratio, "", at_least=1.9)
-
-
-@pytest.mark.slow
-@pytest.mark.benchmark(group="leave-one-out of ft-mlp on 151 poses, one core")
-@pytest.mark.parametrize(("training", "minutes"), [("normal", 4), ("cv", 14)])
-def test_leave_one_out(benchmark, training, minutes, monkeypatch, tmp_path):
-    """Every pre-training counts: the cache is empty."""
-    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
-    data = twin_data()
-
-    def leave_one_out() -> float:
-        start = time.process_time()
-        for split in LeaveOneOut().splits(data.samples, n_splits=None, seed=0):
-            rows = np.sort(np.concatenate([split.train, split.validation]))
-            model = FtMlp(training=training, device="cpu")
-            model.fit(data.samples.take(rows), robot=data.robot)
-        return time.process_time() - start
-
-    ours_or_peer(benchmark, f"training={training}", work=151.0, unit="fit")
-    spent = benchmark.pedantic(leave_one_out, rounds=1)
-    figure(benchmark, f"CPU minutes, training={training}", spent / 60, "min", at_most=minutes)
 
 
 @pytest.mark.slow

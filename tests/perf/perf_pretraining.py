@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from statistics import median
 
-import numpy as np
 import pytest
 import torch
 from sklearn.neural_network import MLPRegressor
@@ -35,7 +34,6 @@ SGEMM = ("sgemm, default route", "sgemm, medium route")
 SEEDS = (0, 1, 2)  # recipes were chosen on others
 BUDGET_KEPT = 0.93  # share that is planned for: a step's time varies
 PROBED = 50  # steps that a step's time is taken from
-PEERS_BUDGET = 60  # CPU seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,44 +180,6 @@ def test_our_accuracy(benchmark, activation, budget, at_most):
     what = f"{name}, median of {len(errors)} seeds"
     figure(benchmark, f"source test MAE of {what}", median(errors), "mm", at_most=at_most)
     figure(benchmark, f"CPU seconds of {name}", longest, "s", at_most=budget)
-
-
-@pytest.mark.slow
-@pytest.mark.benchmark(group=ACCURACY)
-def test_plain_accuracy(benchmark, source):
-    network = new_network(0)
-    steps = plain_steps(network, source, seed=0)
-
-    def run() -> int:
-        spent, n_steps = 0.0, 0
-        while spent < PEERS_BUDGET:
-            spent += seconds_of(partial(next, steps))
-            n_steps += 1
-        return n_steps
-
-    n_steps = benchmark.pedantic(run, rounds=1)
-    ours_or_peer(benchmark, PLAIN, work=float(n_steps * BATCH), unit="sample")
-    what = f"source test MAE of {PLAIN}, {PEERS_BUDGET} s"
-    figure(benchmark, what, source.error(network), "mm")
-
-
-@pytest.mark.slow
-@pytest.mark.benchmark(group="pre-training, an output a joint and axis, as ft-mlp has it")
-def test_shared_accuracy(benchmark, monkeypatch, tmp_path):
-    """The default: one training for all splits, then the sum of the joints for each."""
-    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
-    data = twin_data()
-    model = MlpPretrained(device="cpu")
-    spent = seconds_of(partial(model.fit, data.samples, robot=data.robot))
-    rows = np.arange(len(data.samples) - 1)
-    other = partial(model.fit, data.samples.take(rows), robot=data.robot)
-    ours_or_peer(benchmark, work=1.0, unit="split")
-    benchmark.pedantic(other, rounds=5)
-    error = 1000.0 * float(model.source_errors_[:3].mean())
-    figure(benchmark, "source test MAE", error, "mm", at_most=0.0035)
-    figure(benchmark, "CPU seconds of the first split", spent, "s")
-    share = 100.0 * benchmark.stats.stats.min / spent
-    figure(benchmark, "time, a further split of the first", share, "%", at_most=2.0)
 
 
 def seconds_of(work: Callable[[], object]) -> float:
