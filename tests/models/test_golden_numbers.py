@@ -62,13 +62,10 @@ def test_a_changed_constant_is_found(
     assert finding(key, KNOWN, made(key)).startswith(f"numbers of {key} changed: raise {of}\n")
 
 
-def test_what_is_to_be_made_is_said() -> None:
+def test_numbers_that_are_to_be_made_are_named() -> None:
     now = KNOWN["vjm"]
     assert finding("new", KNOWN, now).startswith("no golden numbers of new: make them by")
-    version = now["version"]
-    assert f"of version {version}, it has version {version + 1}: make them anew" in finding(
-        "vjm", KNOWN, now | {"version": version + 1}
-    )
+    assert "make them by" in finding("vjm", KNOWN, now | {"version": now["version"] + 1})
     more = now | {"numbers": now["numbers"] | {"another=1": [0.0]}}
     assert "another=1" in finding("vjm", KNOWN, more)
 

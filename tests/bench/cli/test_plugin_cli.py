@@ -97,8 +97,8 @@ def test_a_bad_plugin_is_told_what_failed_why_and_how_to_fix_it_with_status_1(be
     assert done.returncode == 1, done.stderr
     lines = done.stdout.splitlines()
     assert lines[0].startswith("own (scale=1000") and " on fanuc-r2000ic" in lines[0]
-    assert "✓ fit returns the model" in lines
-    (metres,) = (i for i, line in enumerate(lines) if line.startswith("✗ predictions are in metr"))
+    assert "✓ the constructor takes keywords and only stores them" in lines
+    (metres,) = (i for i, line in enumerate(lines) if line[:1] == "✗" and "in metres" in line)
     assert "mm?" in lines[metres] and lines[metres + 1].startswith("    to ")
     assert "1 failed" in lines[-1]
     assert [path.name for path in tmp_path.iterdir()] == ["own.py"]

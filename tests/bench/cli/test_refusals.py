@@ -63,7 +63,6 @@ REFUSED = {
     "figure 9 --results folder": ["holds no results", "bench reproduce"],
     "figure 9 --model gp": ["model gp"],
     "figure 4 --results runs": ["results runs", "figure 4"],
-    "reproduce effects --paper-recipe": ["--paper-recipe", "effects"],
     "data info bytes": ["bytes: no file of samples", ".csv"],
     "data info bytes.xlsx --robot ur5": ["bytes.xlsx: not an Excel table"],
     "data info good.csv": ["good.csv", "--urdf", "--robot"],
