@@ -1,23 +1,21 @@
 """Deflections of the linear VJM beside those that kinematics libraries give.
 
-In a batch and of one sample; and inverse kinematics along a path.
+And inverse kinematics along a path.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from helpers.made_samples import samples_with
 from helpers.perf_case import OURS, needed, ours_or_peer
 from stiff_datasets.robots.robot import shipped_chain, shipped_robot
-from stiff_models.physics.kinematics import jacobian, joint_deflection
-from stiff_models.physics.vjm import VirtualJointModel
+from stiff_models.physics.kinematics import joint_deflection
 from stiff_protocols.contract.robot import REACHED_M, REACHED_RAD
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.inverse import follow
@@ -27,7 +25,7 @@ ROBOT, TCP = "kr10_r1100_2", (0.06, 0.0, 0.08)
 SAMPLES = 106_400
 NANOMETRE = 1e-9
 COMPLIANCE = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
-PINOCCHIO, CASADI, ALONE = "Pinocchio loop", "CasADi map", "Pinocchio, arrays in, array out"
+PINOCCHIO, CASADI = "Pinocchio loop", "CasADi map"
 ROUNDS = 8
 READY, PATH_POINTS = np.radians([0.0, -90.0, 90.0, 0.0, 60.0, 0.0]), 10_000
 
@@ -48,47 +46,19 @@ def drawn(n: int, seed: int = 0) -> Samples:
     return rng.uniform(-1.5, 1.5, size=(n, 6)), wrench
 
 
-def product(rows: FloatArray, wrench: FloatArray) -> FloatArray:
-    """The VJM's product of many Jacobians (n, 6, 6), as NumPy does it fastest."""
-    turn = (wrench[:, None] @ rows) * COMPLIANCE
-    return (rows[:, :3] @ turn.transpose(0, 2, 1))[:, :, 0]
-
-
-def pinocchio_jacobian() -> Callable[[FloatArray], FloatArray]:
-    """Pinocchio's fastest single call."""
+def pinocchio_loop() -> Way:
+    """Pinocchio's fastest single call, sample by sample."""
     chain = shipped_chain(ROBOT, tcp=TCP)
     model, at_tcp = chain.model.copy(), pin.SE3(np.eye(3), chain.tcp)
     frame = model.addFrame(pin.Frame("perf_tcp", model.nv, 0, at_tcp, pin.FrameType.OP_FRAME))
-    data = model.createData()
-    return lambda q: pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)
-
-
-def pinocchio_rows() -> Callable[[FloatArray], FloatArray]:
-    call = pinocchio_jacobian()
-
-    def way(q: FloatArray) -> FloatArray:
-        rows = np.empty((len(q), 6, q.shape[1]))
-        for i, position in enumerate(q):
-            rows[i] = call(position)
-        return rows
-
-    return way
-
-
-def pinocchio_product_of_all() -> Way:
-    rows = pinocchio_rows()
-    return lambda q, wrench: product(rows(q), wrench)
-
-
-def pinocchio_one() -> Way:
-    """One sample as lean as NumPy's calls allow; every call returns the same array."""
-    call, turn, deflection = pinocchio_jacobian(), np.empty(6), np.empty(3)
+    data, world = model.createData(), pin.LOCAL_WORLD_ALIGNED
 
     def way(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        rows = call(q)
-        wrench.dot(rows, out=turn)  # the method: np.dot first asks whose function it is to call
-        np.multiply(turn, COMPLIANCE, out=turn)
-        return rows[:3].dot(turn, out=deflection)
+        rows = np.empty((len(q), 6, q.shape[1]))
+        for i, position in enumerate(q):
+            rows[i] = pin.computeFrameJacobian(model, data, position, frame, world)
+        turn = (wrench[:, None] @ rows) * COMPLIANCE
+        return (rows[:, :3] @ turn.transpose(0, 2, 1))[:, :, 0]
 
     return way
 
@@ -128,7 +98,7 @@ def casadi_map() -> Way:
     return way
 
 
-PEERS: dict[str, Callable[[], Way]] = {PINOCCHIO: pinocchio_product_of_all, CASADI: casadi_map}
+PEERS: dict[str, Callable[[], Way]] = {PINOCCHIO: pinocchio_loop, CASADI: casadi_map}
 
 
 @pytest.mark.benchmark(group="VJM deflection, random samples")
@@ -138,29 +108,6 @@ def test_deflections(benchmark, who):
     np.testing.assert_allclose(way(*drawn(50)), our_way(*drawn(50)), rtol=0, atol=NANOMETRE)
     ours_or_peer(benchmark, who, {PINOCCHIO: 15.0, CASADI: 2.0}, work=SAMPLES, unit="sample")
     benchmark.pedantic(way, drawn(SAMPLES), rounds=ROUNDS, warmup_rounds=1)
-
-
-@pytest.mark.benchmark(group="Jacobian, random samples")
-@pytest.mark.parametrize("who", [OURS, PINOCCHIO])
-def test_jacobians(benchmark, who):
-    ways = {OURS: partial(jacobian, SHIPPED), PINOCCHIO: pinocchio_rows()}
-    q, _ = drawn(SAMPLES)
-    np.testing.assert_allclose(*(way(q[:50]) for way in ways.values()), atol=1e-13)
-    ours_or_peer(benchmark, who, work=SAMPLES, unit="sample")
-    benchmark.pedantic(ways[who], (q,), rounds=ROUNDS, warmup_rounds=1)
-
-
-@pytest.mark.benchmark(group="VJM deflection, one sample")
-@pytest.mark.parametrize("who", ["stiffbench, predict of one row", ALONE])
-def test_a_single_prediction(benchmark, who):
-    q, wrench = drawn(100)
-    model = VirtualJointModel().fit(samples_with(q, wrench, our_way(q, wrench)), robot=SHIPPED)
-    way, which = (pinocchio_one(), 0) if who == ALONE else (model.predict, slice(1))
-    case = q[which], wrench[which]
-    np.testing.assert_allclose(way(*case).ravel(), our_way(q, wrench)[0], rtol=1e-6)
-    ours_or_peer(benchmark, who)
-    iterations = 2_000 if who == ALONE else 200
-    benchmark.pedantic(way, case, rounds=ROUNDS, iterations=iterations, warmup_rounds=1)
 
 
 def iso_path() -> ToolPath:
