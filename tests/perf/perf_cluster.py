@@ -1,4 +1,4 @@
-"""Cells side by side: what two processes or two workers gain over one, and a plan's cost."""
+"""Cells side by side: what two processes or two workers gain over one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers.command_line import BENCH, peak_mib
+from helpers.command_line import BENCH
 from helpers.perf_case import figure, needed, ours_or_peer
 from stiff_bench.store.database import read_results
 
@@ -62,14 +62,3 @@ def test_two_side_by_side_against_one(benchmark, tmp_path, name, one, two):
     pair = benchmark.pedantic(seconds_of, (tmp_path, *two), rounds=1)
     said = f"parallel efficiency of two by {name}, time of one / (2 x time of two)"
     figure(benchmark, said, alone / (2 * pair), "")
-
-
-@pytest.mark.slow
-@pytest.mark.benchmark(group="a plan of 100,000 fits")
-def test_plan(benchmark, tmp_path):
-    models = [f"knn@neighbours={number}" for number in range(1, 11)]
-    words = [BENCH, "run", *(word for key in models for word in ("--model", key))]
-    words += ["--splits", "10000", "--plan", "--output", tmp_path]
-    ours_or_peer(benchmark, "bench run --plan of 100,000 fits", work=100_000, unit="fit")
-    peak = benchmark.pedantic(peak_mib, words, rounds=1)
-    figure(benchmark, "peak memory", peak, "MiB")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import subprocess
 import sys
 import time
@@ -15,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from helpers.command_line import BENCH, peak_mib
+from helpers.command_line import BENCH
 from helpers.perf_case import figure, ours_or_peer
 from helpers.run_requests import planned
 from stiff_bench.api.data import Dataset
@@ -41,6 +42,15 @@ N_CELLS = 1000
 def command(*words: str | Path) -> None:
     """Run a command to its end."""
     subprocess.run(words, check=True, capture_output=True)
+
+
+def peak_mib(*words: str | Path) -> float:
+    """Run a command to its end; the most memory that it took, MiB."""
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)  # it has been waited for
+    assert process.returncode == 0
+    return usage.ru_maxrss / 1024
 
 
 def seconds(benchmark) -> float:

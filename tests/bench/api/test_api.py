@@ -107,16 +107,6 @@ def test_a_model_warns_once_beyond_its_training_range_also_after_a_file(twin, tm
             assert part in warning
 
 
-def test_each_file_with_rows_beyond_the_training_range_is_warned_of(twin, tmp_path):
-    model = sb.make_model("vjm").fit(twin)
-    frame = twin.frame().head(2)
-    frame.loc[1, "q2_deg"] = -180.0 - 60.0
-    frame.to_csv(tmp_path / "loads.csv", index=False)
-    for name in ("a.csv", "b.csv"):
-        with pytest.warns(StiffBenchWarning, match=r"1 of 2 rows: q2 -240 deg"):
-            model.predict_file(tmp_path / "loads.csv", tmp_path / name)
-
-
 def test_a_model_that_chooses_its_epoch_gets_poses_to_choose_by_and_says_so(twin, monkeypatch):
     model, seen = sb.make_model("mlp", training="best"), {}
 
