@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from helpers.command_line import BENCH
-from helpers.perf_case import figure, needed, ours_or_peer
+from helpers.perf_case import figure, ours_or_peer
 from stiff_bench.store.database import read_results
 
 N_CELLS = 40
@@ -56,7 +56,7 @@ def seconds_of(folder: Path, *how: str) -> float:
 )
 def test_two_side_by_side_against_one(benchmark, tmp_path, name, one, two):
     """Efficiency 1: two take half the time of one; both starts are in it."""
-    needed("distributed", "Dask")
+    pytest.importorskip("distributed")
     alone = seconds_of(tmp_path, *one)
     ours_or_peer(benchmark, f"bench run, two by {name}", work=N_CELLS, unit="fit")
     pair = benchmark.pedantic(seconds_of, (tmp_path, *two), rounds=1)

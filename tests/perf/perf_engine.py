@@ -23,7 +23,6 @@ from stiff_bench.api.data import Dataset
 from stiff_bench.api.evaluation import Run
 from stiff_bench.cli.run import execute
 from stiff_bench.plan.cells import CellTask, cell_tasks
-from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.execution import Execution
 from stiff_bench.store.database import ResultStore, stored_statuses
@@ -31,7 +30,6 @@ from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.simulate import simulate
 from stiff_datasets.twin.twin import TwinExperiment
-from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.record import CellResult, Cost, RunManifest
 from stiff_protocols.contract.types import Prediction
 from stiff_protocols.scoring.metrics import metric_records
@@ -171,13 +169,6 @@ def of_splits(n: int, _: Path) -> RunPlan:
     return planned(models=("vjm",), splits=n)
 
 
-def of_models(n: int, _: Path) -> RunPlan:
-    models = [replace(model_info("zero"), key=f"zero-{number}") for number in range(n)]
-    registry = build_registry()
-    registry.add(models, "")
-    return planned(registry, models=tuple(model.key for model in models))
-
-
 def cpu_seconds(plan: RunPlan, folder: Path) -> float:
     """How long a run takes this process; what it prints is not shown."""
     nowhere = io.StringIO()
@@ -192,9 +183,8 @@ def cpu_seconds(plan: RunPlan, folder: Path) -> float:
     [
         (of_samples, (151, 1_000, 10_000, 30_000, 100_000)),
         (of_splits, (2, 10, 100, 400, 1_600)),
-        (of_models, (2, 10, 100, 400, 1_600)),
     ],
-    ids=["samples", "splits", "models"],
+    ids=["samples", "splits"],
 )
 @pytest.mark.benchmark(group="growth of a run's cost")
 def test_growth(benchmark, of, sizes, tmp_path, request):

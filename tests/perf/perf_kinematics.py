@@ -1,19 +1,14 @@
-"""Deflections of the linear VJM beside those that kinematics libraries give.
-
-And inverse kinematics along a path.
-"""
+"""Deflections of the linear VJM, and inverse kinematics along a path, beside Pinocchio's."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from helpers.perf_case import OURS, needed, ours_or_peer
+from helpers.perf_case import OURS, ours_or_peer
 from stiff_datasets.robots.robot import shipped_chain, shipped_robot
 from stiff_models.physics.kinematics import joint_deflection
 from stiff_protocols.contract.robot import REACHED_M, REACHED_RAD
@@ -25,7 +20,7 @@ ROBOT, TCP = "kr10_r1100_2", (0.06, 0.0, 0.08)
 SAMPLES = 106_400
 NANOMETRE = 1e-9
 COMPLIANCE = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
-PINOCCHIO, CASADI = "Pinocchio loop", "CasADi map"
+PINOCCHIO = "Pinocchio loop"
 ROUNDS = 8
 READY, PATH_POINTS = np.radians([0.0, -90.0, 90.0, 0.0, 60.0, 0.0]), 10_000
 
@@ -63,50 +58,12 @@ def pinocchio_loop() -> Way:
     return way
 
 
-def casadi_map() -> Way:
-    """A symbolic Function of one sample, mapped."""
-    ca = needed("casadi", CASADI)
-    q, wrench = ca.SX.sym("q", 6), ca.SX.sym("w", 6)
-    rotation, origin = ca.SX.eye(3), ca.SX.zeros(3)
-    axes, origins = [], []
-    for joint, placement in enumerate(SHIPPED.placements):
-        origin = origin + rotation @ ca.sparsify(ca.DM(placement[:3, 3]))
-        rotation = rotation @ ca.sparsify(ca.DM(placement[:3, :3]))
-        cross = ca.sparsify(ca.DM(np.cross(SHIPPED.axes[joint], np.eye(3)).T))
-        axes.append(rotation @ ca.sparsify(ca.DM(SHIPPED.axes[joint])))
-        origins.append(origin)
-        sine, versine = ca.sin(q[joint]), 1 - ca.cos(q[joint])
-        rotation = rotation @ (ca.DM.eye(3) + sine * cross + versine * (cross @ cross))
-    tip = origin + rotation @ ca.sparsify(ca.DM(SHIPPED.tcp))
-    moves = [ca.cross(axis, tip - start) for axis, start in zip(axes, origins, strict=True)]
-    jacobian = ca.vertcat(ca.horzcat(*moves), ca.horzcat(*axes))
-    one = jacobian[:3, :] @ (ca.DM(COMPLIANCE) * (jacobian.T @ wrench))
-    function = ca.Function("deflection", [q, wrench], [one])
-
-    @lru_cache
-    def mapped(n: int) -> Any:
-        return function.map(n).buffer()  # without CasADi's own matrices: faster than its call
-
-    def way(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        (buffer, evaluate), deflection = mapped(len(q)), np.empty((len(q), 3))
-        buffer.set_arg(0, memoryview(q))
-        buffer.set_arg(1, memoryview(wrench))
-        buffer.set_res(0, memoryview(deflection))
-        evaluate()
-        return deflection
-
-    return way
-
-
-PEERS: dict[str, Callable[[], Way]] = {PINOCCHIO: pinocchio_loop, CASADI: casadi_map}
-
-
 @pytest.mark.benchmark(group="VJM deflection, random samples")
-@pytest.mark.parametrize("who", [OURS, *PEERS])
+@pytest.mark.parametrize("who", [OURS, PINOCCHIO])
 def test_deflections(benchmark, who):
-    way = PEERS[who]() if who in PEERS else our_way
+    way = pinocchio_loop() if who == PINOCCHIO else our_way
     np.testing.assert_allclose(way(*drawn(50)), our_way(*drawn(50)), rtol=0, atol=NANOMETRE)
-    ours_or_peer(benchmark, who, {PINOCCHIO: 15.0, CASADI: 2.0}, work=SAMPLES, unit="sample")
+    ours_or_peer(benchmark, who, {PINOCCHIO: 15.0}, work=SAMPLES, unit="sample")
     benchmark.pedantic(way, drawn(SAMPLES), rounds=ROUNDS, warmup_rounds=1)
 
 

@@ -162,22 +162,18 @@ def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measure
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of few poses
 @pytest.mark.slow
-@pytest.mark.parametrize("twin", planned_poses.TWINS)
 @pytest.mark.parametrize("case", planned_poses.CASES, ids=str)
-def test_planned_poses_lower_the_variance_a_fifth_more_than_random_ones_on_twins(twin, case):
-    """docs/how-to/own-robot.md states the ratios."""
-    found = [planned_poses.outcome(twin, *case, seed) for seed in range(planned_poses.SEEDS)]
-    assert np.mean([one.ratio for one in found]) > 1.2
+def test_planned_poses_tell_a_fifth_more_than_random_ones_on_twins(case):
+    """docs/how-to/own-robot.md states the ratios.
 
-
-@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of few poses
-@pytest.mark.slow
-def test_few_planned_poses_give_better_springs_than_random_ones_on_twins():
-    """Of many poses the model's own error remains, which no pose removes."""
-    errors = [
-        planned_poses.outcome(twin, "vjm", 5, 5, seed).errors
+    Springs of few poses err less, too; of many poses the model's own error remains.
+    """
+    outcomes = {
+        twin: [planned_poses.outcome(twin, *case, seed) for seed in range(planned_poses.SEEDS)]
         for twin in planned_poses.TWINS
-        for seed in range(planned_poses.SEEDS)
-    ]
+    }
+    for of_twin in outcomes.values():
+        assert np.mean([one.ratio for one in of_twin]) > 1.2
+    errors = [one.errors for of_twin in outcomes.values() for one in of_twin]
     _, random, planned = np.mean(errors, axis=0)
-    assert planned < 0.97 * random
+    assert case != ("vjm", 5, 5) or planned < 0.97 * random

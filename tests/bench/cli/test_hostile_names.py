@@ -7,8 +7,6 @@ import io
 import itertools
 import json
 import re
-import shutil
-import subprocess
 from html.parser import HTMLParser
 from importlib.resources import files
 
@@ -116,20 +114,6 @@ def test_what_is_said_of_hostile_results_is_harmless(words, fmt, folder, tmp_pat
     assert done.returncode == 0, done.stderr
     assert_harmless(done.stdout, fmt)
     assert not [*tmp_path.iterdir()]
-
-
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs LaTeX")
-def test_latex_reads_no_file_that_a_name_asks_for(tmp_path, folder):
-    words = ("leaderboard", "--results", str(folder), "--format", "latex")
-    page = (
-        r"\documentclass{article}\usepackage{booktabs}\usepackage{graphicx}\usepackage{siunitx}"
-        rf"\begin{{document}}{bench_here(*words, cwd=tmp_path).stdout}\end{{document}}"
-    )
-    (tmp_path / "page.tex").write_text(page)
-    words = ("-interaction=nonstopmode", "-halt-on-error", "-recorder", "page.tex")
-    done = subprocess.run(["pdflatex", *words], cwd=tmp_path, capture_output=True)
-    assert done.returncode == 0, done.stdout
-    assert "passwd" not in (tmp_path / "page.fls").read_text()
 
 
 def test_control_characters_are_shown_and_not_obeyed():
