@@ -370,11 +370,9 @@ def changed(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> list[s
     tolerance = NETWORK_M if is_network else CLOSED_FORM_M
     lines = []
     for variant in kept["numbers"].keys() & now["numbers"].keys():
-        before, after = kept["numbers"][variant], now["numbers"][variant]
-        if len(before) != len(after):
-            lines.append(f"{variant or 'as it comes'}: {len(before)} became {len(after)} numbers")
-        elif not (largest := float(np.abs(np.subtract(before, after)).max())) <= tolerance:
-            lines.append(f"{variant or 'as it comes'}: by up to {largest:.2g}")
+        before, after = (np.array(of["numbers"][variant]) for of in (kept, now))
+        if before.shape != after.shape or not np.allclose(after, before, rtol=0.0, atol=tolerance):
+            lines.append(f"{variant or 'as it comes'}: {before} became {after}")
     for recipe in kept["plans"].keys() & now["plans"].keys():
         before, after = kept["plans"][recipe], now["plans"][recipe]
         if before != after:
@@ -388,19 +386,15 @@ def finding(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> str:
 
     `kept` has what `made` returned once of each model, `now` is what it returns of this one.
     """
-    if key not in kept:
-        return f"no golden numbers of {key}: make them by `{COMMAND}`"
-    known = kept[key]
-    if known["version"] != now["version"]:
-        return (
-            f"the golden numbers of {key} are of version {known['version']}, it has version "
-            f"{now['version']}: make them anew by `{COMMAND}`"
-        )
+    known = kept.get(key)
+    if known is None or known["version"] != now["version"]:
+        of = "" if known is None else f" of version {now['version']}"
+        return f"no golden numbers{of} of {key}: make them by `{COMMAND}`"
     if lines := changed(key, known, now):
         return "\n".join(lines)
     for part in ("numbers", "plans"):
         if different := known[part].keys() ^ now[part].keys():
-            return f"{key}, {part}: {sorted(different)} not in both: `{COMMAND}` makes them anew"
+            return f"{key}, {part}: {sorted(different)} not in both: make them by `{COMMAND}`"
     return ""
 
 

@@ -24,37 +24,14 @@ from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell
 from stiff_datasets.measured.sheet_files import sample_table
-from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.protocol_catalog import PROTOCOLS
 from stiff_protocols.scoring.metrics import METRICS
 
-pytestmark = pytest.mark.xdist_group("site")  # one process builds it
-
 TOP = Path(__file__).parents[1]
 DOCS = TOP / "docs"
-PYTHON = re.findall(r"```python\n(.*?)```", (DOCS / "add_a_model.md").read_text("utf-8"), re.DOTALL)
-MODELS = dict(zip(("mean-deflection", "bagged-ridge"), PYTHON, strict=True))
 DEFINITIONS = (DOCS / "definitions.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LOADED = re.compile(r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=\"?((?:https?:)?//[^\" >]+)")
-
-
-@pytest.mark.parametrize("key", MODELS)
-def test_a_model_of_the_page_keeps_the_contract_and_can_be_run(key, fanuc, tmp_path):
-    path = tmp_path / "my_model.py"
-    path.write_text(MODELS[key], encoding="utf-8")
-    registry = build_registry()
-    registry.add_file(path)
-    info = registry.models[key]
-    cls = info.load()
-    checks = check_model(lambda: cls(**info.quick), fanuc, uses_validation=info.uses_validation)
-    assert [str(check) for check in checks if check.status == "failed"] == []
-    settings = ("bagged-ridge.members=3",) if key == "bagged-ridge" else ()
-    plan = planned(registry, models=(key,), datasets=("fanuc-r2000ic",), settings=settings)
-    (task,) = cell_tasks(plan)
-    result = compute_cell(task, "run")
-    assert (result.status, result.failure) == ("ok", "")
-    assert bool(result.diagnostics) == (key == "bagged-ridge")
 
 
 PAGES = (TOP / "README.md", *sorted(DOCS.rglob("*.md")))
@@ -87,6 +64,8 @@ def test_every_name_in_a_python_block_is_defined(tmp_path):
 
 
 PLUGINS = [
+    ("docs/add_a_model.md", 0, "mean-deflection"),
+    ("docs/add_a_model.md", 1, "bagged-ridge"),
     ("docs/add_a_data_set.md", 0, "hall-3"),
     ("docs/add_a_data_set.md", 1, "six-springs"),
     ("docs/add_a_protocol.md", 0, "gap-holdout"),
@@ -94,9 +73,7 @@ PLUGINS = [
 
 
 @pytest.mark.parametrize(("page", "number", "key"), PLUGINS, ids=lambda given: str(given))
-def test_a_data_set_or_protocol_of_a_page_passes_its_checks_and_can_be_run(
-    page, number, key, fanuc, tmp_path
-):
+def test_a_plugin_of_a_page_passes_its_checks_and_can_be_run(page, number, key, fanuc, tmp_path):
     path = tmp_path / "my_plugin.py"
     path.write_text(BLOCKS[page][number], encoding="utf-8")
     sample_table(fanuc.samples, fanuc.robot).to_csv(tmp_path / "campaign_2026.csv", index=False)
@@ -104,11 +81,12 @@ def test_a_data_set_or_protocol_of_a_page_passes_its_checks_and_can_be_run(
     registry.add_file(path)
     found = checklist(key, "fanuc-r2000ic", (), registry)
     assert found.kept and len(found.checks) > 2, repr(found)
-    words = {"protocols": (key,)} if key in registry.protocols else {"datasets": (key,)}
-    asked = {"models": ("vjm",), "datasets": ("fanuc-r2000ic",), "splits": 1} | words
-    (task,) = cell_tasks(planned(registry, **asked))
+    words = {"models": ("vjm",), "datasets": ("fanuc-r2000ic",), "protocols": ("holdout",)}
+    (kind,) = (name for name in words if key in getattr(registry, name))
+    (task,) = cell_tasks(planned(registry, **words | {kind: (key,)}, splits=1))
     result = compute_cell(task, "run")
     assert (result.status, result.failure) == ("ok", "")
+    assert bool(result.diagnostics) == (key != "mean-deflection")
 
 
 @pytest.mark.slow
@@ -165,36 +143,25 @@ def _unknown(line: str) -> str:
     return next((option for option in given if option not in options), "")
 
 
-@pytest.fixture(scope="session")
-def site(tmp_path_factory) -> Path:
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_with_equations_and_loads_nothing_from_elsewhere(
+    tmp_path,
+):
     for package in ("mkdocs", "material", "latex2mathml"):
         if find_spec(package) is None:
             pytest.skip(f"{package} is not installed: pip install 'stiffbench[docs]'")
-    folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path]
     built = subprocess.run(command, cwd=TOP, capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr
-    return folder
-
-
-@pytest.mark.slow
-def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(site):
-    pages = {
-        page.relative_to(site).as_posix(): page.read_text("utf-8") for page in site.rglob("*.html")
-    }
+    files = {path.relative_to(tmp_path).as_posix(): path for path in tmp_path.rglob("*.html")}
+    pages = {name: path.read_text("utf-8") for name, path in files.items()}
     ours = {page.relative_to(DOCS).with_suffix(".html").as_posix() for page in DOCS.rglob("*.md")}
     assert ours <= pages.keys()
     assert [name for name, text in pages.items() if LOADED.search(text)] == []
-
-
-@pytest.mark.slow
-def test_equations_are_in_the_pages(site):
-    page = (site / "definitions.html").read_text("utf-8")
+    page = pages["definitions.html"]
+    equations = re.findall(r"\$\$.*?\$\$|\$[^$\n]+\$", DEFINITIONS, re.DOTALL)
+    assert page.count("<math") == len(equations) and "arithmatex" not in page
     text = re.sub(r"<(code|pre)\b.*?</\1>", "", page, flags=re.DOTALL)
-    assert page.count("<math") == len(
-        re.findall(r"\$\$.*?\$\$|\$[^$\n]+\$", DEFINITIONS, re.DOTALL)
-    )
-    assert "arithmatex" not in page
     assert re.findall(r"\\[a-zA-Z(\[]", text) == []
 
 

@@ -13,10 +13,9 @@ yaml = pytest.importorskip("yaml")  # comes with mkdocs
 TOP = Path(__file__).parents[1]
 SETTINGS = tomllib.loads((TOP / "pyproject.toml").read_text("utf-8"))
 PROJECT = SETTINGS["project"]
-FORMS = sorted((TOP / ".github" / "ISSUE_TEMPLATE").glob("[!c]*.yml"))
 
 
-def read(name: str):
+def read(name: str | Path):
     return yaml.safe_load((TOP / name).read_text("utf-8"))
 
 
@@ -38,21 +37,11 @@ def test_the_workflow_runs_what_a_developer_runs_on_every_supported_python():
     assert set(job["strategy"]["matrix"]["python"]) == named
 
 
-@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.stem)
-def test_an_issue_form_asks_questions_that_must_be_answered(form):
-    content = read(str(form.relative_to(TOP)))
-    assert content["name"] and content["description"]
-    questions = [item for item in content["body"] if item["type"] != "markdown"]
-    assert len({item["id"] for item in questions}) == len(questions)
-    assert all(item["attributes"]["label"] for item in questions)
-    assert any(item.get("validations", {}).get("required") for item in questions)
-
-
-def test_the_fitted_attributes_that_the_form_of_a_model_asks_for_are_in_the_contract():
-    form = (TOP / ".github" / "ISSUE_TEMPLATE" / "new_model.yml").read_text("utf-8")
-    contract = TOP / "protocols" / "stiff_protocols" / "contract" / "stiffness_model.py"
-    named = set(re.findall(r"`(\w+_)`", form))
-    assert named and named <= set(re.findall(r"\b(\w+_): ", contract.read_text("utf-8")))
+def test_an_issue_form_asks_questions_that_must_be_answered():
+    for form in (TOP / ".github" / "ISSUE_TEMPLATE").glob("[!c]*.yml"):
+        questions = [item for item in read(form)["body"] if item["type"] != "markdown"]
+        assert len({item["id"] for item in questions}) == len(questions)
+        assert any(item.get("validations", {}).get("required") for item in questions)
 
 
 def test_the_engines_rooms_are_described_in_the_order_of_their_imports():

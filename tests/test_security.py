@@ -96,41 +96,12 @@ def test_a_pickle_in_the_samples_of_a_results_folder_is_refused_unread(mark):
 
 
 @pytest.mark.parametrize(
-    "arrays",
-    [
-        {"torque": np.zeros(3)},
-        {"torque": np.full((12, 6), "text")},
-        {"tcp": np.zeros((11, 3))},
-        {"tcp_on_flange": np.zeros(2)},
-        {"joint_types": np.array(["revolute"])},
-        {"joint_names": np.array("A1")},
-        {"q": np.zeros((3, 3))},
-        {"instrument_noise": np.zeros(2)},
-        {"instrument_noise": np.array(np.nan)},
-    ],
-    ids=str,
-)
-def test_samples_whose_arrays_do_not_fit_together_are_damaged(arrays):
-    with pytest.raises(DataError):
-        stored_data(stored_with(**arrays))
-
-
-@pytest.mark.parametrize(
     "content",
     [*(npy_header(*of) for of in (((2**40, 6), "<f8"), ((12, 6), "|O"), ((-1, 6), "<f8"))), b"no"],
 )
 def test_samples_that_are_no_arrays_or_promise_too_many_are_damaged(content):
     with pytest.raises(DataError):
         stored_data(archived(members(stored_with()) | {"q.npy": content}))
-
-
-def test_an_archive_or_a_blob_that_unpacks_to_too_much_is_refused(folder, monkeypatch):
-    monkeypatch.setattr("stiff_bench.store.samples.LARGEST_BYTES", 100)
-    with pytest.raises(DataError, match="unpacks to"):
-        stored_data(stored_with())
-    monkeypatch.setattr("stiff_bench.store.codec.LARGEST_BYTES", 100)
-    with pytest.raises(StoreError, match="unpacks to more than"):
-        read_results(folder)
 
 
 def test_a_pickle_that_calls_itself_a_table_is_refused(tmp_path, bomb, mark):
@@ -195,11 +166,10 @@ def test_a_results_file_that_links_elsewhere_is_none_and_is_not_quoted(folder, s
 # The cache, which holds pickles
 
 
-@pytest.mark.parametrize("mode", [0o777, 0o775, 0o722])
-def test_a_cache_that_others_may_write_is_refused(tmp_path, monkeypatch, mode):
+def test_a_cache_that_others_may_write_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path / "cache"))
     (tmp_path / "cache").mkdir()
-    (tmp_path / "cache").chmod(mode)
+    (tmp_path / "cache").chmod(0o775)
     with pytest.raises(StoreError, match="may write there"):
         usable_folder()
 

@@ -143,15 +143,6 @@ def wait_until(true: Callable[[], object], seconds: float = 120.0) -> None:
         time.sleep(0.02)
 
 
-def peak_mib(*words: str | Path) -> float:
-    """Run a command to its end; the most memory that it took, MiB."""
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)  # it has been waited for
-    assert process.returncode == 0
-    return usage.ru_maxrss / 1024
-
-
 def assert_refused(done: subprocess.CompletedProcess[str], *parts: str) -> None:
     """One line on standard error that names the thing, status 2, nothing on standard output."""
     assert done.returncode == 2, done.stderr

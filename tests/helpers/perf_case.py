@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import pytest
-
 OURS = "stiffbench"
 
 
@@ -34,12 +32,6 @@ def ours_or_peer(
     """
     about = {"ours": name.startswith((OURS, "bench ")), "at_least": dict(at_least or {})}
     benchmark.extra_info |= {"who": name, "work": work, "unit": unit} | about
-
-
-def needed(module: str, name: str) -> Any:
-    """Import a peer's module, or skip the benchmark with the peer's name."""
-    reason = f"peer {name} is missing: pip install 'stiffbench[perf]'"
-    return pytest.importorskip(module, reason=reason, exc_type=ImportError)
 
 
 def figure(benchmark: Any, what: str, value: float, unit: str, **target: float) -> None:

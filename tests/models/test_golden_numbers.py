@@ -51,3 +51,9 @@ def test_a_changed_constant_is_found(
     monkeypatch.setattr(place, name, value)
     of = "PRETRAINING_VERSION" if key == PRETRAINING_KEY else "its version"
     assert finding(key, KNOWN, made(key)).startswith(f"numbers of {key} changed: raise {of}\n")
+
+
+def test_numbers_that_are_to_be_made_are_named() -> None:
+    now = KNOWN["vjm"]
+    assert finding("new", KNOWN, now).startswith("no golden numbers of new: make them by")
+    assert "make them by" in finding("vjm", KNOWN, now | {"version": now["version"] + 1})

@@ -1,4 +1,4 @@
-"""Cells side by side: what two processes or two workers gain over one, and a plan's cost."""
+"""Cells side by side: what two processes or two workers gain over one."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from helpers.command_line import BENCH, peak_mib
-from helpers.perf_case import figure, needed, ours_or_peer
+from helpers.command_line import BENCH
+from helpers.perf_case import figure, ours_or_peer
 from stiff_bench.store.database import read_results
 
 N_CELLS = 40
@@ -56,20 +56,9 @@ def seconds_of(folder: Path, *how: str) -> float:
 )
 def test_two_side_by_side_against_one(benchmark, tmp_path, name, one, two):
     """Efficiency 1: two take half the time of one; both starts are in it."""
-    needed("distributed", "Dask")
+    pytest.importorskip("distributed")
     alone = seconds_of(tmp_path, *one)
     ours_or_peer(benchmark, f"bench run, two by {name}", work=N_CELLS, unit="fit")
     pair = benchmark.pedantic(seconds_of, (tmp_path, *two), rounds=1)
     said = f"parallel efficiency of two by {name}, time of one / (2 x time of two)"
     figure(benchmark, said, alone / (2 * pair), "")
-
-
-@pytest.mark.slow
-@pytest.mark.benchmark(group="a plan of 100,000 fits")
-def test_plan(benchmark, tmp_path):
-    models = [f"knn@neighbours={number}" for number in range(1, 11)]
-    words = [BENCH, "run", *(word for key in models for word in ("--model", key))]
-    words += ["--splits", "10000", "--plan", "--output", tmp_path]
-    ours_or_peer(benchmark, "bench run --plan of 100,000 fits", work=100_000, unit="fit")
-    peak = benchmark.pedantic(peak_mib, words, rounds=1)
-    figure(benchmark, "peak memory", peak, "MiB")

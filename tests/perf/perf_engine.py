@@ -4,45 +4,51 @@ from __future__ import annotations
 
 import contextlib
 import io
-import sqlite3
+import os
 import subprocess
 import sys
 import time
-import zlib
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import replace
 from functools import cache
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from helpers.command_line import BENCH, peak_mib
-from helpers.made_board import made_board
-from helpers.perf_case import OURS, figure, ours_or_peer
+from helpers.command_line import BENCH
+from helpers.perf_case import figure, ours_or_peer
 from helpers.run_requests import planned
 from stiff_bench.api.data import Dataset
 from stiff_bench.api.evaluation import Run
 from stiff_bench.cli.run import execute
-from stiff_bench.plan.registry import build_registry
+from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.execution import Execution
-from stiff_bench.store.database import FILE, ResultStore, stored_results, stored_statuses
+from stiff_bench.store.database import ResultStore, stored_statuses
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.simulate import simulate
 from stiff_datasets.twin.twin import TwinExperiment
-from stiff_models.model_catalog import model_info
+from stiff_protocols.contract.record import CellResult, Cost, RunManifest
+from stiff_protocols.contract.types import Prediction
+from stiff_protocols.scoring.metrics import metric_records
 
 N_CELLS = 1000
 
 
-def command(*words: str | Path) -> str:
-    """Run a command to its end; its standard output."""
-    done = subprocess.run(words, check=True, capture_output=True, text=True)
-    return done.stdout
+def command(*words: str | Path) -> None:
+    """Run a command to its end."""
+    subprocess.run(words, check=True, capture_output=True)
+
+
+def peak_mib(*words: str | Path) -> float:
+    """Run a command to its end; the most memory that it took, MiB."""
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)  # it has been waited for
+    assert process.returncode == 0
+    return usage.ru_maxrss / 1024
 
 
 def seconds(benchmark) -> float:
@@ -50,20 +56,19 @@ def seconds(benchmark) -> float:
     return benchmark.stats.stats.min
 
 
-LISTS = [f"bench list {what}" for what in ("models", "datasets", "protocols", "metrics")]
-PYTHON = {f"python -c '{words}'": words for words in ("pass", "import click")}
+AT_MOST_S = {"bench --help": 0.3, "bench list models": 0.5}
+CLICK = "python -c 'import click'"
 
 
 @pytest.mark.benchmark(group="start-up")
-@pytest.mark.parametrize("who", ["bench --help", *LISTS, *PYTHON])
+@pytest.mark.parametrize("who", [*AT_MOST_S, CLICK])
 def test_start(benchmark, who):
     ours_or_peer(benchmark, who)
-    if who in PYTHON:
-        benchmark.pedantic(command, (sys.executable, "-c", PYTHON[who]), rounds=5)
-    else:
-        assert benchmark.pedantic(command, (BENCH, *who.split()[1:]), rounds=5)
-        at_most = 0.5 if who in LISTS else 0.3
-        figure(benchmark, f"{who}, wall", seconds(benchmark), "s", at_most=at_most)
+    python = (sys.executable, "-c", "import click")
+    words = python if who == CLICK else (BENCH, *who.split()[1:])
+    benchmark.pedantic(command, words, rounds=5)
+    if who in AT_MOST_S:
+        figure(benchmark, f"{who}, wall", seconds(benchmark), "s", at_most=AT_MOST_S[who])
 
 
 @pytest.mark.benchmark(group=f"a run of {N_CELLS} fits of zero and vjm")
@@ -85,21 +90,59 @@ def test_overhead_of_a_cell(benchmark, tmp_path):
     figure(benchmark, "isolation of a fit", overhead_ms, "ms", at_most=100)
 
 
+MODELS = (
+    *("zero", "mean", "knn", "knn@neighbours=1", "knn@neighbours=2"),
+    *("vjm", "vjm-multisegment", "vjm-full", "gp", "vjm-gp"),
+)
+DATASETS = tuple(f"kr10-twin@specimen={number}" for number in range(6))
+PROTOCOLS = ("holdout", "kfold", "sample-efficiency", "space-transfer", "load-extrapolation")
+
+
+def made_up(task: CellTask, seed: int) -> CellResult:
+    """Return a result whose errors are larger the later the model stands in `MODELS`; no fit."""
+    rng, measured = np.random.default_rng(seed), task.data.samples.deflection[task.split.test]
+    scale = 1e-4 * (1 + MODELS.index(task.shown.model))
+    errors = rng.normal(scale=scale, size=(2, *measured.shape))
+    predicted, reference = measured + errors
+    prediction = Prediction(task.split.test, predicted, measured, reference=reference)
+    cost = Cost(*rng.uniform(1e-4, 1e-3, 4).tolist(), 2**20)
+    records = metric_records(prediction, cost)
+    return CellResult(
+        *(task.cell, task.shown, "20261121T120000Z-made00", "ok", records, prediction, cost),
+        n_train=len(task.split.train) + len(task.split.validation),
+        n_splits=task.n_splits,
+    )
+
+
 @pytest.fixture(scope="module")
 def board(tmp_path_factory) -> Callable[[int], tuple[Path, int]]:
-    """A function that gives a folder of results of so many splits, and its number of records."""
+    """A function that gives a folder of ten models' results of so many splits of every protocol.
+
+    It also gives the number of its records. Data, protocols and splits are real.
+    """
 
     @cache
     def made(n_splits: int) -> tuple[Path, int]:
-        folder = tmp_path_factory.mktemp("board")
-        return folder, made_board(folder, n_splits=n_splits)
+        protocols = [f"kfold@folds={n_splits}" if key == "kfold" else key for key in PROTOCOLS]
+        words = {"datasets": DATASETS, "protocols": tuple(protocols), "splits": n_splits}
+        tasks = list(cell_tasks(planned(models=MODELS, **words)))
+        store = ResultStore(tmp_path_factory.mktemp("board"))
+        for data in {task.cell.data_sha256: task.data for task in tasks}.values():
+            store.write_data(data)
+        results = [made_up(task, number) for number, task in enumerate(tasks)]
+        store.write_cells(results)
+        environment = {"stiffbench": "9.9", "commit": "", "dirty": ""}
+        keys = tuple(task.cell.key for task in tasks)
+        manifest = RunManifest(results[0].run_id, "bench run", "now", "finished", environment, keys)
+        store.write_manifest(manifest)
+        return store.folder, sum(len(result.records) for result in results)
 
     return made
 
 
 @pytest.mark.parametrize(
     ("n_splits", "records", "at_most"),
-    [(5, 100_000, 2.0), pytest.param(45, 1_000_000, 3.0, marks=pytest.mark.slow)],
+    [(5, 100_000, 2.0), pytest.param(45, 1_000_000, 8.0, marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("words", [["leaderboard"], ["compare", "vjm", "knn"]], ids=lambda w: w[0])
 def test_results(benchmark, board, n_splits, records, at_most, words):
@@ -114,31 +157,6 @@ def test_results(benchmark, board, n_splits, records, at_most, words):
     figure(benchmark, f"{name}, peak memory", peak, "MiB", at_most=1024)
 
 
-@pytest.mark.benchmark(group="storing results")
-@pytest.mark.parametrize(
-    "who", ["stiffbench, a result per transaction", "sqlite3, a blob per transaction"]
-)
-def test_storing(benchmark, board, tmp_path, who):
-    """Transactions, each on the disk before the next; and what SQLite alone takes for as many."""
-    some = list(islice(stored_results(board(5)[0]), 300))
-    ours_or_peer(benchmark, who, work=len(some), unit="result")
-    if who.startswith(OURS):
-        store = ResultStore(tmp_path)
-        benchmark.pedantic(lambda: [store.write_cells([result]) for result in some], rounds=3)
-        size = (tmp_path / FILE).stat().st_size / len(some)
-        figure(benchmark, "a stored result", size, "bytes")
-        return
-    blobs = [zlib.compress(one.prediction.predicted.tobytes()) for one in some]
-
-    def insert():
-        with closing(sqlite3.connect(tmp_path / "bare.sqlite", isolation_level=None)) as db:
-            db.execute("CREATE TABLE IF NOT EXISTS bare (content BLOB)")
-            for blob in blobs:
-                db.execute("INSERT INTO bare VALUES (?)", (blob,))
-
-    benchmark.pedantic(insert, rounds=3)
-
-
 def of_samples(n: int, folder: Path) -> RunPlan:
     path = folder / f"{n}.csv"
     constants = shipped_constants("kr10_r1100_2")
@@ -149,13 +167,6 @@ def of_samples(n: int, folder: Path) -> RunPlan:
 
 def of_splits(n: int, _: Path) -> RunPlan:
     return planned(models=("vjm",), splits=n)
-
-
-def of_models(n: int, _: Path) -> RunPlan:
-    models = [replace(model_info("zero"), key=f"zero-{number}") for number in range(n)]
-    registry = build_registry()
-    registry.add(models, "")
-    return planned(registry, models=tuple(model.key for model in models))
 
 
 def cpu_seconds(plan: RunPlan, folder: Path) -> float:
@@ -172,9 +183,8 @@ def cpu_seconds(plan: RunPlan, folder: Path) -> float:
     [
         (of_samples, (151, 1_000, 10_000, 30_000, 100_000)),
         (of_splits, (2, 10, 100, 400, 1_600)),
-        (of_models, (2, 10, 100, 400, 1_600)),
     ],
-    ids=["samples", "splits", "models"],
+    ids=["samples", "splits"],
 )
 @pytest.mark.benchmark(group="growth of a run's cost")
 def test_growth(benchmark, of, sizes, tmp_path, request):

@@ -1,26 +1,19 @@
-"""Fine-tuning: epochs a second beside the textbook loop in plain torch, and how many are needed."""
+"""Fine-tuning: epochs a second beside the textbook loop in plain torch."""
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
-from joblib import Parallel, delayed, parallel_config
 
-from helpers.perf_case import figure, ours_or_peer
+from helpers.perf_case import ours_or_peer
 from helpers.plain_fine_tuning import Pretrained, largest_difference, our_loop, plain_loop
 from helpers.quick_models import twin_data
-from helpers.run_requests import planned
-from stiff_bench.plan.cells import cell_tasks
 from stiff_models.device import has_fast_bfloat16
 from stiff_models.networks.training import TrainingPlan
-from stiff_models.transfer.ft_mlp import FINE_TUNING, FtMlp
-from stiff_models.transfer.pretrained_mlp import Recipe
-from stiff_protocols.contract.types import FloatArray, Samples
-from stiff_protocols.splits.random_splits import LeaveOneOut, PaperHoldout
+from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_protocols.splits.random_splits import PaperHoldout
 
 FREEZE = "layers:1,2"  # the paper's
 UPPER = "layers:3,4,out"  # what lies below is computed once
@@ -35,9 +28,6 @@ Later the sign in the gradient of the mean absolute error makes every difference
 cent: the plain loop's own losses do so when its first weights change by 1e-7.
 """
 AT_LEAST = {"stiffbench float32": 1.6, "stiffbench bfloat16": 3.0}
-SPLITS = 10
-CHOSEN_ON = 5  # candidates met on splits 0 to 3 and on specimens 5 to 7, on none from here on
-PROCESSES = 2
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +37,7 @@ def case() -> Pretrained:
     (split,) = PaperHoldout().splits(data.samples, n_splits=1, seed=0)
     train, held_out = data.samples.take(split.train), data.samples.take(split.validation)
     model = FtMlp(pretrain_steps=30, epochs=0, device="cpu")
-    return pretrained(model.fit(train, robot=data.robot), train, held_out)
-
-
-def pretrained(model: FtMlp, train: Samples, held_out: Samples) -> Pretrained:
+    model.fit(train, robot=data.robot)
     rows, others = model._measured_rows(train), model._measured_rows(held_out)
     return Pretrained(model.network_, rows, others)
 
@@ -69,81 +56,3 @@ def test_epochs(benchmark, case, freeze, who):
     benchmark.group = f"fine-tuning, 121 + 30 rows, freeze={freeze}"
     ours_or_peer(benchmark, who, {PLAIN: AT_LEAST.get(who)}, work=plan.steps, unit="epoch")
     benchmark.pedantic(way, (case, chosen, plan), rounds=8, warmup_rounds=1)
-
-
-@pytest.mark.benchmark(group="fine-tuning, 121 + 30 rows, two processes of one thread")
-def test_two_processes(benchmark, case):
-    plan = replace(PLAN, steps=1000)
-    ours_or_peer(benchmark, work=PROCESSES * plan.steps, unit="epoch")
-
-    def at_once(count: int) -> float:
-        start = time.perf_counter()
-        workers(delayed(our_loop)(case, FREEZE, plan) for _ in range(count))
-        return time.perf_counter() - start
-
-    with parallel_config("loky", inner_max_num_threads=1), Parallel(PROCESSES) as workers:
-        at_once(PROCESSES)  # starts them
-        alone = min(at_once(1) for _ in range(3))
-        benchmark.pedantic(at_once, (PROCESSES,), rounds=3)
-    ratio = PROCESSES * alone / benchmark.stats.stats.min
-    figure(benchmark, "epochs/s of two processes over one's", ratio, "", at_least=1.9)
-
-
-@pytest.mark.slow
-@pytest.mark.benchmark(group="leave-one-out of ft-mlp on 151 poses, one core")
-@pytest.mark.parametrize(("training", "minutes"), [("normal", 4), ("cv", 14)])
-def test_leave_one_out(benchmark, training, minutes, monkeypatch, tmp_path):
-    """Every pre-training counts: the cache is empty."""
-    monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))
-    data = twin_data()
-
-    def leave_one_out() -> float:
-        start = time.process_time()
-        for split in LeaveOneOut().splits(data.samples, n_splits=None, seed=0):
-            rows = np.sort(np.concatenate([split.train, split.validation]))
-            model = FtMlp(training=training, device="cpu")
-            model.fit(data.samples.take(rows), robot=data.robot)
-        return time.process_time() - start
-
-    ours_or_peer(benchmark, f"training={training}", work=151.0, unit="fit")
-    spent = benchmark.pedantic(leave_one_out, rounds=1)
-    figure(benchmark, f"CPU minutes, training={training}", spent / 60, "min", at_most=minutes)
-
-
-@pytest.mark.slow
-@pytest.mark.benchmark(group=f"fine-tuning, {SPLITS} splits of kr10-twin, freeze={FREEZE}")
-def test_fast_recipe(benchmark):
-    """How near the fast recipe comes to the paper's 50,000 epochs, from the same networks.
-
-    Both choose their epoch on the split's validation rows, and it is their error there that is
-    compared; the test rows take no part.
-    """
-    tasks = list(cell_tasks(planned(models=("ft-mlp@epochs=0",), splits=SPLITS)))
-
-    parts = [
-        [task.data.samples.take(rows) for rows in (task.split.train, task.split.validation)]
-        for task in tasks
-    ]
-    with parallel_config("loky", inner_max_num_threads=1), Parallel(PROCESSES) as workers:
-        models = workers(  # which cannot import this module
-            delayed(task.model.make().fit)(train, robot=task.data.robot, seed=task.cell.model_seed)
-            for task, (train, _) in zip(tasks, parts, strict=True)
-        )
-        cases = [pretrained(model, *both) for model, both in zip(models, parts, strict=True)]
-
-        def lowest_losses(recipe: Recipe) -> FloatArray:
-            plan = replace(FINE_TUNING[recipe], keep_best=True)
-            curves = workers(delayed(our_loop)(case, FREEZE, plan) for case in cases)
-            return np.array([curve.best_loss for curve in curves])
-
-        ours_or_peer(benchmark, "recipe=fast", work=SPLITS, unit="fine-tuning")
-        fast = benchmark.pedantic(lowest_losses, ("fast",), rounds=3, warmup_rounds=1)
-        start = time.perf_counter()
-        ratio = fast / lowest_losses("paper")
-        share = 100 * benchmark.stats.stats.min / (time.perf_counter() - start)
-    what = "validation MAE, recipe=fast over recipe=paper"
-    figure(benchmark, f"{what}, mean of {SPLITS} splits", ratio.mean(), "", at_most=1.02)
-    unseen = f"{what}, mean of splits {CHOSEN_ON} to {SPLITS - 1}"
-    figure(benchmark, unseen, ratio[CHOSEN_ON:].mean(), "", at_most=1.02)
-    figure(benchmark, f"{what}, largest", ratio.max(), "")
-    figure(benchmark, "time, recipe=fast of recipe=paper", share, "%", at_most=1.0)

@@ -9,8 +9,7 @@ from helpers.perf_case import ours_or_peer
 from helpers.pinocchio_twin import elastic_pinocchio, torque_and_tcp
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.spring_law import SpringLaw
-from stiff_datasets.twin.twin import TOLERANCE_NM, DigitalTwin, TwinExperiment
-from stiff_datasets.twin.twin_effects import EFFECTS
+from stiff_datasets.twin.twin import TOLERANCE_NM, DigitalTwin
 from stiff_protocols.contract.types import FloatArray
 
 CONSTANTS = shipped_constants("kr10_r1100_2")
@@ -49,18 +48,4 @@ def test_readings(benchmark, who):
     way = pinocchio_readings if who == LOOP else twin.readings
     np.testing.assert_allclose(way(*drawn(20)), twin.readings(*drawn(20)), rtol=0, atol=1e-13)
     ours_or_peer(benchmark, who, work=n, unit="sample")
-    benchmark.pedantic(way, drawn(n), rounds=5, warmup_rounds=1)
-
-
-ROUGH = "stiffbench, hysteresis and beams, 20,000 samples"
-
-
-@pytest.mark.benchmark(group="digital twin, bending links")
-@pytest.mark.parametrize("who", [ROUGH, LOOP])
-def test_readings_of_the_rough_twin(benchmark, who):
-    rough = shipped_constants("kr10_rough")
-    twin = TwinExperiment(rough, loads="line", specimen=0, seed=0, effects=EFFECTS).twin
-    n = 200 if who == LOOP else 20_000
-    way = pinocchio_readings if who == LOOP else twin.readings  # the loop has the joints alone
-    ours_or_peer(benchmark, who, {LOOP: 5.0}, work=n, unit="sample")
     benchmark.pedantic(way, drawn(n), rounds=5, warmup_rounds=1)

@@ -13,8 +13,7 @@ import pytest
 from sklearn.base import BaseEstimator
 
 import stiffbench as sb
-from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.paper.figures import FIGURES as PAPERS
+from stiff_bench.api import catalog
 from stiff_datasets.measured.sheet_files import sample_table, write_table
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -30,7 +29,7 @@ def twin():
     return sb.load_dataset("kr10-twin", specimen=3)
 
 
-class Halved:
+class Halved(BaseEstimator):
     """A notebook's own model: half of the mean training deflection."""
 
     def __init__(self, *, factor: float = 0.5) -> None:
@@ -44,23 +43,20 @@ class Halved:
         return np.tile(self.mean_, (len(q), 1))
 
 
-def script(tmp_path: Path, text: str) -> subprocess.CompletedProcess[str]:
+def script(tmp_path: Path, text: str) -> list[str]:
+    """Run a script of its own; the lines that it prints."""
     path = tmp_path / "script.py"
     path.write_text(text)
-    command = [sys.executable, path]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
 
 
 def test_importing_the_package_imports_nothing_heavy_and_every_name_is_there(tmp_path):
-    done = script(
-        tmp_path,
-        "import sys, stiffbench\n"
-        "print(sorted({'numpy', 'torch', 'pandas', 'pinocchio'} & sys.modules.keys()))\n"
-        "data = stiffbench.load_dataset('kr10-twin')\n"
-        "stiffbench.evaluate('vjm', data, splits=1)\n"
-        "print('torch' in sys.modules)\n",
-    )
-    assert done.stdout.splitlines() == ["[]", "False"], done.stderr
+    heavy = "{'numpy', 'torch', 'pandas', 'pinocchio'}"
+    assert script(tmp_path, f"import sys, stiffbench; print({heavy} & {{*sys.modules}})") == [
+        "set()"
+    ]
     assert all(getattr(sb, name) is not None for name in dir(sb))
     with pytest.raises(AttributeError, match="nothing_such"):
         _ = sb.nothing_such
@@ -72,16 +68,9 @@ def test_options_are_checked_and_become_part_of_the_name():
     assert sb.make_model("knn@neighbours=3").name == sb.make_model("knn", neighbours=3).name
     with pytest.raises(ConfigError, match="neighbours"):
         sb.make_model("knn", neighbors=3)
-    with pytest.raises(ConfigError, match="many"):
-        sb.make_model("knn", neighbours="many")
     assert type(sb.make_model("knn", neighbours=np.int64(3)).choice.params["neighbours"]) is int
-    for wrong in (True, 1.0):  # no text, though it could be written as one
-        with pytest.raises(ConfigError, match=rf"freeze={wrong}: .*valid: text"):
-            sb.make_model("ft-mlp", freeze=wrong)
     with pytest.raises(ConfigError, match="kr10-twin"):
         sb.load_dataset("kr10-twn")
-    with pytest.raises(ConfigError, match="splits=0"):
-        sb.evaluate("vjm", splits=0)
 
 
 def test_a_model_fits_predicts_scores_and_is_the_same_after_a_file(twin, tmp_path):
@@ -101,15 +90,6 @@ def test_a_model_fits_predicts_scores_and_is_the_same_after_a_file(twin, tmp_pat
     assert again.name == "vjm"
 
 
-@pytest.mark.slow
-def test_a_fit_reports_the_options_that_it_chose(twin, small_source):
-    small = {"width": 8, "pretrain_steps": 2, "epochs": 10, "device": "cpu"}
-    model = sb.make_model("ft-mlp", **small).fit(twin)
-    chosen = "anchor={anchor}, epochs={epochs}".format(**model.fitted.best_params_)
-    assert f"- options chosen by inner cross-validation: {chosen}" in model.learned
-    assert not [line for line in sb.make_model("vjm").fit(twin).learned if "chosen" in line]
-
-
 def test_a_model_warns_once_beyond_its_training_range_also_after_a_file(twin, tmp_path):
     samples = twin.samples
     fitted = sb.make_model("vjm").fit(twin)
@@ -125,16 +105,6 @@ def test_a_model_warns_once_beyond_its_training_range_also_after_a_file(twin, tm
         largest = 5.0 * np.linalg.norm(samples.wrench[:3, :3], axis=1).max()
         for part in ("3 of 3", f"force {largest:.4g} N", f"{known.force:.4g}"):
             assert part in warning
-
-
-def test_each_file_with_rows_beyond_the_training_range_is_warned_of(twin, tmp_path):
-    model = sb.make_model("vjm").fit(twin)
-    frame = twin.frame().head(2)
-    frame.loc[1, "q2_deg"] = -180.0 - 60.0
-    frame.to_csv(tmp_path / "loads.csv", index=False)
-    for name in ("a.csv", "b.csv"):
-        with pytest.warns(StiffBenchWarning, match=r"1 of 2 rows: q2 -240 deg"):
-            model.predict_file(tmp_path / "loads.csv", tmp_path / name)
 
 
 def test_a_model_that_chooses_its_epoch_gets_poses_to_choose_by_and_says_so(twin, monkeypatch):
@@ -176,15 +146,6 @@ def test_two_data_sets_of_one_name_are_refused_and_one_given_twice_is_computed_o
         sb.evaluate("zero", [first, second])
     once, twice = (sb.evaluate("zero", data).frame() for data in (first, [first, first]))
     assert len(once) == len(twice) > 0
-
-
-def test_data_of_the_users_own_are_evaluated_like_shipped_ones(twin):
-    own = sb.Dataset.from_samples(twin.samples, twin.robot)
-    numbers = [
-        sb.evaluate("vjm", data, splits=2).frame().query("metric in ['mae', 'stde']")["value"]
-        for data in (own, twin)
-    ]
-    np.testing.assert_allclose(*numbers, rtol=1e-12)
 
 
 def test_results_are_tidy_data_tables_comparisons_and_ranks(twin, tmp_path, no_figures):
@@ -247,7 +208,6 @@ def test_rows_that_a_data_set_does_not_have_are_refused(twin, rows):
 
 
 def test_what_is_no_data_set_is_refused_with_how_to_make_one(twin):
-    model = sb.make_model("zero")
     for given, remedy in (
         (twin.frame(), r"Dataset\.from_frame\(frame, robot\)"),
         (twin.samples, r"Dataset\.from_samples\(samples, robot\)"),
@@ -255,19 +215,10 @@ def test_what_is_no_data_set_is_refused_with_how_to_make_one(twin):
         (3, "read_samples"),
     ):
         with pytest.raises(ConfigError, match=remedy):
-            model.fit(given)
-    with pytest.raises(ConfigError, match="from_frame"):
-        sb.evaluate("zero", twin.frame())
-    with pytest.raises(ConfigError, match="from_frame"):
-        sb.make_model("zero").fit(twin).score(twin.frame())
-
-
-def test_opened_results_show_the_rows_of_the_run_that_made_them(twin, tmp_path):
-    made = sb.evaluate(["vjm", "knn", "zero"], twin, splits=3, output=tmp_path)
-    opened = sb.open_results(tmp_path)
-    (ours,), (read,) = (found.table().tables for found in (made, opened))
-    assert sorted(ours.texts()) == sorted(read.texts())
-    assert "knn" in repr(opened) and "<table" in opened._repr_html_()
+            sb.make_model("zero").fit(given)
+    for use in (partial(sb.evaluate, "zero"), sb.make_model("zero").fit(twin).score):
+        with pytest.raises(ConfigError, match="from_frame"):
+            use(twin.frame())
 
 
 def test_what_there_is_is_a_table_and_what_it_is_a_text():
@@ -308,28 +259,24 @@ def test_results_are_merged_and_drawn(twin, tmp_path):
         sb.evaluate(model, twin, splits=1, output=tmp_path / model)
     merged = sb.merge([tmp_path / "vjm", tmp_path / "zero"], tmp_path / "both")
     assert merged.n_cells == 2
-    results = sb.open_results(tmp_path / "both")
-    drawn = sb.figure("errors", results, models=["vjm"])
+    drawn = sb.figure("errors", sb.open_results(tmp_path / "both"), models=["vjm"])
     assert "kr10-twin@specimen=3" in drawn.caption
     assert drawn._repr_png_().startswith(b"\x89PNG")
-    drawn.save(str(tmp_path / "errors.svg"))
-    assert "<svg" in (tmp_path / "errors.svg").read_text()
     with pytest.raises(StiffBenchError, match="no result"):
-        sb.paper_table(9, results)
+        sb.paper_table(9, sb.open_results(tmp_path / "both"))
 
 
 @pytest.mark.parametrize(
     ("call", "named"),
     [
         (lambda: sb.make_model("knn@neighbours=many"), "model 'knn@neighbours=many'"),
-        (lambda: sb.load_dataset("robot-twin"), "robot-twin@constants"),
+        (lambda: sb.evaluate("vjm", splits=0), "splits=0"),
         (lambda: sb.evaluate("vjm", coverage=0.9), "coverage 0.9"),
         (lambda: sb.evaluate("vjm", protocol="leave-one-out", splits=3), "splits 3"),
         (lambda: sb.use_plugin("none.py"), "plugin none.py"),
         (lambda: sb.open_results("none").leaderboard(axis="w"), "axis 'w'"),
         (lambda: sb.open_results("none").leaderboard(), "results none"),
         (lambda: sb.figure("9", models=["gp"]), "model gp"),
-        (lambda: sb.simulate("x.csv", twin="ur6"), "twin 'ur6'"),
         (lambda: sb.plan_poses("x.csv", robot="fanuc-r2000ic"), "payload of fanuc"),
     ],
 )
@@ -357,15 +304,7 @@ def test_every_fitted_model_has_intervals_also_after_a_file(twin, tmp_path):
 
 
 def test_a_plugins_model_has_intervals_too(twin):
-    class Half(BaseEstimator):
-        def fit(self, train, *, robot, validation=None, seed=0):
-            self.inner_ = sb.make_model("vjm").fit(sb.Dataset.from_samples(train, robot))
-            return self
-
-        def predict(self, q, wrench):
-            return 0.5 * self.inner_.fitted.predict(q, wrench)
-
-    model = sb.make_model(Half).fit(twin)
+    model = sb.make_model(Halved).fit(twin)
     found = model.predict_interval(twin.samples.q, twin.samples.wrench)
     inside = (found.lower <= twin.samples.deflection) & (twin.samples.deflection <= found.upper)
     assert 0.85 < inside.mean() < 0.97
@@ -431,32 +370,19 @@ def test_classes_of_a_script_run_but_are_never_kept(twin, tmp_path):
 
 @pytest.mark.slow
 def test_several_jobs_work_in_a_script_without_a_main_guard(tmp_path):
-    done = script(
-        tmp_path,
+    text = (
         "print('begun')\n"
         "import stiffbench as sb\n"
         "found = sb.evaluate(['vjm', 'knn'], splits=2, jobs=2)\n"
-        "print({one.status for one in found.cells}, len(found))\n",
+        "print({one.status for one in found.cells}, len(found))\n"
     )
-    assert done.stdout.splitlines() == ["begun", "{'ok'} 4"], done.stderr
-    assert done.returncode == 0
+    assert script(tmp_path, text) == ["begun", "{'ok'} 4"]
 
 
-def test_a_plugins_file_is_named_after_use_plugin(tmp_path, twin):
-    from stiff_bench.api import catalog
-
+def test_a_plugins_file_is_named_after_use_plugin(plugin_file, twin):
     catalog.registry.cache_clear()
-    file = tmp_path / "my_plugin.py"
-    file.write_text(
-        "from stiff_protocols.contract.plugin import ModelInfo\n"
-        "import numpy as np\n"
-        "class Still:\n"
-        "    def fit(self, train, *, robot, validation=None, seed=0): return self\n"
-        "    def predict(self, q, wrench): return np.zeros((len(q), 3))\n"
-        "MODELS = [ModelInfo(key='still', target=Still, summary='none')]\n"
-    )
-    sb.use_plugin(file)
-    assert sb.make_model("still").fit(twin).predict(np.zeros((2, 6)), np.zeros((2, 6))).any() == 0
+    sb.use_plugin(plugin_file("still"))
+    assert sb.make_model("still").fit(twin).predict(np.zeros((2, 6)), np.zeros((2, 6))).any()
     assert "still" in set(sb.list_models().frame()["key"])
     catalog.registry.cache_clear()
 
@@ -469,13 +395,4 @@ def test_robots_come_from_descriptions_and_by_name(kr10):
     shipped = sb.load_robot("kr10-r1100-2")
     np.testing.assert_array_equal(robot.tcp, shipped.tcp)
     np.testing.assert_array_equal(robot.placements, kr10.placements)
-
-
-def test_every_robot_that_the_api_gives_is_a_robot_of_the_api(kr10, twin):
-    for robot in (sb.load_robot("ur5"), twin.robot, kr10):
-        assert isinstance(robot, sb.Robot)
-    assert not isinstance("ur5", sb.Robot)
-
-
-def test_the_docstring_of_figure_names_every_figure():
-    assert all(f'"{name}"' in sb.figure.__doc__ for name in (*FIGURES, *PAPERS))
+    assert isinstance(robot, sb.Robot) and isinstance(shipped, sb.Robot)

@@ -81,9 +81,7 @@ def test_a_process_chooses_by_its_own_intervals(tmp_path, measured):
 
 
 def test_the_workspace_may_be_the_users_own_rows(tmp_path, measured):
-    measured(30, "all.csv")
-    rows = pd.read_csv(tmp_path / "all.csv")
-    rows.iloc[20:].to_csv(tmp_path / "work.csv", index=False)
+    pd.read_csv(tmp_path / measured(30, "all.csv")).iloc[20:].to_csv(tmp_path / "work.csv")
     words = [*UR5, "--after", measured(14), "--poses", "4", "--workspace", "work.csv"]
     done = bench_here(*words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -109,19 +107,12 @@ def test_a_plan_and_what_was_measured_of_it_are_one_file(tmp_path, measured, ur5
     assert len(sb.read_samples(tmp_path / "both.csv", robot="ur5")) == 17
 
 
-@pytest.mark.parametrize(("n_poses", "named"), [(1, "shoulder_pan, shoulder_lift"), (2, "elbow")])
-def test_joints_that_the_measured_poses_do_not_identify_are_named(
-    n_poses, named, tmp_path, measured
-):
-    done = bench_here(*UR5, "--after", measured(n_poses), "--poses", "6", cwd=tmp_path)
-    line = re.search("Not identifiable from the measured poses: .*", done.stdout)
-    assert line and named in line[0], done.stderr
-
-
-def test_plans_that_remove_nearly_all_of_the_variance_are_compared_by_what_they_leave(
+def test_after_too_few_poses_joints_are_named_and_plans_compared_by_what_they_leave(
     tmp_path, measured
 ):
     done = bench_here(*UR5, "--after", measured(2), "--poses", "6", cwd=tmp_path)
+    line = re.search("Not identifiable from the measured poses: .*", done.stdout)
+    assert line and "elbow" in line[0], done.stderr
     _, plan, random, _ = lowered(done.stdout)
     sentence = f"leaves a standard error of {plan:.4f} mm, random poses {random:.4f} mm"
     assert sentence in done.stdout and "times as much" not in done.stdout
@@ -136,14 +127,12 @@ def test_springs_that_explain_little_raise_the_question_of_the_robot(tmp_path, m
 
 
 def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur5):
-
     def errors(model, n_poses):
         choice = Choice.of(model_info(model))
         samples = ur5.samples.take(np.arange(n_poses))
         return curve_errors(Measured("my.csv", samples, ur5.robot, choice), 0)
 
     found = errors("vjm", 20)
-    assert found.sizes.tolist() == sorted(set(found.sizes.tolist()))
     assert (found.sizes[0], found.sizes[-1]) == (5, 16)
     assert (found.counts.sum(axis=1) == 4).all()  # a fifth, one load a pose
     assert ((found.totals > 0) == (found.counts[:, None] > 0)).all()
@@ -159,10 +148,8 @@ def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur
     ("words", "parts"),
     [
         (["--poses", "201"], ["poses is 201", "1 to 200"]),
-        (["--model", "vjm-gq"], ["vjm-gq", "vjm-gp"]),
         (["--model", "vjm-gp"], ["my.csv: 9 poses", "from 10 poses on", "--model vjm"]),
         (["--model", "gp", "--criterion", "d-optimal"], ["--criterion d-optimal", "i-optimal"]),
-        (["--workspace", "no.csv"], ["no.csv: cannot be read"]),
         (["--robot", "gp12"], ["my.csv: row", "limits of joint", "gp12"]),
     ],
 )
@@ -173,29 +160,20 @@ def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measure
     assert not (tmp_path / "next.csv").exists()
 
 
-@pytest.mark.parametrize("words", [["--model", "vjm"], ["--workspace", "x"], ["--no-torque"]])
-def test_what_is_of_a_plan_after_a_measurement_needs_one(tmp_path, words):
-    assert_refused(bench_here(*UR5, *words, cwd=tmp_path), words[0], "--after")
-
-
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of few poses
 @pytest.mark.slow
-@pytest.mark.parametrize("twin", planned_poses.TWINS)
 @pytest.mark.parametrize("case", planned_poses.CASES, ids=str)
-def test_planned_poses_lower_the_variance_a_fifth_more_than_random_ones_on_twins(twin, case):
-    """docs/how-to/own-robot.md states the ratios."""
-    found = [planned_poses.outcome(twin, *case, seed) for seed in range(planned_poses.SEEDS)]
-    assert np.mean([one.ratio for one in found]) > 1.2
+def test_planned_poses_tell_a_fifth_more_than_random_ones_on_twins(case):
+    """docs/how-to/own-robot.md states the ratios.
 
-
-@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of few poses
-@pytest.mark.slow
-def test_few_planned_poses_give_better_springs_than_random_ones_on_twins():
-    """Of many poses the model's own error remains, which no pose removes."""
-    errors = [
-        planned_poses.outcome(twin, "vjm", 5, 5, seed).errors
+    Springs of few poses err less, too; of many poses the model's own error remains.
+    """
+    outcomes = {
+        twin: [planned_poses.outcome(twin, *case, seed) for seed in range(planned_poses.SEEDS)]
         for twin in planned_poses.TWINS
-        for seed in range(planned_poses.SEEDS)
-    ]
+    }
+    for of_twin in outcomes.values():
+        assert np.mean([one.ratio for one in of_twin]) > 1.2
+    errors = [one.errors for of_twin in outcomes.values() for one in of_twin]
     _, random, planned = np.mean(errors, axis=0)
-    assert planned < 0.97 * random
+    assert case != ("vjm", 5, 5) or planned < 0.97 * random

