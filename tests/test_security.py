@@ -90,29 +90,9 @@ def stored_with(**arrays) -> bytes:
 
 
 def test_a_pickle_in_the_samples_of_a_results_folder_is_refused_unread(mark):
-    assert stored_data(stored_with()).robot == ROBOT.name
+    assert stored_data(stored_with()).robot.name == ROBOT.name
     with pytest.raises(DataError, match="allow_pickle=False"):
-        stored_data(stored_with(torque=np.array([Bomb(mark)])))
-
-
-@pytest.mark.parametrize(
-    "arrays",
-    [
-        {"torque": np.zeros(3)},
-        {"torque": np.full((12, 6), "text")},
-        {"tcp": np.zeros((11, 3))},
-        {"tcp_on_flange": np.zeros(2)},
-        {"joint_types": np.array(["revolute"])},
-        {"joint_names": np.array("A1")},
-        {"q": np.zeros((3, 3))},
-        {"instrument_noise": np.zeros(2)},
-        {"instrument_noise": np.array(np.nan)},
-    ],
-    ids=str,
-)
-def test_samples_whose_arrays_do_not_fit_together_are_damaged(arrays):
-    with pytest.raises(DataError):
-        stored_data(stored_with(**arrays))
+        stored_data(stored_with(q=np.array([Bomb(mark)])))
 
 
 @pytest.mark.parametrize(
@@ -122,15 +102,6 @@ def test_samples_whose_arrays_do_not_fit_together_are_damaged(arrays):
 def test_samples_that_are_no_arrays_or_promise_too_many_are_damaged(content):
     with pytest.raises(DataError):
         stored_data(archived(members(stored_with()) | {"q.npy": content}))
-
-
-def test_an_archive_or_a_blob_that_unpacks_to_too_much_is_refused(folder, monkeypatch):
-    monkeypatch.setattr("stiff_bench.store.samples.LARGEST_BYTES", 100)
-    with pytest.raises(DataError, match="unpacks to"):
-        stored_data(stored_with())
-    monkeypatch.setattr("stiff_bench.store.codec.LARGEST_BYTES", 100)
-    with pytest.raises(StoreError, match="unpacks to more than"):
-        read_results(folder)
 
 
 def test_a_pickle_that_calls_itself_a_table_is_refused(tmp_path, bomb, mark):
@@ -187,7 +158,7 @@ def test_a_results_file_that_links_elsewhere_is_none_and_is_not_quoted(folder, s
     (folder / FILE).unlink()
     (folder / FILE).symlink_to(secret)
     for read in (read_results, read_manifests):
-        with pytest.raises(StoreError, match="damaged") as refused:
+        with pytest.raises(StoreError, match="corrupt") as refused:
             read(folder)
         assert SECRET not in str(refused.value)
 

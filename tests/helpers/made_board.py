@@ -11,7 +11,7 @@ from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.store.database import ResultStore
 from stiff_protocols.contract.record import CellResult, Cost, RunManifest
 from stiff_protocols.contract.types import Prediction
-from stiff_protocols.scoring.metrics import metric_records
+from stiff_protocols.scoring.metrics import METRICS
 
 MODELS = (
     *("zero", "mean", "knn", "knn@neighbours=1", "vjm", "vjm@congruence=true"),
@@ -23,7 +23,7 @@ RUN_ID = "20261121T120000Z-made00"
 
 
 def made_board(folder: Path, *, n_splits: int = 5) -> int:
-    """Write a finished run of ten models and return how many records it has.
+    """Write a finished run of ten models and return how many values it has.
 
     `n_splits` is of every protocol in each of its conditions.
     """
@@ -38,7 +38,7 @@ def made_board(folder: Path, *, n_splits: int = 5) -> int:
     keys = tuple(task.cell.key for task in tasks)
     environment = {"stiffbench": "9.9", "commit": "", "dirty": ""}
     store.write_manifest(RunManifest(RUN_ID, "bench run", "now", "finished", environment, keys))
-    return sum(len(result.records) for result in results)
+    return sum(len(m.of_result(result)) for result in results for m in METRICS.values())
 
 
 def _made_up(task: CellTask, rng: np.random.Generator) -> CellResult:
@@ -51,7 +51,7 @@ def _made_up(task: CellTask, rng: np.random.Generator) -> CellResult:
     )
     cost = Cost(*(rng.uniform(1e-4, 1e-3, 4).tolist()), 2**20)
     return CellResult(
-        *(task.cell, task.shown, RUN_ID, "ok", metric_records(prediction, cost), prediction, cost),
+        *(task.cell, task.shown, RUN_ID, "ok", prediction, cost),
         n_train=len(task.split.train) + len(task.split.validation),
         n_splits=task.n_splits,
     )

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import functools
-import gc
 import operator
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
@@ -15,7 +14,6 @@ from typing import Any, Self
 import numpy as np
 
 from stiff_bench.store.database import (
-    DamagedFile,
     read_data,
     read_manifests,
     read_results,
@@ -174,31 +172,13 @@ class StoredResults:
             StoreError: the folder holds no results, or a file of it is damaged: what it held would
                 be missing unnoticed.
         """
-        with no_garbage_collection():
-            try:
-                manifests = tuple(read_manifests(folder))
-                results = read_results(folder)
-            except DamagedFile as error:
-                remedy = "; the `bench run` that made it computes it again" if error.key else ""
-                raise StoreError(f"{error}{remedy}") from error
-            if not results:
-                raise StoreError(f"{folder}: {why_no_results(folder)}{where_from}", "results")
-            runs = Runs.of(manifests)
-            cases = [_case(found, runs) for found in grouped(results, _names_and_data).values()]
-            return cls(folder, tuple(cases), manifests)
-
-
-@contextmanager
-def no_garbage_collection() -> Iterator[None]:
-    """Look for no garbage among a million records, none of which is any: a quarter of the time."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()  # nor later
-        if enabled:
-            gc.enable()
+        results = read_results(folder)
+        if not results:
+            raise StoreError(f"{folder}: {why_no_results(folder)}{where_from}", "results")
+        manifests = tuple(read_manifests(folder))
+        runs = Runs.of(manifests)
+        cases = [_case(of_case, runs) for of_case in grouped(results, _names_and_data).values()]
+        return cls(folder, tuple(cases), manifests)
 
 
 def case_name_of(result: CellResult) -> CaseName:
@@ -217,17 +197,14 @@ def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
 def _case(found: Sequence[CellResult], runs: Runs) -> Case:
     results, left_out = of_newest_splits(found, runs)
     in_order = runs.newest_first(results)
-    done = [one.cell.coverage for one in in_order if one.status == "ok"]
-    coverages = tuple(dict.fromkeys(one for one in done if one is not None))  # newest first
     newest_of = {one.shown.model: one for one in reversed(in_order)}  # the newest is the last set
     competitors = {}
     for model, of_model in sorted(grouped(results, lambda one: one.shown.model).items()):
         newest = newest_of[model]
-        own, older_options = of_newest_options(of_model, newest.cell)
+        own, older_options = of_newest_options(of_model, newest)
         left_out += older_options
         of_slots = {
-            slot: counting(found, coverages, runs)
-            for slot, found in sorted(grouped(own, slot_of).items())
+            slot: counting(found, runs) for slot, found in sorted(grouped(own, slot_of).items())
         }
         competitors[model] = Competitor(
             shown=newest.shown,

@@ -52,7 +52,7 @@ def robots_of(cases: Sequence[ScoredCase]) -> dict[CaseName, Specimen]:
     robots: dict[CaseName, Specimen] = {}
     for members in grouped(cases, lambda one: one.name.data_sha256).values():
         number = max(str(one.case.cell.dataset_params.get(SPECIMEN, "")) for one in members)
-        robots |= {one.name: Specimen(members[0].data.robot, number) for one in members}
+        robots |= {one.name: Specimen(members[0].data.robot.name, number) for one in members}
     return robots
 
 

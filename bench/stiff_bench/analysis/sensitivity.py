@@ -26,7 +26,7 @@ from stiff_bench.analysis.verdict import Question, Verdict
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen
 from stiff_bench.plan.registry import Registry
-from stiff_bench.plan.request import RunPlan, plan_run, robot_of_results
+from stiff_bench.plan.request import RunPlan, plan_run
 from stiff_bench.plan.words import held_data
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import Display, display
@@ -233,13 +233,7 @@ def mean_error(results: Sequence[CellResult]) -> float:
 def _fits_of(folder: Path, case: Case, models: Sequence[str], registry: Registry) -> _Fits:
     """Return the fits that made the results of some models; ConfigError: they cannot be had."""
     stored = read_data(folder, case.name.data_sha256)
-    robot = robot_of_results(stored, case.cell, registry)
-    data = None if robot is None else BenchmarkData(stored.samples, robot)
-    if data is None or data.sha256 != case.name.data_sha256:
-        raise ConfigError(
-            f"{case.name.dataset}: its robot is not stored with these results of an older "
-            "stiffbench, and not known here; the same `bench run` once more stores it"
-        )
+    data = BenchmarkData(stored.samples, stored.robot)
     try:
         chosen = [_choice_of(case.competitors[model], registry) for model in models]
         info = registry.find(case.cell.protocol, "protocol")
@@ -299,7 +293,7 @@ def _choice_of(competitor: Competitor, registry: Registry) -> Choice[ModelInfo]:
 
 
 def _version(cell: Cell) -> tuple[object, ...]:
-    return cell.model_version, cell.scoring_version, dict(cell.model_params)
+    return cell.model_version, cell.interval_version, dict(cell.model_params)
 
 
 def _of_fits(

@@ -30,7 +30,6 @@ from stiff_protocols.contract.interfaces import (
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.record import (
     INTERVAL_VERSION,
-    SCORING_VERSION,
     Cell,
     Presentation,
 )
@@ -198,7 +197,7 @@ def _of_protocol(
             coverage=plan.coverage,
             source_sha256="" if source is None else source.sha256,
             model_version=version_of(model),
-            scoring_version=SCORING_VERSION if plan.coverage is None else INTERVAL_VERSION,
+            interval_version=0 if plan.coverage is None else INTERVAL_VERSION,
         )
         caveats = plan.sources[split.source].info.caveats if split.source else ()
         caveats += (f"{choice.info.key}: {PATH_ERRORS}",) if paths is not None else ()

@@ -27,14 +27,12 @@ from stiff_protocols.contract.errors import ModelError, StiffBenchError
 from stiff_protocols.contract.interfaces import CorrectsPaths
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Prediction, Samples
-from stiff_protocols.scoring.metrics import metric_records
 from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_of_rows
 
 
 def compute_cell(task: CellTask, run_id: str) -> CellResult:
     """Fit, predict and score one cell here; what goes wrong in the model becomes a failed result.
 
-    Every metric is stored, whichever a table shows; those of intervals where there are intervals.
     A model that cannot be used on this machine gives a skipped result.
     """
     return score(task, run_id, fit_and_predict(fit_task(task)))
@@ -109,7 +107,6 @@ def _scored(task: CellTask, run_id: str, fitted: Fitted) -> CellResult:
         shown=task.shown,
         run_id=run_id,
         status="ok",
-        records=metric_records(prediction, fitted.cost),
         prediction=prediction,
         cost=fitted.cost,
         calibration_samples=fitted.calibration_samples,

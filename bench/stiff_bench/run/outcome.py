@@ -13,7 +13,7 @@ import numpy as np
 import orjson
 
 from stiff_bench.run.fit import FitOutcome, FitTask, Fitted, short, unrepeated
-from stiff_bench.store.codec import storable
+from stiff_bench.store.cell_rows import storable
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.contract.types import FloatArray, Interval

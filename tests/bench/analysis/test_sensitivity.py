@@ -158,14 +158,6 @@ def test_a_file_of_ones_own_may_be_gone(tmp_path, fanuc):
     assert table["dataset"] == "my.csv" and len(table["rows"]) == 5
 
 
-def test_results_whose_robot_is_not_known_are_refused_with_what_to_do(tmp_path, fanuc, monkeypatch):
-    data = sb.Dataset.from_samples(fanuc.samples, fanuc.robot, name="mine")
-    monkeypatch.setattr("stiff_bench.store.samples._ROBOT_ARRAYS", ())  # an older stiffbench
-    sb.evaluate(["mean", "vjm"], data, output=tmp_path)
-    with pytest.raises(ConfigError, match=r"mine: its robot is not stored.*`bench run` once more"):
-        sb.open_results(tmp_path).sensitivity(draws=1)
-
-
 def test_a_model_whose_plugin_is_missing_is_refused_and_named(tmp_path, plugin_file):
     file = plugin_file("theirs")
     run = ("run", "--model", "theirs", "--model", "mean", *DATA, "--no-isolate")
