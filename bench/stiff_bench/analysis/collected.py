@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import operator
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -159,7 +158,7 @@ class StoredResults:
 
     @functools.cached_property
     def data_of(self) -> Callable[[str], StoredData]:
-        """Reads the data set of a hash, each once; StoreError: it is damaged."""
+        """Reads the data set of a hash, each once; StoreError: it is corrupt."""
         return functools.cache(functools.partial(read_data, self.folder))
 
     @classmethod
@@ -169,8 +168,7 @@ class StoredResults:
         Where results contradict each other, those of the newest run count: see `newest.py`.
 
         Raises:
-            StoreError: the folder holds no results, or a file of it is damaged: what it held would
-                be missing unnoticed.
+            StoreError: the folder holds no results, or its file is corrupt.
         """
         results = read_results(folder)
         if not results:
@@ -273,7 +271,7 @@ def chosen_cases(
 def _is_of(case: Case, kind: str, word: str, asked: Variant) -> bool:
     """Say whether a word, which asks for a variant, stands for a case's data set or protocol."""
     key, options = getattr(case.cell, kind), getattr(case.cell, f"{kind}_params")
-    return stands_for(word, getattr(case.name, kind)) or _spells_out(asked, key, options, _is)
+    return stands_for(word, getattr(case.name, kind)) or _spells_out(asked, key, options)
 
 
 def stands_for(word: str, name: str) -> bool:
@@ -335,18 +333,22 @@ def competitor_meant(word: str, cases: Sequence[Case]) -> str:
         ConfigError: there are no results of it.
     """
     cells = _cells_of(cases)
-    name = word if word in cells else _first_meant(Variant.of_word(word), cells, _is)
+    name = word if word in cells else meant(Variant.of_word(word), cases)
     if name is None:
         raise unknown_name("model with results", word, cells)
     return name
 
 
-def meant(variant: Variant, cases: Sequence[Case]) -> str | None:
+def meant(asked: Variant, cases: Sequence[Case]) -> str | None:
     """Return the name of the model with results that has these options; None: there is none.
 
     They may be defaults, as in `competitor_meant`.
     """
-    return _first_meant(variant, _cells_of(cases), operator.eq)
+    for name, cell in sorted(_cells_of(cases).items()):
+        shown = Variant.shown("", name, cell.model_params).options.keys()
+        if shown <= asked.options.keys() and _spells_out(asked, cell.model, cell.model_params):
+            return name
+    return None
 
 
 def _cells_of(cases: Sequence[Case]) -> dict[str, Cell]:
@@ -354,31 +356,16 @@ def _cells_of(cases: Sequence[Case]) -> dict[str, Cell]:
     return {name: one.cell for case in cases for name, one in case.competitors.items()}
 
 
-Same = Callable[[Any, Any], bool]
-"""Says whether a stored value is what was asked for."""
-
-
-def _first_meant(asked: Variant, cells: Mapping[str, Cell], same: Same) -> str | None:
-    for name, cell in sorted(cells.items()):
-        shown = Variant.shown("", name, cell.model_params).options.keys()
-        if shown <= asked.options.keys() and _spells_out(
-            asked, cell.model, cell.model_params, same
-        ):
-            return name
-    return None
-
-
-def _spells_out(asked: Variant, key: str, options: Mapping[str, Any], same: Same) -> bool:
+def _spells_out(asked: Variant, key: str, options: Mapping[str, Any]) -> bool:
     """Say whether a key and some of these options, which may be defaults, were asked for."""
     return asked.key == key and all(
-        option in options and same(options[option], value)
-        for option, value in asked.options.items()
+        option in options and _is(options[option], value) for option, value in asked.options.items()
     )
 
 
-def _is(value: Any, text: str) -> bool:
-    """Say whether a text is a value, however its number was written."""
+def _is(value: Any, asked: Any) -> bool:
+    """Say whether a value is what was asked for, however its number was written."""
     try:
-        return float(value) == float(text)
+        return float(value) == float(asked)
     except (TypeError, ValueError):
-        return str(value).lower() == text.lower()
+        return str(value).lower() == str(asked).lower()

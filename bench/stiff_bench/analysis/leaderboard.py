@@ -133,7 +133,7 @@ def build_leaderboard(
 
     Raises:
         ConfigError: a name has no results, or there is nothing to compare.
-        StoreError: samples are damaged, or two models share no split.
+        StoreError: samples are corrupt, or two models share no split.
     """
     cases = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
     data_of = stored.data_of

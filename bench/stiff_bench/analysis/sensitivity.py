@@ -146,7 +146,7 @@ def sensitivities(
         ConfigError: a name is unknown, fewer than two models can be compared, or models, data or
             splits cannot be had again.
         ModelError: a fit fails.
-        StoreError: the folder holds no results, or damaged ones.
+        StoreError: the folder holds no results, or corrupt ones.
     """
     mistakes = perturbations.mistakes()
     if not mistakes:

@@ -117,7 +117,7 @@ def write_study(
     drawn -> why.
 
     Raises:
-        StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
+        StoreError: nothing is stored, a file cannot be written, or a stored one is corrupt.
     """
     yield written(folder.with_suffix(".csv"), text_as("csv"))
     yield from pictures(figures, folder / "figures")

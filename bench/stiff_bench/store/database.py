@@ -58,19 +58,10 @@ PRAGMA user_version = {FORMAT};
 """
 
 
-class CorruptFile(StoreError):
-    """A file, or a row of it, is not what was written there.
-
-    Args:
-        path: of the file.
-        why: what is wrong.
-        remedy: the command that computes it again.
-    """
-
-    def __init__(self, path: Path, why: str, remedy: str = "") -> None:
-        """Name the file, the fault and the remedy."""
-        remedy = remedy or "delete the file and repeat the `bench run` that made it"
-        super().__init__(f"{path}: corrupt: {why}; {remedy}")
+def _corrupt(path: Path, why: str, remedy: str = "") -> StoreError:
+    """Return the error of a file, or a row of it, that is not what was written there."""
+    remedy = remedy or "delete the file and repeat the `bench run` that made it"
+    return StoreError(f"{path}: corrupt: {why}; {remedy}")
 
 
 class ResultStore:
@@ -156,7 +147,7 @@ def read_results(folder: Path, keys: Collection[str] | None = None) -> list[Cell
             results.append(read_row(row))
         except DataError as error:
             remedy = _rerun(folder, row[0])
-            raise CorruptFile(folder / FILE, f"cell {row[0]}: {error}", remedy) from error
+            raise _corrupt(folder / FILE, f"cell {row[0]}: {error}", remedy) from error
     return results
 
 
@@ -189,7 +180,7 @@ def read_manifests(folder: Path) -> list[RunManifest]:
         try:
             run |= {name: orjson.loads(run[name]) for name in _RUN_JSON}
         except ValueError as error:
-            raise CorruptFile(folder / FILE, f"run {row[0]}: {error}") from error
+            raise _corrupt(folder / FILE, f"run {row[0]}: {error}") from error
         manifests.append(RunManifest(**{**run, "cells": tuple(run["cells"])}))
     return manifests
 
@@ -210,7 +201,7 @@ def read_data(folder: Path, sha256: str) -> StoredData:
             raise DataError("its checksum does not match its content")
         return stored_data(row[0])
     except (DataError, TypeError) as error:
-        raise CorruptFile(folder / FILE, f"data set {sha256}: {error}") from error
+        raise _corrupt(folder / FILE, f"data set {sha256}: {error}") from error
 
 
 @contextmanager
@@ -312,7 +303,7 @@ def sqlite_errors_as_store_error(path: Path, what: str) -> Iterator[None]:
         raise StoreError(f"{path}: cannot be {what}: {error.strerror or error}") from error
     except (sqlite3.Error, UnicodeDecodeError) as error:
         if type(error) in (sqlite3.DatabaseError, UnicodeDecodeError) or "decode" in str(error):
-            raise CorruptFile(path, str(error)) from error
+            raise _corrupt(path, str(error)) from error
         busy = any(word in str(error) for word in ("locked", "locking", "disk I/O"))
         hint = (
             f"; another command has used it for more than {BUSY_S:g} s, the disk is full, or its "

@@ -21,7 +21,6 @@ from stiff_bench.store.database import (
 )
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import FloatArray
 
 ROUNDING_M = 1e-9
 """Largest difference between two predictions of one cell that is taken for rounding, m."""
@@ -108,32 +107,19 @@ def _is_new(folder: Path, result: CellResult, stored: dict[str, tuple[Path, Cell
     Raises:
         ConfigError: another result of this cell is stored, with other numbers.
     """
-    key = result.cell.key
+    key, shown = result.cell.key, result.shown
     if key not in stored:
         return True
     other_folder, other = stored[key]
-    if other.status != "ok":
+    if other.prediction is None:
         return result.status == "ok" or result.run_id > other.run_id
-    if result.status == "ok" and not _same_numbers(result, other):
-        shown = result.shown
-        raise ConfigError(
-            f"{folder} and {other_folder} have different numbers of one fit: {shown.model} on "
-            f"{shown.dataset}, {shown.protocol}, split {result.cell.split_index} ({key}); nothing "
-            "was merged: leave one folder out, or compute it again there with --rerun all"
-        )
+    if result.prediction is not None:
+        difference = np.abs(result.prediction.predicted - other.prediction.predicted).max()
+        if difference > ROUNDING_M:
+            raise ConfigError(
+                f"{folder} and {other_folder} have different numbers of one fit: {shown.model} on "
+                f"{shown.dataset}, {shown.protocol}, split {result.cell.split_index} ({key}), up "
+                f"to {difference:.1e} m apart; nothing was merged: leave one folder out, or "
+                "compute it again there with --rerun all"
+            )
     return False
-
-
-def _same_numbers(result: CellResult, other: CellResult) -> bool:
-    """Say whether two results of one cell differ by rounding at most."""
-    a, b = _numbers(result), _numbers(other)
-    return a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=ROUNDING_M)
-
-
-def _numbers(result: CellResult) -> FloatArray:
-    """Return the (n, 3) predictions [m] of a result, followed by the bounds of its intervals."""
-    prediction = result.prediction
-    assert prediction is not None  # the result is "ok"
-    interval = prediction.interval
-    bounds = [] if interval is None else [interval.lower, interval.upper]
-    return np.concatenate([prediction.predicted, *bounds])
