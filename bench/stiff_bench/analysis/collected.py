@@ -148,7 +148,7 @@ class StoredResults:
 
     Attributes:
         folder: that was read.
-        cases: all of its results.
+        cases: all of its results, in the order in which they were asked for.
         runs: whose manifests it holds.
     """
 
@@ -176,7 +176,8 @@ class StoredResults:
         manifests = tuple(read_manifests(folder))
         runs = Runs.of(manifests)
         cases = [_case(of_case, runs) for of_case in grouped(results, _names_and_data).values()]
-        return cls(folder, tuple(cases), manifests)
+        in_order = sorted(cases, key=lambda case: (case.first_asked, case.name))
+        return cls(folder, tuple(in_order), manifests)
 
 
 def case_name_of(result: CellResult) -> CaseName:
