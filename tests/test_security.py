@@ -90,9 +90,9 @@ def stored_with(**arrays) -> bytes:
 
 
 def test_a_pickle_in_the_samples_of_a_results_folder_is_refused_unread(mark):
-    assert stored_data(stored_with()).robot == ROBOT.name
+    assert stored_data(stored_with()).robot.name == ROBOT.name
     with pytest.raises(DataError, match="allow_pickle=False"):
-        stored_data(stored_with(torque=np.array([Bomb(mark)])))
+        stored_data(stored_with(q=np.array([Bomb(mark)])))
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_a_results_file_that_links_elsewhere_is_none_and_is_not_quoted(folder, s
     (folder / FILE).unlink()
     (folder / FILE).symlink_to(secret)
     for read in (read_results, read_manifests):
-        with pytest.raises(StoreError, match="damaged") as refused:
+        with pytest.raises(StoreError, match="corrupt") as refused:
             read(folder)
         assert SECRET not in str(refused.value)
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from unittest import mock
 
 from fuzz import hard_cases
-from fuzz.mutations import Mutator, text_damaged
-from fuzz.sealed import model_damaged, parquet_damaged, results_damaged
+from fuzz.mutations import Mutator, bytes_damaged, text_damaged
+from fuzz.sealed import model_damaged, parquet_damaged
 
 from helpers.made_results import MadeResults
 from helpers.quick_models import quick_model, twin_data
@@ -119,7 +119,7 @@ def _results(folder: Path) -> Prepared:
         data = [read_data(folder, one.cell.data_sha256) for one in cells]
         return cells, read_manifests(folder), data
 
-    return Prepared(path, (valid,), read, hard_cases.results(valid), results_damaged)
+    return Prepared(path, (valid,), read, hard_cases.results(valid), bytes_damaged)
 
 
 MODELS = ("vjm", "mlp", "sklearn:neighbors.KNeighborsRegressor", "vjm-boosting")

@@ -4,69 +4,17 @@ from __future__ import annotations
 
 import io
 import json
-import sqlite3
-import zlib
-from collections.abc import Callable
-from contextlib import closing
 from random import Random
 from typing import Any
 
 import numpy as np
-import orjson
 import pyarrow as pa
 import pyarrow.parquet as pq
 from fuzz.mutations import NONSENSE, bytes_damaged, tree_damaged
 
 from helpers.model_files import archived, members
-from stiff_bench.store.codec import COLUMNS, checksum
 
 DTYPES = ("f8", "f4", "f2", "i8", "u1", "b1", "c16", "U3", "S2", "M8[s]", ">f8")
-
-
-TEXTS = ("model_params", "shown", "about", "prediction_arrays", "condition", "status", "key")
-BLOBS = ("prediction", "curves")
-
-
-def results_damaged(data: bytes, rng: Random) -> bytes:
-    """Damage a cell of a results file below its checksum, or the file's bytes."""
-    if rng.random() < 0.3:
-        return bytes_damaged(data, rng)
-    return results_with(data, lambda content: _cell_damaged(content, rng))
-
-
-def results_with(data: bytes, change: Callable[[dict[str, Any]], None]) -> bytes:
-    """Return a results file whose cell was changed, with the right checksum."""
-    with closing(sqlite3.connect(":memory:", isolation_level=None)) as db:
-        db.deserialize(data)
-        row = db.execute(f"SELECT id, {', '.join(COLUMNS)} FROM cell").fetchone()
-        content = dict(zip(COLUMNS, row[1:], strict=True))
-        change(content)
-        values = [content[name] for name in COLUMNS]
-        query = """SELECT metric, axis, unit, value FROM value
-            JOIN measure ON measure.id = value.measure WHERE cell = ? ORDER BY metric, axis, unit"""
-        metrics = db.execute(query, row[:1]).fetchall()
-        names = orjson.dumps([metric[:3] for metric in metrics])
-        numbers = np.array([metric[3] for metric in metrics])
-        try:
-            sha256 = checksum(values, names, numbers)
-        except TypeError:  # bytes for a text: no checksum of ours
-            sha256 = "none"
-        places = ", ".join(f"{name} = ?" for name in (*COLUMNS, "sha256"))
-        db.execute(f"UPDATE cell SET {places}", (*values, sha256))
-        return db.serialize()
-
-
-def _cell_damaged(content: dict[str, Any], rng: Random) -> None:
-    name = rng.choice((*TEXTS, *BLOBS, rng.choice(COLUMNS)))
-    value = content[name]
-    if name in BLOBS:
-        raw = b"" if value is None else zlib.decompress(value)
-        raw = bytes_damaged(raw, rng) if rng.random() < 0.7 else raw[: rng.randrange(len(raw) + 1)]
-        content[name] = zlib.compress(raw) if rng.random() < 0.7 else raw
-    elif isinstance(value, str) and value[:1] == "{" and rng.random() < 0.8:
-        content[name] = json.dumps(tree_damaged(json.loads(value), rng))
-    else:
-        content[name] = rng.choice((None, 0, -1, 1e300, 2**62, "", "x", b"\xff", "[]", "{"))
 
 
 def array_damaged(array: Any, rng: Random) -> Any:

@@ -16,7 +16,6 @@ import psutil
 
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.progress import report
-from stiff_protocols.contract.record import ResultRecord
 from stiff_protocols.contract.types import Samples
 
 
@@ -174,7 +173,7 @@ class StealsTest(Good):
 
 
 def perfect(*_):
-    return tuple(ResultRecord("mae", axis, 0.0, "m") for axis in "xyz")
+    return 0.0
 
 
 class PatchesTheEngine(Good):
@@ -183,7 +182,7 @@ class PatchesTheEngine(Good):
     def fit(self, train, **options):
         for name, module in list(sys.modules.items()):
             if name.startswith(("stiff_bench.", "stiff_protocols.")):
-                for function in ("metric_records", "check_prediction", "check_units"):
+                for function in ("norm_errors", "check_prediction", "check_units"):
                     if hasattr(module, function):
                         setattr(module, function, perfect)
         return super().fit(train, **options)

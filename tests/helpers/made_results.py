@@ -17,7 +17,6 @@ from stiff_bench.store.names import Variant
 from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 from stiff_protocols.contract.types import BenchmarkData, IntArray, Interval, Prediction
-from stiff_protocols.scoring.metrics import metric_records
 
 N_POSES, N_TEST = 12, 4
 TWINS = tuple(f"twin@specimen={number}" for number in range(5))
@@ -65,7 +64,7 @@ class MadeResults:
         n_train: int | None = None,
         n_splits: int = 0,
         seed: int = 0,
-        scoring: int = 0,
+        interval_version: int = 0,
         **shown,
     ) -> list[str]:
         """Write a cell a split and return the cells' keys; a variant's options keep their types.
@@ -91,7 +90,7 @@ class MadeResults:
                 protocol_params={},
                 split_index=index,
                 split_sha256=f"split-{splits_named}{index}",
-                scoring_version=scoring,
+                interval_version=interval_version,
                 seed=seed,
                 condition=condition,
                 coverage=coverage,
@@ -121,8 +120,7 @@ class MadeResults:
             reach = np.abs(error) + 1e-3
             interval = Interval(measured - reach, measured + reach, cell.coverage)
             prediction = replace(prediction, interval=interval)
-        records = metric_records(prediction)
-        return CellResult(cell, presentation, run_id, "ok", records, prediction)
+        return CellResult(cell, presentation, run_id, "ok", prediction)
 
     def add_run(self, run_id: str, cells: Sequence[str]) -> None:
         """Write the manifest of a run that was asked for these cells."""
@@ -135,7 +133,6 @@ class MadeResults:
 def change(folder: Path, statement: str, *values: object) -> None:
     """Change a folder's file behind the store's back, as damage or an older state would."""
     with closing(sqlite3.connect(folder / FILE)) as db, db:
-        db.execute("PRAGMA foreign_keys = ON")
         db.execute(statement, values)
 
 
@@ -149,14 +146,3 @@ def damage(folder: Path, *keys: str) -> None:
     """Damage cells: what their rows hold is no longer what was stored."""
     for key in keys:
         change(folder, "UPDATE cell SET run_id = run_id || '!' WHERE key = ?", key)
-
-
-def tear(folder: Path, table: str, share: float = 0.5) -> None:
-    """Overwrite one of a table's pages with rubbish, as a failing disk does."""
-    with closing(sqlite3.connect(folder / FILE)) as db:
-        (size,) = db.execute("PRAGMA page_size").fetchone()
-        query = "SELECT pageno FROM dbstat WHERE name = ? AND pagetype = 'leaf' ORDER BY pageno"
-        pages = [row[0] for row in db.execute(query, (table,))]
-    with (folder / FILE).open("r+b") as file:
-        file.seek((pages[int(share * len(pages))] - 1) * size)
-        file.write(b"\xff" * size)

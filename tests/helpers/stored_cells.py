@@ -12,14 +12,12 @@ from stiff_protocols.contract.record import (
     CellResult,
     Cost,
     Presentation,
-    ResultRecord,
     RunManifest,
 )
 from stiff_protocols.contract.types import Prediction
 
 SHOWN = Presentation("m@a=2", "d", "p", "simulated", "stiffness", caveats=("beware",))
 CELL = Cell("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)
-VALUES = tuple(ResultRecord(f"m{number}", "x", number / 7, "m") for number in range(29))
 MANIFEST = RunManifest("r", "bench run", "2026-01-01", "finished", {"numpy": "2"}, ("k",))
 
 
@@ -27,7 +25,6 @@ def result(**changes) -> CellResult:
     numbers = np.array([[1 / 3, 2e-17, -0.1]])
     made = CellResult(
         *(CELL, SHOWN, "r", "ok"),
-        (ResultRecord("mae", "x", 1 / 3, "m"), ResultRecord("latency", "", 1e-5, "s")),
         Prediction(np.array([4]), numbers, numbers * 7, None, numbers / 3),
         Cost(1.5, 0.1, 1e-5, 1e5, None),
         diagnostics={"k1": math.nan, "k2": math.inf, "k3": 0.1},
@@ -37,5 +34,5 @@ def result(**changes) -> CellResult:
 
 
 def failure(**changes) -> CellResult:
-    nothing = {"records": (), "prediction": None, "cost": None}
+    nothing = {"prediction": None, "cost": None}
     return result(**({"status": "failed", "failure": "it broke", **nothing} | changes))

@@ -116,10 +116,7 @@ def made_up(task: CellTask, seed: int) -> CellResult:
 
 @pytest.fixture(scope="module")
 def board(tmp_path_factory) -> Callable[[int], tuple[Path, int]]:
-    """A function that gives a folder of ten models' results of so many splits of every protocol.
-
-    It also gives the number of its records. Data, protocols and splits are real.
-    """
+    """A function that gives a folder of results of so many splits, and its number of values."""
 
     @cache
     def made(n_splits: int) -> tuple[Path, int]:
@@ -141,19 +138,19 @@ def board(tmp_path_factory) -> Callable[[int], tuple[Path, int]]:
 
 
 @pytest.mark.parametrize(
-    ("n_splits", "records", "at_most"),
+    ("n_splits", "values", "at_most"),
     [(5, 100_000, 2.0), pytest.param(45, 1_000_000, 8.0, marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("words", [["leaderboard"], ["compare", "vjm", "knn"]], ids=lambda w: w[0])
-def test_results(benchmark, board, n_splits, records, at_most, words):
-    folder, n_records = board(n_splits)
-    assert n_records >= records
+def test_results(benchmark, board, n_splits, values, at_most, words):
+    folder, n_values = board(n_splits)
+    assert n_values >= values
     name = f"bench {words[0]}"
-    benchmark.group = f"results of {records:,} records"
-    ours_or_peer(benchmark, name, work=n_records, unit="record")
+    benchmark.group = f"results of {values:,} values"
+    ours_or_peer(benchmark, name, work=n_values, unit="value")
     peak = benchmark.pedantic(peak_mib, (BENCH, *words, "--results", folder), rounds=3)
     target = {"at_most": at_most} if words == ["leaderboard"] else {}
-    figure(benchmark, f"{name} of {n_records} records, wall", seconds(benchmark), "s", **target)
+    figure(benchmark, f"{name} of {n_values} values, wall", seconds(benchmark), "s", **target)
     figure(benchmark, f"{name}, peak memory", peak, "MiB", at_most=1024)
 
 

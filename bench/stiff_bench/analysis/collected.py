@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import functools
-import gc
-import operator
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
@@ -15,7 +13,6 @@ from typing import Any, Self
 import numpy as np
 
 from stiff_bench.store.database import (
-    DamagedFile,
     read_data,
     read_manifests,
     read_results,
@@ -151,7 +148,7 @@ class StoredResults:
 
     Attributes:
         folder: that was read.
-        cases: all of its results.
+        cases: all of its results, in the order in which they were asked for.
         runs: whose manifests it holds.
     """
 
@@ -161,7 +158,7 @@ class StoredResults:
 
     @functools.cached_property
     def data_of(self) -> Callable[[str], StoredData]:
-        """Reads the data set of a hash, each once; StoreError: it is damaged."""
+        """Reads the data set of a hash, each once; StoreError: it is corrupt."""
         return functools.cache(functools.partial(read_data, self.folder))
 
     @classmethod
@@ -171,34 +168,16 @@ class StoredResults:
         Where results contradict each other, those of the newest run count: see `newest.py`.
 
         Raises:
-            StoreError: the folder holds no results, or a file of it is damaged: what it held would
-                be missing unnoticed.
+            StoreError: the folder holds no results, or its file is corrupt.
         """
-        with no_garbage_collection():
-            try:
-                manifests = tuple(read_manifests(folder))
-                results = read_results(folder)
-            except DamagedFile as error:
-                remedy = "; the `bench run` that made it computes it again" if error.key else ""
-                raise StoreError(f"{error}{remedy}") from error
-            if not results:
-                raise StoreError(f"{folder}: {why_no_results(folder)}{where_from}", "results")
-            runs = Runs.of(manifests)
-            cases = [_case(found, runs) for found in grouped(results, _names_and_data).values()]
-            return cls(folder, tuple(cases), manifests)
-
-
-@contextmanager
-def no_garbage_collection() -> Iterator[None]:
-    """Look for no garbage among a million records, none of which is any: a quarter of the time."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()  # nor later
-        if enabled:
-            gc.enable()
+        results = read_results(folder)
+        if not results:
+            raise StoreError(f"{folder}: {why_no_results(folder)}{where_from}", "results")
+        manifests = tuple(read_manifests(folder))
+        runs = Runs.of(manifests)
+        cases = [_case(of_case, runs) for of_case in grouped(results, _names_and_data).values()]
+        in_order = sorted(cases, key=lambda case: (case.first_asked, case.name))
+        return cls(folder, tuple(in_order), manifests)
 
 
 def case_name_of(result: CellResult) -> CaseName:
@@ -217,17 +196,14 @@ def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
 def _case(found: Sequence[CellResult], runs: Runs) -> Case:
     results, left_out = of_newest_splits(found, runs)
     in_order = runs.newest_first(results)
-    done = [one.cell.coverage for one in in_order if one.status == "ok"]
-    coverages = tuple(dict.fromkeys(one for one in done if one is not None))  # newest first
     newest_of = {one.shown.model: one for one in reversed(in_order)}  # the newest is the last set
     competitors = {}
     for model, of_model in sorted(grouped(results, lambda one: one.shown.model).items()):
         newest = newest_of[model]
-        own, older_options = of_newest_options(of_model, newest.cell)
+        own, older_options = of_newest_options(of_model, newest)
         left_out += older_options
         of_slots = {
-            slot: counting(found, coverages, runs)
-            for slot, found in sorted(grouped(own, slot_of).items())
+            slot: counting(found, runs) for slot, found in sorted(grouped(own, slot_of).items())
         }
         competitors[model] = Competitor(
             shown=newest.shown,
@@ -296,7 +272,7 @@ def chosen_cases(
 def _is_of(case: Case, kind: str, word: str, asked: Variant) -> bool:
     """Say whether a word, which asks for a variant, stands for a case's data set or protocol."""
     key, options = getattr(case.cell, kind), getattr(case.cell, f"{kind}_params")
-    return stands_for(word, getattr(case.name, kind)) or _spells_out(asked, key, options, _is)
+    return stands_for(word, getattr(case.name, kind)) or _spells_out(asked, key, options)
 
 
 def stands_for(word: str, name: str) -> bool:
@@ -358,18 +334,22 @@ def competitor_meant(word: str, cases: Sequence[Case]) -> str:
         ConfigError: there are no results of it.
     """
     cells = _cells_of(cases)
-    name = word if word in cells else _first_meant(Variant.of_word(word), cells, _is)
+    name = word if word in cells else meant(Variant.of_word(word), cases)
     if name is None:
         raise unknown_name("model with results", word, cells)
     return name
 
 
-def meant(variant: Variant, cases: Sequence[Case]) -> str | None:
+def meant(asked: Variant, cases: Sequence[Case]) -> str | None:
     """Return the name of the model with results that has these options; None: there is none.
 
     They may be defaults, as in `competitor_meant`.
     """
-    return _first_meant(variant, _cells_of(cases), operator.eq)
+    for name, cell in sorted(_cells_of(cases).items()):
+        shown = Variant.shown("", name, cell.model_params).options.keys()
+        if shown <= asked.options.keys() and _spells_out(asked, cell.model, cell.model_params):
+            return name
+    return None
 
 
 def _cells_of(cases: Sequence[Case]) -> dict[str, Cell]:
@@ -377,31 +357,16 @@ def _cells_of(cases: Sequence[Case]) -> dict[str, Cell]:
     return {name: one.cell for case in cases for name, one in case.competitors.items()}
 
 
-Same = Callable[[Any, Any], bool]
-"""Says whether a stored value is what was asked for."""
-
-
-def _first_meant(asked: Variant, cells: Mapping[str, Cell], same: Same) -> str | None:
-    for name, cell in sorted(cells.items()):
-        shown = Variant.shown("", name, cell.model_params).options.keys()
-        if shown <= asked.options.keys() and _spells_out(
-            asked, cell.model, cell.model_params, same
-        ):
-            return name
-    return None
-
-
-def _spells_out(asked: Variant, key: str, options: Mapping[str, Any], same: Same) -> bool:
+def _spells_out(asked: Variant, key: str, options: Mapping[str, Any]) -> bool:
     """Say whether a key and some of these options, which may be defaults, were asked for."""
     return asked.key == key and all(
-        option in options and same(options[option], value)
-        for option, value in asked.options.items()
+        option in options and _is(options[option], value) for option, value in asked.options.items()
     )
 
 
-def _is(value: Any, text: str) -> bool:
-    """Say whether a text is a value, however its number was written."""
+def _is(value: Any, asked: Any) -> bool:
+    """Say whether a value is what was asked for, however its number was written."""
     try:
-        return float(value) == float(text)
+        return float(value) == float(asked)
     except (TypeError, ValueError):
-        return str(value).lower() == text.lower()
+        return str(value).lower() == str(asked).lower()

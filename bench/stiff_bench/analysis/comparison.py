@@ -365,7 +365,7 @@ def compare_folder(
 
     Raises:
         ConfigError: a name is unknown, A is B, or they were never run on the same.
-        StoreError: the folder holds no results, or damaged ones.
+        StoreError: the folder holds no results, or corrupt ones.
     """
     stored = StoredResults.read(folder)
     a, b = (competitor_meant(word, stored.cases) for word in (a, b))

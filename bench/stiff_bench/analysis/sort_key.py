@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_bench.tables.metric_table import pooled_prediction
+from stiff_bench.tables.metric_table import values_of_splits
 from stiff_bench.tables.units import PRINTED
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult
@@ -67,10 +67,7 @@ class SortKey:
         One value where the protocol scores the predictions of all splits together; None where a
         value is missing.
         """
-        if results[0].shown.pooled and self.metric.of_prediction is not None:
-            found = [self.metric.values(pooled_prediction(results))]
-        else:
-            found = [result.values(self.metric.key) for result in results]
+        found = values_of_splits(self.metric, results)
         try:
             of_axes = [[values[axis] for values in found] for axis in self._axes]
         except KeyError:

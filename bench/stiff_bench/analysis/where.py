@@ -143,7 +143,7 @@ def factors(data: StoredData) -> list[Factor]:
         *(
             Factor("joint torque", f"torque on {name}", unit, np.abs(data.torque[:, joint]))
             for joint, (name, unit) in enumerate(
-                zip(data.joint_names, data.torque_units, strict=True)
+                zip(data.robot.joint_names, data.torque_units, strict=True)
             )
         ),
     ]

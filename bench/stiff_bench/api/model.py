@@ -13,7 +13,7 @@ import numpy as np
 
 from stiff_bench.api.catalog import registry
 from stiff_bench.api.data import Dataset, check_dataset, choice_of
-from stiff_bench.api.results import metric_line
+from stiff_bench.api.results import metric_lines
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.options import Choice
@@ -47,7 +47,6 @@ from stiff_protocols.contract.types import (
     frozen_array,
 )
 from stiff_protocols.scoring.conformal import calibration_samples_needed, conformal_interval
-from stiff_protocols.scoring.metrics import metric_records
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -300,7 +299,7 @@ class Model:
         samples = data.samples
         predicted = self.predict(samples.q, samples.wrench)
         prediction = Prediction(np.arange(len(samples)), predicted, samples.deflection)
-        return DataFrame(map(metric_line, metric_records(prediction)))
+        return DataFrame(metric_lines(prediction))
 
     @property
     def diagnostics(self) -> dict[str, float]:

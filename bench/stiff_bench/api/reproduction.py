@@ -60,7 +60,7 @@ class Reproduction(Run):
         """Write what the results allow, and yield each file.
 
         Raises:
-            StoreError: a file cannot be written, or a stored one is damaged.
+            StoreError: a file cannot be written, or a stored one is corrupt.
         """
         stored = stored_statuses(self.plans[0].output)
         missing = sum(task.cell.key not in stored for task in self.tasks)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -14,8 +14,8 @@ from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import MM, PRINTED
-from stiff_protocols.contract.record import CellResult, ResultRecord
-from stiff_protocols.contract.types import AXES
+from stiff_protocols.contract.record import CellResult, Cost
+from stiff_protocols.contract.types import AXES, Prediction
 from stiff_protocols.scoring.metrics import METRICS, metric
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from stiff_bench.analysis.leaderboard import Leaderboard
     from stiff_bench.run.runner import Finished
-    from stiff_bench.store.merging import Kind, Merged
+    from stiff_bench.store.merging import Merged
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -58,7 +58,7 @@ class Results:
         """One result for each model, data set, protocol and split, failures too.
 
         Raises:
-            StoreError: the folder holds no results, or damaged ones.
+            StoreError: the folder holds no results, or corrupt ones.
         """
         if self.finished is not None:
             return self.finished.results
@@ -89,7 +89,8 @@ class Results:
         rows = []
         for one in self.cells:
             about = {**_about(one), "status": one.status, "failure": one.failure}
-            rows += [{**about, **metric_line(record)} for record in one.records] or [about]
+            lines = [] if one.prediction is None else metric_lines(one.prediction, one.cost)
+            rows += [{**about, **line} for line in lines] or [about]
         return DataFrame(rows)
 
     def predictions(self) -> DataFrame:
@@ -121,7 +122,7 @@ class Results:
 
         Raises:
             ConfigError: there is no such metric.
-            StoreError: the folder holds no results, or damaged ones.
+            StoreError: the folder holds no results, or corrupt ones.
         """
         shown = [metric(key) for key in metrics or self.metrics]
         tables = build_tables(self._counting, shown)
@@ -155,7 +156,7 @@ class Results:
 
         Raises:
             ConfigError: a model has no results, or they have no splits in common.
-            StoreError: the folder holds no results, or damaged ones.
+            StoreError: the folder holds no results, or corrupt ones.
         """
         from stiff_bench.analysis.comparison import compare_folder
         from stiff_bench.analysis.comparison_text import comparison_tables, render_report, sentence
@@ -189,7 +190,7 @@ class Results:
 
         Raises:
             ConfigError: fewer than two models have results, or the metric cannot rank.
-            StoreError: the folder holds no results, or damaged ones.
+            StoreError: the folder holds no results, or corrupt ones.
         """
         from stiff_bench.analysis.collected import StoredResults
         from stiff_bench.analysis.leaderboard import build_leaderboard
@@ -233,7 +234,7 @@ class Results:
 
         Raises:
             ConfigError: the file's suffix is no page's, or a name has no results.
-            StoreError: a folder holds no results, or damaged ones, or the file cannot be written.
+            StoreError: a folder holds no results, or corrupt ones, or the file cannot be written.
         """
         from stiff_bench.report.report import Selection, write_report
 
@@ -266,11 +267,18 @@ class Results:
         return self.table().text_as("html")
 
 
-def metric_line(record: ResultRecord) -> dict[str, object]:
-    """Return a metric as a line of tidy data, in the unit that it is printed in."""
-    unit, factor = PRINTED[METRICS[record.metric].unit]
-    value = {"value": record.value * factor, "unit": unit}
-    return {"metric": record.metric, "axis": record.axis, **value}
+def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:
+    """Return every metric as lines of tidy data, in the units that they are printed in."""
+    return [
+        {
+            "metric": metric.key,
+            "axis": axis,
+            "value": value * PRINTED[metric.unit][1],
+            "unit": PRINTED[metric.unit][0],
+        }
+        for metric in METRICS.values()
+        for axis, value in metric.values(prediction, cost).items()
+    ]
 
 
 def _about(one: CellResult) -> dict[str, Any]:
@@ -289,20 +297,17 @@ def open_results(folder: Path | str) -> Results:
     return Results(Path(folder), command=f"stiffbench.open_results({str(folder)!r})")
 
 
-def merge(
-    folders: Sequence[Path | str], output: Path | str, *, allow: Collection[Kind] = ()
-) -> Merged:
+def merge(folders: Sequence[Path | str], output: Path | str) -> Merged:
     """Join the results of several folders, such as of several machines, in one.
 
     Args:
         folders: that are joined; they stay as they are.
         output: a new folder, or one that holds some.
-        allow: in what the folders may differ: "data", "split" or "code".
 
     Raises:
-        ConfigError: the folders differ in what is not allowed.
+        ConfigError: two folders have different numbers of one fit.
         StoreError: a folder holds no results, or `output` cannot be written.
     """
     from stiff_bench.store import merging
 
-    return merging.merge([*map(Path, folders)], Path(output), allow)
+    return merging.merge([*map(Path, folders)], Path(output))

@@ -14,24 +14,15 @@ from stiff_bench.console import print_text, say
 @click.command()
 @click.argument("folders", metavar="DIR...", type=FILE, nargs=-1, required=True)
 @output_option("DIR", "Folder to merge into, new or with results.")
-@click.option(
-    "--allow",
-    multiple=True,
-    type=click.Choice(["data", "split", "code"]),
-    help="Merge although the folders differ in this; may be repeated.",
-)
-def merge(folders: tuple[Path, ...], output: Path, allow: tuple[str, ...]) -> int:
+def merge(folders: tuple[Path, ...], output: Path) -> None:
     """Merge the results of several machines into one folder.
 
-    Folders that differ in data, splits or versions of models (code) are refused. The given folders
-    are not changed. Exit status 1: damaged rows were left out.
+    Folders that have different numbers of one fit are refused. The given folders are not changed.
     """
     from stiff_bench.api import results
 
-    merged = results.merge(folders, output, allow=allow)  # type: ignore[arg-type]
-    for line in merged.report:
+    for line in results.merge(folders, output).report:
         say(line)
-    return 1 if merged.damaged else 0
 
 
 @click.group(cls=Commands)

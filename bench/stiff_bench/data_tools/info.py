@@ -114,7 +114,7 @@ def _lie(data: BenchmarkData) -> Table:
 
 def _joints(data: BenchmarkData) -> Table:
     """Return each joint's range of positions and torques, and its limits."""
-    robot, on_joints = data.robot, load_torque(data)
+    robot, on_joints = data.robot, load_torque(data.robot, data.samples)
     weights = robot.gravity_torque(data.samples.q) if robot.masses.any() else None
     rows: list[list[Entry]] = []
     for i, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_types, strict=True)):

@@ -192,7 +192,7 @@ def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:
 
     _head(page, "(d) Torque on the joints: quartiles and range")
     robot = data.robot
-    torques = {"load (Jᵀw)": load_torque(data)}
+    torques = {"load (Jᵀw)": load_torque(data.robot, data.samples)}
     if robot.masses.any():
         torques["weight of the links"] = robot.gravity_torque(data.samples.q)
     axes, width = page.subplots(), 0.7 / len(torques)

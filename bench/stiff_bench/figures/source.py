@@ -90,7 +90,7 @@ class FigureSource:
         """Read a folder.
 
         Raises:
-            StoreError: it holds no results, or a file of it is damaged.
+            StoreError: it holds no results, or a file of it is corrupt.
             ConfigError: a name has no results.
         """
         every = StoredResults.read(folder).cases

@@ -18,7 +18,7 @@ from stiff_bench.figures.figure import Prepared
 from stiff_bench.figures.source import FigureSource, subtitle
 from stiff_bench.figures.style import Look, looks, name_panels, new_panels, share_legend, short
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import robot_of_results, true_joint_turns
+from stiff_bench.plan.request import true_joint_turns
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -47,7 +47,7 @@ def springs_figure(
     linear: Sequence[CellResult],
 ) -> Figure:
     """Draw a panel a joint, with the (n, n_joints) torques [N m or N] that load it."""
-    figure, panels = new_panels(len(data.joint_names), ROW_INCH, HEAD_INCH)
+    figure, panels = new_panels(len(data.robot.joint_names), ROW_INCH, HEAD_INCH)
     blue, orange = looks(2)
     for joint, axes in enumerate(panels):
         top = float(torque[:, joint].max()) or 1.0
@@ -82,11 +82,11 @@ def curves_figure(
 
     `truth` returns true (n, n_joints) turns [rad or m] by torques [N m or N]; None: not known.
     """
-    figure, panels = new_panels(len(data.joint_names), ROW_INCH, HEAD_INCH)
+    figure, panels = new_panels(len(data.robot.joint_names), ROW_INCH, HEAD_INCH)
     blue, orange, green = looks(3)
     model, reach = short(results[0].shown.model), float(ndtri(0.5 + BAND / 2.0))
     for joint, axes in enumerate(panels):
-        name = f"{SPRING_CURVE}{data.joint_names[joint]}"
+        name = f"{SPRING_CURVE}{data.robot.joint_names[joint]}"
         curves = [result.curves[name] for result in results if name in result.curves]
         for points in curves[1:]:
             axes.plot(points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=0.45)
@@ -96,7 +96,7 @@ def curves_figure(
         axes.plot(at, 1e3 * turn, color=blue.color, linewidth=1.6, label=model)
         _draw_linear(axes, data, joint, linear, at, orange)
         if truth is not None:
-            torque = np.zeros((len(at), len(data.joint_names)))
+            torque = np.zeros((len(at), len(data.robot.joint_names)))
             torque[:, joint] = at
             true = 1e3 * truth(torque)[:, joint]
             axes.plot(at, true, **green.connected(), linewidth=0.9, label="true (simulation)")
@@ -128,7 +128,7 @@ def _label(axes: Axes, data: StoredData, joint: int) -> None:
     turns = data.torque_units[joint] == "Nm"
     axes.set_xlabel("torque [N m]" if turns else "force [N]")
     axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
-    axes.set_title(short(data.joint_names[joint]), loc="left")
+    axes.set_title(short(data.robot.joint_names[joint]), loc="left")
 
 
 def gather(source: FigureSource) -> Prepared:
@@ -173,12 +173,12 @@ def gather(source: FigureSource) -> Prepared:
 
 def _stiffness(data: StoredData, joint: int, segment: str = "") -> str:
     """Return the diagnostic that has the stiffness of a joint, or of a segment of its spring."""
-    name = f"{data.joint_names[joint]}{segment}"
+    name = f"{data.robot.joint_names[joint]}{segment}"
     return spring_key("stiffness", name, data.stiffness_units[joint])
 
 
 def _spring(found: Mapping[str, float], data: StoredData, joint: int) -> Spring:
-    name, unit = data.joint_names[joint], data.torque_units[joint]
+    name, unit = data.robot.joint_names[joint], data.torque_units[joint]
     segments = _numbered(found, lambda number: _stiffness(data, joint, f" segment {number}"))
     stiffness = [
         found.get(f"prior {key}", np.nan) if np.isnan(found[key]) else found[key]
@@ -205,8 +205,5 @@ def _torques(stored: StoredData, result: CellResult) -> tuple[FloatArray, str]:
     """Return the (n, n_joints) torques that the model's springs see, and of what they are."""
     if not result.cell.model_params.get("gravity"):
         return stored.torque, "of the loads"
-    robot = robot_of_results(stored, result.cell, build_registry())
-    if robot is None:
-        return stored.torque, "of the loads alone: the robot's masses are not known here"
-    weights = robot.gravity_torque(stored.samples.q)
+    weights = stored.robot.gravity_torque(stored.samples.q)
     return stored.torque + weights, "of loads and the links' weights"

@@ -69,7 +69,7 @@ def stored_errors(folder: Path) -> pd.DataFrame:
     What a simulation knows of its own data stands among the models. Newest results count.
 
     Raises:
-        StoreError: nothing is stored, or it is damaged.
+        StoreError: nothing is stored, or it is corrupt.
     """
     stored = StoredResults.read(folder)
     asked = {key: place for run in stored.runs for place, key in enumerate(run.cells)}

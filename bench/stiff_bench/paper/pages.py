@@ -17,7 +17,7 @@ from stiff_bench.paper import figures as paper_figures
 from stiff_bench.paper.results import PaperResults
 from stiff_bench.paper.study import NETWORK_STEPS
 from stiff_bench.paper.tables import TABLES, build
-from stiff_bench.store.database import FILE, read_manifests, stored_results
+from stiff_bench.store.database import FILE, read_manifests, read_results
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.render import markdown_code, markdown_text, render
 from stiff_bench.tables.units import counted
@@ -117,7 +117,7 @@ def write_study(
     drawn -> why.
 
     Raises:
-        StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
+        StoreError: nothing is stored, a file cannot be written, or a stored one is corrupt.
     """
     yield written(folder.with_suffix(".csv"), text_as("csv"))
     yield from pictures(figures, folder / "figures")
@@ -132,7 +132,7 @@ def write_study(
 
 def provenance(folder: Path, command: str, n_missing: int) -> Iterator[str]:
     """Yield lines of markdown: the command, the versions, and each machine."""
-    runs, results = list(read_manifests(folder)), list(stored_results(folder))
+    runs, results = read_manifests(folder), read_results(folder)
     yield f"made by {markdown_code(command)}"
     if n_missing:
         yield f"not finished: {counted(n_missing, 'fit')} not computed"

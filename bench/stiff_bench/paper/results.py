@@ -87,7 +87,7 @@ class PaperResults(StoredResults):
 
         Raises:
             StoreError: it holds no results, and `bench reproduce` makes them; or a file of it is
-                damaged.
+                corrupt.
         """
         return cls.read(folder, f"; {REPRODUCE} makes the results")
 

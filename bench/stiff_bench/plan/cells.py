@@ -18,7 +18,6 @@ from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.protocol_base import EvaluationProtocol, completed
 from stiff_protocols.contract.record import (
     INTERVAL_VERSION,
-    SCORING_VERSION,
     Cell,
     Presentation,
 )
@@ -171,7 +170,7 @@ def _of_protocol(
             coverage=plan.coverage,
             source_sha256="" if source is None else source.sha256,
             model_version=version_of(model),
-            scoring_version=SCORING_VERSION if plan.coverage is None else INTERVAL_VERSION,
+            interval_version=0 if plan.coverage is None else INTERVAL_VERSION,
         )
         of_data = plan.sources[split.source].info.caveats if split.source else ()
         caveats = filter(None, (*dataset.info.caveats, *of_data, caveat))

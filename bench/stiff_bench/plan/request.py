@@ -11,7 +11,6 @@ from typing import Any
 from stiff_bench.console import say
 from stiff_bench.plan.options import Choice, Chosen, chosen_dataset, options_of
 from stiff_bench.plan.registry import Info, Registry
-from stiff_bench.store.samples import StoredData
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -24,7 +23,7 @@ from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.protocol_base import completed
 from stiff_protocols.contract.record import Cell
 from stiff_protocols.contract.stiffness_model import optional
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, check_coverage
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, check_coverage
 from stiff_protocols.scoring.metrics import Metric, metric
 
 DEFAULT_COVERAGE = 0.9
@@ -164,20 +163,6 @@ def loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:
             f"{dataset.info.key!r}: load returned {type(data).__name__}, expected BenchmarkData"
         )
     return data
-
-
-def robot_of_results(stored: StoredData, cell: Cell, registry: Registry) -> Robot | None:
-    """Return the robot that a cell's model was told of; None: it is not known here.
-
-    An older stiffbench did not store it: then it is that of the data set of this name.
-    """
-    if stored.geometry is not None:
-        return stored.geometry
-    try:
-        info = registry.datasets[cell.dataset]
-        return loaded(Choice.of_stored(info, cell.dataset_params)).robot
-    except (KeyError, StiffBenchError):
-        return None
 
 
 def true_joint_turns(cell: Cell, registry: Registry) -> Callable[[FloatArray], FloatArray] | None:

@@ -69,7 +69,7 @@ def blocks_of(stored: StoredResults, choice: Selection, key: SortKey) -> list[Bl
 
     Raises:
         ConfigError: a word has no results in the folder.
-        StoreError: a file of the folder is damaged.
+        StoreError: a file of the folder is corrupt.
     """
     folder = stored.folder
     chosen_models(stored.cases, choice.models)  # each has results
@@ -201,7 +201,7 @@ def write_report(folders: Sequence[Path], choice: Selection, output: Path, comma
     Raises:
         ConfigError: the file's suffix is none of a page, a folder is named twice, a name has no
             results in one of them, or the metric cannot rank.
-        StoreError: a folder holds no results or damaged ones, or the file cannot be written.
+        StoreError: a folder holds no results or corrupt ones, or the file cannot be written.
     """
     if output.suffix.lower() not in SUFFIXES:
         valid = ", ".join(SUFFIXES)

@@ -99,7 +99,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
         try:
             data = data_of(case.name.data_sha256)
             n_poses = len(set(data.measured.pose_id))
-            size: list[Entry] = [data.robot, _tcp(data), len(data.measured), n_poses]
+            size: list[Entry] = [data.robot.name, _tcp(data), len(data.measured), n_poses]
         except StoreError:
             size = [None, None, None, None]
         rows.append([case.name.dataset, shown.kind, *size, sha256])
@@ -114,9 +114,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
 
 def _tcp(data: StoredData) -> str:
     """Return the TCP as `--tcp` takes it."""
-    if data.tcp_on_flange is None:
-        return "not stored"
-    return ", ".join(f"{length:g}" for length in data.tcp_on_flange)
+    return ", ".join(f"{length:g}" for length in data.robot.tcp_on_flange)
 
 
 Joint = tuple[str, str]
@@ -136,7 +134,7 @@ def _stiffnesses(cases: Sequence[Case], data_of: Callable[[str], StoredData]) ->
         fits = [one.diagnostics for one in case.results(REFERENCE_MODEL)]
         values = {
             joint: [fit[key] for fit in fits if math.isfinite(fit.get(key, math.inf))]
-            for joint in zip(data.joint_names, data.stiffness_units, strict=True)
+            for joint in zip(data.robot.joint_names, data.stiffness_units, strict=True)
             for key in [spring_key("stiffness", *joint)]
         }
         row = {joint: mean_over(of_fits) for joint, of_fits in values.items() if of_fits}

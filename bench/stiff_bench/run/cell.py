@@ -18,14 +18,12 @@ from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
-from stiff_protocols.scoring.metrics import metric_records
 from stiff_protocols.scoring.sanity import check_prediction
 
 
 def compute_cell(task: CellTask, run_id: str) -> CellResult:
     """Fit, predict and score one cell here; what goes wrong in the model becomes a failed result.
 
-    Every metric is stored, whichever a table shows; those of intervals where there are intervals.
     A model that cannot be used on this machine gives a skipped result.
     """
     given = fit_input(task)
@@ -75,7 +73,6 @@ def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> Cel
         shown=task.shown,
         run_id=run_id,
         status="ok",
-        records=metric_records(prediction, fitted.cost),
         prediction=prediction,
         cost=fitted.cost,
         calibration_samples=fitted.calibration_samples,

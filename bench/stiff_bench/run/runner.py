@@ -24,14 +24,7 @@ from stiff_bench.run.fit_process import Limits
 from stiff_bench.run.isolate import OUT_OF_MEMORY, TIMED_OUT, LocalProcesses
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
-from stiff_bench.store.damage import repair
-from stiff_bench.store.database import (
-    DamagedFile,
-    ResultStore,
-    mean_seconds,
-    read_manifests,
-    stored_results,
-)
+from stiff_bench.store.database import ResultStore, mean_seconds, read_manifests, read_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.record import CellResult, RunManifest
@@ -176,25 +169,18 @@ def run_cells(
 
 
 def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict[str, CellResult]:
-    """Return the results and failures that are there and count; damaged ones are said and deleted.
+    """Return the results and failures that are there and count.
 
     A cell that was skipped is looked at again: what it lacked may be installed now.
     """
+    if rerun == "all":
+        return {}
     wanted = {task.cell.key: task for task in tasks}
-    damaged: list[str] = []
-
-    def note(error: DamagedFile) -> None:
-        say(f"warning: {error}; what it held is computed again")
-        damaged.append(error.key)
-
-    repair(store.folder, note)
-    found = {
+    return {
         result.cell.key: _as_asked(result, wanted[result.cell.key])
-        for result in stored_results(store.folder, wanted.keys(), note)
+        for result in read_results(store.folder, wanted.keys())
         if result.status in COUNTING[rerun]
     }
-    store.remove(filter(None, damaged))
-    return found
 
 
 def _as_asked(result: CellResult, task: CellTask) -> CellResult:
@@ -206,7 +192,7 @@ def _as_asked(result: CellResult, task: CellTask) -> CellResult:
 
 def _say_unfinished(store: ResultStore) -> None:
     """Say once of each run that it ended without a word, as by a signal that nothing catches."""
-    for run in read_manifests(store.folder, report=lambda _: None):
+    for run in read_manifests(store.folder):
         if run.status == "running" and _has_ended(run.environment.get(PROCESS, "")):
             when = run.started.replace("T", " ")
             say(f"the run of {when} ended without finishing, its results are kept: {run.command}")

@@ -24,17 +24,9 @@ def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list
     return dict(groups)
 
 
-def natural_key(text: str) -> list[tuple[int, str]]:
-    """Return a sort key in which numbers stand by their size: "n = 5" before "n = 40".
-
-    Each part has its number of digits, -1 for a text, and stands without leading zeros.
-    """
-    words, numbers = (re.split(r"(\d+)", text)[start::2] for start in (0, 1))
-    key = [(-1, words[0])]
-    for number, word in zip(numbers, words[1:], strict=True):
-        digits = number.lstrip("0")
-        key += [(len(digits), digits), (-1, word)]
-    return key
+def natural_key(text: str) -> str:
+    """Return a sort key in which numbers stand by their size: "n = 5" before "n = 40"."""
+    return re.sub("[0-9]+", lambda number: number[0].lstrip("0").zfill(10), text)
 
 
 OPTION_MARK = "@"

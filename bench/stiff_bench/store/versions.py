@@ -20,13 +20,11 @@ def sources(folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, i
     `n_results` says of a run's id how many of its results are shown.
     """
     versions = {run.run_id: version_of_run(run) for run in runs}
-    counts: Counter[str] = Counter()
+    counts = Counter[str]()
     for run_id, count in n_results.items():
         counts[versions.get(run_id, NO_MANIFEST)] += count
-    made = ", ".join(
-        version if len(counts) == 1 else f"{version} ({count})"
-        for version, count in sorted(counts.items())
-    )
+    several = len(counts) > 1
+    made = ", ".join(f"{name} ({n})" if several else name for name, n in sorted(counts.items()))
     return f"{counts.total()} results of {folder}, made by {made}."
 
 

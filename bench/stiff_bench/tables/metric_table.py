@@ -21,7 +21,7 @@ from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import AXES, KNOWN, Interval, Prediction
-from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric, metric_records
+from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric
 
 SELECTION_MARK = "epoch picked on test part"
 TRAINING_MARK = "training samples among those reported"
@@ -137,7 +137,7 @@ def _beside(result: CellResult, name: str) -> CellResult | None:
     return CellResult(
         result.cell,
         replace(result.shown, model=name, regime="", source="", picked_on_test=False),
-        *(result.run_id, "ok", metric_records(prediction), prediction),
+        *(result.run_id, "ok", prediction),
         n_train=result.n_train,
         n_splits=result.n_splits,
     )
@@ -212,17 +212,25 @@ def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> V
 
     The results are of one data set and protocol; none has failed.
     """
-    together = pooled_prediction(results) if results[0].shown.pooled else None
     found = {}
     for metric in metrics:
-        each = [result.values(metric.key) for result in results]
-        if together is not None and metric.of_cost is None:  # costs are means over the splits
-            each = [metric.values(together)]
+        each = values_of_splits(metric, results)
         _, factor = PRINTED[metric.unit]
         for axis in metric.axes:
             if all(axis in values for values in each):  # none where a split lacks it
                 found[metric.key, axis] = mean_over([values[axis] * factor for values in each])
     return found
+
+
+def values_of_splits(metric: Metric, results: Sequence[CellResult]) -> list[dict[str, float]]:
+    """Return axis -> value of a model on each split, in SI units.
+
+    One value where the protocol scores the predictions of all splits together; costs have one for
+    each split there, too.
+    """
+    if results[0].shown.pooled and metric.of_prediction is not None:
+        return [metric.values(pooled_prediction(results))]
+    return [metric.of_result(result) for result in results]
 
 
 def mark_of(shown: Presentation) -> str:

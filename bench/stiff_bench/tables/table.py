@@ -241,5 +241,4 @@ def natural_order(text: str) -> str:
     >>> sorted(["n = 10", "n = 5"], key=natural_order)
     ['n = 5', 'n = 10']
     """
-    parts = natural_key(text.lower())
-    return "".join(part if n < 0 else part.zfill(6) for n, part in parts)[:_LONGEST_ORDER]
+    return natural_key(text.lower())[:_LONGEST_ORDER]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -31,14 +31,9 @@ class Cost(NamedTuple):
     memory_bytes: int | None
 
 
-SCORING_VERSION = 2
-"""Of all that shapes a cell's numbers beside its model: metrics, intervals, tuning, a cell's steps.
-
-A change of these numbers raises it; tests/protocols/scoring/test_golden_scoring.py notices."""
-
 INTERVAL_VERSION = 3
-"""The scoring version of cells with intervals. A change of the scoring or of how intervals are made
-raises it; after the latter, results without intervals stay valid."""
+"""Of how intervals are made: a change of their numbers raises it, so that cells with intervals are
+computed again. tests/protocols/scoring/test_golden_scoring.py notices such a change."""
 
 
 READING_OPTION = "read_on"
@@ -62,8 +57,7 @@ class Cell:
         source_sha256: of the other robot's data that the source domain comes from; else "".
         model_version: of a built-in model its `ModelInfo.version`, with the version of the library
             that it wraps; of a plugin's the hash of its files; "" where it is not known.
-        scoring_version: the `SCORING_VERSION`, or with intervals the `INTERVAL_VERSION`, that it is
-            computed with; 0 where it is not known.
+        interval_version: the `INTERVAL_VERSION` of a cell with intervals; else 0.
     """
 
     model: str
@@ -81,7 +75,7 @@ class Cell:
     rows_sha256: str = ""
     source_sha256: str = ""
     model_version: str = ""
-    scoring_version: int = 0
+    interval_version: int = 0
 
     @cached_property
     def key(self) -> str:
@@ -115,63 +109,13 @@ class Cell:
 
 _OPTIONAL = (
     *("coverage", "condition", "rows_sha256", "source_sha256"),
-    *("model_version", "scoring_version"),
+    *("model_version", "interval_version"),
 )
 
 
 def _hash(identity: Mapping[str, Any]) -> str:
     canonical = json.dumps(identity, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()
-
-
-class ResultRecord(NamedTuple):
-    """One value: a metric on one axis of one cell. A tuple: a folder holds 100,000 of them."""
-
-    metric: str
-    axis: str
-    value: float
-    unit: str
-
-
-class Measures:
-    """What the values of a cell are of (metric, axis and unit of each); many cells share one."""
-
-    def __init__(self, names: Sequence[tuple[str, str, str]]) -> None:
-        self.names = tuple(names)
-        self._places: dict[str, dict[str, int]] = {}
-
-    def places(self, metric: str) -> Mapping[str, int]:
-        """Return axis -> place among the values, of one metric."""
-        if metric not in self._places:
-            named = enumerate(self.names)
-            self._places[metric] = {axis: n for n, (key, axis, _) in named if key == metric}
-        return self._places[metric]
-
-
-class StoredRecords(Sequence[ResultRecord]):
-    """Records that are made when somebody asks for one: a folder holds a million of them."""
-
-    def __init__(self, measures: Measures, numbers: FloatArray) -> None:
-        self._measures, self._numbers = measures, numbers
-
-    def __len__(self) -> int:
-        return len(self._measures.names)
-
-    def __getitem__(self, place: Any) -> Any:
-        if isinstance(place, slice):
-            return tuple(self)[place]
-        metric, axis, unit = self._measures.names[place]
-        return ResultRecord(metric, axis, float(self._numbers[place]), unit)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Sequence) and tuple(self) == tuple(other)
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def values(self, metric: str) -> dict[str, float]:
-        """Return axis -> value of one metric."""
-        numbers = self._numbers
-        return {axis: float(numbers[n]) for axis, n in self._measures.places(metric).items()}
 
 
 @dataclass(frozen=True)
@@ -213,14 +157,13 @@ class Presentation:
 
 @dataclass(frozen=True, eq=False)
 class CellResult:
-    """Everything known about a computed cell.
+    """Everything known about a computed cell; metrics are computed from it when it is read.
 
     Attributes:
         cell: what was computed.
         shown: what must stand beside its numbers.
         run_id: the run that computed it.
         status: "ok", "failed", or "skipped": the model cannot be used on this machine.
-        records: metric values; empty where it is not ok.
         prediction: predicted and measured reported rows; None where it is not ok.
         cost: time and memory, without what split-conformal intervals cost; None where it is not ok.
         diagnostics: numbers the model reported, by name and unit.
@@ -244,7 +187,6 @@ class CellResult:
     shown: Presentation
     run_id: str
     status: Literal["ok", "failed", "skipped"]
-    records: Sequence[ResultRecord] = ()
     prediction: Prediction | None = None
     cost: Cost | None = None
     diagnostics: Mapping[str, float] = field(default_factory=dict)
@@ -264,12 +206,6 @@ class CellResult:
     def why_none(self) -> str:
         """Status and reason of a cell without numbers."""
         return f"{self.status}: {self.failure}"
-
-    def values(self, metric: str) -> dict[str, float]:
-        """Return axis -> value of one metric, in SI units; empty where it has none."""
-        if isinstance(self.records, StoredRecords):
-            return self.records.values(metric)
-        return {record.axis: record.value for record in self.records if record.metric == metric}
 
 
 @dataclass(frozen=True)

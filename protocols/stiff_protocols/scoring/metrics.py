@@ -1,5 +1,8 @@
 """Measures of a cell: errors of its predictions, its intervals, and what it cost.
 
+They are computed from what a cell stores when it is read: a new entry of `METRICS` has values of
+every folder of results.
+
 With e_i the ABSOLUTE error of sample i in one direction, the source paper defines
 MAE = mean(e), STDE = sqrt(mean((e - mean(e))^2)), the population standard deviation of the
 absolute error, and ME = max(e).
@@ -18,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from stiff_protocols.contract.errors import unknown_name
-from stiff_protocols.contract.record import Cost, ResultRecord
+from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, Prediction
 
 WHOLE = ("",)
@@ -31,7 +34,7 @@ class Metric:
     """A column of a table.
 
     Attributes:
-        key: the word used on the command line and in records.
+        key: the word used on the command line.
         label: column heading.
         unit: of the value; "share" is printed in per cent, "1" as it is.
         meaning: one line for `bench list metrics`.
@@ -69,6 +72,11 @@ class Metric:
         values = zip(self.axes, np.atleast_1d(found).tolist(), strict=True)
         return {axis: value for axis, value in values if np.isfinite(value)}
 
+    def of_result(self, result: CellResult) -> dict[str, float]:
+        """Return axis -> value of a cell, in SI units; empty where it has none."""
+        prediction = result.prediction
+        return {} if prediction is None else self.values(prediction, result.cost)
+
 
 def absolute_errors(prediction: Prediction) -> FloatArray:
     """Return the (n, 3) absolute errors, m."""
@@ -77,7 +85,12 @@ def absolute_errors(prediction: Prediction) -> FloatArray:
 
 def norm_errors(prediction: Prediction) -> FloatArray:
     """Return the (n,) Euclidean lengths of the error, m."""
-    x, y, z = (prediction.predicted - prediction.measured).T
+    return _lengths(prediction.predicted - prediction.measured)
+
+
+def _lengths(vectors: FloatArray) -> FloatArray:
+    """Return the (n,) lengths of (n, 3) vectors."""
+    x, y, z = vectors.T
     return np.asarray(np.sqrt(x * x + y * y + z * z))  # a quarter of np.linalg.norm's time
 
 
@@ -110,7 +123,7 @@ def _r2(prediction: Prediction) -> FloatArray:
 
 def _relative(prediction: Prediction) -> FloatArray | None:
     """Return a ratio of means: ratios of single samples are ruled by the smallest deflections."""
-    size = float(np.linalg.norm(prediction.measured, axis=1).mean())
+    size = float(_lengths(prediction.measured).mean())
     return np.asarray(norm_errors(prediction).mean() / size) if size > 0.0 else None
 
 
@@ -122,8 +135,7 @@ def _removed(prediction: Prediction) -> FloatArray | None:
 def _skill(prediction: Prediction) -> FloatArray | None:
     if prediction.reference is None:
         return None
-    of_reference = Prediction(prediction.rows, prediction.reference, prediction.measured)
-    reference = float(norm_errors(of_reference).mean())
+    reference = float(_lengths(prediction.reference - prediction.measured).mean())
     return np.asarray(1.0 - norm_errors(prediction).mean() / reference) if reference > 0.0 else None
 
 
@@ -251,12 +263,3 @@ def metric(key: str) -> Metric:
     if key not in METRICS:
         raise unknown_name("metric", key, METRICS)
     return METRICS[key]
-
-
-def metric_records(prediction: Prediction, cost: Cost | None = None) -> tuple[ResultRecord, ...]:
-    """Return every metric that a prediction and its cost have."""
-    return tuple(
-        ResultRecord(metric.key, axis, value, metric.unit)
-        for metric in METRICS.values()
-        for axis, value in metric.values(prediction, cost).items()
-    )

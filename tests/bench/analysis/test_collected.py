@@ -89,7 +89,7 @@ def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
 def test_damage_is_refused_with_what_to_do_about_it(made):
     (key,) = made.add("a", [1.0])
     damage(made.folder, key)
-    with pytest.raises(StoreError, match=rf"{FILE}: damaged: cell {key}: .*`bench run`"):
+    with pytest.raises(StoreError, match=rf"{FILE}: corrupt: cell {key}: .*bench run"):
         StoredResults.read(made.folder)
 
 
@@ -148,12 +148,12 @@ def test_of_two_coverages_the_newest_counts_and_any_before_none(made, coverages,
 
 
 @pytest.mark.parametrize("newer", ["with intervals", "without"])
-def test_results_with_intervals_have_a_scoring_version_of_their_own(made, newer):
+def test_results_with_intervals_have_a_version_of_their_own(made, newer):
     """Splits without intervals stay where a newer run has intervals, and the other way round."""
     plain, with_intervals = ("1", "2") if newer == "with intervals" else ("2", "1")
-    made.add("a", [1.0, 1.0, 1.0], run_id=plain, scoring=2)
-    made.add("a", [1.0], run_id=with_intervals, coverage=0.9, scoring=3)
-    made.add("a", [1.0, 1.0], run_id="0", coverage=0.8, scoring=2)
+    made.add("a", [1.0, 1.0, 1.0], run_id=plain)
+    made.add("a", [1.0], run_id=with_intervals, coverage=0.9, interval_version=3)
+    made.add("a", [1.0, 1.0], run_id="0", coverage=0.8, interval_version=2)
     case = only(made)
     assert [one.cell.coverage for one in case.results("a")] == [0.9, None, None]
     (note,) = left_out_notes([case])

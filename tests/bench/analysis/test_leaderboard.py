@@ -24,7 +24,7 @@ from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_protocols.contract.errors import ConfigError, StoreError
-from stiff_protocols.contract.record import Cost, ResultRecord
+from stiff_protocols.contract.record import Cost
 from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
 
 
@@ -311,11 +311,13 @@ def test_a_protocols_table_shows_the_marks_of_that_protocol_alone(made):
 
 def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
     made.add_each({"a": [1.0] * 3, "b": [1.0] * 3, "c": [1.0]})
-    with_fields(made, "c", records=())
-    board = board_of(made)
+    for model in "ab":
+        with_fields(made, model, cost=Cost(1.0, 0.1, 1e-3, 1e3, None))
+    with_fields(made, "c", cost=None)
+    board = board_of(made, metric="fit-time")
     (scored,) = board.sections[0].cases
     assert len(scored.slots) == 3 and set(scored.scores) == {"a", "b"}
-    assert scored.missing["c"] == "no value of 3-D error [mm]"
+    assert scored.missing["c"] == "no value of fit time [ms]"
     assert not scored.left_out
 
 
@@ -345,7 +347,7 @@ def test_costs_are_ranked_without_a_test(made):
     for dataset in TWINS:
         made.add_each({key: [1.0, 1.0] for key in "abc"}, dataset)
     for model, seconds in (("a", 1.0), ("b", 5.0), ("c", 9.0)):
-        with_fields(made, model, records=(ResultRecord("fit-time", "", seconds, "s"),))
+        with_fields(made, model, cost=Cost(seconds, 0.1, 1e-3, 1e3, None))
     board = board_of(made, metric="fit-time")
     assert ranks(board) == {"a": 1.0, "b": 2.0, "c": 3.0}
     assert board.sections[0].ranked["like_best"].isna().all()

@@ -54,7 +54,7 @@ def test_of_each_kind_the_division_that_explains_most_is_shown(tmp_path):
     b = worse_where((torque > np.quantile(torque, 2 / 3)) + 1.0 * high)
     found, stored = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=b)
     shown = {place.factor.kind: place.factor.name for place in found.places}
-    assert shown["joint torque"] == f"torque on {stored.joint_names[3]}"
+    assert shown["joint torque"] == f"torque on {stored.robot.joint_names[3]}"
     assert shown["pose region"] == "part of the plan"
     assert [p.values for p in found.places if p.factor.kind == "pose region"] == ["far", "near"]
     # group, reach, height, force, six joints; the loads have no torque at the TCP to divide by

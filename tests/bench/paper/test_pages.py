@@ -11,7 +11,7 @@ from helpers.figure_results import ranked
 from helpers.made_results import MadeResults
 from stiff_bench.paper.pages import former_models, write_leaderboard, write_paper
 from stiff_bench.paper.study import DT_CNN
-from stiff_bench.store.database import stored_results
+from stiff_bench.store.database import read_results
 from stiff_models.model_catalog import MODELS
 
 
@@ -46,7 +46,7 @@ def test_models_whose_version_was_raised_since_are_named(tmp_path):
     today = {info.key: info.version for info in MODELS}
 
     def of_versions(**versions):
-        for result in stored_results(tmp_path):
+        for result in read_results(tmp_path):
             key = result.cell.model
             number = versions.get(key.replace("-", "_"), today.get(key, 7))
             yield replace(result, cell=replace(result.cell, model_version=str(number)))

@@ -13,7 +13,7 @@ from stiff_bench.figures.figure import Prepared
 from stiff_bench.report import pairs as pair_tables
 from stiff_bench.report import report as gather
 from stiff_bench.report.report import Selection
-from stiff_bench.store.database import ResultStore, stored_results
+from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 pytestmark = pytest.mark.usefixtures("no_figures")
@@ -86,7 +86,7 @@ def test_the_page_calls_no_model_worse_where_no_test_was_made(tmp_path, metric, 
 
 
 def test_identified_stiffnesses_stand_with_the_data(results):
-    for result in [*stored_results(results.folder)]:
+    for result in [*read_results(results.folder)]:
         if result.shown.model == "vjm":
             springs = {"stiffness A1 [Nm/rad]": 1000.0 + 200.0 * result.cell.split_index}
             ResultStore(results.folder).write_cells([replace(result, diagnostics=springs)])
@@ -109,7 +109,7 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
     keys = results.add("bad", [0.1], TWINS[0], failed=(1, 2))
     for key in keys[1:]:
         store = ResultStore(results.folder)
-        (failed,) = (one for one in stored_results(results.folder, {key}))
+        (failed,) = (one for one in read_results(results.folder, {key}))
         store.write_cells([replace(failed, cause="ValueError", log=("first", "last <b>"))])
     block = blocks_of(results.folder)["Failed and skipped"]
     (row,) = block.tables[0].texts()

@@ -19,7 +19,7 @@ from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.tables.metric_table import build_tables
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.scoring.metrics import norm_errors
+from stiff_protocols.scoring.metrics import metric, norm_errors
 from stiff_protocols.splits.path_compensation import PathCompensation
 
 PATHS = "path-compensation"
@@ -119,7 +119,7 @@ def test_the_zero_model_leaves_the_uncorrected_error_and_the_oracle_the_toleranc
     prediction = zero.prediction
     without = np.linalg.norm(prediction.measured, axis=1)
     np.testing.assert_allclose(norm_errors(prediction), without, atol=1e-8)
-    assert zero.values("removed")[""] == pytest.approx(0.0, abs=1e-5)
+    assert metric("removed").of_result(zero)[""] == pytest.approx(0.0, abs=1e-5)
     of_oracle = replace(prediction, predicted=prediction.known["oracle"])
     assert norm_errors(of_oracle).max() < 1.1e-6
 
@@ -129,7 +129,7 @@ def test_the_reference_row_is_the_vjms_own_path_error(results):
         next(one for one in results if one.shown.model == name) for name in ("vjm", "zero")
     )
     np.testing.assert_allclose(zero.prediction.reference, vjm.prediction.predicted, atol=1e-9)
-    assert 0.5 < vjm.values("removed")[""] < 1.0
+    assert 0.5 < metric("removed").of_result(vjm)[""] < 1.0
 
 
 def test_an_interval_of_a_corrected_path_covers_what_the_models_interval_covers(tasks):

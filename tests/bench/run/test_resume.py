@@ -14,14 +14,13 @@ import pytest
 
 from helpers import hostile_models
 from helpers.command_line import bench, bench_here, n_stored, started, wait_until
-from helpers.made_results import damage, tear
+from helpers.made_results import damage
 from helpers.run_requests import planned
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.api.evaluation import Run
 from stiff_bench.cli.run import execute
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.runner import PROCESS
-from stiff_bench.store.damage import fault_of
 from stiff_bench.store.database import (
     FILE,
     ResultStore,
@@ -30,6 +29,7 @@ from stiff_bench.store.database import (
     reading,
     stored_statuses,
 )
+from stiff_protocols.contract.errors import StoreError
 
 PLUGIN = Path(hostile_models.__file__)
 N_SPLITS = 20
@@ -124,34 +124,15 @@ def test_more_splits_compute_those_that_are_missing(run, tmp_path):
     assert table == run(splits=5)[1]
 
 
-def test_a_damaged_row_is_named_and_computed_again(run, tmp_path):
-    _, table, _ = run()
+def test_a_corrupt_row_is_an_error_and_all_is_computed_again_on_request(run, tmp_path):
+    run()
     whole = bytes_of_results(tmp_path)
     key = sorted(whole)[2]
     damage(tmp_path, key)
-    status, again, said = run()
-    assert (status, summary_of(said)) == (0, "1 ok, 5 cached")
-    assert key in said and "damaged" in said and "computed again" in said
-    assert again.count("\n") == table.count("\n")
+    with pytest.raises(StoreError, match=f"corrupt: cell {key}: .*--rerun all: bench run"):
+        run()
+    assert summary_of(run("all")[2]) == "6 ok"
     assert bytes_of_results(tmp_path) == whole
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("table", "summary"),
-    [("data", "0 ok, 6 cached"), ("value", "6 ok")],  # the values of six cells share a page
-)
-def test_a_torn_file_is_said_its_readable_rows_count_and_the_rest_is_computed_again(
-    run, tmp_path, table, summary
-):
-    run()
-    whole = bytes_of_results(tmp_path)
-    tear(tmp_path, table)
-    status, _, said = run()
-    assert (status, summary_of(said)) == (0, summary)
-    assert f"warning: {tmp_path / FILE}: damaged" in said
-    assert bytes_of_results(tmp_path) == whole and fault_of(tmp_path) is None
-    assert (tmp_path / f"{FILE}.damaged").exists()
 
 
 @pytest.mark.slow
@@ -194,7 +175,6 @@ def test_a_disk_that_is_full_stops_the_run_and_what_was_stored_stays(tmp_path):
     last = done.stderr.strip().splitlines()[-1]
     assert last.startswith(f"bench: error: out/{FILE}: cannot be written: ")
     assert "Traceback" not in done.stderr and n_stored(tmp_path / "out") >= 1
-    assert fault_of(tmp_path / "out") is None
     n_there = n_stored(tmp_path / "out")
     after = bench_here(*words, "40", cwd=tmp_path)
     assert after.returncode == 0

@@ -76,14 +76,14 @@ def task_of(tasks_of):
 
 
 def values(result, metric):
-    return [record.value for record in result.records if record.metric == metric]
+    return [*METRICS[metric].of_result(result).values()]
 
 
 def test_split_conformal_intervals_leave_the_point_metrics_alone(task_of):
     plain = computed(task_of(Scaled))
     assert plain.prediction.interval is None and len(FITS) == 1
     with_intervals = {metric.key for metric in METRICS.values() if metric.needs_interval}
-    assert {record.metric for record in plain.records} == set(METRICS) - with_intervals
+    assert {key for key in METRICS if values(plain, key)} == set(METRICS) - with_intervals
     result = computed(task_of(Scaled, 0.9))
     np.testing.assert_array_equal(result.prediction.predicted, plain.prediction.predicted)
     assert values(result, "mae") == values(plain, "mae")
@@ -212,7 +212,7 @@ def test_a_model_that_cannot_be_used_here_is_skipped_with_the_reason(task_of, mo
     info = replace(task.model.info, missing_because="my_weights:reason")
     result = compute_cell(replace(task, model=replace(task.model, info=info)), "r")
     assert result.status == "skipped" and result.failure == "no weights here"
-    assert result.records == () and not FITS
+    assert result.prediction is None and not FITS
 
 
 def test_a_model_whose_prediction_draws_gives_the_same_interval_however_often_it_is_timed(

@@ -15,7 +15,7 @@ from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Quantity, Table
 from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import Interval, Prediction
-from stiff_protocols.scoring.metrics import metric, metric_records
+from stiff_protocols.scoring.metrics import metric
 
 METRICS = [metric(key) for key in ("mae", "stde", "me")]
 COST = Cost(fit_s=1.5, predict_s=0.1, latency_s=5e-5, throughput_per_s=2e4, memory_bytes=2**21)
@@ -31,7 +31,6 @@ def result(task, error_m, *, interval_m=None, reference_m=None, known_m=(), **ch
     known = {name: measured + wrong for name, wrong in dict(known_m).items()}
     scores = Prediction(rows, measured + error_m, measured, interval, reference, known)
     fields = {"shown": task.shown, "status": "ok", "prediction": scores, "cost": COST}
-    fields["records"] = metric_records(scores, COST)
     return CellResult(cell=task.cell, run_id="r", **(fields | changes))
 
 
@@ -97,7 +96,7 @@ def test_leave_one_out_scores_all_poses_together(tasks_of):
 def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(tasks_of):
     tasks = sorted(tasks_of(models=("vjm", "mlp"), splits=2), key=lambda one: one.shown.model)
     tasks = [*tasks[2:], *tasks[:2]]  # vjm, then mlp
-    broken = {"status": "failed", "records": (), "prediction": None, "failure": "it broke"}
+    broken = {"status": "failed", "prediction": None, "failure": "it broke"}
     absent = broken | {"status": "skipped", "failure": "no a|b\nhere"}
     failed = [result(tasks[0], 1e-4), result(tasks[1], 0, **broken)]
     skipped = [result(task, 0, **absent) for task in tasks[:2]]

@@ -82,14 +82,18 @@ def test_every_field_of_a_cell_changes_its_key(name):
 
 
 NO_PART_OF_THE_SEED = {
-    **{"model": "gp", "model_params": {}, "model_version": "2", "scoring_version": 9},
+    **{"model": "gp", "model_params": {}, "model_version": "2", "interval_version": 9},
     **{"coverage": 0.5, "condition": "n = 20", "split_sha256": "23", "source_sha256": ""},
     "protocol_params": CELL.protocol_params | {READING_OPTION: "all"},
 }
 
 
-def test_a_cell_has_the_seed_that_it_always_had():
-    """With another one every random model gives other numbers."""
+def test_a_cell_has_the_key_and_the_seed_that_it_always_had():
+    """With another key stored results are not found, with another seed random models differ."""
+    plain = Cell("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)
+    assert plain.key == "8a49b67bbeadb3aae6d65663"
+    more = replace(plain, model_version="2", interval_version=2, coverage=0.9, source_sha256="x")
+    assert replace(more, condition="n = 5", rows_sha256="y").key == "dbb33d74898fbad004e67ddb"
     assert CELL.model_seed == 2208388108
     for name, value in NO_PART_OF_THE_SEED.items():
         assert replace(CELL, **{name: value}).model_seed == CELL.model_seed, name

@@ -1,7 +1,8 @@
 """What turns predictions into a cell's numbers, against numbers that were kept.
 
-Metrics, the sensor's errors and the choice of options are in a cell's identity by `SCORING_VERSION`
-alone, intervals by `INTERVAL_VERSION`. Whoever raises one puts the new numbers here.
+A change puts the new numbers here. One of the intervals raises `INTERVAL_VERSION`, one of the inner
+search the version of every model with a grid. Metrics are computed when results are read, and the
+sensor's errors are part of a split's hash: they need no version.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def without_pattern(size: float, step: float) -> FloatArray:
 def agree(now: object, kept: object) -> None:
     same = np.shape(now) == np.shape(kept) and np.allclose(now, kept, rtol=1e-9, atol=1e-12)
     if not same:
-        changed = f"numbers of the scoring changed: raise its version\n{kept}\nbecame\n{now}"
+        changed = f"numbers changed: see the first lines of this file\n{kept}\nbecame\n{now}"
         pytest.fail(changed, pytrace=False)
 
 
