@@ -15,8 +15,8 @@ from stiff_bench.analysis.path_correction import (
     held_positions,
 )
 from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.data_tools.picture_file import check_suffix
 from stiff_bench.plan.words import RobotWords
-from stiff_bench.tables.picture_file import check_suffix
 from stiff_datasets.measured.path_file import LoadFrame, tool_of, write_path
 from stiff_datasets.measured.sample_files import MM_PER_M
 from stiff_protocols.contract.errors import ConfigError, unknown_name
