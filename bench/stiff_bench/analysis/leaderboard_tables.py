@@ -253,7 +253,8 @@ def _mean_scores(cases: Sequence[ScoredCase], key: SortKey) -> dict[str, Quantit
     _, factor = PRINTED[key.metric.unit]
     run = sorted({model for one in cases for model in one.case.competitors})
     of_cases = DataFrame([{m: factor * one.mean(m) for m in one.scores} for one in cases])
-    of_data = of_cases.reindex(columns=run).groupby([dataset_of(one.name) for one in cases])
+    datasets = np.array([dataset_of(one.name) for one in cases])  # a list may name columns
+    of_data = of_cases.reindex(columns=run).groupby(datasets)
     scores = of_data.mean(skipna=False)  # (data sets, models); NaN where a case has none
     mean, spread, count = scores.mean(), scores.std(), scores.count()
     complete = complete_models(cases)
