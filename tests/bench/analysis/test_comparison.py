@@ -12,12 +12,11 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
-from helpers.compared_results import case_in, fifths, made_data, spread, steady, store_results
+from helpers.compared_results import case_in, made_data, spread, steady, store_results
 from stiff_bench.analysis.comparison import compare, compare_folder
 from stiff_bench.analysis.comparison_text import render_report, sentence
 from stiff_bench.analysis.verdict import Question
 from stiff_bench.cli.compare import compare as compare_command
-from stiff_bench.run.cell import compute_cell
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_datasets.robots.robot import shipped_robot
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -81,14 +80,6 @@ def test_the_tested_share_of_the_data_corrects_however_few_rows_are_trained_on(t
     folders = [store_results(tmp_path / f"{n}", PAIR, n_train=n) for n in (32, 5)]
     many, few = (compared(folder).rows[0].estimate for folder in folders)
     assert many.high - many.low == few.high - few.low
-
-
-def test_a_cell_stores_the_rows_of_its_training_side(tasks_of):
-    (fair,) = tasks_of(dataset="fanuc-r2000ic", protocol="holdout")
-    split = fair.split
-    assert compute_cell(fair, "r").n_train == len(split.train) + len(split.validation)
-    (papers,) = tasks_of(dataset="fanuc-r2000ic", protocol="paper-holdout")
-    assert compute_cell(papers, "r").n_train == len(papers.split.train)
 
 
 def test_changing_sides_mirrors_everything(tmp_path):
@@ -164,15 +155,6 @@ def test_verdicts_of_one_training_are_counted_apart(tmp_path):
     assert text_of(tmp_path).count("A better (these fits)") == 2
 
 
-def test_counts_over_data_sets_say_if_they_are_of_fits_alone(tmp_path):
-    store_specimens(tmp_path / "one", 2, ONE_FIT, tests=[np.arange(40)])
-    store_specimens(tmp_path / "five", 2)
-    ((one,), (five,)) = (report_on(tmp_path / folder).across for folder in ("one", "five"))
-    assert one.of_fits and not five.of_fits
-    assert "| made, kfold, these fits " in text_of(tmp_path / "one")
-    assert "these fits" not in text_of(tmp_path / "five")
-
-
 def test_a_winner_on_the_poses_that_every_split_tests_needs_other_poses_too(tmp_path):
     swing = np.random.default_rng(5).permutation(np.linspace(-1.4e-4, 1.4e-4, 40))
 
@@ -210,14 +192,6 @@ def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
     assert across.mean_difference == pytest.approx(-1.06e-4)
     four = report_on(tmp_path, datasets=tuple(f"made@specimen={k}" for k in range(4)))
     assert len(four.comparisons) == 4 and four.across[0].p_value is None
-
-
-def test_a_word_with_a_default_spelled_out_is_one_data_set_and_its_key_all(tmp_path):
-    store_specimens(tmp_path, 2)
-    assert len(report_on(tmp_path, datasets=("made",)).comparisons) == 2
-    for word in ("made@specimen=0", "made@specimen=0.0"):
-        (only,) = report_on(tmp_path, datasets=(word,)).comparisons
-        assert only.name.dataset == "made"
 
 
 def test_what_must_stand_beside_the_names_stands_there(tmp_path):
@@ -319,13 +293,6 @@ def test_cases_with_one_text_are_told_apart_by_what_differs_and_seeds_are_in_ord
         *(f"made, kfold, n = 5, data {sha256[:8]}" for sha256 in sorted(hashes)),
         "made, kfold, n = 6",
     ]
-
-
-def test_splits_that_were_asked_for_and_never_run_are_counted(tmp_path):
-    for asked, noted in ((5, True), (2, False), (0, False)):  # 0: older results do not know
-        folder = store_results(tmp_path / f"{asked}", PAIR, tests=fifths(5)[:2], n_splits=asked)
-        assert ("2 of 5 splits asked for were run" in text_of(folder)) == noted
-        assert ("asked for" in text_of(folder)) == noted
 
 
 def test_what_cannot_be_compared_is_one_clear_line(tmp_path):

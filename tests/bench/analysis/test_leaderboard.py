@@ -8,7 +8,6 @@ import json
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,6 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.store.database import ResultStore, read_results
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost, ResultRecord
@@ -134,18 +132,6 @@ def test_splits_that_all_models_have_count_and_there_must_be_one(made):
     forget(made.folder, first, *made.add("a", [1.0, 5.0, 9.0])[1:])
     with pytest.raises(StoreError, match="a and b were run on different splits and share none"):
         board_of(made)
-
-
-def test_a_model_that_was_run_on_older_splits_alone_is_not_ranked_and_that_is_said(made):
-    made.add("a", [1.0, 1.0], run_id="1", splits_named="old-")
-    made.add("b", [2.0, 2.0], run_id="2", splits_named="new-")
-    said = "older results on other splits than those of the newest run .all of a. are left out"
-    with pytest.raises(ConfigError, match=said):
-        board_of(made)
-    made.add("c", [3.0, 3.0], run_id="2", splits_named="new-")
-    board = board_of(made)
-    assert ranks(board) == {"b": 1.0, "c": 2.0}
-    assert "(all of a) are left out" in text_of(board)
 
 
 @pytest.mark.parametrize(
@@ -362,18 +348,6 @@ def test_a_table_shows_the_caveats_of_its_own_data_sets_alone(made):
     _, left, right = text_of(board_of(made)).split("\n**")
     assert "left is odd" in left and "right is odd" not in left
     assert "right is odd" in right and "left is odd" not in right
-
-
-def test_several_seeds_are_said_and_named(made):
-    for dataset in TWINS[:2]:
-        made.add_each({"a": [1.0] * 2, "b": [1.0] * 3}, dataset)
-    for result in list(read_results(made.folder)):
-        other = replace(result, cell=replace(result.cell, seed=1))
-        ResultStore(made.folder).write_cells([other])
-    text = text_of(board_of(made))
-    assert "**Leaderboard, 4 comparisons: 2 x twin (simulated) under holdout, 2 seeds |" in text
-    assert "holdout (2 data sets, 2 seeds)" in text
-    assert f"{TWINS[0]} | holdout | seed 0 (and 3 more): only the 2 of 3 splits" in text
 
 
 def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
