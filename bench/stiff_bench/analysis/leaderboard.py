@@ -21,7 +21,6 @@ from stiff_bench.analysis.collected import (
     chosen_cases,
     chosen_models,
     left_out_notes,
-    no_garbage_collection,
     same_name_other_data,
 )
 from stiff_bench.analysis.scored_case import (
@@ -134,35 +133,32 @@ def build_leaderboard(
     """
     cases = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
     data_of = stored.data_of
-    with no_garbage_collection():
-        usable = [
-            case
-            for case in of_newest_data(cases)
-            if case.shown.task == STIFFNESS and not case.shown.reports_training
-        ]
-        names = chosen_models(usable, models)
-        n_run = {case: sum(name in case.competitors for name in names) for case in usable}
-        shown = sorted((case for case in usable if n_run[case] > 1), key=in_order)
-        lonely = sorted((case for case in usable if n_run[case] == 1), key=in_order)
-        notes = list(_data_notes(cases, data_of))
-        if lonely:
-            first = labels(case.name for case in usable)[lonely[0].name] + and_more(lonely)
-            notes.append(f"{first} is left out: none of the other models was run there.")
-        if not shown:
-            why = "".join(f"; {note.removesuffix('.')}" for note in notes)
-            raise ConfigError(
-                "there is nothing to rank: no two models have results on the same stiffness data, "
-                f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
-            )
-        names = [name for name in names if any(name in c.competitors for c in shown)]
-        scored = [
-            scored_case(case, names, key, data_of(case.name.data_sha256), seed) for case in shown
-        ]
-        sections = tuple(
-            _section(part, names, selects)
-            for selects in (False, True)
-            if (part := [f for f in scored if f.case.shown.selects_on_test == selects])
+    usable = [
+        case
+        for case in of_newest_data(cases)
+        if case.shown.task == STIFFNESS and not case.shown.reports_training
+    ]
+    names = chosen_models(usable, models)
+    n_run = {case: sum(name in case.competitors for name in names) for case in usable}
+    shown = sorted((case for case in usable if n_run[case] > 1), key=in_order)
+    lonely = sorted((case for case in usable if n_run[case] == 1), key=in_order)
+    notes = list(_data_notes(cases, data_of))
+    if lonely:
+        first = labels(case.name for case in usable)[lonely[0].name] + and_more(lonely)
+        notes.append(f"{first} is left out: none of the other models was run there.")
+    if not shown:
+        why = "".join(f"; {note.removesuffix('.')}" for note in notes)
+        raise ConfigError(
+            "there is nothing to rank: no two models have results on the same stiffness data, "
+            f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
         )
+    names = [name for name in names if any(name in c.competitors for c in shown)]
+    scored = [scored_case(case, names, key, data_of(case.name.data_sha256), seed) for case in shown]
+    sections = tuple(
+        _section(part, names, selects)
+        for selects in (False, True)
+        if (part := [f for f in scored if f.case.shown.selects_on_test == selects])
+    )
     run_ids = Counter(
         result.run_id for one in scored for model in one.scores for result in one.results[model]
     )
