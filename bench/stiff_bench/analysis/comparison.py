@@ -81,18 +81,6 @@ class Row:
 
 
 @dataclass(frozen=True)
-class AmongAll:
-    """The verdict on a pair as leaderboard and report page have it, p corrected for all pairs.
-
-    Attributes:
-        n_models: models that are compared there.
-    """
-
-    n_models: int
-    verdict: Verdict
-
-
-@dataclass(frozen=True)
 class Comparison:
     """A and B in the case of this name.
 
@@ -103,8 +91,9 @@ class Comparison:
         n_poses: that were tested.
         rows: one for each of `ERRORS`.
         missing: what A or B lacks, or both of what was asked for, one line each.
-        among_all: the verdict among all models with results there; None: there are no others, or
-            A or B does not take part in their ranking.
+        among_all: the verdict as leaderboard and report page have it, p corrected for all pairs of
+            models there; None: there are no others, or A or B does not take part in their ranking.
+        n_models: that take part in it.
     """
 
     name: CaseName
@@ -116,7 +105,8 @@ class Comparison:
     n_poses: int
     rows: tuple[Row, ...]
     missing: tuple[str, ...]
-    among_all: AmongAll | None
+    among_all: Verdict | None
+    n_models: int
 
     def row(self, error: str) -> Row:
         """Return the row of one kind of error."""
@@ -161,6 +151,7 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
     n_poses = len(np.unique(data.samples.pose_id[rows]))
     if n_poses < 2:
         raise DataError("a bootstrap over poses needs at least 2 poses, there is 1")
+    among_all, n_models = _among_all(case, a, b, data, question)
     return Comparison(
         name=case.name,
         a=case.competitors[a].shown,
@@ -171,19 +162,22 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
         n_poses=n_poses,
         rows=tuple(_rows(results, data, question)),
         missing=tuple(_missing(case, a, b)),
-        among_all=_among_all(case, a, b, data, question),
+        among_all=among_all,
+        n_models=n_models,
     )
 
 
-def _among_all(case: Case, a: str, b: str, data: StoredData, question: Question) -> AmongAll | None:
+def _among_all(
+    case: Case, a: str, b: str, data: StoredData, question: Question
+) -> tuple[Verdict | None, int]:
     try:
-        scored = scored_case(case, [*case.competitors], sort_key(NORM, None), data, question.seed)
+        scored = scored_case(case, [*case.competitors], ERRORS[NORM], data, question.seed)
     except StoreError:  # two others share no split
-        return None
+        return None, 0
     if len(scored.scores) < 3 or not {a, b} <= scored.scores.keys():
-        return None
+        return None, 0
     verdicts = scored.verdicts([(a, b)], question)
-    return AmongAll(len(scored.scores), verdicts[0]) if verdicts else None
+    return (verdicts[0] if verdicts else None), len(scored.scores)
 
 
 def _rows(

@@ -72,25 +72,21 @@ def sentence(report: ModelComparison) -> str:
 
 def _among_all(report: ModelComparison) -> str:
     """Return the verdicts that leaderboard and report page show; "" where they are the same."""
-    fair = [comparison for comparison in report.comparisons if not comparison.selects_on_test]
-    verdicts = [
-        (comparison, comparison.among_all)
-        for comparison in fair or report.comparisons
-        if comparison.among_all
-    ]
-    if all(comparison.row(NORM).verdict == among.verdict for comparison, among in verdicts):
+    fair = [one for one in report.comparisons if not one.selects_on_test]
+    verdicts = [(one, one.among_all) for one in fair or report.comparisons if one.among_all]
+    if all(one.row(NORM).verdict == verdict for one, verdict in verdicts):
         return ""
     is_usual = report.question == Question(seed=report.question.seed)  # theirs
     source = ", as leaderboard and report page show" * is_usual
     if len(report.comparisons) == 1:
-        ((_, among),) = verdicts
-        n = among.n_models
-        verdict = {"a": f"{report.a} is better", "b": f"{report.b} is better"}
+        ((one, verdict),) = verdicts
+        n = one.n_models
+        better = {"a": f"{report.a} is better", "b": f"{report.b} is better"}
         return (
             f"Among all {n} models here{source} (p corrected for {n * (n - 1) // 2} pairs, Holm): "
-            f"{verdict.get(among.verdict, VERDICTS[among.verdict])}."
+            f"{better.get(verdict, VERDICTS[verdict])}."
         )
-    count = Counter(among.verdict for _, among in verdicts)
+    count = Counter(verdict for _, verdict in verdicts)
     return (
         f"Among all models of each comparison{source} (p corrected for all pairs, Holm): "
         f"{_numbers_of(report, count)}."

@@ -134,15 +134,11 @@ def test_one_split_and_pooled_splits_are_judged_over_poses_and_say_of_what(tmp_p
     (found,) = report.comparisons
     assert not found.over_splits and found.n_poses == 40
     assert found.row("norm").verdict == "a"
-    text = " ".join(shown(report).split())
     assert "these fits)" in sentence(report)
-    assert "A better (these fits) |" in text and "equivalent (these fits) |" in text
-    assert "vary with the training samples" in text
-    tables = json.loads(shown(report, "json"))["tables"]
-    rows = [row for table in tables for row in table["rows"] if "error" in row]
-    verdicts = {row["verdict"] for row in (*csv_lines(report), *rows)}
     of_fits = {f"{verdict} (these fits)" for verdict in ("A better", "equivalent")}
-    assert verdicts <= {*of_fits, "no significant difference"}
+    assert {line["verdict"] for line in csv_lines(report)} <= of_fits | {
+        "no significant difference"
+    }
 
 
 def test_verdicts_of_one_training_are_counted_apart(tmp_path):
@@ -229,26 +225,6 @@ def test_a_model_may_spell_out_the_defaults_that_its_results_were_made_with(tmp_
             report_on(folder, b=word)
     with pytest.raises(ConfigError, match="compare 'a' with another model than itself"):
         report_on(folder, b="a@depth=3")
-
-
-def test_in_the_overview_a_case_takes_a_line_with_its_own_marks(tmp_path):
-    store_results(tmp_path, PAIR, condition="n = 5")
-    regime = {"regime": "no source: target alone"}
-    store_results(tmp_path, PAIR, condition="n = 10", own={"a": regime})
-    store_results(tmp_path, PAIR, condition="n = 40", own={"a": regime, "b": regime})
-    text = text_of(tmp_path)
-    assert text.startswith("Of 3 comparisons: a better in 3, b better in 0")
-    assert "**A = a, B = b | 3 comparisons" in text
-    assert row_names(text) == [
-        "made, kfold, n = 5",
-        "made, kfold, n = 10 [A: no source: target alone]",
-        "made, kfold, n = 40 [A and B: no source: target alone]",
-    ]
-    assert len(text_of(tmp_path, conditions=("n = 10",)).splitlines()) <= 40
-    *_, estimates = json.loads(text_of(tmp_path, "json"))["tables"]
-    named = {row["condition"]: (row["mark_a"], row["mark_b"]) for row in estimates["rows"]}
-    marks = [*named.values()]
-    assert marks == [("", ""), (regime["regime"], ""), (regime["regime"], regime["regime"])]
 
 
 def test_what_selects_on_the_test_part_is_marked_and_not_counted(tmp_path):
