@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -392,24 +390,6 @@ def test_csv_holds_the_ranks_and_json_every_score_with_the_reason_of_a_missing_o
     (score, *_) = tables[1]["rows"][0]["values"]
     assert (score["metric"], score["axis"]) == ("norm", "")  # as in tables of `bench run`
     assert (score["datasets"], score["seeds"]) == ([*TWINS[:3]], [0])
-
-
-def test_the_command_prints_the_board_and_loads_neither_torch_nor_pinocchio(made):
-    add_three(made)
-    made.add_run("run-1", [])
-    script = (
-        "import sys; from stiff_bench.cli.compare import leaderboard\n"
-        "leaderboard(sys.argv[1:], standalone_mode=False)\n"
-        "heavy = ('torch', 'pinocchio', 'matplotlib')\n"
-        "print([name for name in heavy if name in sys.modules])"
-    )
-    words = ["--results", str(made.folder), "--model", "a", "--model", "b"]
-    done = subprocess.run(
-        [sys.executable, "-c", script, *words], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.startswith("**Leaderboard, 3 comparisons: 3 x twin (simulated) under")
-    assert done.stdout.endswith("[]\n")
-    assert "12 results of " in done.stdout and "made by stiffbench 9.9 at 01234567." in done.stdout
 
 
 def priced(made: MadeResults, model: str, fits_s: Sequence[float], memory: int | None = None):
