@@ -17,14 +17,12 @@ from stiff_bench.analysis.collected import (
     left_out_notes,
     same_name_other_data,
     split_sizes,
-    test_share,
 )
-from stiff_bench.analysis.scored_case import dataset_of, family_of, scored_case
+from stiff_bench.analysis.scored_case import dataset_of, family_of, scored_case, shared_errors
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import (
     Estimate,
     Question,
-    SharedErrors,
     Verdict,
     corrected,
     decide,
@@ -37,14 +35,12 @@ from stiff_bench.store.versions import differing_libraries, sources
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.units import first_few
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError, unknown_name
-from stiff_protocols.contract.record import Presentation
-from stiff_protocols.contract.types import AXES, FloatArray, IntArray
-from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
-from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
+from stiff_protocols.contract.record import CellResult, Presentation
+from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.paired import wilcoxon_signed_rank
 
 NORM = "norm"
-ERRORS = (*AXES, NORM)
+ERRORS = {**{axis: sort_key("mae", axis) for axis in AXES}, NORM: sort_key(NORM, None)}
 """What is compared: the absolute error along each axis, and the length of the error vector."""
 FEWEST_DATASETS = 5
 """With fewer data sets no p value over them is given."""
@@ -85,18 +81,6 @@ class Row:
 
 
 @dataclass(frozen=True)
-class AmongAll:
-    """The verdict on a pair as leaderboard and report page have it, p corrected for all pairs.
-
-    Attributes:
-        n_models: models that are compared there.
-    """
-
-    n_models: int
-    verdict: Verdict
-
-
-@dataclass(frozen=True)
 class Comparison:
     """A and B in the case of this name.
 
@@ -107,8 +91,9 @@ class Comparison:
         n_poses: that were tested.
         rows: one for each of `ERRORS`.
         missing: what A or B lacks, or both of what was asked for, one line each.
-        among_all: the verdict among all models with results there; None: there are no others, or
-            A or B does not take part in their ranking.
+        among_all: the verdict as leaderboard and report page have it, p corrected for all pairs of
+            models there; None: there are no others, or A or B does not take part in their ranking.
+        n_models: that take part in it.
     """
 
     name: CaseName
@@ -120,11 +105,12 @@ class Comparison:
     n_poses: int
     rows: tuple[Row, ...]
     missing: tuple[str, ...]
-    among_all: AmongAll | None
+    among_all: Verdict | None
+    n_models: int
 
     def row(self, error: str) -> Row:
         """Return the row of one kind of error."""
-        return self.rows[ERRORS.index(error)]
+        return self.rows[[*ERRORS].index(error)]
 
     @property
     def over_splits(self) -> bool:
@@ -137,39 +123,8 @@ class Comparison:
         return self.a.selects_on_test or self.b.selects_on_test
 
 
-@dataclass(frozen=True, eq=False)
-class PairedErrors:
-    """The errors of A and of B at the same test rows, split by split.
-
-    Attributes:
-        rows: (n,) row numbers in the data set, all shared splits one after another; a row that
-            several splits test stands here as often.
-        a, b: of each split (n_j, 4) sizes of the errors, m, one column for each of `ERRORS`.
-    """
-
-    rows: IntArray
-    a: Sequence[FloatArray]
-    b: Sequence[FloatArray]
-
-    @property
-    def lengths(self) -> tuple[FloatArray, FloatArray]:
-        """(n,) lengths of A's errors at these rows, and of B's, m."""
-        return np.concatenate(self.a)[:, -1], np.concatenate(self.b)[:, -1]
-
-    @property
-    def columns(self) -> FloatArray:
-        """(n, 8) all errors of A at these rows, then those of B, m."""
-        return np.column_stack([np.concatenate(self.a), np.concatenate(self.b)])
-
-    @property
-    def means(self) -> FloatArray:
-        """(J, 8) their means on each split, m."""
-        of_a, of_b = ([one.mean(axis=0) for one in errors] for errors in (self.a, self.b))
-        return np.column_stack([of_a, of_b])
-
-
-def paired_errors(case: Case, a: str, b: str) -> PairedErrors:
-    """Return the errors of two models of a case on the splits that both have.
+def paired_results(case: Case, a: str, b: str) -> tuple[list[CellResult], list[CellResult]]:
+    """Return the results of two models of a case on the splits that both have.
 
     Raises:
         DataError: one has no results there, or they share no split.
@@ -181,15 +136,7 @@ def paired_errors(case: Case, a: str, b: str) -> PairedErrors:
     slots = case.shared_slots([a, b])
     if not slots:
         raise DataError(f"{a} and {b} have no result on the same split")
-    of_a, of_b = (
-        [one.prediction for one in case.results(name, slots) if one.prediction is not None]
-        for name in (a, b)
-    )
-    sizes_a, sizes_b = (
-        [np.column_stack([absolute_errors(one), norm_errors(one)]) for one in of_model]
-        for of_model in (of_a, of_b)
-    )
-    return PairedErrors(np.concatenate([one.rows for one in of_a]), sizes_a, sizes_b)
+    return case.results(a, slots), case.results(b, slots)
 
 
 def compare(case: Case, a: str, b: str, data: StoredData, question: Question) -> Comparison:
@@ -198,54 +145,60 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
     Raises:
         DataError: one has no results there, they share no split, or one pose alone was tested.
     """
-    paired = paired_errors(case, a, b)
-    shown, results = case.competitors[a].shown, case.results(a, case.shared_slots([a, b]))
-    n_train, n_test = split_sizes(results)
-    share = test_share(results, data) if len(results) > 1 and not shown.pooled else None
-    of_poses = pose_errors(data.samples.pose_id, paired.columns, paired.rows)
-    if of_poses.n_tested < 2:
+    results = paired_results(case, a, b)
+    n_train, n_test = split_sizes(results[0])
+    rows = np.concatenate([one.prediction.rows for one in results[0] if one.prediction])
+    n_poses = len(np.unique(data.samples.pose_id[rows]))
+    if n_poses < 2:
         raise DataError("a bootstrap over poses needs at least 2 poses, there is 1")
+    among_all, n_models = _among_all(case, a, b, data, question)
     return Comparison(
         name=case.name,
-        a=shown,
+        a=case.competitors[a].shown,
         b=case.competitors[b].shown,
-        n_splits=len(results),
+        n_splits=len(results[0]),
         n_train=n_train,
         n_test=n_test,
-        n_poses=of_poses.n_tested,
-        rows=tuple(_rows(paired, of_poses, share, question)),
+        n_poses=n_poses,
+        rows=tuple(_rows(results, data, question)),
         missing=tuple(_missing(case, a, b)),
-        among_all=_among_all(case, a, b, data, question),
+        among_all=among_all,
+        n_models=n_models,
     )
 
 
-def _among_all(case: Case, a: str, b: str, data: StoredData, question: Question) -> AmongAll | None:
+def _among_all(
+    case: Case, a: str, b: str, data: StoredData, question: Question
+) -> tuple[Verdict | None, int]:
     try:
-        scored = scored_case(case, [*case.competitors], sort_key(NORM, None), data, question.seed)
+        scored = scored_case(case, [*case.competitors], ERRORS[NORM], data, question.seed)
     except StoreError:  # two others share no split
-        return None
+        return None, 0
     if len(scored.scores) < 3 or not {a, b} <= scored.scores.keys():
-        return None
+        return None, 0
     verdicts = scored.verdicts([(a, b)], question)
-    return AmongAll(len(scored.scores), verdicts[0]) if verdicts else None
+    return (verdicts[0] if verdicts else None), len(scored.scores)
 
 
 def _rows(
-    paired: PairedErrors, of_poses: PoseErrors, test_share: float | None, question: Question
+    results: Sequence[Sequence[CellResult]], data: StoredData, question: Question
 ) -> Iterator[Row]:
-    """Yield the rows with their verdicts; over splits too where these have a test share."""
-    of_splits = paired.means if test_share is not None else None  # (J, 8) m
-    means = of_poses.mean if of_splits is None else of_splits.mean(axis=0)
-    errors = SharedErrors(of_splits, test_share or 0.0, of_poses, question.seed)
-    n = len(ERRORS)
-    pairs = [(column, n + column) for column in range(n)]
-    found = estimates(errors, pairs, question, all_p_values=True)
-    of_rows = zip(*map(_corrected_over_axes, found), strict=True)
-    for (column, other), error, of_row in zip(pairs, ERRORS, of_rows, strict=True):
+    """Yield the rows with their verdicts; over splits too where there are several."""
+    means, found = [], []
+    for key in ERRORS.values():
+        a, b = (key.of_splits(of_model) for of_model in results)
+        if a is None or b is None:
+            raise DataError(f"no value of {key.text}")
+        means.append((float(a.mean()), float(b.mean())))
+        errors = shared_errors(key, results, [a, b], data, question.seed)
+        of_methods = estimates(errors, [(0, 1)], question, all_p_values=True)
+        found.append([estimate for (estimate,) in of_methods])
+    of_rows = zip(*map(_corrected_over_axes, zip(*found, strict=True)), strict=True)
+    for error, of_both, of_row in zip(ERRORS, means, of_rows, strict=True):
         *over_splits, over_poses = of_row
         yield Row(
             error=error,
-            means=(float(means[column]), float(means[other])),
+            means=of_both,
             over_splits=over_splits[0] if over_splits else None,
             over_poses=over_poses,
             verdict=decide(of_row, question.confidence),
@@ -401,8 +354,7 @@ def compare_folder(
     where = None
     if len(shared) == 1:
         data = data_of(shared[0].name.data_sha256)
-        paired = paired_errors(shared[0], a, b)
-        where = where_better(paired.rows, *paired.lengths, data, question)
+        where = where_better(*paired_results(shared[0], a, b), data, question)
     used = [(case, case.shared_slots([a, b])) for case in shared]
     counts = {
         name: Counter(one.run_id for case, slots in used for one in case.results(name, slots))

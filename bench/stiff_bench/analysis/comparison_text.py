@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from operator import attrgetter
-from typing import Any, NamedTuple
+from operator import itemgetter
+from typing import Any
 
 from stiff_bench.analysis.comparison import NORM, Across, Comparison, ModelComparison, Row
 from stiff_bench.analysis.verdict import Estimate, Question, Verdict, decide
@@ -17,7 +17,7 @@ from stiff_bench.analysis.where import Place
 from stiff_bench.store.names import label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
 from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
 
 VERDICTS: dict[Verdict, str] = {
@@ -72,25 +72,21 @@ def sentence(report: ModelComparison) -> str:
 
 def _among_all(report: ModelComparison) -> str:
     """Return the verdicts that leaderboard and report page show; "" where they are the same."""
-    fair = [comparison for comparison in report.comparisons if not comparison.selects_on_test]
-    verdicts = [
-        (comparison, comparison.among_all)
-        for comparison in fair or report.comparisons
-        if comparison.among_all
-    ]
-    if all(comparison.row(NORM).verdict == among.verdict for comparison, among in verdicts):
+    fair = [one for one in report.comparisons if not one.selects_on_test]
+    verdicts = [(one, one.among_all) for one in fair or report.comparisons if one.among_all]
+    if all(one.row(NORM).verdict == verdict for one, verdict in verdicts):
         return ""
     is_usual = report.question == Question(seed=report.question.seed)  # theirs
     source = ", as leaderboard and report page show" * is_usual
     if len(report.comparisons) == 1:
-        ((_, among),) = verdicts
-        n = among.n_models
-        verdict = {"a": f"{report.a} is better", "b": f"{report.b} is better"}
+        ((one, verdict),) = verdicts
+        n = one.n_models
+        better = {"a": f"{report.a} is better", "b": f"{report.b} is better"}
         return (
             f"Among all {n} models here{source} (p corrected for {n * (n - 1) // 2} pairs, Holm): "
-            f"{verdict.get(among.verdict, VERDICTS[among.verdict])}."
+            f"{better.get(verdict, VERDICTS[verdict])}."
         )
-    count = Counter(among.verdict for _, among in verdicts)
+    count = Counter(verdict for _, verdict in verdicts)
     return (
         f"Among all models of each comparison{source} (p corrected for all pairs, Holm): "
         f"{_numbers_of(report, count)}."
@@ -323,58 +319,28 @@ def _over_datasets(report: ModelComparison) -> Table:
     )
 
 
-class Method(NamedTuple):
-    """What one method says of one error in one case."""
-
-    case: Comparison
-    row: Row
-    name: str
-    estimate: Estimate
-
-    @property
-    def means(self) -> tuple[float, float]:
-        """Errors of A and of B, m."""
-        return self.row.means
-
-    @property
-    def mark_a(self) -> str:
-        """What must stand beside A's numbers."""
-        return mark_of(self.case.a)
-
-    @property
-    def mark_b(self) -> str:
-        """What must stand beside B's numbers."""
-        return mark_of(self.case.b)
-
-
-_ESTIMATE_TEXTS = {
-    **{name: f"case.name.{name}" for name in ("dataset", "protocol", "condition", "seed")},
-    "splits": "case.n_splits",
-    **{name: f"case.name.{name}" for name in ("data_sha256", "source_sha256")},
-    "selects_on_test": "case.selects_on_test",
-    **{"mark_a": "mark_a", "mark_b": "mark_b"},
-    **{name: f"case.{name}" for name in ("n_train", "n_test", "n_poses")},
-    **{"error": "row.error", "method": "name"},
-}
-"""Column of the estimates -> where a `Method` has it."""
-
-
 def _estimates(report: ModelComparison) -> Table:
     """Return what each method says of each error in each case."""
+    rows: list[dict[str, Any]] = []
+    for one in report.comparisons:
+        name = one.name
+        about = {
+            **{"dataset": name.dataset, "protocol": name.protocol, "condition": name.condition},
+            **{"seed": name.seed, "splits": one.n_splits, "data_sha256": name.data_sha256},
+            **{"source_sha256": name.source_sha256, "selects_on_test": one.selects_on_test},
+            **{"mark_a": mark_of(one.a), "mark_b": mark_of(one.b)},
+            **{"n_train": one.n_train, "n_test": one.n_test, "n_poses": one.n_poses},
+        }
+        for row in one.rows:
+            for method, found in (("over splits", row.over_splits), ("over poses", row.over_poses)):
+                says = {"error": row.error, "method": method, "verdict": _verdict(row)}
+                if found is not None:
+                    rows.append({**about, **says, "numbers": replace(row, over_splits=found)})
+    *texts, numbers = rows[0]
     return Table.of(
         "Estimates by each method | mean error, mm",
-        [
-            *(_text_column(name, attrgetter(place)) for name, place in _ESTIMATE_TEXTS.items()),
-            _text_column("verdict", lambda one: _verdict(one.row)),
-            *_number_columns(report),
-        ],
-        [
-            Method(case, row, name, found)
-            for case in report.comparisons
-            for row in case.rows
-            for name, found in (("over splits", row.over_splits), ("over poses", row.over_poses))
-            if found is not None
-        ],
+        [*text_columns(*texts), *_number_columns(report, itemgetter(numbers))],
+        rows,
         unit=_UNIT,
     )
 

@@ -192,25 +192,25 @@ def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:
         for model in models
         if model.failure
     ]
-    return Table(
-        title="Fits to compute",
-        columns=[
-            Column("model", "text"),
-            *(Column(name) for name in ("fits", "cached", "to compute")),
-            Column("time", unit="s", format=_time_text),
+    return Table.of(
+        "Fits to compute",
+        [
+            Column("model", "text", value=lambda one: one.model),
+            Column("fits", value=lambda one: one.n_cells),
+            Column("cached", value=lambda one: one.n_cached),
+            Column("to compute", value=lambda one: one.n_cells - one.n_cached),
+            Column("time", unit="s", format=_time_text, value=_time_left),
         ],
-        rows=[
-            [
-                *(one.model, one.n_cells, one.n_cached, one.n_cells - one.n_cached),
-                Quantity(status="unknown")
-                if one.n_unknown
-                else Quantity(one.seconds, status="more than" * one.is_lower_bound),
-            ]
-            for one in found
-        ],
-        notes=notes,
+        found,
+        notes,
         about={"jobs": jobs},
     )
+
+
+def _time_left(model: Forecast) -> Quantity:
+    if model.n_unknown:
+        return Quantity(status="unknown")
+    return Quantity(model.seconds, status="more than" * model.is_lower_bound)
 
 
 def _time_text(duration: Quantity) -> str:

@@ -88,6 +88,10 @@ class Section:
         """All models, the ranked ones first."""
         return (*self.ranked.index, *self.unranked)
 
+    def n_results(self, model: str) -> int:
+        """Return in how many cases a model has a score."""
+        return sum(model in case.scores for case in self.cases)
+
     def mark_under(self, model: str, protocol: str = "") -> str:
         """Return what must stand beside a model's numbers, under one protocol or all."""
         cases = [one.case for one in self.cases if protocol in ("", one.name.protocol)]

@@ -10,8 +10,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from operator import itemgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pandas import DataFrame
@@ -62,51 +61,61 @@ def _about(section: Section, table: str) -> dict[str, object]:
     return {"table": table, "selects_on_test": section.selects_on_test}
 
 
-Standing = Mapping[str, Any]
-"""A row of `Section.ranked` with `model`, `n_results` and `n_cases`; the latter alone without a
-rank."""
+class Model(NamedTuple):
+    """What a row of the ranks, or of the costs, is of."""
 
+    section: Section
+    name: str
 
-def _interval(model: Standing) -> Quantity | None:
-    known = np.isfinite(model.get("low", np.nan))
-    return Quantity(low=model["low"], high=model["high"]) if known else None
+    @property
+    def marked(self) -> Name:
+        """Name, with what must stand beside it."""
+        return Name(self.name, self.section.mark_under(self.name))
 
+    @property
+    def costs(self) -> list[Cost]:
+        """Costs of the fits that the ranks are of, as far as they were recorded."""
+        cases = [case for case in self.section.cases if self.name in case.scores]
+        costs = (result.cost for case in cases for result in case.results[self.name])
+        return [cost for cost in costs if cost is not None]
 
-def _tied(model: Standing) -> Quantity | None:
-    like_best = model.get("like_best", np.nan)
-    return None if np.isnan(like_best) else Quantity(share=(int(like_best), model["n_cases"]))
+    def ranked(self, column: str) -> int | float | None:
+        """Return an entry of `Section.ranked`; None where there is none."""
+        ranked = self.section.ranked
+        value: Any = ranked.at[self.name, column] if self.name in ranked.index else np.nan
+        return None if np.isnan(value) else value.item()
+
+    def ranked_interval(self) -> Quantity | None:
+        """Return the bounds of the mean rank."""
+        low, high = self.ranked("low"), self.ranked("high")
+        return None if low is None else Quantity(low=low, high=high)
+
+    def share(self, number: float | None) -> Quantity | None:
+        """Return a number of cases of all of them."""
+        n_cases = len(self.section.cases)
+        return None if number is None else Quantity(share=(int(number), n_cases))
 
 
 RANKS = (
-    Column("model", "text", value=itemgetter("model")),
-    Column("place", value=lambda model: model.get("place")),
-    Column("mean rank", format=".2f", value=lambda model: model.get("mean_rank")),
-    Column(f"{percent(1.0 - LEVEL)} interval", format=".2f", value=_interval),
-    Column("won", value=lambda model: model.get("won")),
-    Column("tied with best", value=_tied),
-    Column("results", value=lambda model: Quantity(share=(model["n_results"], model["n_cases"]))),
+    Column("model", "text", value=lambda model: model.marked),
+    Column("place", value=lambda model: model.ranked("place")),
+    Column("mean rank", format=".2f", value=lambda model: model.ranked("mean_rank")),
+    Column(f"{percent(1.0 - LEVEL)} interval", format=".2f", value=Model.ranked_interval),
+    Column("won", value=lambda model: model.ranked("won")),
+    Column("tied with best", value=lambda model: model.share(model.ranked("like_best"))),
+    Column("results", value=lambda model: model.share(model.section.n_results(model.name))),
 )
-"""The columns of the ranks, made from a `Standing`."""
+"""The columns of the ranks, made from a `Model`."""
 
 
 def _ranks(section: Section, board: Leaderboard) -> Table:
-    n_cases, ranked = len(section.cases), section.ranked.to_dict("index")
     better = "larger" if board.key.sign < 0.0 else "smaller"
     apart = f" | {SELECTION_MARK}s: not a fair comparison" if section.selects_on_test else ""
-    standings = [
-        {
-            "model": Name(model, section.mark_under(model)),
-            "n_cases": n_cases,
-            "n_results": n_cases - len(section.unranked.get(model, ())),
-            **ranked.get(model, {}),
-        }
-        for model in section.models
-    ]
     return Table.of(
-        f"Leaderboard, {counted(n_cases, 'comparison')}: {_scope(section)}{apart} | sorted by mean "
-        f"rank of {board.key.text} ({better} is better)",
+        f"Leaderboard, {counted(len(section.cases), 'comparison')}: {_scope(section)}{apart} | "
+        f"sorted by mean rank of {board.key.text} ({better} is better)",
         RANKS,
-        standings,
+        [Model(section, name) for name in section.models],
         [*_rank_notes(section, board), *board.provenance],
         about=_about(section, "ranks"),
     )
@@ -244,7 +253,8 @@ def _mean_scores(cases: Sequence[ScoredCase], key: SortKey) -> dict[str, Quantit
     _, factor = PRINTED[key.metric.unit]
     run = sorted({model for one in cases for model in one.case.competitors})
     of_cases = DataFrame([{m: factor * one.mean(m) for m in one.scores} for one in cases])
-    of_data = of_cases.reindex(columns=run).groupby([dataset_of(one.name) for one in cases])
+    datasets = np.array([dataset_of(one.name) for one in cases])  # a list may name columns
+    of_data = of_cases.reindex(columns=run).groupby(datasets)
     scores = of_data.mean(skipna=False)  # (data sets, models); NaN where a case has none
     mean, spread, count = scores.mean(), scores.std(), scores.count()
     complete = complete_models(cases)
@@ -268,32 +278,23 @@ def _mean_scores(cases: Sequence[ScoredCase], key: SortKey) -> dict[str, Quantit
 
 def _costs(section: Section) -> Table:
     """Return what models cost, in the ranks' order; models without recorded costs are omitted."""
-    costs = {
-        model: [
-            result.cost
-            for scored in section.cases
-            if model in scored.scores
-            for result in scored.results[model]
-            if result.cost is not None
-        ]
-        for model in section.models
-    }
+    models = [Model(section, name) for name in section.models]
+    n_fits = sum(len(model.costs) for model in models)
     return Table.of(
-        f"Costs of {counted(sum(map(len, costs.values())), 'fit')} | median (lowest to highest), "
-        "not ranked",
+        f"Costs of {counted(n_fits, 'fit')} | median (lowest to highest), not ranked",
         COSTS,
-        [(Name(one, section.mark_under(one)), known) for one, known in costs.items() if known],
+        [model for model in models if model.costs],
         ["wall times depend on the machine; a cached pre-training costs nothing."],
         about=_about(section, "costs"),
     )
 
 
-def _spread(key: str, model: tuple[Name, Sequence[Cost]]) -> Quantity | None:
-    """Return median and range of a cost, as printed, over the results that know it."""
+def _spread(key: str, model: Model) -> Quantity | None:
+    """Return median and range of a cost, as printed, over the fits that know it."""
     metric = METRICS[key]
     assert metric.of_cost is not None
     _, factor = PRINTED[metric.unit]
-    known = [factor * value for value in map(metric.of_cost, model[1]) if value is not None]
+    known = [factor * value for value in map(metric.of_cost, model.costs) if value is not None]
     return Quantity(float(np.median(known)), low=min(known), high=max(known)) if known else None
 
 
@@ -326,42 +327,40 @@ def _cost_column(key: str, name: str, written: Callable[[Quantity], str]) -> Col
 
 
 COSTS = (
-    Column("model", "text", value=itemgetter(0)),
+    RANKS[0],
     _cost_column("fit-time", "fit time", _time),
     _cost_column(
         "throughput", "predictions a second", lambda found: _range(found, "", _three_digits)
     ),
     _cost_column("latency", "latency of one", _time),
     _cost_column("memory", "memory [MiB]", lambda found: _range(found, "", "{:.1f}".format)),
-    Column("fits", value=lambda model: len(model[1])),
+    Column("fits", value=lambda model: len(model.costs)),
 )
-"""The columns of the costs, made from a model's name and its costs."""
+"""The columns of the costs, made from a `Model`."""
 
 
 def _scores(section: Section, board: Leaderboard) -> Table:
     """Return each model's score in each case, or why it has none."""
     unit, factor = PRINTED[board.key.metric.unit]
-    rows: list[dict[str, Entry]] = []
-    for scored in section.cases:
-        name = scored.name
+    rows: list[list[Entry]] = []
+    for case in section.cases:
+        name = case.name
+        place = (
+            *(name.dataset, name.data_sha256, name.source_sha256, name.protocol, name.condition),
+            *(name.seed, len(case.slots), case.left_out),
+        )
         for model in section.models:
-            missing = Quantity(status=scored.missing.get(model, ""))
-            score = scored.mean(model) * factor if model in scored.scores else missing
-            rows.append(
-                {
-                    "model": Name(model, section.mark_under(model, name.protocol)),
-                    **{"dataset": name.dataset, "data_sha256": name.data_sha256},
-                    **{"source_sha256": name.source_sha256, "protocol": name.protocol},
-                    **{"condition": name.condition, "seed": name.seed},
-                    **{"splits": len(scored.slots), "splits left out": scored.left_out},
-                    board.key.text: score,
-                }
-            )
-    *texts, score_name = rows[0]
-    number = Column(score_name, unit=unit, format=number_format(board.key.metric))
-    return Table.of(
+            marked = Name(model, section.mark_under(model, name.protocol))
+            missing = Quantity(status=case.missing.get(model, ""))
+            score = factor * case.mean(model) if model in case.scores else missing
+            rows.append([marked, *place, score])
+    return Table(
         f"Scores | {board.key.text}",
-        [*text_columns(*texts), number],
+        [
+            *text_columns("model", "dataset", "data_sha256", "source_sha256", "protocol"),
+            *text_columns("condition", "seed", "splits", "splits left out"),
+            Column(board.key.text, unit=unit, format=number_format(board.key.metric)),
+        ],
         rows,
         board.notes,
         about=_about(section, "scores"),

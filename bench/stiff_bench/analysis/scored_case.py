@@ -29,7 +29,7 @@ from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
-from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
+from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.paired import ROPE_M
 
 SEED, SPECIMEN = "seed", "specimen"
@@ -84,28 +84,9 @@ class ScoredCase:
     @cached_property
     def errors(self) -> SharedErrors:
         """Errors that the verdicts are made from, a column for each of `models`."""
-        scores = np.column_stack([self.scores[model] for model in self.models])  # (J, m)
-        return SharedErrors(
-            of_splits=self.key.sign * scores if len(scores) > 1 else None,
-            test_share=test_share(self.results[self.models[0]], self.data),
-            of_poses=self._pose_errors(),
-            seed=self.seed,
-        )
-
-    def _pose_errors(self) -> PoseErrors | None:
-        """Return the models' errors on the poses of the data set; None: no mean over rows.
-
-        A pose that is not tested here has no rows, so that cases with different test poses of
-        one data set are drawn together.
-        """
-        if not self.key.resamples:
-            return None
-        predictions = [pooled_prediction(self.results[model]) for model in self.models]
-        first = predictions[0]
-        if not all(np.array_equal(first.rows, prediction.rows) for prediction in predictions):
-            raise DataError("only models that were tested on the same rows can be compared")
-        errors = np.column_stack([self.key.of_rows(prediction) for prediction in predictions])
-        return pose_errors(self.data.samples.pose_id, errors, first.rows)
+        results = [self.results[model] for model in self.models]
+        scores = [self.scores[model] for model in self.models]
+        return shared_errors(self.key, results, scores, self.data, self.seed)
 
     @cached_property
     def _p_values(self) -> FloatArray | None:
@@ -156,6 +137,45 @@ class ScoredCase:
         every = {slot for model in self.scores for slot in self.case.competitors[model].done}
         n_count, n_all = len(self.slots), len(every)
         return f"only the {n_count} of {n_all} splits that all have count" * (n_all > n_count)
+
+
+def shared_errors(
+    key: SortKey,
+    results: Sequence[Sequence[CellResult]],
+    scores: Sequence[FloatArray],
+    data: StoredData,
+    seed: int,
+) -> SharedErrors:
+    """Return the errors of models on the same splits, a column each.
+
+    A pose of the data set that is not tested has no rows, so that cases with different test poses
+    of one data set are drawn together.
+
+    Args:
+        key: what the errors are of; without poses where it is no mean over rows.
+        results: of each model on J splits.
+        scores: of each model the (J,) values of the key; one value of splits scored together.
+        data: the samples of the data set.
+        seed: of the draws of poses.
+
+    Raises:
+        DataError: the models were not tested on the same rows.
+    """
+    columns = np.column_stack(scores)  # (J, m)
+    of_poses = None
+    if key.resamples:
+        predictions = [pooled_prediction(of_model) for of_model in results]
+        rows = predictions[0].rows
+        if not all(np.array_equal(rows, prediction.rows) for prediction in predictions):
+            raise DataError("only models that were tested on the same rows can be compared")
+        errors = np.column_stack([key.of_rows(prediction) for prediction in predictions])
+        of_poses = pose_errors(data.samples.pose_id, errors, rows)
+    return SharedErrors(
+        of_splits=key.sign * columns if len(columns) > 1 else None,
+        test_share=test_share(results[0], data),
+        of_poses=of_poses,
+        seed=seed,
+    )
 
 
 def scored_case(

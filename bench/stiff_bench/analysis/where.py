@@ -24,8 +24,11 @@ from stiff_bench.analysis.verdict import (
 )
 from stiff_bench.store.names import grouped
 from stiff_bench.store.samples import StoredData
+from stiff_bench.tables.metric_table import pooled_prediction
+from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray, IntArray, TextArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, pose_errors
+from stiff_protocols.scoring.metrics import norm_errors
 
 FactorKind = Literal["pose region", "load", "joint torque"]
 LEAST_SPREAD = 0.02
@@ -98,21 +101,22 @@ class Where:
 
 
 def where_better(
-    rows: IntArray, a: FloatArray, b: FloatArray, data: StoredData, question: Question
+    a: Sequence[CellResult], b: Sequence[CellResult], data: StoredData, question: Question
 ) -> Where:
     """Look for the places where the mean length of the error differs.
 
     Args:
-        rows: (n,) row numbers in the data set that were tested.
-        a: (n,) lengths of A's error there, m.
-        b: the same of B.
+        a: results of A on some splits.
+        b: those of B on the same splits.
         data: the samples, their loads and TCP positions.
         question: what is asked of each place.
     """
+    of_a, of_b = map(pooled_prediction, (a, b))
+    lengths = np.column_stack([norm_errors(of_a), norm_errors(of_b)])  # (n, 2) m
     every = [
         place
         for factor in factors(data)
-        for place in _divided(factor, rows, a, b, data.samples.pose_id, question)
+        for place in _divided(factor, of_a.rows, lengths, data.samples.pose_id, question)
     ]
     for_all = corrected([place.estimate for place in every])
     places = [
@@ -152,8 +156,7 @@ def factors(data: StoredData) -> list[Factor]:
 def _divided(
     factor: Factor,
     rows: IntArray,
-    a: FloatArray,
-    b: FloatArray,
+    lengths: FloatArray,
     pose_id: TextArray,
     question: Question,
 ) -> list[Place]:
@@ -172,7 +175,7 @@ def _divided(
         return []
     places = []
     for name, chosen in parts:
-        of_poses = pose_errors(pose_id[rows[chosen]], np.column_stack([a, b])[chosen])
+        of_poses = pose_errors(pose_id[rows[chosen]], lengths[chosen])
         inside = values[chosen]
         ends = (float(inside.min()), float(inside.max())) if factor.unit else name
         errors = SharedErrors(None, 0.0, of_poses, question.seed)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from stiff_bench.api import RESULTS
 from stiff_bench.api.results import Results
 from stiff_bench.api.tables import Tables
-from stiff_bench.tables.picture_file import check_suffix as check_suffix
+from stiff_bench.data_tools.picture_file import check_suffix as check_suffix
 from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiff_bench.data_tools.picture_file import check_suffix, drawing, save_figure
 from stiff_bench.store.samples import load_torque
-from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, IntArray, TextArray
 

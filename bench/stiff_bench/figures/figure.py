@@ -10,8 +10,8 @@ from typing import Literal, TypeVar
 
 from matplotlib.figure import Figure
 
+from stiff_bench.data_tools.picture_file import drawing, save_figure, write_picture
 from stiff_bench.figures.style import DOTS_PER_INCH, STYLE, add_subtitle
-from stiff_bench.tables.picture_file import drawing, save_figure, write_picture
 from stiff_protocols.contract.errors import StiffBenchError
 
 

@@ -17,9 +17,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from stiff_bench.console import printable
-from stiff_bench.store.names import OPTION_MARK
+from stiff_bench.store.names import OPTION_MARK, natural_key
 from stiff_bench.tables.render import html_text
-from stiff_bench.tables.table import Column, Entry, Table, natural_order, quantity
+from stiff_bench.tables.table import Column, Entry, Table, quantity
 from stiff_protocols.contract.errors import StoreError
 
 
@@ -123,6 +123,18 @@ def _style(column: Column, cells: Sequence[Entry]) -> str:
     if column.kind == "number":
         return "number"
     return "long" if any(len(column.text(cell)) > _LONG for cell in cells) else "text"
+
+
+_LONGEST_ORDER = 60  # characters of a text that it is sorted by
+
+
+def natural_order(text: str) -> str:
+    """Return a text that sorts as people count: "n = 5" stands before "n = 10".
+
+    >>> sorted(["n = 10", "n = 5"], key=natural_order)
+    ['n = 5', 'n = 10']
+    """
+    return natural_key(text.lower())[:_LONGEST_ORDER]
 
 
 def _page_cell(column: Column, cell: Entry, style: str) -> PageCell:

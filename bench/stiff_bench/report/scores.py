@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
+from typing import Any
 
 from stiff_bench.analysis.collected import Case, Competitor
 from stiff_bench.analysis.leaderboard import in_order
@@ -15,11 +16,10 @@ from stiff_bench.tables.fit_notes import model_notes
 from stiff_bench.tables.metric_table import (
     mark_of,
     mean_over,
-    metric_cells,
     metric_columns,
     metric_values,
 )
-from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import counted
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
@@ -46,30 +46,31 @@ def score_block(asked: Asked, metric: str) -> Block:
         if competitor.done
         for note in model_notes(case.results(competitor.name))
     ]
-    table = Table(
+    table = Table.of(
         "Scores, mean ± standard deviation over splits",
         [
-            *(Column(name, "text") for name in ("model", "data set", "protocol", "condition")),
+            *text_columns("model", "data set", "protocol", "condition"),
             *(Column("seed"), Column("splits")),
             *(column for metric in metrics for column in metric_columns([metric])),
         ],
-        [_cells(case, competitor, metrics) for case, competitor in shown],
+        [_row(case, competitor, metrics) for case, competitor in shown],
         ["splits: with a result / asked for."],
     )
     return Block("Scores", tables=[table], folds=_fit_notes(notes))
 
 
-def _cells(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> list[Entry]:
+def _row(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> dict[Any, Entry]:
+    """Return the cells by name of their column, or by (metric key, axis)."""
     name = case.name
     results = case.results(competitor.name)
     n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
-    values = metric_values(results, metrics) if results else {}
-    return [
-        Name(competitor.name, mark_of(competitor.shown)),
-        *(name.dataset, name.protocol, name.condition or None, name.seed),
-        Quantity(share=(len(results), n_asked)),
-        *(cell for metric in metrics for cell in metric_cells(values, [metric])),
-    ]
+    return {
+        "model": Name(competitor.name, mark_of(competitor.shown)),
+        **{"data set": name.dataset, "protocol": name.protocol},
+        **{"condition": name.condition or None, "seed": name.seed},
+        "splits": Quantity(share=(len(results), n_asked)),
+        **(metric_values(results, metrics) if results else {}),
+    }
 
 
 def _fit_notes(notes: Sequence[tuple[str, str]]) -> list[Fold]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
-from operator import attrgetter
+from operator import attrgetter, methodcaller
 
 import numpy as np
 
@@ -85,22 +85,21 @@ def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -
     }
     of_others = {**dict.fromkeys(facts), "source": MARK}
     rows = [
-        [name, *facts.values(), *metric_cells(values, metrics)]
+        {"model": name, **facts, **values}
         for name, values in (_of_model(model, of, metrics) for model, of in by_model.items())
         if values or name.text not in beside  # they have neither costs nor intervals
     ]
     rows += [
-        [Name(method, MARK), *of_others.values(), *metric_cells(values, metrics)]
-        for method, values in published.items()
+        {"model": Name(method, MARK), **of_others, **values} for method, values in published.items()
     ]
-    return Table(
-        title=_title(group[0], n_splits, metrics),
-        columns=[
+    return Table.of(
+        _title(group[0], n_splits, metrics),
+        [
             Column("model", "text"),
             *(Column(name, "text", hidden=True) for name in facts),
             *metric_columns(metrics),
         ],
-        rows=rows,
+        rows,
         notes=notes,
         details=[note for results in by_model.values() for note in number_notes(results)],
         unit=PRINTED["m"][0],
@@ -169,25 +168,22 @@ def _title(first: CellResult, n_splits: int, metrics: Sequence[Metric]) -> str:
 
 
 def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
-    """Return the columns: all metrics of an axis stand together, those without axes come last."""
+    """Return the columns: all metrics of an axis stand together, those without axes come last.
+
+    They read a row that has a value under (metric key, axis).
+    """
     return [
         Column(
             f"{axis.upper()} {metric.label}".strip(),
             unit=PRINTED[metric.unit][0],
             format=number_format(metric),
             about={"axis": axis, "metric": metric.key},
+            value=methodcaller("get", (metric.key, axis)),
         )
-        for metric, axis in _places(metrics)
+        for axis in (*AXES, *WHOLE)
+        for metric in metrics
+        if axis in metric.axes
     ]
-
-
-def metric_cells(values: Mapping[tuple[str, str], Entry], metrics: Sequence[Metric]) -> list[Entry]:
-    """Return the values of a row in the order of `metric_columns`."""
-    return [values.get((metric.key, axis)) for metric, axis in _places(metrics)]
-
-
-def _places(metrics: Sequence[Metric]) -> list[tuple[Metric, str]]:
-    return [(m, axis) for axis in (*AXES, *WHOLE) for m in metrics if axis in m.axes]
 
 
 def number_format(metric: Metric) -> str:

@@ -106,8 +106,9 @@ LATEX_NEEDS = (
 )
 _SIUNITX = (
     "group-digits=none, separate-uncertainty=true, retain-zero-uncertainty=true, "
-    "retain-explicit-plus=true"
+    "retain-explicit-plus=true, table-alignment-mode=none, table-alignment=right"
 )
+"""The numbers of a column have equally many decimals, so that they align at the right."""
 _NO_WIDER_THAN_THE_LINE = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{"
 _SIDE_BY_SIDE = 6
 """More columns of numbers in groups than these would be too small to read."""

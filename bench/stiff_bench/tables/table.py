@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import Any, Literal, Self
 
-from stiff_bench.store.names import natural_key
 from stiff_bench.tables.units import marked
 
 
@@ -230,15 +229,3 @@ def _value(column: Column, cell: Entry) -> dict[str, object]:
     numbers = (found.value, found.spread, found.low, found.high, found.n, part, whole)
     texts = (column.unit, found.mark, found.status)
     return dict(zip(VALUE_FIELDS, (column.name, *numbers, *texts), strict=True))
-
-
-_LONGEST_ORDER = 60  # characters of a text that it is sorted by
-
-
-def natural_order(text: str) -> str:
-    """Return a text that sorts as people count: "n = 5" stands before "n = 10".
-
-    >>> sorted(["n = 10", "n = 5"], key=natural_order)
-    ['n = 5', 'n = 10']
-    """
-    return natural_key(text.lower())[:_LONGEST_ORDER]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
-
 import pytest
 
 from helpers.command_line import bench_here
@@ -147,21 +145,3 @@ def test_what_counts_as_cached_is_what_the_run_takes(tmp_path, rerun, status, n_
     plan = plan_into(tmp_path, models=("vjm",))
     store_some(plan, 1.0, status=status)
     assert told(plan, rerun=rerun)[-1].n_cached == n_cached
-
-
-@pytest.mark.parametrize(
-    "protocol",
-    ["holdout", "sensor-noise", "cross-robot", "sample-efficiency", "load-extrapolation"],
-)
-def test_splits_are_made_one_by_one(protocol):
-    made = [
-        weakref.ref(task.split)
-        for task in cell_tasks(planned(models=("zero",), protocols=(protocol,), splits=8))
-    ]
-    assert len(made) >= 8
-    assert sum(split() is not None for split in made) == 0
-
-
-def test_the_number_of_splits_of_each_condition_is_known_from_the_first_cell():
-    tasks = cell_tasks(planned(protocols=("sample-efficiency@sizes=5,10",), splits=4))
-    assert next(tasks).n_splits == 4

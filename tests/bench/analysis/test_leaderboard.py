@@ -5,10 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-import subprocess
-import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +18,6 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.store.database import ResultStore, read_results
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost
@@ -134,18 +130,6 @@ def test_splits_that_all_models_have_count_and_there_must_be_one(made):
     forget(made.folder, first, *made.add("a", [1.0, 5.0, 9.0])[1:])
     with pytest.raises(StoreError, match="a and b were run on different splits and share none"):
         board_of(made)
-
-
-def test_a_model_that_was_run_on_older_splits_alone_is_not_ranked_and_that_is_said(made):
-    made.add("a", [1.0, 1.0], run_id="1", splits_named="old-")
-    made.add("b", [2.0, 2.0], run_id="2", splits_named="new-")
-    said = "older results on other splits than those of the newest run .all of a. are left out"
-    with pytest.raises(ConfigError, match=said):
-        board_of(made)
-    made.add("c", [3.0, 3.0], run_id="2", splits_named="new-")
-    board = board_of(made)
-    assert ranks(board) == {"b": 1.0, "c": 2.0}
-    assert "(all of a) are left out" in text_of(board)
 
 
 @pytest.mark.parametrize(
@@ -362,18 +346,6 @@ def test_a_table_shows_the_caveats_of_its_own_data_sets_alone(made):
     assert "right is odd" in right and "left is odd" not in right
 
 
-def test_several_seeds_are_said_and_named(made):
-    for dataset in TWINS[:2]:
-        made.add_each({"a": [1.0] * 2, "b": [1.0] * 3}, dataset)
-    for result in list(read_results(made.folder)):
-        other = replace(result, cell=replace(result.cell, seed=1))
-        ResultStore(made.folder).write_cells([other])
-    text = text_of(board_of(made))
-    assert "**Leaderboard, 4 comparisons: 2 x twin (simulated) under holdout, 2 seeds |" in text
-    assert "holdout (2 data sets, 2 seeds)" in text
-    assert f"{TWINS[0]} | holdout | seed 0 (and 3 more): only the 2 of 3 splits" in text
-
-
 def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
     """Holm over 51 rivals asks for a rarer event than 2000 draws hold."""
     base = rng.gamma(9.0, 1.0, size=(3, 4))
@@ -416,24 +388,6 @@ def test_csv_holds_the_ranks_and_json_every_score_with_the_reason_of_a_missing_o
     (score, *_) = tables[1]["rows"][0]["values"]
     assert (score["metric"], score["axis"]) == ("norm", "")  # as in tables of `bench run`
     assert (score["datasets"], score["seeds"]) == ([*TWINS[:3]], [0])
-
-
-def test_the_command_prints_the_board_and_loads_neither_torch_nor_pinocchio(made):
-    add_three(made)
-    made.add_run("run-1", [])
-    script = (
-        "import sys; from stiff_bench.cli.compare import leaderboard\n"
-        "leaderboard(sys.argv[1:], standalone_mode=False)\n"
-        "heavy = ('torch', 'pinocchio', 'matplotlib')\n"
-        "print([name for name in heavy if name in sys.modules])"
-    )
-    words = ["--results", str(made.folder), "--model", "a", "--model", "b"]
-    done = subprocess.run(
-        [sys.executable, "-c", script, *words], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.startswith("**Leaderboard, 3 comparisons: 3 x twin (simulated) under")
-    assert done.stdout.endswith("[]\n")
-    assert "12 results of " in done.stdout and "made by stiffbench 9.9 at 01234567." in done.stdout
 
 
 def priced(made: MadeResults, model: str, fits_s: Sequence[float], memory: int | None = None):

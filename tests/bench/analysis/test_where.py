@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.compared_results import N_POSES, case_in, made_data, spread, store_results
-from stiff_bench.analysis.comparison import paired_errors
+from stiff_bench.analysis.comparison import paired_results
 from stiff_bench.analysis.comparison_text import place_text
 from stiff_bench.analysis.verdict import Question
 from stiff_bench.analysis.where import factors, where_better
@@ -19,8 +19,7 @@ APART = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
 
 def found_in(folder, tests=ALL, **models):
     case, data = case_in(store_results(folder, models, tests=tests))
-    paired = paired_errors(case, "a", "b")
-    return where_better(paired.rows, *paired.lengths, data, Question()), data
+    return where_better(*paired_results(case, "a", "b"), data, Question()), data
 
 
 def worse_where(mask, by=3e-4):

@@ -16,11 +16,12 @@ from stiff_bench.report.page import (
     Block,
     Fold,
     Picture,
+    natural_order,
     page_table,
     render_page,
 )
 from stiff_bench.store.names import natural_key
-from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, natural_order
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 
 HOSTILE = (
     "</script><script>hacked()</script><img src=http://evil.example onerror=hacked()>'\"&{{7*7}}"

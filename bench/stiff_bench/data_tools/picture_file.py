@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -33,15 +33,11 @@ def check_suffix(path: Path) -> None:
         raise ConfigError(f"picture {path}: suffix {path.suffix!r} is not known (valid: {valid})")
 
 
-@contextmanager
-def drawing(style: Mapping[str, Any]) -> Iterator[None]:
+def drawing(style: Mapping[str, Any]) -> AbstractContextManager[None]:
     """Draw with matplotlib's defaults and a style: no matplotlibrc that lies about takes part."""
-    import matplotlib
+    from matplotlib.style import context
 
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(dict[Any, Any](style))
-        yield
+    return context(dict[Any, Any](style), after_reset=True)
 
 
 def save_figure(figure: Figure, path: Path, dots_per_inch: int = DOTS_PER_INCH) -> None:
