@@ -45,7 +45,7 @@ def figure(
     """
     from stiff_bench.figures import catalog
     from stiff_bench.figures.source import FigureSource
-    from stiff_bench.paper import figures as papers
+    from stiff_bench.paper import paper_figures as papers
 
     folder = _folder(results)
     if name in catalog.FIGURES:
@@ -60,7 +60,7 @@ def figure(
 
 
 def paper_table(
-    number: int, results: Results | Path | str | None = None, *, command: str = ""
+    number: int | str, results: Results | Path | str | None = None, *, command: str = ""
 ) -> Tables:
     """Return a table of the source paper, beside ours where there are ours.
 
@@ -73,9 +73,9 @@ def paper_table(
         ConfigError: the paper has no table of that number, or it reads no results.
         StoreError: the results have nothing of it.
     """
-    from stiff_bench.paper.tables import read_table
+    from stiff_bench.paper.paper_tables import read_table
 
-    tables = read_table(number, _folder(results))
+    tables = read_table(str(number), _folder(results))
     made_by = command or f"stiffbench.paper_table({number})"
     return Tables(lambda: tables, partial(render, tables, command=made_by))
 

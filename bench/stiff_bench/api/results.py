@@ -94,14 +94,9 @@ class Results:
         if self.finished is not None:
             return self.cells
         from stiff_bench.analysis.collected import StoredResults
-        from stiff_bench.analysis.leaderboard import in_order
+        from stiff_bench.analysis.leaderboard import newest_results
 
-        return [
-            result
-            for case in sorted(StoredResults.read(self.folder).cases, key=in_order)
-            for model in case.competitors.values()
-            for result in (*model.done.values(), *model.failures.values())
-        ]
+        return newest_results(StoredResults.read(self.folder))
 
     def frame(self) -> DataFrame:
         """Return every metric as tidy data: a row a metric, axis and split, in printed units.

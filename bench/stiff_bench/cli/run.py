@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from stiff_bench.api import RESULTS
 from stiff_bench.cli.options import (
@@ -26,6 +28,10 @@ from stiff_bench.console import print_text, say
 if TYPE_CHECKING:
     from stiff_bench.api.results import Results
     from stiff_bench.api.run import Run
+
+COMMANDLINE = ParameterSource.COMMANDLINE
+HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun", "output")
+"""Options that a study leaves to the command line."""
 
 
 @click.command()
@@ -64,17 +70,41 @@ if TYPE_CHECKING:
 @click.option(
     "--output", type=FILE, default=RESULTS, metavar="DIR", help="Folder that stores the results."
 )
+@click.option(
+    "--study",
+    type=FILE,
+    metavar="FILE.toml",
+    help="Run the study of a file, which has models, data sets and all that belongs to them.",
+)
 @format_option
 @click.option("--verbose", is_flag=True, help="Print what fits report, such as stiffnesses.")
-def run(fmt: str, plan_only: bool, verbose: bool, **words: Any) -> int:
+@click.pass_context
+def run(
+    ctx: click.Context,
+    /,
+    study: Path | None,
+    fmt: str,
+    plan_only: bool,
+    verbose: bool,
+    **words: Any,
+) -> int:
     """Fit and test models; print a table per data set and protocol.
 
     A fit is one model, trained and tested on one split. The VJM is fitted beside every model.
     Each result is stored in --output at once; the same command again computes what is missing.
     """
+    from stiff_bench.api.reproduction import run_of_study
     from stiff_bench.api.run import run_of_words
 
-    asked = run_of_words(**words, command=command_line())
+    if study is None:
+        asked = run_of_words(**words, command=command_line())
+    else:
+        for option in ctx.command.params:
+            name = option.name or ""
+            if name in words.keys() - {*HOW} and ctx.get_parameter_source(name) == COMMANDLINE:
+                raise click.UsageError(f"{option.opts[0]}: leave it out, or write it in {study}")
+        how = {name: words[name] for name in HOW}
+        asked = run_of_study(study, command=command_line(), **how)
     return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
 
 

@@ -50,7 +50,7 @@ FEWEST_STRATEGIES = 2
 KINDS = SINGLE, PAIR, OTHERS = "one layer", "two layers", "others"
 LINE_INCH, FRAME_INCH = 0.19, 0.85
 _STRATEGIES = (
-    "two freeze strategies; `bench reproduce`, or `bench run --model ft-mlp@freeze=layers:1 "
+    "two freeze strategies; `bench reproduce paper`, or `bench run --model ft-mlp@freeze=layers:1 "
     "--model ft-mlp@freeze=layers:2 ...`, makes them"
 )
 
@@ -151,7 +151,7 @@ HEIGHT_INCH = 2.5
 MOST_NUMBERS = 10  # widths beyond which the map's fields have no room for numbers
 SOURCE_MAE = "source test MAE [mm]"
 _NETWORKS = (
-    "a network of several widths and depths; `bench reproduce`, or `bench run --model "
+    "a network of several widths and depths; `bench reproduce paper`, or `bench run --model "
     "mlp-pretrained@width=40 --model mlp-pretrained@width=160 ...`, makes them"
 )
 

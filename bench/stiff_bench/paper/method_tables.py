@@ -12,19 +12,30 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stiff_bench.paper import study
-from stiff_bench.paper.results import Found, PaperResults
-from stiff_bench.paper.study import METRICS, VJM
-from stiff_bench.paper.table import (
+from stiff_bench.paper.column_groups import (
     COMPARE,
     Group,
     GroupNumbers,
     Labels,
-    Published,
+    Numbers,
     mean_numbers,
     paper_table,
-    printed_name,
+    published_key,
 )
+from stiff_bench.paper.paper_models import (
+    DT_CNN,
+    FAIR_PROTOCOL,
+    FT_MLP,
+    FT_MLP_LAST_EPOCH,
+    FT_MLP_OWN_SOURCE,
+    FT_MLP_PAPER_RECIPE,
+    FT_MLP_PAPER_RECIPE_LAST_EPOCH,
+    METRICS,
+    PAPER_PROTOCOL,
+    READ_ON_ALL,
+    VJM,
+)
+from stiff_bench.paper.paper_results import REPRODUCE, Found, PaperResults
 from stiff_bench.store.names import Variant
 from stiff_bench.tables.metric_table import mark_of, pooled_prediction
 from stiff_bench.tables.published import claimed_reductions, published_errors, published_lines
@@ -32,35 +43,35 @@ from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import AXES
+from stiff_protocols.contract.types import AXES, Prediction
 from stiff_protocols.scoring.metrics import absolute_errors, metric, norm_errors
 
 OLD, NEW, OWN_SOURCE, RECIPE = "VJM", "FT-MLP", "FT-MLP, own source", "FT-MLP, paper's recipe"
 METHODS = {
     OLD: VJM,
-    NEW: study.FT_MLP,
-    OWN_SOURCE: study.FT_MLP_OWN_SOURCE,
-    "DT-CNN": study.DT_CNN,
+    NEW: FT_MLP,
+    OWN_SOURCE: FT_MLP_OWN_SOURCE,
+    "DT-CNN": DT_CNN,
 }
 """Name of a method -> our model; the paper's name, where the paper has it."""
-BY_PAPERS_RECIPE = {OLD: VJM, RECIPE: study.FT_MLP_PAPER_RECIPE}
+BY_PAPERS_RECIPE = {OLD: VJM, RECIPE: FT_MLP_PAPER_RECIPE}
 FINE_TUNED = (NEW, OWN_SOURCE, RECIPE)
-"""Methods whose errors are held against the VJM's."""
+"""Methods whose errors are compared with the VJM's."""
 READINGS = {
-    "test part": study.PAPER_PROTOCOL.name,
-    "all samples": study.READ_ON_ALL.name,
-    "holdout": study.FAIR_PROTOCOL.name,
+    "test part": PAPER_PROTOCOL,
+    "all samples": READ_ON_ALL,
+    "holdout": FAIR_PROTOCOL,
 }
 """Name of a reading of Table 10 -> the protocol whose results it is."""
 ROWS_10: dict[Labels, tuple[str, str]] = {
     (axis.upper(), metric(key).label): (key, axis) for axis in AXES for key in METRICS
 }
-"""Labels of a row -> its metric and axis."""
+"""Texts of a row -> its metric and axis."""
 CLAIMED, RECOMPUTED = "claimed", "from Table 10"
 
 HOW_RECIPE = (
-    "The paper's own recipe (100,000 + 50,000 iterations) is not stored: `bench reproduce "
-    "--paper-recipe` computes its first split."
+    "The paper's own recipe (100,000 + 50,000 iterations) is not stored: "
+    f"{REPRODUCE} computes its first split."
 )
 _READINGS_NOTE = (
     "Test part: the 20 %, which also picks the epoch. All samples: the same fits read on all 151, "
@@ -78,7 +89,11 @@ _REDUCTION_NOTE = (
 
 
 def table_10(results: PaperResults) -> list[Table]:
-    """Return the errors of the paper's methods, and by how much FT-MLP errs less than the VJM."""
+    """Return the errors of the paper's methods, and by how much FT-MLP errs less than the VJM.
+
+    Raises:
+        StoreError: there is no result under any of the protocols.
+    """
     published, claimed = published_errors("table_10"), claimed_reductions()
     old, new = published[OLD], published[NEW]
     of_paper = {
@@ -89,7 +104,8 @@ def table_10(results: PaperResults) -> list[Table]:
     reductions = {(row, CLAIMED): claimed[at] for row, at in ROWS_10.items()}
     reductions |= {(row, RECOMPUTED): reduction(old[at], new[at]) for row, at in ROWS_10.items()}
     of_errors, of_reductions = [Group.published(of_paper)], [Group.published(reductions, 1)]
-    shown, absent, has_recipe = list[Found](), list[StoreError](), False
+    shown, absent = list[Found](), list[StoreError]()
+    has_recipe = False
     for reading, protocol in READINGS.items():
         errors, reduced, methods = GroupNumbers(), GroupNumbers(), tuple(METHODS)
         try:
@@ -98,7 +114,7 @@ def table_10(results: PaperResults) -> list[Table]:
             absent.append(error)
         else:
             errors, reduced = _of_methods(shown[-1], METHODS)
-            if results.of_models([study.FT_MLP_PAPER_RECIPE], protocol).results:
+            if results.of_models([FT_MLP_PAPER_RECIPE], protocol).results:
                 by_recipe = results.on_shared_splits(BY_PAPERS_RECIPE.values(), protocol)
                 # the recipe is of the first split by design: the VJM's others lack nothing
                 shown.append(replace(by_recipe, n_left_out=0))
@@ -114,7 +130,7 @@ def table_10(results: PaperResults) -> list[Table]:
         raise absent[0]
     labels = {model.name: method for method, model in METHODS.items()}
     stored = [
-        *(found.about for found in shown),
+        *(f"Ours: {found.setting}" for found in shown),
         *(f"{error}." for error in absent),
         *(note for found in shown for note in found.absences(labels=labels)),
         *([] if has_recipe else [HOW_RECIPE]),
@@ -133,12 +149,12 @@ def table_10(results: PaperResults) -> list[Table]:
 def _of_methods(found: Found, methods: Mapping[str, Variant]) -> tuple[GroupNumbers, GroupNumbers]:
     """Return the errors of the methods under a protocol, and FT-MLP's reductions of the VJM's."""
     errors, reductions = GroupNumbers(), GroupNumbers()
-    of_old = [_errors_by_axis(one) for one in found.results.get(VJM.name, ())]
+    of_old = [_errors_of(one) for one in found.results.get(VJM.name, ())]
     for method, model in methods.items():
         if model.name not in found.results:
             continue
         results = found.results[model.name]
-        mark, each = mark_of(results[0].shown), [_errors_by_axis(one) for one in results]
+        mark, each = mark_of(results[0].shown), [_errors_of(one) for one in results]
         errors |= mean_numbers([_in_column(method, one) for one in each], mark)
         if method in FINE_TUNED and of_old:
             by_split = [
@@ -150,13 +166,16 @@ def _of_methods(found: Found, methods: Mapping[str, Variant]) -> tuple[GroupNumb
     return errors, reductions
 
 
-def _in_column(column: str, values: Mapping[Labels, float]) -> Published:
+def _in_column(column: str, values: Mapping[Labels, float]) -> Numbers:
     return {(row, column): value for row, value in values.items()}
 
 
-def _errors_by_axis(result: CellResult) -> dict[Labels, float]:
-    """Return a result's errors [mm] by row of Table 10."""
-    prediction = pooled_prediction([result])
+def _errors_of(result: CellResult) -> dict[Labels, float]:
+    return errors_by_axis(pooled_prediction([result]))
+
+
+def errors_by_axis(prediction: Prediction) -> dict[Labels, float]:
+    """Return errors [mm] by row of Table 10."""
     values = {key: metric(key).values(prediction) for key in METRICS}
     return {row: values[key][axis] * MM for row, (key, axis) in ROWS_10.items()}
 
@@ -167,8 +186,11 @@ def reduction(old: float, new: float) -> float:
 
 
 LAST, BEST = "normal (last epoch)", "optimized (best epoch)"
-TRAININGS = {LAST: study.FT_MLP_LAST_EPOCH, BEST: study.FT_MLP}
-BY_RECIPE = {LAST: study.FT_MLP_PAPER_RECIPE_LAST_EPOCH, BEST: study.FT_MLP_PAPER_RECIPE}
+TRAININGS = {LAST: FT_MLP_LAST_EPOCH, BEST: FT_MLP}
+BY_RECIPE = {
+    LAST: FT_MLP_PAPER_RECIPE_LAST_EPOCH,
+    BEST: FT_MLP_PAPER_RECIPE,
+}
 COLUMNS_9 = tuple(
     f"{part} {error}" for part in ("train", "validation") for error in ("MAE", "STDE")
 )
@@ -183,23 +205,25 @@ _TABLE_9_NOTE = (
 
 def table_9(results: PaperResults) -> list[Table]:
     """Return the errors of the fine-tuned network on training and validation part."""
-    protocol = study.PAPER_PROTOCOL.name
-    of_paper: Published = {
-        ((label, LENGTH), column): float(line[printed_name(column)])
+    of_paper: Numbers = {
+        ((label, LENGTH), column): float(line[published_key(column)])
         for label, line in zip(TRAININGS, published_lines("table_9"), strict=True)
         for column in COLUMNS_9
     }
     found, numbers = _on_both_parts(results, TRAININGS)
     groups = [
         Group.published(of_paper),
-        Group(f"ours, {protocol}", COLUMNS_9, 5, numbers, protocol),
+        Group(f"ours, {PAPER_PROTOCOL}", COLUMNS_9, 5, numbers, PAPER_PROTOCOL),
     ]
     labels = {model.name: label for label, model in TRAININGS.items()}
-    stored = [found[0].about, *(note for one in found for note in one.absences(labels=labels))]
-    if results.of_models(BY_RECIPE.values(), protocol).results:
+    stored = [
+        f"Ours: {found[0].setting}",
+        *(note for one in found for note in one.absences(labels=labels)),
+    ]
+    if results.of_models(BY_RECIPE.values(), PAPER_PROTOCOL).results:
         by_recipe, numbers = _on_both_parts(results, BY_RECIPE)
         found += by_recipe
-        groups.append(Group("ours, the paper's recipe", COLUMNS_9, 5, numbers, protocol))
+        groups.append(Group("ours, the paper's recipe", COLUMNS_9, 5, numbers, PAPER_PROTOCOL))
         stored.append(f"The paper's recipe: {by_recipe[0].setting}")
     else:
         stored.append(HOW_RECIPE)
@@ -216,8 +240,8 @@ def _on_both_parts(
 
     The training part is that of the same fits, which are stored read on all samples.
     """
-    tested = results.on_shared_splits(trainings.values(), study.PAPER_PROTOCOL.name)
-    read = results.of_models(trainings.values(), study.READ_ON_ALL.name)
+    tested = results.on_shared_splits(trainings.values(), PAPER_PROTOCOL)
+    read = results.of_models(trainings.values(), READ_ON_ALL)
     numbers = GroupNumbers()
     for label, model in trainings.items():
         validated = tested.results.get(model.name, ())
@@ -231,8 +255,8 @@ def _on_both_parts(
     return [tested, read], numbers
 
 
-def _on_part(training: str, part: str, result: CellResult, without: ArrayLike = ()) -> Published:
-    """Return means and deviations of the errors [mm] of a result, but for some of its rows."""
+def _on_part(training: str, part: str, result: CellResult, without: ArrayLike = ()) -> Numbers:
+    """Return means and deviations of the errors [mm] of a result, except for some of its rows."""
     prediction = pooled_prediction([result])
     chosen = ~np.isin(prediction.rows, without)
     along = absolute_errors(prediction)[chosen] * MM  # (n, 3)

@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from stiff_bench.figures.variants import SOURCE_MAE
-from stiff_bench.paper import study
-from stiff_bench.paper.results import FULL, Found, PaperResults
-from stiff_bench.paper.table import (
+from stiff_bench.paper.column_groups import (
     COMPARE,
     PUBLISHED_DECIMALS,
     Group,
     GroupNumbers,
     Labels,
-    Published,
+    Numbers,
     mean_numbers,
     paper_table,
-    printed_name,
+    published_key,
 )
+from stiff_bench.paper.paper_models import (
+    ACTIVATIONS,
+    ALL_PAIRS,
+    ALL_SINGLES,
+    BASE_LAYERS,
+    BASE_WIDTH,
+    DEPTH_WIDTH,
+    DEPTHS,
+    EARLY_STEPS,
+    pretrained,
+    unfrozen,
+)
+from stiff_bench.paper.paper_models import PAPER_PROTOCOL as PROTOCOL
+from stiff_bench.paper.paper_results import REPRODUCE, Found, PaperResults
 from stiff_bench.store.names import Variant
 from stiff_bench.tables.metric_table import mark_of, pooled_prediction
 from stiff_bench.tables.published import published_lines
@@ -31,7 +43,6 @@ Models = Mapping[Labels, Variant]
 """Row -> model."""
 Networks = Mapping[str, Mapping[str, Any]]
 """Row -> arguments of `pretrained`."""
-PROTOCOL = study.PAPER_PROTOCOL.name
 ON_SOURCE = {
     "train MAE": "source training MAE [mm]",
     "train STDE": "source training STDE [mm]",
@@ -43,8 +54,8 @@ _ON_TARGET = ("validation MAE", "validation STDE")
 EARLY = "ours, stopped early"
 _SOURCE_NOTES = (
     COMPARE,
-    f"Stopped early: {study.EARLY_STEPS} steps of plain Adam, chosen afterwards to be near the "
-    "MAEs of the paper's Table 6: compare the order, not the errors.",
+    f"Stopped early: {EARLY_STEPS} steps of plain Adam, chosen afterwards to be near "
+    "the MAEs of the paper's Table 6: compare the order, not the errors.",
 )
 _TARGET_NOTES = (
     "Ours alone, simulated, not comparable in absolute terms; the numbers of the paper's Table 8 "
@@ -56,58 +67,60 @@ _TARGET_NOTES = (
 
 def table_6(results: PaperResults) -> list[Table]:
     """Return the errors of pre-trained networks by depth; errors as in `on_shared_splits`."""
-    width = study.DEPTH_WIDTH
-    networks: Networks = {str(depth): {"layers": depth, "width": width} for depth in study.DEPTHS}
+    width = DEPTH_WIDTH
+    networks: Networks = {str(depth): {"layers": depth, "width": width} for depth in DEPTHS}
     return _on_source(6, "layers", f"Hidden layers of {width} nodes each", networks, results)
 
 
 def table_7(results: PaperResults) -> list[Table]:
     """Return the errors of pre-trained networks by activation; errors as in `on_shared_splits`."""
-    networks: Networks = {kind: {"activation": kind} for kind in study.ACTIVATIONS}
-    caption = f"Activation, {study.BASE_LAYERS} x {study.BASE_WIDTH} nodes"
+    networks: Networks = {kind: {"activation": kind} for kind in ACTIVATIONS}
+    caption = f"Activation, {BASE_LAYERS} x {BASE_WIDTH} nodes"
     return _on_source(7, "activation", caption, networks, results)
 
 
 def _on_source(
-    number: int, heading: str, caption: str, networks: Networks, results: PaperResults
+    number: int,
+    heading: str,
+    caption: str,
+    networks: Networks,
+    results: PaperResults,
 ) -> list[Table]:
     """Return a table of pre-trained networks, a row each."""
-    published: Published = {
-        ((line[heading],), column): float(line[printed_name(column)])
+    published: Numbers = {
+        ((line[heading],), column): float(line[published_key(column)])
         for line in published_lines(f"table_{number}")
         for column in ON_SOURCE
     }
-    ours: Models = {(row,): study.pretrained(**given) for row, given in networks.items()}
+    ours: Models = {(row,): pretrained(**given) for row, given in networks.items()}
     early: Models = {
-        (row,): study.pretrained(**given, stopped_early=True) for row, given in networks.items()
+        (row,): pretrained(**given, stopped_early=True) for row, given in networks.items()
     }
     labels = {model.name: row for (row,), model in ours.items()}
     labels |= {model.name: f"{row} ({EARLY})" for (row,), model in early.items()}
     found = results.on_shared_splits([*ours.values(), *early.values()], PROTOCOL)
     of_ours, of_early = (_numbers(found, models, _source_errors) for models in (ours, early))
-    columns = tuple(ON_SOURCE)
     groups = [
         Group.published(published),
-        Group(f"ours, {PROTOCOL}", columns, 5, of_ours, PROTOCOL),
-        Group(EARLY, columns, PUBLISHED_DECIMALS, of_early, PROTOCOL),
+        Group(f"ours, {PROTOCOL}", tuple(ON_SOURCE), 5, of_ours, PROTOCOL),
+        Group(EARLY, tuple(ON_SOURCE), PUBLISHED_DECIMALS, of_early, PROTOCOL),
     ]
     caption += ": errors on the simulated pre-training data, all axes together"
-    stored = [found.about, *found.absences(labels=labels), results.provenance([found])]
-    notes = [*_SOURCE_NOTES, *stored]
+    notes = [*_SOURCE_NOTES, *_stored(found, results, found.absences(labels=labels))]
     return [paper_table(number, caption, "mm", (heading,), ours, groups, notes)]
 
 
 def _source_errors(result: CellResult) -> Mapping[str, float]:
     """Return the errors on both parts of the source domain that were reported."""
-    found = result.diagnostics
-    return {column: found[name] for column, name in ON_SOURCE.items() if name in found}
+    reported = result.diagnostics
+    return {column: reported[name] for column, name in ON_SOURCE.items() if name in reported}
 
 
 def table_8(results: PaperResults) -> list[Table]:
     """Return the errors of fine-tuned networks by layers; errors as in `on_shared_splits`."""
     models: Models = {
-        (counted(len(layers), "layer"), " + ".join(layers)): study.unfrozen(layers)
-        for layers in (*study.ALL_SINGLES, *study.ALL_PAIRS)
+        (counted(len(layers), "layer"), " + ".join(layers)): unfrozen(layers)
+        for layers in (*ALL_SINGLES, *ALL_PAIRS)
     }
     labels = {model.name: " ".join(row) for row, model in models.items()}
     found = results.on_shared_splits(models.values(), PROTOCOL)
@@ -115,8 +128,7 @@ def table_8(results: PaperResults) -> list[Table]:
     groups = [Group(f"ours, {PROTOCOL}", _ON_TARGET, PUBLISHED_DECIMALS, numbers, PROTOCOL)]
     rows = [row for row, model in models.items() if model.name not in found.missing]
     caption = "Unfrozen layers of the fine-tuned network"
-    stored = [found.about, *found.absences(FULL, labels), results.provenance([found])]
-    notes = [*_TARGET_NOTES, *stored]
+    notes = [*_TARGET_NOTES, *_stored(found, results, found.absences(REPRODUCE, labels))]
     return [paper_table(8, caption, "mm", ("moving", "layers"), rows, groups, notes)]
 
 
@@ -126,6 +138,11 @@ def _target_errors(result: CellResult) -> Mapping[str, float]:
     return dict(zip(_ON_TARGET, (float(errors.mean()), float(errors.std())), strict=True))
 
 
+def _stored(found: Found, results: PaperResults, absences: Iterator[str]) -> list[str]:
+    """Return the notes on the results of a table."""
+    return [f"Ours: {found.setting}", *absences, results.provenance([found])]
+
+
 def _numbers(
     found: Found, models: Models, errors: Callable[[CellResult], Mapping[str, float]]
 ) -> GroupNumbers:
@@ -133,6 +150,8 @@ def _numbers(
     numbers = GroupNumbers()
     for row, model in models.items():
         of_model = found.results.get(model.name, ())
-        each = [{(row, name): value for name, value in errors(one).items()} for one in of_model]
+        each: list[Numbers] = [
+            {(row, name): value for name, value in errors(one).items()} for one in of_model
+        ]
         numbers |= mean_numbers(each, mark_of(of_model[0].shown) if of_model else "")
     return numbers

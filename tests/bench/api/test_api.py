@@ -14,7 +14,7 @@ from sklearn.base import BaseEstimator
 
 import stiffbench as sb
 from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.paper.figures import FIGURES as PAPERS
+from stiff_bench.paper.paper_figures import FIGURES as PAPERS
 from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_protocols.contract.errors import (
     ConfigError,

@@ -13,9 +13,9 @@ from helpers.figure_results import CURVE, compared, with_fields
 from helpers.made_results import MadeResults
 from stiff_bench.cli.figures import figure
 from stiff_bench.figures.figure import can_be_drawn
-from stiff_bench.paper.figures import FIGURES
-from stiff_bench.paper.results import PaperResults
-from stiff_bench.paper.study import DT_CNN, FT_MLP, pretrained, unfrozen
+from stiff_bench.paper.paper_figures import FIGURES
+from stiff_bench.paper.paper_models import DT_CNN, FT_MLP, pretrained, unfrozen
+from stiff_bench.paper.paper_results import PaperResults
 
 PAPER = {"dataset": "kr10-twin", "protocol": "paper-holdout", "selects_on_test": True}
 
@@ -81,8 +81,14 @@ def test_without_an_output_the_file_is_named_after_the_figure(tmp_path, monkeypa
     [
         (["regresion"], "did you mean 'regression'"),
         (["4", "--output", "a.jpg"], "suffix '.jpg'"),
-        (["9", "--results", "none"], "no such folder; `bench reproduce` makes the results"),
-        (["9", "--results", "."], "holds no results; `bench reproduce` makes the results"),
+        (
+            ["9", "--results", "none"],
+            "no such folder; `bench reproduce paper-quick`",
+        ),
+        (
+            ["9", "--results", "."],
+            "holds no results; `bench reproduce paper-quick`",
+        ),
         (["9", "--model", "gp"], "model gp"),
         (["4", "--results", "runs"], "results runs: figure 4 is fitted here"),
     ],

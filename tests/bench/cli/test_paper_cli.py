@@ -1,4 +1,4 @@
-"""`bench table N`, and `bench reproduce` with studies of a few quick models."""
+"""`bench table N`; `bench run --study` and `bench reproduce` with a study that takes no time."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from helpers.command_line import assert_refused, bench_here
 from helpers.made_results import MadeResults
 from stiff_bench.cli.compare import table
 from stiff_bench.cli.figures import reproduce
-from stiff_bench.paper import PAPER_RESULTS, study
-from stiff_bench.paper.study import StudyRun
-from stiff_bench.paper.tables import TABLES
-from stiff_bench.store.names import Variant
+from stiff_bench.cli.run import run
+from stiff_bench.paper.paper_results import PAPER_RESULTS
+from stiff_bench.paper.paper_tables import TABLES
 from stiff_protocols.contract.errors import ConfigError
 
 
@@ -31,7 +30,7 @@ def test_every_number_that_can_be_made_is_a_choice_and_no_other(tmp_path):
     assert "1 to 10" in done.output
     for number in range(12):
         done = CliRunner().invoke(table, [str(number), "--results", str(tmp_path / "none")])
-        assert ("is not one of" in done.output) == (number not in TABLES)
+        assert ("is not one of" in done.output) == (str(number) not in TABLES)
 
 
 def test_it_reads_the_folder_that_is_named_and_prints_the_format_that_is_asked_for(tmp_path):
@@ -63,70 +62,57 @@ def test_the_papers_plan_its_grid_and_its_wrenches_are_printed_without_any_resul
 def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):
     done = bench_here("table", "9", "--results", "none", cwd=tmp_path)
     assert_refused(
-        done, "--results none: there is no such folder", "`bench reproduce` makes the results"
+        done,
+        "--results none: there is no such folder",
+        "`bench reproduce paper-quick`",
     )
 
 
 @pytest.fixture
-def small(monkeypatch):
-    """The paper's study, cut down to what takes no time, on one split or on two."""
-
-    def small_study(*, full):
-        splits = 2 if full else 1
-        return (
-            StudyRun(
-                (Variant("vjm"),),
-                (study.TWIN,),
-                (study.PAPER_PROTOCOL, study.FAIR_PROTOCOL),
-                splits,
-            ),
-            StudyRun(
-                (Variant("vjm"), Variant("zero")), (study.TWIN,), (study.FAIR_PROTOCOL,), splits
-            ),
-        )
-
-    monkeypatch.setattr(study, "paper_study", small_study)
+def small(monkeypatch, tmp_path):
+    """The file of a study of what takes no time."""
     monkeypatch.setattr("stiff_bench.analysis.forecast.LONGEST_S", 0.0)  # a plan times no fit
+    file = tmp_path / "small.toml"
+    file.write_text(
+        'title = "small"\nmodels = ["vjm", "zero"]\ndatasets = ["fanuc-r2000ic"]\nsplits = 2\n'
+        '[[run]]\n[[run]]\nmodels = ["vjm"]\nprotocols = ["paper-holdout"]\n'
+    )
+    return str(file)
 
 
-def called(*words):
-    done = CliRunner().invoke(reproduce, words, standalone_mode=False, catch_exceptions=False)
+def called(command, *words):
+    done = CliRunner().invoke(command, words, standalone_mode=False, catch_exceptions=False)
     return done.return_value, done.stdout, done.stderr
 
 
 def test_a_plan_says_what_would_be_computed_and_writes_nothing(small, tmp_path):
-    status, out, err = called("--plan", "--output", str(tmp_path / "out"))
+    status, out, err = called(reproduce, small, "--plan", "--output", str(tmp_path / "out"))
     assert status == 0
-    assert "| all " in out and "bench: 3 fits, 0 cached, 3 to compute; time unknown" in err
+    assert "| all " in out and "bench: 6 fits, 0 cached, 6 to compute; time unknown" in err
     assert not (tmp_path / "out").exists()
-    in_csv = called("--plan", "--format", "csv", "--output", str(tmp_path))[1]
+    in_csv = called(reproduce, small, "--plan", "--format", "csv", "--output", str(tmp_path))[1]
     assert "all" in {row["model"] for row in csv.DictReader(in_csv.splitlines())}
-    assert "bench: 6 fits" in called("--plan", "--full", "--output", str(tmp_path))[2]
 
 
-def test_the_papers_recipe_is_asked_for_apart(small, tmp_path):
-    """Two trainings in two readings, on the first split, whatever the size of the rest."""
-    words = ["--plan", "--paper-recipe", "--output", str(tmp_path)]
-    assert "bench: 7 fits" in called(*words)[2]
-    assert "bench: 10 fits" in called(*words, "--full")[2]
+def test_a_study_is_run_once_and_its_page_written_of_what_is_stored(small, tmp_path):
+    runs = str(tmp_path / "small" / "runs")
+    status, out, err = called(run, "--study", small, "--output", runs)
+    assert status == 0 and "bench: 6 ok; " in err
+    assert "| zero " in out and "paper-holdout, 2 splits" in out
+    status, out, err = called(reproduce, small, "--no-isolate", "--output", str(tmp_path))
+    assert status == 0 and "0 ok, 6 cached" in err
+    assert out.splitlines()[-1] == str(tmp_path / "small" / "README.md")
 
 
-@pytest.mark.slow
-def test_what_was_computed_is_not_computed_again_and_the_files_are_named(small, tmp_path):
-    words = ["--no-isolate", "--output", str(tmp_path)]
-    status, out, err = called(*words)
-    assert status == 0
-    assert "bench: 3 ok; " in err
-    assert out.splitlines()[-1] == str(tmp_path / "paper" / "README.md")
-    assert "0 ok, 3 cached" in called(*words)[2]
-
-
-def test_the_papers_recipe_is_of_the_paper_alone(tmp_path):
-    done = bench_here("reproduce", "effects", "--paper-recipe", cwd=tmp_path)
-    assert_refused(done, "--paper-recipe is of the paper, not of effects")
-
-
-@pytest.mark.parametrize("size", ["--quick", "--full"])
-def test_the_leaderboard_has_one_size(size, tmp_path):
-    done = bench_here("reproduce", "leaderboard", size, cwd=tmp_path)
-    assert_refused(done, "--quick and --full", "leaderboard has one size")
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["reproduce", "efects"], "unknown study 'efects'; did you mean 'effects'? (valid: "),
+        (["reproduce", "mine.toml"], "mine.toml: cannot be read"),
+        (["run", "--study", "mine.toml"], "mine.toml: cannot be read"),
+        (["run", "--study", "mine.toml", "--model", "gp"], "--model: leave it out"),
+        (["run", "--study", "mine.toml", "--splits", "3"], "--splits: leave it out"),
+    ],
+)
+def test_a_study_that_cannot_be_run_is_refused(words, said, tmp_path):
+    assert_refused(bench_here(*words, cwd=tmp_path), said)

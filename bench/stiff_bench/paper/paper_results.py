@@ -9,8 +9,7 @@ from pathlib import Path
 
 from stiff_bench.analysis.collected import StoredResults, meant
 from stiff_bench.figures.source import marks
-from stiff_bench.paper import PAPER_RESULTS
-from stiff_bench.paper.study import DATASET, SEED
+from stiff_bench.paper.paper_models import DATASET, SEED
 from stiff_bench.store.names import Variant
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import sources
@@ -18,13 +17,15 @@ from stiff_bench.tables.units import counted, first_few
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import CellResult
 
-REPRODUCE, FULL = "`bench reproduce`", "`bench reproduce --full`"
+PAPER_RESULTS = Path("results/paper/runs")
+"""Where `bench reproduce paper` stores what the paper's tables and figures show."""
+QUICK, REPRODUCE = "`bench reproduce paper-quick`", "`bench reproduce paper`"
 """The commands that make results."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a folder has of some models under one protocol.
+    """Stored results of some models under one protocol.
 
     Attributes:
         protocol: its name.
@@ -46,50 +47,44 @@ class Found:
         return [one for of_model in self.results.values() for one in of_model]
 
     @property
-    def about(self) -> str:
-        """What was run how often, and what must be read with it."""
-        return f"Ours: {self.setting}"
-
-    @property
     def setting(self) -> str:
         """Data, protocol, splits and seed, and what must be read with the models."""
         n_splits = max(map(len, self.results.values()))
         spread = ", mean ± standard deviation over them" if n_splits > 1 else ""
-        with_them = marks(of_model[0].shown for of_model in self.results.values())
         splits = f"{counted(n_splits, 'split')}{spread}"
+        with_them = marks(one.shown for one in self.each)
         return f"{DATASET}, {self.protocol}, {splits}, seed {SEED}.{with_them}"
 
-    def absences(self, remedy: str = REPRODUCE, labels: Mapping[str, str] = {}) -> Iterator[str]:
-        """Yield what is not there, and the command that makes it.
+    def absences(self, remedy: str = QUICK, labels: Mapping[str, str] = {}) -> Iterator[str]:
+        """Yield what is missing, and the command that makes it.
 
-        `labels` say what models are called in the table, if not by their names.
+        `labels` are the names of models in the table, if not their own.
         """
         if self.n_left_out:
             yield (
                 f"Left out: {counted(self.n_left_out, 'split')} of {self.protocol} that only some "
-                f"of the models have; {FULL} makes the others'."
+                f"of the models have; {REPRODUCE} makes the others'."
             )
         for reason in self.failures.values():
             yield f"No numbers: {reason}."
         if self.missing:
-            names = [labels.get(model, model) for model in self.missing]
-            first = first_few(names)
-            yield f"Without a result under {self.protocol}: {first}; {remedy} makes it."
+            names = first_few([labels.get(model, model) for model in self.missing])
+            yield f"Without a result under {self.protocol}: {names}; {remedy} makes it."
 
 
 @dataclass(frozen=True, eq=False)
 class PaperResults(StoredResults):
-    """What a folder holds, asked for by model and protocol."""
+    """Results of a folder, by model and protocol of the paper."""
 
     @classmethod
     def of(cls, folder: Path) -> PaperResults:
-        """Read the folder that `--results` names.
+        """Read a folder.
 
         Raises:
             StoreError: it holds no results, and `bench reproduce` makes them; or a file of it is
                 damaged.
         """
-        return cls.read(folder, f"; {REPRODUCE} makes the results")
+        return cls.read(folder, f"; {QUICK} makes the results")
 
     def of_models(self, models: Iterable[Variant], protocol: str) -> Found:
         """Return the results of models, which have defaults too, each on its own splits.
@@ -106,19 +101,19 @@ class PaperResults(StoredResults):
         ]
         newest = [max(cases, key=lambda case: case.newest_run)] if cases else []
         for variant in models:
-            model, name = variant.name, meant(variant, newest)
-            if name is None:
+            model, stored_name = variant.name, meant(variant, newest)
+            if stored_name is None:
                 missing.append(model)
                 continue
-            found = newest[0].competitors[name]
-            if found.failures:
-                first = next(iter(found.failures.values()))
+            competitor = newest[0].competitors[stored_name]
+            if competitor.failures:
+                first = next(iter(competitor.failures.values()))
                 failures[model] = (
                     f"{self.folder}: {model} on {DATASET} under {protocol}: no result of "
-                    f"{counted(len(found.failures), 'split')}: {first.why_none}"
+                    f"{counted(len(competitor.failures), 'split')}: {first.why_none}"
                 )
             else:
-                results[model] = list(found.done.values())
+                results[model] = list(competitor.done.values())
         return Found(protocol, results, failures, missing)
 
     def on_shared_splits(self, models: Iterable[Variant], protocol: str) -> Found:
@@ -129,13 +124,10 @@ class PaperResults(StoredResults):
         """
         found = self.of_models(models, protocol)
         if not found.results:
-            missing = found.missing
-            why = "; ".join(found.failures.values()) or f"no result of {missing[0]}"
-            if len(missing) > 1 and not found.failures:
-                why += f" nor of {len(missing) - 1} others"
+            why = "; ".join(found.failures.values()) or f"no result of {first_few(found.missing)}"
             raise StoreError(
                 f"{self.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
-                f"{REPRODUCE} makes it",
+                f"{QUICK} makes it",
                 "results",
             )
         slots = [set(map(slot_of, of_model)) for of_model in found.results.values()]
@@ -143,7 +135,7 @@ class PaperResults(StoredResults):
         if not shared:
             raise StoreError(
                 f"{self.folder}: {', '.join(found.results)} have no split of {protocol} "
-                f"in common; {FULL} makes what is missing",
+                f"in common; {REPRODUCE} makes what is missing",
                 "results",
             )
         on_shared = {

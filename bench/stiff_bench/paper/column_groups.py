@@ -1,4 +1,4 @@
-"""A table of the paper beside ours: groups of columns, each with numbers of one origin."""
+"""A table of the paper next to ours: groups of columns, each with numbers of one origin."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from stiff_bench.paper.study import DATASET, SEED
+from stiff_bench.paper.paper_models import DATASET, SEED
 from stiff_bench.tables.metric_table import mean_over
 from stiff_bench.tables.table import Column, Quantity, Table
 
 Labels = tuple[str, ...]
-"""Of a row: one under each row heading."""
-Position = tuple[Labels, str]
-"""Row and column."""
-Published = Mapping[Position, float]
-GroupNumbers = dict[Position, Quantity]
-"""Of one group of columns; a missing one is a dash."""
+"""Texts of a row: one under each row heading."""
+Numbers = Mapping[tuple[Labels, str], float]
+"""(row, column) -> number."""
+GroupNumbers = dict[tuple[Labels, str], Quantity]
+"""The same with spread and marks; a missing one is a dash."""
 Unit = Literal["mm", "10^3 Nm/rad", "%"]
 PUBLISHED, PUBLISHED_DECIMALS = "published", 4
 SIMULATED = f"{DATASET} (simulated)"
@@ -28,7 +27,7 @@ COMPARE = (
 
 @dataclass(frozen=True)
 class Group:
-    """Columns of one origin, that stand together.
+    """Columns of one origin.
 
     Attributes:
         label: above them; no other group of the table has it.
@@ -47,7 +46,7 @@ class Group:
     data: str = SIMULATED
 
     @classmethod
-    def published(cls, values: Published, decimals: int = PUBLISHED_DECIMALS) -> Group:
+    def published(cls, values: Numbers, decimals: int = PUBLISHED_DECIMALS) -> Group:
         """Return the paper's columns."""
         columns = tuple(dict.fromkeys(column for _, column in values))
         numbers = {place: Quantity(value, n=1) for place, value in values.items()}
@@ -65,7 +64,7 @@ class Group:
         }
 
 
-def mean_numbers(each: Sequence[Published], mark: str = "") -> GroupNumbers:
+def mean_numbers(each: Sequence[Numbers], mark: str = "") -> GroupNumbers:
     """Return the means over splits, or specimens, at the places that all of them have."""
     shared = [at for at in (each[0] if each else ()) if all(at in one for one in each)]
     return {at: mean_over([one[at] for one in each], mark) for at in shared}
@@ -82,24 +81,24 @@ def paper_table(
 ) -> Table:
     """Return the table of a number in the paper.
 
-    `headings` are of the columns that name a row, `rows` the labels under them; the unit is of all
+    `headings` are of the columns that name a row, `rows` the texts under them; the unit is of all
     numbers.
     """
     columns = [Column(heading, "text") for heading in headings]
-    for one in groups:
-        form, about = f".{one.decimals}f", one.about
+    for group in groups:
+        form = f".{group.decimals}f"
         columns += [
-            Column(name, "number", unit, form, one.label, about, marks_shown=False)
-            for name in one.columns
+            Column(name, "number", unit, form, group.label, group.about, marks_shown=False)
+            for name in group.columns
         ]
     cells = [
-        [*row, *(one.numbers.get((row, name)) for one in groups for name in one.columns)]
+        [*row, *(group.numbers.get((row, name)) for group in groups for name in group.columns)]
         for row in rows
     ]
     title = f"Table {number}. {caption} [{unit}]"
     return Table(title, columns, cells, list(notes), unit, about={"table": number})
 
 
-def printed_name(column: str) -> str:
-    """Return what a column of errors, such as "train MAE", is called in the published file."""
+def published_key(column: str) -> str:
+    """Return the name of a column of errors, such as "train MAE", in the published file."""
     return f"{column.replace(' ', '_').lower()}_mm"

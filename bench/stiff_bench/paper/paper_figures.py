@@ -21,21 +21,36 @@ from stiff_bench.figures.figure import Figures, Prepared
 from stiff_bench.figures.losses import DASHED
 from stiff_bench.figures.samples import LINES_NOTE, Series, regression_figure
 from stiff_bench.figures.source import between, marks
-from stiff_bench.paper import study
 from stiff_bench.paper.method_tables import METHODS, NEW, OLD
 from stiff_bench.paper.network_tables import ON_SOURCE
-from stiff_bench.paper.results import REPRODUCE, Found, PaperResults, named_results
-from stiff_bench.paper.study import DATASET, FT_MLP, SEED, VJM, WIDTH_DEPTHS, pretrained, unfrozen
-from stiff_bench.paper.tables import fitted_vjm
+from stiff_bench.paper.paper_models import (
+    ACTIVATIONS,
+    ADJACENT_PAIRS,
+    BASE_LAYERS,
+    BASE_WIDTH,
+    DATASET,
+    DEPTH_WIDTH,
+    EARLY_STEPS,
+    FT_MLP,
+    SEED,
+    SINGLE_LAYERS,
+    VJM,
+    WIDTH_DEPTHS,
+    WIDTHS,
+    pretrained,
+    unfrozen,
+)
+from stiff_bench.paper.paper_models import PAPER_PROTOCOL as PROTOCOL
+from stiff_bench.paper.paper_results import QUICK, Found, PaperResults, named_results
+from stiff_bench.paper.paper_tables import fitted_vjm
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.published import published_errors, published_lines
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import AXES, Prediction
+from stiff_protocols.contract.types import AXES
 
 DATA = f"{DATASET}, simulated: the paper's measurements are not public"
-PROTOCOL = study.PAPER_PROTOCOL.name
 _REGRESSION = "Predicted against true deflection"
 PANEL_INCH = 2.7
 FEWEST_WIDTHS = 2
@@ -52,11 +67,9 @@ def _setting(found: Found, of: str = "", *others: Found) -> str:
 
 def figure_4(_: PaperResults) -> Prepared:
     """Fit the VJM to all samples and predict them: no stored result is needed."""
-    samples, model = fitted_vjm()
-    predicted = model.predict(samples.q, samples.wrench)
-    tested = Prediction(np.arange(len(samples)), predicted, samples.deflection)
+    tested = fitted_vjm()[0]
     caption = (
-        f"The paper's Figure 4: the linear VJM ({VJM.key}), fitted to the same {len(samples)} "
+        f"The paper's Figure 4: the linear VJM ({VJM.key}), fitted to the same {len(tested.rows)} "
         f"samples that are shown (no split). Data: {DATA}. {LINES_NOTE} In brackets: the paper's "
         "MAE (its Table 2)."
     )
@@ -73,7 +86,7 @@ def _regression(number: int, methods: Sequence[str], results: PaperResults) -> P
         why = "; ".join(found.failures.values()) or "not run"
         raise StoreError(
             f"{results.folder}: no result of {', '.join(lacking)} on {DATASET} under "
-            f"{PROTOCOL}: {why}; {REPRODUCE} makes it",
+            f"{PROTOCOL}: {why}; {QUICK} makes it",
             "results",
         )
     series = [
@@ -97,7 +110,7 @@ def _published_mae(table: str, method: str) -> tuple[float, ...]:
 
 def figure_6(results: PaperResults) -> Prepared:
     """Take the fine-tunings that move one hidden layer, or two adjacent ones; some of each."""
-    moving = (*study.SINGLE_LAYERS, *study.ADJACENT_PAIRS)
+    moving = (*SINGLE_LAYERS, *ADJACENT_PAIRS)
     found = results.on_shared_splits((*map(unfrozen, moving), VJM), PROTOCOL)
     tuned = [one for name, of in found.results.items() if name != VJM.name for one in of]
     errors = variants.strategies(tuned)
@@ -105,7 +118,7 @@ def figure_6(results: PaperResults) -> Prepared:
         if kind not in set(errors["kind"]):
             raise StoreError(
                 f"{results.folder}: no result of {FT_MLP.key} under {PROTOCOL} that "
-                f"moves {kind}; {REPRODUCE} makes it",
+                f"moves {kind}; {QUICK} makes it",
                 "results",
             )
     linear = [variants.mean_absolute_error_mm(one) for one in found.results.get(VJM.name, ())]
@@ -146,22 +159,22 @@ def _draw_strategies(
 
 def figure_5(results: PaperResults) -> Prepared:
     """Take the networks of Figure 5 that the folder has, and the pre-trainings by activation."""
-    swept = [pretrained(layers=d, width=width) for width in study.WIDTHS for d in WIDTH_DEPTHS]
+    swept = [pretrained(layers=d, width=width) for width in WIDTHS for d in WIDTH_DEPTHS]
     found = results.of_models(swept, PROTOCOL)
     n_widths = variants.errors_on_source(found.each).groupby("depth")["width"].nunique()
     few = [str(depth) for depth in WIDTH_DEPTHS if n_widths.get(depth, 0) < FEWEST_WIDTHS]
     if few:
         raise StoreError(
             f"{results.folder}: fewer than {FEWEST_WIDTHS} widths of {', '.join(few)} "
-            f"hidden layers have results under {PROTOCOL}; {REPRODUCE} makes them"
+            f"hidden layers have results under {PROTOCOL}; {QUICK} makes them"
             + "".join(f"; {reason}" for reason in found.failures.values()),
             "results",
         )
-    width = study.DEPTH_WIDTH
+    width = DEPTH_WIDTH
     stopped = [pretrained(layers=d, width=width, stopped_early=True) for d in WIDTH_DEPTHS]
     stopped.append(pretrained(stopped_early=True))
     early = results.of_models(stopped, PROTOCOL)
-    by_activation = {kind: pretrained(activation=kind) for kind in reversed(study.ACTIVATIONS)}
+    by_activation = {kind: pretrained(activation=kind) for kind in reversed(ACTIVATIONS)}
     trained = results.on_shared_splits(by_activation.values(), PROTOCOL)
     curves = [
         curve
@@ -172,15 +185,15 @@ def figure_5(results: PaperResults) -> Prepared:
     if not curves:
         raise StoreError(
             f"{results.folder}: {', '.join(trained.results)}: no training curve; "
-            f"{REPRODUCE} in another folder makes one",
+            f"{QUICK} in another folder makes one",
             "results",
         )
     caption = (
         "The paper's Figure 5: (a) MAE and (b) STDE of pre-trained networks on the simulated "
         "pre-training data, all axes together. Solid: test part (30 %), with a band over the "
         "splits; dashed: training part. Hollow stars: the paper's test part (its Tables 6 and 7); "
-        f"hollow circles: ours stopped after {study.EARLY_STEPS} steps of plain Adam. (c) "
-        f"Pre-training loss of {study.BASE_LAYERS} x {study.BASE_WIDTH} nodes by activation, first "
+        f"hollow circles: ours stopped after {EARLY_STEPS} steps of plain Adam. (c) "
+        f"Pre-training loss of {BASE_LAYERS} x {BASE_WIDTH} nodes by activation, first "
         "split (Huber loss of standardised targets; the paper's is the mean square). "
         f"{_setting(found, ' a network', early, trained)}"
     )
@@ -193,8 +206,8 @@ def _published_on_source(quantity: str) -> pd.DataFrame:
     column = f"test_{quantity.lower()}_mm"
     by_depth = {line["layers"]: float(line[column]) for line in published_lines("table_6")}
     by_activation = {line["activation"]: float(line[column]) for line in published_lines("table_7")}
-    rows = [(depth, study.DEPTH_WIDTH, by_depth[str(depth)]) for depth in WIDTH_DEPTHS]
-    rows.append((study.BASE_LAYERS, study.BASE_WIDTH, by_activation["relu"]))
+    rows = [(depth, DEPTH_WIDTH, by_depth[str(depth)]) for depth in WIDTH_DEPTHS]
+    rows.append((BASE_LAYERS, BASE_WIDTH, by_activation["relu"]))
     return pd.DataFrame(rows, columns=["depth", "width", "error"])
 
 
