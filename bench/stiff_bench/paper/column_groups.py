@@ -99,6 +99,10 @@ def paper_table(
     return Table(title, columns, cells, list(notes), unit, about={"table": number})
 
 
-def published_key(column: str) -> str:
-    """Return the name of a column of errors, such as "train MAE", in the published file."""
-    return f"{column.replace(' ', '_').lower()}_mm"
+def published_numbers(lines: Mapping[Labels, Mapping[str, str]], columns: Iterable[str]) -> Numbers:
+    """Return the numbers of a published file: "train MAE" is its column "train_mae_mm"."""
+    return {
+        (row, column): float(line[f"{column.replace(' ', '_').lower()}_mm"])
+        for column in columns
+        for row, line in lines.items()
+    }

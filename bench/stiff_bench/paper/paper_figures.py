@@ -6,7 +6,7 @@ one unfrozen layer against two.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,29 +20,11 @@ from stiff_bench.figures import losses, style, variants
 from stiff_bench.figures.figure import Figures, Prepared
 from stiff_bench.figures.losses import DASHED
 from stiff_bench.figures.samples import LINES_NOTE, Series, regression_figure
-from stiff_bench.figures.source import between, marks
-from stiff_bench.paper.method_tables import METHODS, NEW, OLD
-from stiff_bench.paper.network_tables import ON_SOURCE
-from stiff_bench.paper.paper_models import (
-    ACTIVATIONS,
-    ADJACENT_PAIRS,
-    BASE_LAYERS,
-    BASE_WIDTH,
-    DATASET,
-    DEPTH_WIDTH,
-    EARLY_STEPS,
-    FT_MLP,
-    SEED,
-    SINGLE_LAYERS,
-    VJM,
-    WIDTH_DEPTHS,
-    WIDTHS,
-    pretrained,
-    unfrozen,
-)
-from stiff_bench.paper.paper_models import PAPER_PROTOCOL as PROTOCOL
-from stiff_bench.paper.paper_results import QUICK, Found, PaperResults, named_results
-from stiff_bench.paper.paper_tables import fitted_vjm
+from stiff_bench.paper import paper_models as models
+from stiff_bench.paper.paper_models import DATASET, PAPER_PROTOCOL, WIDTH_DEPTHS, pretrained
+from stiff_bench.paper.paper_results import Found, PaperResults, named_results
+from stiff_bench.paper.paper_tables import METHODS, NEW, OLD, ON_SOURCE, fitted_vjm
+from stiff_bench.store.newest import slot_of
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.published import published_errors, published_lines
 from stiff_bench.tables.units import MM
@@ -50,52 +32,44 @@ from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES
 
-DATA = f"{DATASET}, simulated: the paper's measurements are not public"
+DATA = f"Data: {DATASET}, simulated: the paper's measurements are not public"
 _REGRESSION = "Predicted against true deflection"
 PANEL_INCH = 2.7
-FEWEST_WIDTHS = 2
 QUANTITIES = ("MAE", "STDE")
 
 
-def _setting(found: Found, of: str = "", *others: Found) -> str:
-    """Return data, protocol, splits (`of` what) and seed, and what must be read with them."""
-    n_splits = between([len(results) for results in found.results.values()], "split")
-    with_them = marks(results[0].shown for results in found.results.values())
-    absent = "".join(f" {note}" for one in (found, *others) for note in one.absences())
-    return f"Data: {DATA}; {PROTOCOL}, {n_splits}{of}, seed {SEED}.{with_them}{absent}"
+def _setting(*shown: Found) -> str:
+    """Return data, protocol, splits and seed of the first, and what is missing of all."""
+    absences = "".join(f" {note}" for found in shown for note in found.absences())
+    return f"{DATA}; {shown[0].setting}{absences}"
 
 
 def figure_4(_: PaperResults) -> Prepared:
     """Fit the VJM to all samples and predict them: no stored result is needed."""
     tested = fitted_vjm()[0]
     caption = (
-        f"The paper's Figure 4: the linear VJM ({VJM.key}), fitted to the same {len(tested.rows)} "
-        f"samples that are shown (no split). Data: {DATA}. {LINES_NOTE} In brackets: the paper's "
-        "MAE (its Table 2)."
+        f"The paper's Figure 4: the linear VJM (vjm), fitted to the same {len(tested.rows)} "
+        f"samples that are shown (no split). {DATA}. {LINES_NOTE} In brackets: the "
+        "paper's MAE (its Table 2)."
     )
-    paint = partial(regression_figure, [Series(VJM.key, tested, _published_mae("table_2", OLD))])
+    paint = partial(regression_figure, [Series("vjm", tested, _published_mae("table_2", OLD))])
     return Prepared(f"{_REGRESSION}, VJM fitted to them", caption, paint)
 
 
 def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
-    """Take the test samples of the methods, each of which has a result, on shared splits."""
-    method_of = {METHODS[method].name: method for method in methods}
-    found = results.on_shared_splits([METHODS[method] for method in methods], PROTOCOL)
-    lacking = [*found.missing, *found.failures]
-    if lacking:
-        why = "; ".join(found.failures.values()) or "not run"
-        raise StoreError(
-            f"{results.folder}: no result of {', '.join(lacking)} on {DATASET} under "
-            f"{PROTOCOL}: {why}; {QUICK} makes it",
-            "results",
-        )
+    """Draw the test samples of the methods, each of which has a result, on shared splits."""
+    names = {method: METHODS[method].name for method in methods}
+    found = results.on_shared_splits([METHODS[method] for method in methods], PAPER_PROTOCOL)
+    if found.missing or found.failures:
+        why = " ".join(found.absences())
+        raise StoreError(f"{results.folder}: {why.removesuffix('.')}", "results")
     series = [
         Series(method, pooled_prediction(found.results[name]), _published_mae("table_10", method))
-        for name, method in method_of.items()
+        for method, name in names.items()
     ]
-    models = " and ".join(f"{method} ({name})" for name, method in method_of.items())
+    about = " and ".join(f"{method} ({name})" for method, name in names.items())
     caption = (
-        f"The paper's Figure {number}: {models} on the test samples of all splits. "
+        f"The paper's Figure {number}: {about} on the test samples of all splits. "
         f"{_setting(found)} {LINES_NOTE} In brackets: the paper's MAE (its Table 10)."
     )
     title = f"{_REGRESSION}, {' and '.join(methods)}"
@@ -109,33 +83,27 @@ def _published_mae(table: str, method: str) -> tuple[float, ...]:
 
 
 def figure_6(results: PaperResults) -> Prepared:
-    """Take the fine-tunings that move one hidden layer, or two adjacent ones; some of each."""
-    moving = (*SINGLE_LAYERS, *ADJACENT_PAIRS)
-    found = results.on_shared_splits((*map(unfrozen, moving), VJM), PROTOCOL)
-    tuned = [one for name, of in found.results.items() if name != VJM.name for one in of]
-    errors = variants.strategies(tuned)
-    for kind in (variants.SINGLE, variants.PAIR):
-        if kind not in set(errors["kind"]):
-            raise StoreError(
-                f"{results.folder}: no result of {FT_MLP.key} under {PROTOCOL} that "
-                f"moves {kind}; {QUICK} makes it",
-                "results",
-            )
-    linear = [variants.mean_absolute_error_mm(one) for one in found.results.get(VJM.name, ())]
+    """Compare the fine-tunings that move one hidden layer, or two adjacent ones."""
+    moving = map(models.unfrozen, (*models.SINGLE_LAYERS, *models.ADJACENT_PAIRS))
+    found = results.on_shared_splits(moving, PAPER_PROTOCOL)
+    slots = {slot_of(one) for one in found.each}
+    vjm = results.of_models([models.VJM], PAPER_PROTOCOL).each
+    errors = variants.strategies(found.each)
+    first = {variants.layers_of(one): one for one in reversed(found.each)}
+    curves = {layers: first[layers] for layers in errors["layers"].unique()}
     caption = (
-        f"The paper's Figure 6: {FT_MLP.key} with one hidden layer unfrozen (dashed) or two. (a) "
+        "The paper's Figure 6: ft-mlp with one hidden layer unfrozen (dashed) or two. (a) "
         "Validation loss of the fine-tuning, first split; mark: least of the stored epochs. (b) "
         "MAE of the test part at the epoch that was kept, all axes together; symbol: mean over the "
         f"splits, bars: splits. {_setting(found)}"
     )
-    first = {variants.layers_of(one): one for one in reversed(tuned)}
-    curves = {layers: first[layers] for layers in errors["layers"].unique()}
+    linear = [variants.mean_absolute_error_mm(one) for one in vjm if slot_of(one) in slots]
     paint = partial(_draw_strategies, curves, errors, linear)
     return Prepared("One unfrozen layer against two", caption, paint)
 
 
 def _draw_strategies(
-    first: dict[str, CellResult], errors: pd.DataFrame, linear: Sequence[float]
+    first: Mapping[str, CellResult], errors: pd.DataFrame, linear: Sequence[float]
 ) -> Figure:
     figure, (left, right) = style.new_panels(2, PANEL_INCH, 0.0)
     kinds = dict(zip(errors["layers"], errors["kind"], strict=True))
@@ -158,44 +126,28 @@ def _draw_strategies(
 
 
 def figure_5(results: PaperResults) -> Prepared:
-    """Take the networks of Figure 5 that the folder has, and the pre-trainings by activation."""
-    swept = [pretrained(layers=d, width=width) for width in WIDTHS for d in WIDTH_DEPTHS]
-    found = results.of_models(swept, PROTOCOL)
-    n_widths = variants.errors_on_source(found.each).groupby("depth")["width"].nunique()
-    few = [str(depth) for depth in WIDTH_DEPTHS if n_widths.get(depth, 0) < FEWEST_WIDTHS]
-    if few:
-        raise StoreError(
-            f"{results.folder}: fewer than {FEWEST_WIDTHS} widths of {', '.join(few)} "
-            f"hidden layers have results under {PROTOCOL}; {QUICK} makes them"
-            + "".join(f"; {reason}" for reason in found.failures.values()),
-            "results",
-        )
-    width = DEPTH_WIDTH
+    """Compare networks by depth, width and activation."""
+    swept = [pretrained(layers=d, width=width) for width in models.WIDTHS for d in WIDTH_DEPTHS]
+    found = results.on_shared_splits(swept, PAPER_PROTOCOL)
+    width = models.DEPTH_WIDTH
     stopped = [pretrained(layers=d, width=width, stopped_early=True) for d in WIDTH_DEPTHS]
-    stopped.append(pretrained(stopped_early=True))
-    early = results.of_models(stopped, PROTOCOL)
-    by_activation = {kind: pretrained(activation=kind) for kind in reversed(ACTIVATIONS)}
-    trained = results.on_shared_splits(by_activation.values(), PROTOCOL)
+    early = results.of_models([*stopped, pretrained(stopped_early=True)], PAPER_PROTOCOL)
+    by_activation = {pretrained(activation=kind).name: kind for kind in models.ACTIVATIONS}
+    activations = [pretrained(activation=kind) for kind in reversed(models.ACTIVATIONS)]
+    trained = results.of_models(activations, PAPER_PROTOCOL)
     curves = [
         curve
-        for kind, model in by_activation.items()
-        for first in trained.results.get(model.name, ())[:1]
-        for curve in losses.curves_of(first, kind)
+        for name, of_model in trained.results.items()
+        for curve in losses.curves_of(of_model[0], by_activation[name])
     ]
-    if not curves:
-        raise StoreError(
-            f"{results.folder}: {', '.join(trained.results)}: no training curve; "
-            f"{QUICK} in another folder makes one",
-            "results",
-        )
     caption = (
         "The paper's Figure 5: (a) MAE and (b) STDE of pre-trained networks on the simulated "
         "pre-training data, all axes together. Solid: test part (30 %), with a band over the "
         "splits; dashed: training part. Hollow stars: the paper's test part (its Tables 6 and 7); "
-        f"hollow circles: ours stopped after {EARLY_STEPS} steps of plain Adam. (c) "
-        f"Pre-training loss of {BASE_LAYERS} x {BASE_WIDTH} nodes by activation, first "
-        "split (Huber loss of standardised targets; the paper's is the mean square). "
-        f"{_setting(found, ' a network', early, trained)}"
+        f"hollow circles: ours stopped after {models.EARLY_STEPS} steps of plain Adam. (c) "
+        f"Pre-training loss of {models.BASE_LAYERS} x {models.BASE_WIDTH} nodes by activation, "
+        "first split (Huber loss of standardised targets; the paper's is the mean square). "
+        f"{_setting(found, early, trained)}"
     )
     paint = partial(_draw_networks, found.each, early.each, curves)
     return Prepared("Depth, width and pre-training of the network", caption, paint)
@@ -206,8 +158,8 @@ def _published_on_source(quantity: str) -> pd.DataFrame:
     column = f"test_{quantity.lower()}_mm"
     by_depth = {line["layers"]: float(line[column]) for line in published_lines("table_6")}
     by_activation = {line["activation"]: float(line[column]) for line in published_lines("table_7")}
-    rows = [(depth, DEPTH_WIDTH, by_depth[str(depth)]) for depth in WIDTH_DEPTHS]
-    rows.append((BASE_LAYERS, BASE_WIDTH, by_activation["relu"]))
+    rows = [(depth, models.DEPTH_WIDTH, by_depth[str(depth)]) for depth in WIDTH_DEPTHS]
+    rows.append((models.BASE_LAYERS, models.BASE_WIDTH, by_activation["relu"]))
     return pd.DataFrame(rows, columns=["depth", "width", "error"])
 
 

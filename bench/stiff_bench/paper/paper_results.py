@@ -19,8 +19,8 @@ from stiff_protocols.contract.record import CellResult
 
 PAPER_RESULTS = Path("results/paper/runs")
 """Where `bench reproduce paper` stores what the paper's tables and figures show."""
-QUICK, REPRODUCE = "`bench reproduce paper-quick`", "`bench reproduce paper`"
-"""The commands that make results."""
+REPRODUCE = "`bench reproduce paper` (or `paper-quick`)"
+"""The command that makes results."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Found:
     """
 
     protocol: str
-    results: Mapping[str, Sequence[CellResult]]
+    results: dict[str, list[CellResult]]
     failures: Mapping[str, str]
     missing: Sequence[str]
     n_left_out: int = 0
@@ -48,18 +48,13 @@ class Found:
 
     @property
     def setting(self) -> str:
-        """Data, protocol, splits and seed, and what must be read with the models."""
+        """Protocol, splits and seed, and what must be read with the models."""
         n_splits = max(map(len, self.results.values()))
-        spread = ", mean ± standard deviation over them" if n_splits > 1 else ""
-        splits = f"{counted(n_splits, 'split')}{spread}"
         with_them = marks(one.shown for one in self.each)
-        return f"{DATASET}, {self.protocol}, {splits}, seed {SEED}.{with_them}"
+        return f"{self.protocol}, {counted(n_splits, 'split')}, seed {SEED}.{with_them}"
 
-    def absences(self, remedy: str = QUICK, labels: Mapping[str, str] = {}) -> Iterator[str]:
-        """Yield what is missing, and the command that makes it.
-
-        `labels` are the names of models in the table, if not their own.
-        """
+    def absences(self) -> Iterator[str]:
+        """Yield what is missing, and the command that makes it."""
         if self.n_left_out:
             yield (
                 f"Left out: {counted(self.n_left_out, 'split')} of {self.protocol} that only some "
@@ -68,8 +63,8 @@ class Found:
         for reason in self.failures.values():
             yield f"No numbers: {reason}."
         if self.missing:
-            names = first_few([labels.get(model, model) for model in self.missing])
-            yield f"Without a result under {self.protocol}: {names}; {remedy} makes it."
+            names = first_few(self.missing)
+            yield f"Without a result under {self.protocol}: {names}; {REPRODUCE} makes it."
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +79,7 @@ class PaperResults(StoredResults):
             StoreError: it holds no results, and `bench reproduce` makes them; or a file of it is
                 damaged.
         """
-        return cls.read(folder, f"; {QUICK} makes the results")
+        return cls.read(folder, f"; {REPRODUCE} makes the results")
 
     def of_models(self, models: Iterable[Variant], protocol: str) -> Found:
         """Return the results of models, which have defaults too, each on its own splits.
@@ -127,7 +122,7 @@ class PaperResults(StoredResults):
             why = "; ".join(found.failures.values()) or f"no result of {first_few(found.missing)}"
             raise StoreError(
                 f"{self.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
-                f"{QUICK} makes it",
+                f"{REPRODUCE} makes it",
                 "results",
             )
         slots = [set(map(slot_of, of_model)) for of_model in found.results.values()]

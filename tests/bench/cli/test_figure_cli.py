@@ -83,11 +83,11 @@ def test_without_an_output_the_file_is_named_after_the_figure(tmp_path, monkeypa
         (["4", "--output", "a.jpg"], "suffix '.jpg'"),
         (
             ["9", "--results", "none"],
-            "no such folder; `bench reproduce paper-quick`",
+            "no such folder; `bench reproduce paper`",
         ),
         (
             ["9", "--results", "."],
-            "holds no results; `bench reproduce paper-quick`",
+            "holds no results; `bench reproduce paper`",
         ),
         (["9", "--model", "gp"], "model gp"),
         (["4", "--results", "runs"], "results runs: figure 4 is fitted here"),

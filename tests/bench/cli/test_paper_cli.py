@@ -64,7 +64,7 @@ def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_pa
     assert_refused(
         done,
         "--results none: there is no such folder",
-        "`bench reproduce paper-quick`",
+        "`bench reproduce paper`",
     )
 
 

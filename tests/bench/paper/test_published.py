@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from stiff_bench.paper.method_tables import reduction
+from stiff_bench.paper.paper_tables import reduction
 from stiff_bench.tables.published import (
     claimed_reductions,
     published_errors,
