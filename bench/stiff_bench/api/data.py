@@ -143,8 +143,8 @@ class Dataset:
         Raises:
             StoreError: the picture cannot be written.
         """
-        from stiff_bench.data_tools.info import dataset_info
-        from stiff_bench.data_tools.picture import DEFLECTION, save_picture
+        from stiff_bench.figures.dataset_picture import DEFLECTION, dataset_picture
+        from stiff_bench.tables.dataset_facts import dataset_info
 
         data, info, options = self.data, self.choice.info, self.choice.options_text
         name = f"{info.key} {options}".strip().replace("/", "_").replace(", ", "_")
@@ -152,7 +152,7 @@ class Dataset:
         make_folder(picture.parent)
         title = ", ".join(filter(None, (f"{info.key} ({info.label})", options)))
         quantity = DEFLECTION if info.task == STIFFNESS else f"The {info.task} (no load is applied)"
-        save_picture(data, title, picture, quantity)
+        dataset_picture(data, title, quantity).save(picture)
         return Text(dataset_info(info, data, picture, options))
 
     def __getitem__(self, rows: slice | int | Sequence[int] | Sequence[bool] | Any) -> Dataset:

@@ -15,7 +15,7 @@ from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 
 if TYPE_CHECKING:
-    from stiff_bench.figures.figure import Prepared
+    from stiff_bench.figures.prepared_figure import Prepared
 
 
 def figure(
@@ -29,9 +29,7 @@ def figure(
     """Return a figure with its caption; a notebook shows it, and `save("my.png")` writes it.
 
     Args:
-        name: "scores", "regression", "errors", "losses", "sweep", "freezing", "learning-curves",
-            "workspace", "springs", "calibration", "ranks", or the source paper's "4", "5", "6", "8"
-            or "9".
+        name: one of `list_figures`; numbers are the source paper's.
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
             paper's figures `bench reproduce`.
         models: names, or keys that stand for all variants; none: those that it is clear with.
@@ -43,16 +41,16 @@ def figure(
         ConfigError: there is no such figure, or a name has no results.
         StoreError: the folder does not hold what it shows.
     """
-    from stiff_bench.figures import catalog
-    from stiff_bench.figures.source import FigureSource
+    from stiff_bench.figures.figure_catalog import FIGURES
+    from stiff_bench.figures.figure_source import FigureSource
     from stiff_bench.paper import paper_figures as papers
 
     folder = _folder(results)
-    if name in catalog.FIGURES:
+    if name in FIGURES:
         source = FigureSource.of(folder or RESULTS, models, datasets, protocols)
-        return catalog.FIGURES[name](source)
+        return FIGURES[name](source)
     if name not in papers.FIGURES:
-        raise unknown_name("figure", name, [*papers.FIGURES, *catalog.FIGURES])
+        raise unknown_name("figure", name, [*papers.FIGURES, *FIGURES])
     for argument, words in (("model", models), ("dataset", datasets), ("protocol", protocols)):
         if words:
             raise ConfigError(f"{words[0]}: the paper's figure {name} takes no choice", argument)

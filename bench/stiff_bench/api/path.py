@@ -164,7 +164,7 @@ def compensate_path(
         ),
     )
     if figure is not None:
-        from stiff_bench.figures.path import path_picture
+        from stiff_bench.figures.corrected_path import path_picture
 
         picture = path_picture(corrected.name, corrected.found, corrected.interval)
         picture.save(Path(figure))

@@ -344,7 +344,7 @@ class Results:
             ConfigError: the file's suffix is no page's, or a name has no results.
             StoreError: a folder holds no results, or damaged ones, or the file cannot be written.
         """
-        from stiff_bench.report.report import Selection, write_report
+        from stiff_bench.report.report_content import Selection, write_report
 
         folders = [one.folder for one in (self, *others)]
         chosen = Selection(tuple(models), tuple(datasets), tuple(protocols), metric, axis, seed)

@@ -41,8 +41,7 @@ from stiff_bench.console import print_text, say
 def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) -> None:
     """Draw a figure and print its caption.
 
-    NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: scores, regression,
-    errors, losses, sweep, freezing, learning-curves, workspace, springs, calibration, ranks. The
+    NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: `bench list figures`. The
     caption names the data set and protocol that are shown.
     """
     from stiff_bench.api.figures import figure

@@ -16,8 +16,8 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.critical_difference import RankAnalysis, of_robots
 from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource, marks_in
+from stiff_bench.figures.figure_source import FigureSource, marks_in
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import PAGE_INCH, new_figure
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.extras import require
@@ -99,7 +99,7 @@ def save_diagrams(analyses: Sequence[RankAnalysis], measure: str, path: Path) ->
 
 
 def gather(source: FigureSource) -> Prepared:
-    """Rank the models over the robots of the folder.
+    """Show the critical differences of mean ranks over robots.
 
     Raises:
         ConfigError: there are too few robots or models for a critical difference, or

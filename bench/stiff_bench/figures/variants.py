@@ -13,8 +13,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from stiff_bench.figures import style
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource, subtitle
+from stiff_bench.figures.figure_source import FigureSource, subtitle
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
 from stiff_bench.tables.metric_table import pooled_prediction
@@ -117,7 +117,7 @@ def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: Sequence[float]) -
 
 
 def freezing(source: FigureSource) -> Prepared:
-    """Take the variants of one model that differ in the freeze strategy alone."""
+    """Show the error of one model by its freeze strategy."""
     case = source.case(freeze_of, _STRATEGIES, most_first=True)
     model, results = variants_of(source.results(case, freeze_of), "freeze")
     each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
@@ -207,7 +207,7 @@ def sweep_figure(errors: pd.DataFrame) -> Figure:
 
 
 def sweep(source: FigureSource) -> Prepared:
-    """Take the networks that differ in depth and width alone."""
+    """Show the error on the simulated pre-training data over width and depth of a network."""
     case = source.case(is_swept, _NETWORKS, most_first=True)
     model, results = variants_of(source.results(case, is_swept), "layers", "width")
     errors = errors_on_source(results)

@@ -17,8 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stiff_bench.figures import losses, style, variants
-from stiff_bench.figures.figure import Figures, Prepared
 from stiff_bench.figures.losses import DASHED
+from stiff_bench.figures.prepared_figure import Figures, Prepared
 from stiff_bench.figures.samples import LINES_NOTE, Series, regression_figure
 from stiff_bench.paper import paper_models as models
 from stiff_bench.paper.paper_models import DATASET, PAPER_PROTOCOL, WIDTH_DEPTHS, pretrained
@@ -45,7 +45,7 @@ def _setting(*shown: Found) -> str:
 
 
 def figure_4(_: PaperResults) -> Prepared:
-    """Fit the VJM to all samples and predict them: no stored result is needed."""
+    """Show predicted against true deflection of the VJM, fitted to the same samples."""
     tested = fitted_vjm()[0]
     caption = (
         f"The paper's Figure 4: the linear VJM (vjm), fitted to the same {len(tested.rows)} "
@@ -54,6 +54,16 @@ def figure_4(_: PaperResults) -> Prepared:
     )
     paint = partial(regression_figure, [Series("vjm", tested, _published_mae("table_2", OLD))])
     return Prepared(f"{_REGRESSION}, VJM fitted to them", caption, paint)
+
+
+def figure_8(results: PaperResults) -> Prepared:
+    """Show predicted against true deflection of DT-CNN."""
+    return _regression(8, ("DT-CNN",), results)
+
+
+def figure_9(results: PaperResults) -> Prepared:
+    """Show predicted against true deflection of FT-MLP and the VJM."""
+    return _regression(9, (NEW, OLD), results)
 
 
 def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
@@ -83,7 +93,7 @@ def _published_mae(table: str, method: str) -> tuple[float, ...]:
 
 
 def figure_6(results: PaperResults) -> Prepared:
-    """Compare the fine-tunings that move one hidden layer, or two adjacent ones."""
+    """Show fine-tunings that move one hidden layer, or two adjacent ones."""
     moving = map(models.unfrozen, (*models.SINGLE_LAYERS, *models.ADJACENT_PAIRS))
     found = results.on_shared_splits(moving, PAPER_PROTOCOL)
     slots = {slot_of(one) for one in found.each}
@@ -126,7 +136,7 @@ def _draw_strategies(
 
 
 def figure_5(results: PaperResults) -> Prepared:
-    """Compare networks by depth, width and activation."""
+    """Show errors of pre-trained networks by depth and width, and losses by activation."""
     swept = [pretrained(layers=d, width=width) for width in models.WIDTHS for d in WIDTH_DEPTHS]
     found = results.on_shared_splits(swept, PAPER_PROTOCOL)
     width = models.DEPTH_WIDTH
@@ -204,8 +214,8 @@ FIGURES: Figures[PaperResults] = {
     "4": figure_4,
     "5": figure_5,
     "6": figure_6,
-    "8": partial(_regression, 8, ("DT-CNN",)),
-    "9": partial(_regression, 9, (NEW, OLD)),
+    "8": figure_8,
+    "9": figure_9,
 }
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stiff_bench.analysis.collected import StoredResults, meant
-from stiff_bench.figures.source import marks
+from stiff_bench.figures.figure_source import marks
 from stiff_bench.paper.paper_models import DATASET, SEED
 from stiff_bench.store.names import Variant
 from stiff_bench.store.newest import slot_of

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import of_newest_data
 from stiff_bench.figures import style
-from stiff_bench.figures.figure import Prepared
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.paper.study_file import Study
 from stiff_bench.tables.metric_table import mean_over
 from stiff_bench.tables.table import Column, Quantity, Table

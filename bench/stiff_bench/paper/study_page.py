@@ -12,9 +12,9 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import build_leaderboard, newest_results
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource
+from stiff_bench.figures.figure_catalog import FIGURES
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.relative_errors import RelativeErrors, mean_errors

@@ -13,7 +13,7 @@ import pytest
 from sklearn.base import BaseEstimator
 
 import stiffbench as sb
-from stiff_bench.figures.catalog import FIGURES
+from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.paper.paper_figures import FIGURES as PAPERS
 from stiff_datasets.measured.sample_files import sample_table, write_table
 from stiff_protocols.contract.errors import (
@@ -480,5 +480,6 @@ def test_every_robot_that_the_api_gives_is_a_robot_of_the_api(kr10, twin):
     assert not isinstance("ur5", sb.Robot)
 
 
-def test_the_docstring_of_figure_names_every_figure():
-    assert all(f'"{name}"' in sb.figure.__doc__ for name in (*FIGURES, *PAPERS))
+def test_every_figure_is_listed_with_what_it_shows():
+    rows = {row[0]: row[1] for row in sb.list_figures().tables[0].rows}
+    assert rows.keys() == {*FIGURES, *PAPERS} and all(rows.values())

@@ -12,10 +12,10 @@ from click.testing import CliRunner
 from helpers.figure_results import CURVE, compared, with_fields
 from helpers.made_results import MadeResults
 from stiff_bench.cli.figures import figure
-from stiff_bench.figures.figure import can_be_drawn
 from stiff_bench.paper.paper_figures import FIGURES
 from stiff_bench.paper.paper_models import DT_CNN, FT_MLP, pretrained, unfrozen
 from stiff_bench.paper.paper_results import PaperResults
+from stiff_protocols.contract.errors import StoreError
 
 PAPER = {"dataset": "kr10-twin", "protocol": "paper-holdout", "selects_on_test": True}
 
@@ -115,20 +115,21 @@ def test_figure_4_needs_no_results(tmp_path):
 
 @pytest.mark.slow
 def test_all_of_the_papers_figures_can_be_drawn_from_its_study(paper):
-    prepared, _ = can_be_drawn(FIGURES, paper)
-    assert [*prepared] == [*FIGURES]
-    for name, one in prepared.items():
+    for name, gather in FIGURES.items():
+        one = gather(paper)
         one.draw().canvas.draw()
         assert f"Figure {name}" in one.caption
         assert "kr10-twin, simulated" in one.caption
 
 
-def test_missing_models_of_the_paper_are_named(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "missing"),
+    [("5", "mlp-pretrained"), ("6", "ft-mlp"), ("8", "dt-cnn"), ("9", "ft-mlp")],
+)
+def test_missing_models_of_the_paper_are_named(name, missing, tmp_path):
     MadeResults(tmp_path).add("vjm", [0.1], **PAPER)
-    _, why = can_be_drawn(FIGURES, PaperResults.of(tmp_path))
-    assert "dt-cnn" in why["8"]
-    assert "ft-mlp" in why["9"]
-    assert all("bench reproduce" in why[name] for name in ("5", "6", "8", "9"))
+    with pytest.raises(StoreError, match=f"{missing}.*bench reproduce"):
+        FIGURES[name](PaperResults.of(tmp_path))
 
 
 def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):

@@ -12,9 +12,9 @@ from scipy import stats
 from helpers.figure_results import SIZES, compared, learned, with_fields
 from helpers.made_results import TWINS, MadeResults, made_data
 from stiff_bench.figures import learning_curves, variants
-from stiff_bench.figures.catalog import FIGURES
+from stiff_bench.figures.figure_catalog import FIGURES
+from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.samples import Series, errors_by_row, regression_figure
-from stiff_bench.figures.source import FigureSource
 from stiff_bench.figures.style import looks, short
 from stiff_bench.store.database import ResultStore, read_data, read_results
 from stiff_protocols.contract.errors import StoreError
@@ -139,7 +139,9 @@ EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
 
 def errors_of(folder, **asked):
     """The errors [m] that learning curves show, a row a model and data set, a column a size."""
-    ((_, errors),) = learning_curves.gather(FigureSource.of(folder, **asked)).paint.args[0].items()
+    ((_, errors),) = (
+        learning_curves.learning_curves(FigureSource.of(folder, **asked)).paint.args[0].items()
+    )
     return errors
 
 
@@ -179,7 +181,7 @@ def test_a_model_that_lacks_a_draw_has_no_learning_curve(tmp_path):
     made = learned(tmp_path)
     for twin in TWINS[:3]:
         made.add("vjm", [0.1, 0.1], dataset=twin, condition="n = 5", **EFFICIENCY)
-    content = learning_curves.gather(FigureSource.of(tmp_path, models=["vjm", "gp"]))
+    content = learning_curves.learning_curves(FigureSource.of(tmp_path, models=["vjm", "gp"]))
     assert content.paint.args[1] == ["vjm"]
     assert "1 to 2 draws per size and data set" in content.caption
     assert "Not shown: gp." in content.caption

@@ -9,10 +9,10 @@ import pytest
 from helpers.made_results import TWINS, MadeResults, change
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.report import pairs as pair_tables
-from stiff_bench.report import report as gather
-from stiff_bench.report.report import Selection
+from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.report import model_pairs as pair_tables
+from stiff_bench.report import report_content as gather
+from stiff_bench.report.report_content import Selection
 from stiff_bench.store.database import ResultStore, stored_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 

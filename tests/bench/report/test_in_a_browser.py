@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from helpers.made_results import TWINS, MadeResults
-from stiff_bench.report.report import Selection, write_report
+from stiff_bench.report.report_content import Selection, write_report
 
 pytestmark = [
     pytest.mark.slow,

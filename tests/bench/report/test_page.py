@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from stiff_bench.report.page import (
+from stiff_bench.report.html_page import (
     FEW_ROWS,
     MOST_ROWS,
     Block,

@@ -12,9 +12,9 @@ from stiff_bench.analysis.comparison import NORM, compare
 from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import Question, estimates
-from stiff_bench.report.page import page_table
-from stiff_bench.report.pairs import pair_table
-from stiff_bench.report.report import Selection, blocks_of
+from stiff_bench.report.html_page import page_table
+from stiff_bench.report.model_pairs import pair_table
+from stiff_bench.report.report_content import Selection, blocks_of
 
 MODELS = {
     "good": spread(1e-5, 2e-6, seed=1),

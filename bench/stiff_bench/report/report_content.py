@@ -23,12 +23,12 @@ from stiff_bench.analysis.leaderboard import (
 from stiff_bench.analysis.leaderboard_tables import section_tables
 from stiff_bench.analysis.ranking import correction_text
 from stiff_bench.analysis.sort_key import SortKey, sort_key
-from stiff_bench.figures.catalog import FIGURES
-from stiff_bench.figures.source import FigureSource
-from stiff_bench.report.page import Block, Picture, render_page
-from stiff_bench.report.pairs import pair_table
-from stiff_bench.report.runs import failure_block, run_block
-from stiff_bench.report.scores import Asked, data_block, score_block
+from stiff_bench.figures.figure_catalog import FIGURES
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.report.html_page import Block, Picture, render_page
+from stiff_bench.report.model_pairs import pair_table
+from stiff_bench.report.run_blocks import failure_block, run_block
+from stiff_bench.report.score_blocks import Asked, data_block, score_block
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
 from stiff_bench.tables.units import PRINTED, counted, first_few
@@ -182,9 +182,9 @@ def _pictures(source: FigureSource, choice: Selection) -> dict[str, Picture]:
     for name, gather in FIGURES.items():
         try:
             figure = gather(source)
-            media_type, content = "image/svg+xml", figure.picture("svg")
+            media_type, content = "image/svg+xml", figure.picture(".svg")
             if len(content) > LARGEST_SVG:
-                media_type, content = "image/png", figure.picture("png")
+                media_type, content = "image/png", figure.picture(".png")
         except (StiffBenchError, ArithmeticError, ValueError):  # must not cost the page
             continue
         command = choice.command("figure", name, folder=source.folder)

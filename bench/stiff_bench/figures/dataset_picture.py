@@ -2,34 +2,34 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
+import seaborn
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.ticker import MaxNLocator
 
+from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.figures.style import STYLE
 from stiff_bench.store.samples import load_torque
-from stiff_bench.tables.picture_file import check_suffix, drawing, save_figure
 from stiff_bench.tables.units import MM
 from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, IntArray, TextArray
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-
 SIZE_INCH = (10.0, 8.0)
-_STYLE: dict[Any, Any] = {
+_SCREEN: dict[str, Any] = {
+    **STYLE,
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
+    "axes.linewidth": 0.8,
     "grid.color": "0.9",
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "svg.hashsalt": "stiffbench",
-    "text.parse_math": False,  # a file, a robot or a group may have "$" in its name
+    "grid.linewidth": 0.8,
+    "savefig.dpi": 150,
 }
 _PALETTE = "colorblind"
 
@@ -44,21 +44,13 @@ WIDE_RATIO = 30.0
 DEFLECTION = "Deflection of the TCP under load"
 
 
-def save_picture(data: BenchmarkData, title: str, path: Path, quantity: str = DEFLECTION) -> None:
-    """Draw at least one sample and write the page as PNG, PDF or SVG, as the suffix says.
-
-    Raises:
-        ConfigError: the suffix is none of the three.
-        StoreError: the file cannot be written.
-    """
-    check_suffix(path)
-    with drawing(_STYLE):
-        save_figure(_draw(data, title, quantity), path)
+def dataset_picture(data: BenchmarkData, title: str, quantity: str = DEFLECTION) -> Prepared:
+    """Return the picture of a data set of at least one sample."""
+    paint = partial(_draw, data, title, quantity)
+    return Prepared(title, "", paint, style=_SCREEN)
 
 
 def _draw(data: BenchmarkData, title: str, quantity: str) -> Figure:
-    from matplotlib.figure import Figure
-
     samples = data.samples
     figure = Figure(figsize=SIZE_INCH, layout="constrained")
     poses = np.sort(np.unique(samples.pose_id, return_index=True)[1])  # a row of each
@@ -75,6 +67,14 @@ def _draw(data: BenchmarkData, title: str, quantity: str) -> Figure:
 
 def _head(page: SubFigure, text: str) -> None:
     page.suptitle(text, fontsize=10.0, fontweight="bold", x=0.02, horizontalalignment="left")
+
+
+def _move_legend(page: SubFigure, panels: Sequence[Axes]) -> None:
+    """Draw seaborn's legend of the first panel below all of them."""
+    page.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    for axes in panels:
+        if (legend := axes.get_legend()) is not None:
+            legend.remove()
 
 
 def _thinned(n: int) -> IntArray:
@@ -94,53 +94,35 @@ def _point_area(n: int) -> float:
 
 
 def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
-    """Draw TCP positions from the side and from above, one point a pose."""
+    """Draw TCP positions from the side and from above, one point per pose."""
     rows = poses[_thinned(len(poses))]
     x, y, z = data.robot.tcp_position(data.samples.q[rows]).T
     _head(page, f"(a) TCP positions, base frame{_of_all(len(rows), len(poses))}")
     side, above = page.subplots(1, 2)
-    groups = data.samples.group[rows]
-    _scatter_groups(side, np.hypot(x, y), z, groups)
-    _scatter_groups(above, x, y, groups)
-    for axes in (side, above):
+    groups = _most_groups(data.samples.group[rows])
+    look = {"palette": _PALETTE, "linewidth": 0.0, "alpha": 0.7, "rasterized": True}
+    look["s"] = 1.5 * _point_area(len(rows))
+    for axes, across, up in ((side, np.hypot(x, y), z), (above, x, y)):
+        seaborn.scatterplot(x=across, y=up, hue=groups, style=groups, ax=axes, **look)
         axes.plot(0.0, 0.0, "k+", markersize=9.0, label="base")
         axes.set_aspect("equal", adjustable="datalim")
         axes.locator_params(nbins=5)
     side.set(title="from the side", xlabel="distance from z axis [m]", ylabel="z [m]")
     above.set(title="from above", xlabel="x [m]", ylabel="y [m]")
-    page.legend(*side.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    for axes in (side, above):
-        if (legend := axes.get_legend()) is not None:
-            legend.remove()
+    _move_legend(page, (side, above))
 
 
-def _scatter_groups(axes: Axes, x: FloatArray, y: FloatArray, groups: TextArray) -> None:
-    import seaborn
-
+def _most_groups(groups: TextArray) -> TextArray:
+    """Return (n,) groups, in which all but the first are one."""
     names = list(dict.fromkeys(groups.tolist()))
-    if len(names) > MOST_GROUPS:
-        others = f"... and {len(names) - MOST_GROUPS} more groups"
-        groups = np.where(np.isin(groups, names[:MOST_GROUPS]), groups, others)
-    seaborn.scatterplot(
-        x=x,
-        y=y,
-        hue=groups,
-        style=groups,
-        palette=_PALETTE,
-        s=1.5 * _point_area(len(groups)),
-        linewidth=0.0,
-        alpha=0.7,
-        rasterized=True,
-        legend="full",
-        ax=axes,
-    )
+    if len(names) <= MOST_GROUPS:
+        return groups
+    others = f"... and {len(names) - MOST_GROUPS} more groups"
+    return np.where(np.isin(groups, names[:MOST_GROUPS]), groups, others)
 
 
 def _draw_directions(page: SubFigure, force: FloatArray) -> None:
     """Draw the directions of the forces on equal-area maps of the two halves of the sphere."""
-    from matplotlib.colors import Normalize
-    from matplotlib.ticker import MaxNLocator
-
     force = force[force.any(axis=1)]
     size = np.linalg.norm(force, axis=1)
     rows = _thinned(len(force))
@@ -153,14 +135,8 @@ def _draw_directions(page: SubFigure, force: FloatArray) -> None:
     for axes, down in zip(halves, (True, False), strict=True):
         half = (z < 0.0) == down
         shown = rows[half[rows]]
-        points = axes.scatter(
-            *(azimuth[shown], radius[shown]),
-            c=size[shown],
-            s=_point_area(len(rows)),
-            norm=scale,
-            linewidths=0.0,
-            rasterized=True,
-        )
+        look = {"s": _point_area(len(rows)), "norm": scale, "linewidths": 0.0, "rasterized": True}
+        points = axes.scatter(azimuth[shown], radius[shown], c=size[shown], **look)
         axes.set(ylim=(0.0, 1.0), title=f"{'downwards' if down else 'upwards'}: {half.sum():,}")
         axes.set_xticks(np.deg2rad([0, 90, 180, 270]), ["+x", "+y", "-x", "-y"])
         circles = np.sqrt(1.0 - np.sin(np.deg2rad([30, 60])))
@@ -174,8 +150,6 @@ def _draw_directions(page: SubFigure, force: FloatArray) -> None:
 
 def _draw_deflections(page: SubFigure, deflection: FloatArray, quantity: str) -> None:
     """Draw a histogram for each component, with common bins."""
-    from matplotlib.ticker import MaxNLocator
-
     _head(page, f"(c) {quantity}, base frame")
     millimetres = deflection * MM
     edges = np.histogram_bin_edges(millimetres, bins="auto")
@@ -191,46 +165,34 @@ def _draw_deflections(page: SubFigure, deflection: FloatArray, quantity: str) ->
 
 
 def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:
-    """Draw a box a joint for the loads' torque and one for gravity's, over all samples."""
-    import seaborn
-
+    """Draw a box per joint for the loads' torque and one for gravity's, over all samples."""
     _head(page, "(d) Torque on the joints: quartiles and range")
-    robot = data.robot
+    robot, axes = data.robot, page.subplots()
+    kinds = zip(robot.joint_names, robot.joint_types, strict=True)
+    joints = [f"{name} [N]" if kind == "prismatic" else name for name, kind in kinds]
     torques = {"load (Jᵀw)": load_torque(data)}
     if robot.masses.any():
         torques["weight of the links"] = gravity_torque(robot, data.samples.q)
-    axes, width = page.subplots(), 0.7 / len(torques)
-    middle = np.arange(robot.n_joints) - width * (len(torques) - 1) / 2.0
-    colors = seaborn.color_palette(_PALETTE)
+    width, colors = 0.7 / len(torques), seaborn.color_palette(_PALETTE)
+    middle = np.arange(len(joints)) - width * (len(torques) - 1) / 2.0
+    look: dict[str, Any] = {"widths": 0.85 * width, "whis": (0.0, 100.0), "patch_artist": True}
+    look |= {"medianprops": {"color": "black"}, "manage_ticks": False}
     for number, (label, torque) in enumerate(torques.items()):
-        axes.boxplot(
-            torque,
-            positions=middle + number * width,
-            widths=0.85 * width,
-            whis=(0.0, 100.0),
-            manage_ticks=False,
-            patch_artist=True,
-            boxprops={"facecolor": colors[number], "alpha": 0.6},
-            medianprops={"color": "black"},
-            label=label,
-        )
+        box = {"facecolor": colors[number], "alpha": 0.6}
+        axes.boxplot(torque, positions=middle + number * width, boxprops=box, label=label, **look)
+    axes.set_xticks(range(len(joints)), joints)
     axes.axhline(0.0, color="0.6", linewidth=0.8, zorder=0.5)
     axes.grid(visible=False, axis="x")
-    joints = [
-        f"{name} [N]" if kind == "prismatic" else name
-        for name, kind in zip(robot.joint_names, robot.joint_types, strict=True)
-    ]
-    axes.set_xticks(range(len(joints)), joints)
     if max(map(len, joints)) > LONGEST_LABEL:
         axes.tick_params(axis="x", rotation=25.0)
     sliding = "prismatic" in robot.joint_types
     axes.set(xlabel="joint", ylabel="torque [N m], force [N]" if sliding else "torque [N m]")
     _set_torque_scale(axes, np.concatenate(list(torques.values())))
-    page.legend(loc="outside lower center", ncols=2)
+    _move_legend(page, (axes,))
 
 
 def _set_torque_scale(axes: Axes, torque: FloatArray) -> None:
-    """Choose a symmetric logarithmic axis where the joints' torques differ much."""
+    """Choose a symmetric logarithmic axis if the joints' torques differ much."""
     largest = np.abs(torque).max(axis=0)  # (n_joints,)
     seen = largest[largest > 1e-6 * largest.max()]  # rounding errors are no torque
     if len(seen) and seen.max() > WIDE_RATIO * seen.min():

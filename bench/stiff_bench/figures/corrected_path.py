@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from stiff_bench.figures.figure import Prepared
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import PAGE_INCH, looks, new_figure, share_legend
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.types import Interval

@@ -8,7 +8,7 @@ from operator import itemgetter
 
 from stiff_bench.analysis.collected import Case, Competitor
 from stiff_bench.analysis.leaderboard import in_order
-from stiff_bench.report.page import Block, Fold
+from stiff_bench.report.html_page import Block, Fold
 from stiff_bench.store.names import grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.fit_notes import model_notes

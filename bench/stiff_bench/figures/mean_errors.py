@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import COLUMN_INCH, new_figure, short
 from stiff_bench.store.database import read_data
 from stiff_bench.tables.units import MM, percent
@@ -35,8 +35,8 @@ def scores_figure(errors: pd.DataFrame) -> Figure:
     return figure
 
 
-def gather(source: FigureSource) -> Prepared:
-    """Take the errors of the models to compare, and draw their poses again and again."""
+def mean_errors(source: FigureSource) -> Prepared:
+    """Show the mean 3-D error of each model, with 95 % intervals over poses."""
     compared = source.compared(MOST_MODELS)
     pose_id = read_data(source.folder, compared.case.name.data_sha256).samples.pose_id
     tested = compared.tested

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from itertools import chain
 
 from stiff_bench.analysis.collected import Case, case_name_of
-from stiff_bench.report.page import Block, Fold
-from stiff_bench.report.scores import Asked
+from stiff_bench.report.html_page import Block, Fold
+from stiff_bench.report.score_blocks import Asked
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import NO_MANIFEST

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 
 from stiff_bench.analysis.collected import (
@@ -111,17 +112,11 @@ class FigureSource:
     @cached_property
     def _as_asked(self) -> list[Case]:
         """The newest cases: data sets in the order of asking, newest runs first within each."""
-        newest_first = sorted(self.newest, key=lambda case: case.newest_run, reverse=True)
-        first_asked = {
-            dataset: min(case.first_asked for case in cases)
-            for dataset, cases in grouped(newest_first, lambda case: case.name.dataset).items()
-        }
-
-        def place(case: Case) -> tuple[object, ...]:
-            dataset = case.name.dataset
-            return first_asked[dataset], natural_key(dataset)
-
-        return sorted(newest_first, key=place)
+        by_name = grouped(self.newest, lambda case: case.name.dataset)
+        first = {name: min(case.first_asked for case in cases) for name, cases in by_name.items()}
+        names = sorted(by_name, key=lambda name: (first[name], natural_key(name)))
+        newest_first = (sorted(by_name[n], key=lambda c: c.newest_run, reverse=True) for n in names)
+        return list(chain.from_iterable(newest_first))
 
     def names(self, cases: Sequence[Case]) -> list[str]:
         """Return the models asked for, or all, that have a result in these cases.
