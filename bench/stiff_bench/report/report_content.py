@@ -54,15 +54,15 @@ class Selection:
 
     def command(self, *words: str, folder: Path, ranked: bool = False) -> str:
         """Return a command line that begins with `words`; `ranked`: it ranks, and draws poses."""
-        options = [("results", str(folder)), *(("model", one) for one in self.models)]
-        options += [("dataset", one) for one in self.datasets]
-        options += [("protocol", one) for one in self.protocols]
+        options: list[tuple[str, object]] = [("results", folder)]
+        for name in ("model", "dataset", "protocol"):
+            options += [(name, word) for word in getattr(self, f"{name}s")]
         if ranked:
-            options += [("metric", self.metric)] * (self.metric != "norm")
-            options += [("axis", self.axis)] if self.axis else []
-            options += [("seed", str(self.seed))] * (self.seed != 0)
-        given = (word for name, value in options for word in (f"--{name}", value))
-        return shlex.join(["bench", *words, *given])
+            given = {"metric": self.metric, "axis": self.axis, "seed": self.seed}
+            usual = {"metric": "norm", "axis": None, "seed": 0}
+            options += [(name, value) for name, value in given.items() if value != usual[name]]
+        words = (*words, *(word for name, value in options for word in (f"--{name}", str(value))))
+        return shlex.join(["bench", *words])
 
 
 def blocks_of(stored: StoredResults, choice: Selection, key: SortKey) -> list[Block]:

@@ -68,14 +68,6 @@ def test_a_figure_is_written_where_it_is_asked_for_and_its_caption_printed(tmp_p
     assert "seed 0" in done.output
 
 
-@pytest.mark.slow
-def test_without_an_output_the_file_is_named_after_the_figure(tmp_path, monkeypatch):
-    compared(tmp_path / "runs")
-    monkeypatch.chdir(tmp_path)
-    assert run("errors", "--results", "runs").exit_code == 0
-    assert {path.name for path in tmp_path.iterdir()} == {"runs", "figure-errors.png"}
-
-
 @pytest.mark.parametrize(
     ("words", "part"),
     [
@@ -97,12 +89,6 @@ def test_what_cannot_be_drawn_is_refused_and_nothing_is_written(words, part, tmp
     monkeypatch.chdir(tmp_path)
     assert part in refusal(*words)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_figure_that_results_are_not_enough_for_leaves_no_file(tmp_path):
-    compared(tmp_path / "runs")
-    refusal("losses", "--results", tmp_path / "runs", "--output", tmp_path / "a.png")
-    assert {path.name for path in tmp_path.iterdir()} == {"runs"}
 
 
 @pytest.mark.slow

@@ -134,17 +134,6 @@ def test_a_protocol_that_reports_training_rows_is_drawn_where_nothing_else_is_th
     assert "training samples among those reported" in caption_of("errors", asked)
 
 
-def test_a_caption_names_the_models_whose_epoch_the_test_part_picked(tmp_path):
-    made = compared(tmp_path)
-    about = {"protocol": "paper-holdout", "selects_on_test": True}
-    made.add("vjm", [0.1], **about)
-    made.add("net", [0.1], picked_on_test=True, **about)
-    source = FigureSource.of(tmp_path, protocols=["paper-holdout"])
-    assert "seed 0. net: epoch picked on test part." in caption_of("errors", source)
-    alone = FigureSource.of(tmp_path, models=["vjm"], protocols=["paper-holdout"])
-    assert "epoch" not in caption_of("errors", alone)
-
-
 def test_figures_show_the_newest_data_though_more_models_met_on_older_ones(tmp_path):
     made = compared(tmp_path)
     for name in ("vjm", "gp"):
@@ -182,24 +171,6 @@ def test_a_curve_without_a_finite_positive_loss_is_none(tmp_path, value):
     with_fields(made, "mlp", curves={"training": np.full((3, 3), value)})
     with pytest.raises(StoreError, match="training curve"):
         losses.loss_curves(FigureSource.of(tmp_path))
-
-
-def test_losses_mark_the_least_validation_loss_that_has_a_place(tmp_path):
-    made = compared(tmp_path)
-    curve = np.vstack([CURVE, [40.0, 0.1, 0.0], [50.0, 0.1, np.nan]])
-    with_fields(made, "mlp", curves={"training": curve})
-    (axes,) = drawn("losses", FigureSource.of(tmp_path)).axes
-    train, validation, *_ = axes.get_lines()
-    np.testing.assert_array_equal(train.get_xydata(), curve[:, :2])
-    np.testing.assert_array_equal(validation.get_ydata(), curve[:, 2])
-    assert validation.get_markevery() == [1]
-
-
-def test_the_panels_of_losses_stand_in_the_order_of_the_trainings(tmp_path):
-    made = compared(tmp_path)
-    with_fields(made, "mlp", curves={"warm-up": CURVE, "adapting": CURVE})
-    axes = drawn("losses", FigureSource.of(tmp_path)).axes
-    assert [one.get_title(loc="left") for one in axes] == ["(a) warm-up", "(b) adapting"]
 
 
 def test_losses_are_of_the_first_split_on_which_all_models_have_a_curve(tmp_path):

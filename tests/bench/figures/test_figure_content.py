@@ -15,7 +15,7 @@ from stiff_bench.figures import learning_curves, variants
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.samples import Series, errors_by_row, regression_figure
-from stiff_bench.figures.style import looks, short
+from stiff_bench.figures.style import short
 from stiff_bench.store.database import ResultStore, read_data, read_results
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.types import Interval, Prediction
@@ -82,14 +82,6 @@ def test_a_calibration_has_a_point_for_each_coverage_that_every_split_has(tmp_pa
     lines = {one.get_label(): one.get_xydata() for one in axes.get_lines() if one.get_marker()}
     np.testing.assert_allclose(lines["gp"], [[50.0, 50.0], [80.0, 100.0]])
     np.testing.assert_allclose(lines["vjm"], [[50.0, 100.0], [80.0, 100.0]])
-
-
-def test_a_calibration_is_of_the_splits_on_which_all_models_have_intervals(tmp_path):
-    made = MadeResults(tmp_path)
-    made.add("gp", [0.1, 0.1], coverage=0.8)
-    made.add("vjm", [0.3, 0.3])
-    made.add("vjm", [0.3], coverage=0.8)
-    assert "holdout, 1 split," in FIGURES["calibration"](FigureSource.of(tmp_path)).caption
 
 
 @pytest.mark.parametrize("identifiable", [True, False])
@@ -196,16 +188,6 @@ def test_learning_curves_are_over_the_data_sets_that_all_models_have(tmp_path):
     np.testing.assert_allclose(found.xs("vjm"), [1e-3 / np.array(SIZES)])  # of TWINS[0]
 
 
-def test_a_learning_curve_is_of_one_version_of_the_data_the_newest(tmp_path):
-    made = learned(tmp_path)
-    for size in SIZES:
-        about = {"condition": f"n = {size}", "version": 1, "run_id": "run-2"}
-        made.add("vjm", [7.0], dataset=TWINS[0], **about, **EFFICIENCY)
-    errors = errors_of(tmp_path, models=["vjm"])
-    assert errors.shape == (3, 3)
-    assert np.isclose(errors, 7e-3).all(axis=1).sum() == 1
-
-
 def swept(folder) -> None:
     made = MadeResults(folder)
     for depth in (3, 4):
@@ -258,11 +240,6 @@ def test_freeze_strategies_are_compared_on_the_splits_that_all_have(tmp_path):
     assert linear == pytest.approx([0.3])
     assert "1 split, seed 0." in content.caption
     assert "Splits that only some strategies have are left out." in content.caption
-
-
-def test_looks_differ_without_colour_as_well():
-    found = looks(8)
-    assert len({one.color for one in found}) == len({one.marker for one in found}) == 8
 
 
 def test_long_names_lose_their_middle_and_no_control_character_is_drawn():

@@ -27,7 +27,6 @@ from stiff_bench.paper.paper_models import (
 )
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, RECIPE, TABLES, build, read_table
-from stiff_bench.store.names import Variant
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -220,23 +219,6 @@ def test_the_papers_own_plans_are_printed_as_typed_and_read_no_results(number, n
         read_table(number, tmp_path)
 
 
-def test_what_is_stored_under_a_name_without_defaults_is_found_by_its_options(runs):
-    options = {**FT_MLP.options, "epochs": "none"}
-    runs.of("ft-mlp", [0.3], options=options)
-    runs.of("ft-mlp@epochs=5", [0.9], options={**options, "epochs": 5})
-    (found,) = runs.read.of_models([FT_MLP], PAPER).results.values()
-    assert found[0].shown.model == "ft-mlp"
-    other = FT_MLP_LAST_EPOCH
-    assert runs.read.of_models([other], PAPER).missing == [other.name]
-
-
-def test_a_value_is_found_by_its_type_and_not_by_its_text(runs):
-    runs.of("ft-mlp@epochs=5", [0.3], options={"epochs": "5"})
-    five, text = (Variant("ft-mlp", {"epochs": epochs}) for epochs in (5, "5"))
-    found = runs.read.of_models([five, text], PAPER)
-    assert found.missing == [five.name] and len(found.results) == 1
-
-
 def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(runs):
     """A protocol without results has no columns, and a note."""
     runs.of(VJM, [0.1, 0.2, 0.3])
@@ -264,11 +246,6 @@ def test_a_folder_without_the_tables_results_is_refused_naming_the_command(runs,
     runs.of("knn", [0.1])
     with pytest.raises(StoreError, match=r"nothing to print .*`bench reproduce paper`"):
         build(number, runs.read)
-
-
-def test_a_table_that_the_paper_has_not_is_refused_with_those_that_are_made():
-    with pytest.raises(ConfigError, match=r"'11'.*valid: 1, 10, 2, 3, 4, 5, 6, 7, 8, 9"):
-        build("11", None)
 
 
 def test_results_of_another_seed_data_set_or_specimen_do_not_count(runs):

@@ -10,7 +10,6 @@ from helpers.made_results import TWINS, MadeResults, change
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.report import model_pairs as pair_tables
 from stiff_bench.report import report_content as gather
 from stiff_bench.report.report_content import Selection
 from stiff_bench.store.database import ResultStore, stored_results
@@ -157,14 +156,6 @@ def test_choices_narrow_everything_and_stand_in_the_commands(results):
         f"bench leaderboard --results {results.folder} --model vjm --model mlp --dataset "
         f"{TWINS[1]} --metric mae --axis z"
     )
-
-
-@pytest.mark.parametrize(("name", "bound"), [("MOST_PAIRS", 4), ("MOST_MODELS", 2)])
-def test_what_is_beyond_a_bound_on_pairs_is_left_out_and_noted(results, monkeypatch, name, bound):
-    monkeypatch.setattr(pair_tables, name, bound)
-    (table,) = blocks_of(results.folder)["Pairs of models"].tables
-    assert len(table.rows) == (2 if name == "MOST_MODELS" else 3)
-    assert len(table.notes) == 2
 
 
 def test_a_word_without_results_is_refused(results):

@@ -7,18 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
 from stiff_bench.figures.dataset_picture import dataset_picture
-from stiff_bench.tables.dataset_facts import dataset_info, directions, facts, principal_shares
+from stiff_bench.tables.dataset_facts import dataset_info, facts
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Quantity
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
-from stiff_datasets.robots.robot import load_robot, read_chain
-from stiff_models.physics.kinematics import gravity_torque
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Samples
@@ -119,37 +116,6 @@ def test_a_robot_without_masses_says_so_instead_of_a_gravity_torque(rng):
     assert "The robot has no masses" in joints.notes[0]
 
 
-SLIDING_ARM = (
-    '<robot name="sliding"><link name="l0"/>'
-    '<joint name="a" type="prismatic"><parent link="l0"/><child link="l1"/>'
-    '<origin xyz="0.1 0.2 0.3" rpy="0.3 -0.5 0.7"/><axis xyz="0 0.6 0.8"/>'
-    '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-    '<link name="l1"><inertial><origin xyz="0.1 0 0.2"/><mass value="3"/>'
-    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
-    '<joint name="b" type="revolute"><parent link="l1"/><child link="l2"/>'
-    '<origin xyz="0.4 0 0.1" rpy="1.1 0.2 0"/><axis xyz="1 0 0"/>'
-    '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-    '<link name="l2"><inertial><origin xyz="0.2 0.3 0"/><mass value="2"/>'
-    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>'
-)
-
-
-def test_statics_of_a_sliding_and_turning_arm_equal_pinocchios(tmp_path, rng):
-    urdf = tmp_path / "sliding.urdf"
-    urdf.write_text(SLIDING_ARM)
-    tcp = (0.1, -0.2, 0.3)
-    robot, truth = load_robot(urdf, tcp=tcp), read_chain(urdf, tcp=tcp)
-    assert robot.joint_types == ("prismatic", "revolute")
-    model, data = truth.model, truth.model.createData()
-    q = rng.uniform(-1.0, 1.0, size=(20, 2))
-    gravity, position = gravity_torque(robot, q), robot.tcp_position(q)
-    for pose, torque, tip in zip(q, gravity, position, strict=True):
-        expected = -pin.computeGeneralizedGravity(model, data, pose)
-        np.testing.assert_allclose(torque, expected, atol=1e-12)
-        pin.forwardKinematics(model, data, pose)
-        np.testing.assert_allclose(tip, data.oMi[2].act(truth.tcp), atol=1e-12)
-
-
 def around(axis, degrees, rng, n=4000):
     """Directions spread evenly within an angle of an axis, over the sphere's surface."""
     z = rng.uniform(np.cos(np.deg2rad(degrees)), 1.0, size=n)
@@ -182,15 +148,6 @@ def test_a_cone_is_a_line_up_to_26_degrees(degrees, way, rng):
         assert lies(around(axis, degrees, rng))[0] == way
 
 
-def test_the_size_of_a_load_does_not_change_how_directions_lie_and_zeros_are_left_out(rng):
-    force = rng.normal(size=(50, 3))
-    scaled = np.vstack([force * rng.uniform(0.1, 100.0, size=(50, 1)), np.zeros((10, 3))])
-    assert principal_shares(directions(scaled)) == pytest.approx(
-        principal_shares(directions(force))
-    )
-    assert lies(np.zeros((4, 3))) == ("none", None, "all the same")
-
-
 def test_forces_between_two_points_lie_along_a_line_though_their_directions_fill_a_plane():
     ends = np.array([[100.0, 40.0, -20.0], [20.0, 5.0, -100.0]])  # source paper, Table 5
     share = np.linspace(0.0, 1.0, 5)[:, None]
@@ -201,22 +158,6 @@ def test_forces_between_two_points_lie_along_a_line_though_their_directions_fill
 def test_facts_of_no_samples_are_refused(rng):
     with pytest.raises(DataError, match=r"robot 'planar' has no samples"):
         facts(made_data(chain([("revolute", "z")]), 0, rng))
-
-
-@pytest.mark.parametrize(
-    ("suffix", "start"),
-    [pytest.param(".pdf", b"%PDF-", marks=pytest.mark.slow), (".SVG", b"<?xml")],
-)
-def test_the_suffix_chooses_the_format_and_the_same_data_give_the_same_file(
-    suffix, start, planar, tmp_path
-):
-    contents = []
-    for name in ("first", "second"):
-        path = tmp_path / f"{name}{suffix}"
-        dataset_picture(planar, "made (simulated)").save(path)
-        contents.append(path.read_bytes())
-    assert contents[0].startswith(start)
-    assert contents[0] == contents[1]
 
 
 def test_the_picture_says_title_groups_and_that_zero_loads_have_no_direction(planar, tmp_path):
