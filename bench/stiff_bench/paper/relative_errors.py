@@ -20,7 +20,7 @@ from stiff_bench.tables.metric_table import mean_over
 from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.types import KNOWN
 
 _LOWER_BOUNDS = list(KNOWN.values())
@@ -132,7 +132,13 @@ class RelativeErrors:
         )
 
     def figure(self) -> Prepared:
-        """Return the picture of `table`."""
+        """Return the picture of `table`.
+
+        Raises:
+            ConfigError: the study has no `steps` or no `orders`.
+        """
+        if not self.study.steps or not self.study.orders:
+            raise ConfigError("the figure needs steps and orders in the study's file")
         title = "3-D error relative to the VJM's"
         return Prepared(title, self.study.caption, partial(_draw, self))
 

@@ -6,7 +6,7 @@ The keys of a run (`StudyRun`) may stand at the top of the file, for all runs; a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -68,9 +68,10 @@ class Study:
         orders: groups whose orders of the models "order-agreement" compares -> their names there.
         steps: groups that each add to the one before: joined by lines in figure "relative-errors".
         caption: of that figure.
+        file: that describes it; errors name it.
     """
 
-    name: str
+    name: Annotated[str, Field(pattern=r"^[^./\\][^/\\]*$")]  # a folder, not a path
     title: str
     run: tuple[StudyRun, ...]
     notes: Words = ()
@@ -84,6 +85,7 @@ class Study:
     orders: Mapping[str, str] = Field(default_factory=dict)
     steps: Words = ()
     caption: str = ""
+    file: Path = Path()
 
     def plans(self, registry: Registry, *, output: Path, command: str) -> list[RunPlan]:
         """Check the runs, whose results are all stored in `output`.
@@ -114,7 +116,7 @@ class Study:
                 for run in self.run
             ]
         except ConfigError as error:
-            raise ConfigError(f"study {self.name}: {error}") from error
+            raise ConfigError(f"{self.file}: {error}") from error
 
 
 def find_study(name: str) -> Study:
@@ -146,11 +148,17 @@ def read_study(path: Path) -> Study:
     if isinstance(runs, list):
         content["run"] = [every | run if isinstance(run, dict) else run for run in runs]
     try:
-        return TypeAdapter(Study).validate_python({"name": path.stem, **content})
+        study = TypeAdapter(Study).validate_python({"name": path.stem, **content, "file": path})
     except ValidationError as error:
         # an unknown key first: it is why another is missing
         first = min(error.errors(), key=lambda problem: problem["type"] != UNKNOWN_KEY)
         raise ConfigError(f"{path}: {_describe(first)}") from None
+    named: dict[str, Iterable[str]] = {"sort_by": [study.sort_by], "orders": study.orders}
+    for key, names in {**named, "steps": study.steps}.items():
+        for name in filter(None, names):
+            if name not in study.groups:
+                raise ConfigError(f"{path}: {key}: {unknown_name('group', name, study.groups)}")
+    return study
 
 
 def _describe(problem: Mapping[str, Any]) -> str:

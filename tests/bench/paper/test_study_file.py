@@ -59,6 +59,8 @@ def test_a_run_has_what_stands_at_the_top_of_the_file_but_for_its_own_keys(tmp_p
         (SIMPLE + "[[run]]\nmodels = 3\n", "run.0.models = 3"),
         (SIMPLE.replace('["vjm"]', '["vjm", 3]'), "run.0.models.1 = 3"),
         ("run = 3\n" + SIMPLE, "run = 3"),
+        ("name = '../x'\n" + SIMPLE, "name = '../x'"),
+        ("sort_by = 'one'\n" + SIMPLE, "sort_by: unknown group 'one' (valid: two)"),
     ],
 )
 def test_a_wrong_file_is_refused_by_file_key_and_value(text, said, tmp_path):
