@@ -5,18 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import re
-import shutil
 import statistics
-import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from helpers.made_results import MadeResults
 from stiff_bench.paper.paper_models import (
-    DT_CNN,
     FT_MLP,
     FT_MLP_LAST_EPOCH,
     FT_MLP_OWN_SOURCE,
@@ -32,7 +28,6 @@ from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 PAPER, ON_ALL, FAIR = "paper-holdout", "paper-holdout@read_on=all", "holdout"
-HOSTILE = "<script>alert(1)</script> | 50 & 60_% # $x$ ^{2} ~ \\input{x} `code`"
 OURS, EARLY = "ours, paper-holdout", "ours, stopped early"
 TESTED, READ, FAIRLY = "ours, test part", "ours, all samples", "ours, holdout"
 
@@ -287,33 +282,3 @@ def test_every_table_with_ours_says_that_ours_cannot_be_compared_in_absolute_ter
         if number not in NEEDS_NO_RESULTS:
             assert "paper-holdout, 1 split" in said
             assert f"of {runs.folder}" in said  # how many results of which version
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex is installed")
-def test_every_table_compiles_with_pdflatex_and_fits_the_line(runs, tmp_path):
-    models = [
-        *(VJM, FT_MLP, FT_MLP_LAST_EPOCH, FT_MLP_PAPER_RECIPE, DT_CNN, unfrozen(["1"])),
-        *(pretrained(width=100), pretrained(), pretrained(stopped_early=True)),
-    ]
-    for model in models:
-        runs.of(model, [0.1, 12.0, 0.3])
-        runs.of(model, [0.2, 0.3, 0.1], FAIR)
-        runs.of(model, [0.2, 0.3, 0.1], ON_ALL, rows=range(12))
-    tables = [build(number, None if number in NEEDS_NO_RESULTS else runs.read) for number in TABLES]
-    log = compiled(tmp_path, [render(one, "latex", HOSTILE) for one in tables])
-    assert "Overfull" not in log
-
-
-def compiled(folder: Path, texts: list[str]) -> str:
-    """What pdflatex prints about a page that holds these tables and the packages they name."""
-    packages = re.findall(r"\\usepackage{\w+}", texts[0].splitlines()[0])
-    head = [r"\documentclass{article}", *packages, r"\begin{document}"]
-    page = folder / "page.tex"
-    page.write_text("\n\n".join([*head, *texts, r"\end{document}"]), encoding="utf-8")
-    words = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "-no-shell-escape"]
-    done = subprocess.run(
-        [*words, page.name], cwd=folder, capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 0, done.stdout[-3000:]
-    return done.stdout

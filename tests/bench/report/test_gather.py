@@ -116,23 +116,6 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
     assert [fold.text for fold in block.folds] == ["first\nlast <b>"] * 2
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "n_failed"),
-    [
-        ({"options": {"steps": 10}}, {"options": {"steps": 20}}, 1),
-        ({"version": 0}, {"version": 1}, 2),  # other data are another case
-        ({"source": "old"}, {"source": "new"}, 2),
-    ],
-)
-def test_a_failure_that_a_newer_run_repeats_counts_once(results, old, new, n_failed):
-    for run_id, about in (("run-2", old), ("run-3", new)):
-        keys = results.add("bad", failed=(0,), dataset="other", run_id=run_id, **about)
-        results.add_run(run_id, keys)
-    blocks = blocks_of(results.folder)
-    assert f"; {n_failed} failed, 0 skipped." in blocks["Summary"].texts[1]
-    assert len(blocks["Failed and skipped"].tables[0].rows) == n_failed
-
-
 def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
     """One model alone, or samples that are missing."""
     blocks = blocks_of(results.folder, models=("vjm",))
