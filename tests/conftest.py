@@ -87,7 +87,7 @@ def small_source(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture()
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report has none: they take seconds; the browser's test has them."""
-    monkeypatch.setattr("stiff_bench.report.report.FIGURES", {})
+    monkeypatch.setattr("stiff_bench.report.report_content.FIGURES", {})
 
 
 @pytest.fixture()

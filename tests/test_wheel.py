@@ -15,6 +15,8 @@ import pytest
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
+SHIPPED = ("published", "studies")
+"""Folders of results/ that are packages of data."""
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("wheel")]
 
 
@@ -45,14 +47,14 @@ def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(wheel):
     names = {name for name in listed if ".dist-info/" not in name}
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in listed)
     sources = {
-        f"{package.name if package.name != 'published' else 'stiff_published'}/"
+        f"{package.name if package.parent.name != 'results' else f'stiff_{package.name}'}/"
         f"{file.relative_to(package).as_posix()}"
-        for package in [*ROOT.glob("*/stiff*"), ROOT / "results" / "published"]
+        for package in [*ROOT.glob("*/stiff*"), *(ROOT / "results" / name for name in SHIPPED)]
         for file in package.rglob("*")
         if file.is_file() and "__pycache__" not in file.parts and "tests" not in package.parts
     }
     assert names == sources
-    needed = {"stiff_published/table_1.csv", "stiff_published/table_10.csv"}
+    needed = {"stiff_published/table_1.csv", "stiff_studies/paper.toml"}
     needed |= {"stiff_bench/model_tools/templates/model.py.txt"}
     assert names >= needed | {f"stiff_{name}/py.typed" for name in ("bench", "models")}
 
@@ -83,13 +85,14 @@ def test_bench_works_from_the_wheel_and_what_it_requires_in_an_empty_folder(whee
     subprocess.run([*pip, wheel], check=True)
     empty = tmp_path / "empty"
     empty.mkdir()
-    done = subprocess.run(
-        [python.with_name("bench"), "run", "--model", "vjm", "--dataset", "fanuc-r2000ic"],
-        cwd=empty,
-        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
-        capture_output=True,
-        text=True,
-    )
+
+    def bench(*words: str) -> subprocess.CompletedProcess[str]:
+        env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        program = python.with_name("bench")
+        return subprocess.run([program, *words], cwd=empty, env=env, capture_output=True, text=True)
+
+    done = bench("run", "--model", "vjm", "--dataset", "fanuc-r2000ic")
     assert done.returncode == 0, done.stderr
     assert "| vjm " in done.stdout
+    assert "paper-quick" in bench("reproduce", "no-such-study").stderr
     assert [item.name for item in empty.iterdir()] == ["results"]

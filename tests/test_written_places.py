@@ -81,7 +81,7 @@ WRITE_BELOW_OUTPUT = (
     ("cache info", "cache clear"),
     ("table 3", "report --results ../results --output ../out/report.html"),
     ("figure regression --results ../results --output ../out/regression.svg",),
-    ("merge ../results --output ../out/merged", "reproduce --plan --output ../out"),
+    ("merge ../results --output ../out/merged", "reproduce paper-quick --plan --output ../out"),
     (
         SIMULATE,
         "data validate ../out/some.csv",

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from stiff_bench.api.catalog import (
         check,
         list_datasets,
+        list_figures,
         list_metrics,
         list_models,
         list_protocols,
@@ -37,7 +38,8 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "stiff_bench.api.catalog": (
-        *("check", "list_datasets", "list_metrics", "list_models", "list_protocols"),
+        *("check", "list_datasets", "list_figures", "list_metrics"),
+        *("list_models", "list_protocols"),
         *("show", "use_plugin"),
     ),
     "stiff_bench.api.data": ("Dataset", "load_dataset", "read_samples"),
@@ -67,6 +69,7 @@ __all__ = [
     "example_path",
     "figure",
     "list_datasets",
+    "list_figures",
     "list_metrics",
     "list_models",
     "list_protocols",

@@ -17,9 +17,10 @@ from helpers.made_results import MadeResults
 from helpers.quick_models import quick_model, twin_data
 from helpers.run_requests import planned
 from stiff_bench.api.model import load_model
+from stiff_bench.paper.study_file import read_study
 from stiff_bench.plan.cells import models_under
 from stiff_bench.plan.options import Choice
-from stiff_bench.plan.registry import build_registry
+from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
 from stiff_datasets.measured import kr10_measured
 from stiff_datasets.measured.load_file import read_loads
@@ -95,6 +96,16 @@ def _grid(folder: Path) -> Prepared:
         return models_under(Choice.of(nested, {"grid": str(path), "search": "optuna"}), models)
 
     return Prepared(folder / "grid.toml", (GRID,), read, hard_cases.tomls(GRID))
+
+
+def _study(folder: Path) -> Prepared:
+    valid = (files("stiff_studies") / "effects.toml").read_bytes()
+    read = partial(_planned_study, build_registry(), folder)
+    return Prepared(folder / "study.toml", (valid,), read, hard_cases.tomls(valid))
+
+
+def _planned_study(registry: Registry, folder: Path, path: Path) -> object:
+    return read_study(path).plans(registry, output=folder, command="")
 
 
 def _registrations(folder: Path) -> Prepared:
@@ -175,6 +186,7 @@ READERS: dict[str, Callable[[Path], Prepared]] = {
     "URDF": _urdf,
     "twin TOML": _twin,
     "grid TOML": _grid,
+    "study TOML": _study,
     "registrations TOML": _registrations,
     "results": _results,
     "model files": _models,

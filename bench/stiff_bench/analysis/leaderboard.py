@@ -35,6 +35,7 @@ from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import TRAINING_MARK, mark_of
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.record import CellResult
 from stiff_protocols.scoring.paired import LEVEL, ranked
 
 
@@ -192,6 +193,16 @@ def in_order(case: Case) -> tuple[Any, ...]:
     """Return a sort key: "n = 5" stands before "n = 10"."""
     name = case.name
     return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
+
+
+def newest_results(stored: StoredResults) -> list[CellResult]:
+    """Return the results and failures that count, the newest of each, sorted by comparison."""
+    return [
+        result
+        for case in sorted(stored.cases, key=in_order)
+        for model in case.competitors.values()
+        for result in (*model.done.values(), *model.failures.values())
+    ]
 
 
 def and_more(things: Sequence[object]) -> str:

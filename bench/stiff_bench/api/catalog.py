@@ -85,6 +85,17 @@ def list_metrics() -> Tables:
     return _listed("metrics", ["key", "unit", "best", "values", "what it is"], rows)
 
 
+def list_figures() -> Tables:
+    """Return the name of every figure of results, and what it shows; numbers are the paper's."""
+    from stiff_bench.figures.figure_catalog import FIGURES
+    from stiff_bench.paper import paper_figures
+
+    figures = {**FIGURES, **paper_figures.FIGURES}
+    summaries = {name: str(one.__doc__).partition("\n")[0] for name, one in figures.items()}
+    rows = [[name, text.removeprefix("Show ").strip(".")] for name, text in summaries.items()]
+    return _listed("figures", ("name", "what it shows"), rows)
+
+
 _KEY = ("key", "what it is")
 
 

@@ -148,15 +148,15 @@ class Dataset:
         Raises:
             StoreError: the picture cannot be written.
         """
-        from stiff_bench.data_tools.info import dataset_info
-        from stiff_bench.data_tools.picture import save_picture
+        from stiff_bench.figures.dataset_picture import dataset_picture
+        from stiff_bench.tables.dataset_facts import dataset_info
 
         data, info, options = self.data, self.choice.info, self.choice.options_text
         name = f"{info.key} {options}".strip().replace("/", "_").replace(", ", "_")
         picture = Path(folder) / f"{name.replace(' ', '_')}.png"
         make_folder(picture.parent)
         title = ", ".join(filter(None, (f"{info.key} ({info.kind})", options)))
-        save_picture(data, title, picture)
+        dataset_picture(data, title).save(picture)
         return Text(dataset_info(info, data, picture, options))
 
     def __getitem__(self, rows: slice | int | Sequence[int] | Sequence[bool] | Any) -> Dataset:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 from stiff_bench.api import RESULTS
 from stiff_bench.api.results import Results
 from stiff_bench.api.tables import Tables
-from stiff_bench.data_tools.picture_file import check_suffix as check_suffix
+from stiff_bench.tables.picture_file import check_suffix as check_suffix
 from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 
 if TYPE_CHECKING:
-    from stiff_bench.figures.figure import Prepared
+    from stiff_bench.figures.prepared_figure import Prepared
 
 
 def figure(
@@ -29,9 +29,7 @@ def figure(
     """Return a figure with its caption; a notebook shows it, and `save("my.png")` writes it.
 
     Args:
-        name: "scores", "regression", "errors", "losses", "sweep", "freezing", "learning-curves",
-            "workspace", "springs", "calibration", or the source paper's "4", "5", "6", "8"
-            or "9".
+        name: one of `list_figures`; numbers are the source paper's.
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
             paper's figures `bench reproduce`.
         models: names, or keys that stand for all variants; none: those that it is clear with.
@@ -43,16 +41,16 @@ def figure(
         ConfigError: there is no such figure, or a name has no results.
         StoreError: the folder does not hold what it shows.
     """
-    from stiff_bench.figures import catalog
-    from stiff_bench.figures.source import FigureSource
-    from stiff_bench.paper import figures as papers
+    from stiff_bench.figures.figure_catalog import FIGURES
+    from stiff_bench.figures.figure_source import FigureSource
+    from stiff_bench.paper import paper_figures as papers
 
     folder = _folder(results)
-    if name in catalog.FIGURES:
+    if name in FIGURES:
         source = FigureSource.of(folder or RESULTS, models, datasets, protocols)
-        return catalog.FIGURES[name](source)
+        return FIGURES[name](source)
     if name not in papers.FIGURES:
-        raise unknown_name("figure", name, [*papers.FIGURES, *catalog.FIGURES])
+        raise unknown_name("figure", name, [*papers.FIGURES, *FIGURES])
     for argument, words in (("model", models), ("dataset", datasets), ("protocol", protocols)):
         if words:
             raise ConfigError(f"{words[0]}: the paper's figure {name} takes no choice", argument)
@@ -60,7 +58,7 @@ def figure(
 
 
 def paper_table(
-    number: int, results: Results | Path | str | None = None, *, command: str = ""
+    number: int | str, results: Results | Path | str | None = None, *, command: str = ""
 ) -> Tables:
     """Return a table of the source paper, beside ours where there are ours.
 
@@ -73,9 +71,9 @@ def paper_table(
         ConfigError: the paper has no table of that number, or it reads no results.
         StoreError: the results have nothing of it.
     """
-    from stiff_bench.paper.tables import read_table
+    from stiff_bench.paper.paper_tables import read_table
 
-    tables = read_table(number, _folder(results))
+    tables = read_table(str(number), _folder(results))
     made_by = command or f"stiffbench.paper_table({number})"
     return Tables(lambda: tables, partial(render, tables, command=made_by))
 

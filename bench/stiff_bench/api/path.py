@@ -16,7 +16,7 @@ from stiff_bench.analysis.path_correction import (
 )
 from stiff_bench.api.model import Model, blamed_on
 from stiff_bench.api.robots import as_robot, payload_of
-from stiff_bench.data_tools.picture_file import check_suffix
+from stiff_bench.tables.picture_file import check_suffix
 from stiff_datasets.measured.path_file import LoadFrame, tool_of, write_path
 from stiff_datasets.measured.sample_columns import MM_PER_M
 from stiff_protocols.contract.errors import ConfigError, unknown_name
@@ -158,7 +158,7 @@ def compensate_path(
         ),
     )
     if figure is not None:
-        from stiff_bench.figures.path import path_picture
+        from stiff_bench.figures.corrected_path import path_picture
 
         picture = path_picture(corrected.name, corrected.found, corrected.interval)
         picture.save(Path(figure))

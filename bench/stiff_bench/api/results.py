@@ -70,14 +70,9 @@ class Results:
         if self.finished is not None:
             return self.cells
         from stiff_bench.analysis.collected import StoredResults
-        from stiff_bench.analysis.leaderboard import in_order
+        from stiff_bench.analysis.leaderboard import newest_results
 
-        return [
-            result
-            for case in sorted(StoredResults.read(self.folder).cases, key=in_order)
-            for model in case.competitors.values()
-            for result in (*model.done.values(), *model.failures.values())
-        ]
+        return newest_results(StoredResults.read(self.folder))
 
     def frame(self) -> DataFrame:
         """Return every metric as tidy data: a row a metric, axis and split, in printed units.
@@ -236,7 +231,7 @@ class Results:
             ConfigError: the file's suffix is no page's, or a name has no results.
             StoreError: a folder holds no results, or corrupt ones, or the file cannot be written.
         """
-        from stiff_bench.report.report import Selection, write_report
+        from stiff_bench.report.report_content import Selection, write_report
 
         folders = [one.folder for one in (self, *others)]
         chosen = Selection(tuple(models), tuple(datasets), tuple(protocols), metric, axis, seed)

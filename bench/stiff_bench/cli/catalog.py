@@ -10,17 +10,21 @@ from stiff_bench.cli.options import FILE, format_option, plugin_option, settings
 from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import print_text
 
+KINDS = ("models", "datasets", "protocols", "metrics", "figures")
+
 
 @click.command("list")
 @click.argument(
-    "kind", metavar="KIND", type=click.Choice(["models", "datasets", "protocols", "metrics"])
+    "kind",
+    metavar="KIND",
+    type=click.Choice(["models", "datasets", "protocols", "metrics", "figures"]),
 )
 @plugin_option
 @format_option
 def list_(kind: str, fmt: str) -> None:
     """List what can be named.
 
-    KIND is models, datasets, protocols or metrics.
+    KIND is models, datasets, protocols, metrics or figures.
     """
     from stiff_bench.api import catalog
 

@@ -90,7 +90,7 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     """
     from stiff_bench.api.figures import paper_table
 
-    print_text(paper_table(int(number), results, command=command_line()).text_as(fmt))
+    print_text(paper_table(number, results, command=command_line()).text_as(fmt))
 
 
 @click.command()

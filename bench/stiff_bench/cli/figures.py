@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 
@@ -41,9 +41,8 @@ from stiff_bench.console import print_text, say
 def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) -> None:
     """Draw a figure and print its caption.
 
-    NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: scores, regression,
-    errors, losses, sweep, freezing, learning-curves, workspace, springs, calibration. The caption
-    names the data set and protocol that are shown.
+    NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: `bench list figures`. The
+    caption names the data set and protocol that are shown.
     """
     from stiff_bench.api.figures import figure
 
@@ -54,25 +53,7 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 
 
 @click.command()
-@click.argument(
-    "what",
-    type=click.Choice(["paper", "leaderboard", "effects", "transfer"]),
-    default="paper",
-    metavar="[WHAT]",
-)
-@click.option(
-    "--quick/--full",
-    default=None,
-    help="Size of the paper's study. Quick: one split and coarse sweeps, about 7 minutes on 2 "
-    "cores. Full: five splits, every width, depth and pair of layers, about half an hour.  "
-    "[default: quick]",
-)
-@click.option(
-    "--paper-recipe",
-    is_flag=True,
-    help="Add the paper's own recipe to its Tables 9 and 10: 100,000 iterations of pre-training, "
-    "50,000 of fine-tuning, on the first split alone, about half an hour.",
-)
+@click.argument("name")
 @click.option(
     "--output",
     type=FILE,
@@ -84,30 +65,20 @@ def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) 
 @execution_options("the number of cores")
 @click.option("--format", "fmt", type=FORMATS, default="github", help="Format of the --plan.")
 def reproduce(
-    what: Literal["paper", "leaderboard", "effects", "transfer"],
-    quick: bool | None,
-    paper_recipe: bool,
-    output: Path,
-    write_only: bool,
-    plan_only: bool,
-    fmt: str,
-    **how: Any,
+    name: str, output: Path, write_only: bool, plan_only: bool, fmt: str, **how: Any
 ) -> int:
-    """Make the paper's tables and figures again, or another study.
+    """Run a study and write its page.
 
-    WHAT is paper (the default), leaderboard, effects (does the ranking of the models depend on the
-    physics of the simulated robot?) or transfer (what do simulated data add to a few measured
-    poses?). Stored results are not computed again: an interrupted command can be repeated. On 2
-    cores the leaderboard and transfer take about 2 hours each, effects half an hour.
+    NAME is a study that stiffbench ships, or a file such as my_study.toml: paper (the source
+    paper's tables and figures, an hour on 2 cores), paper-quick (one split and coarse sweeps, 7
+    minutes), leaderboard (2 hours), effects (is the ranking robust to other physics of the
+    simulated robot? half an hour), transfer (what do simulated data add to a few measured poses? 2
+    hours), intervals, anchored, anchored-steps. Stored results are not computed again: an
+    interrupted command can be repeated.
     """
     from stiff_bench.api.reproduction import reproduction
 
-    if what != "paper" and quick is not None:
-        raise click.UsageError(f"--quick and --full are of the paper; {what} has one size")
-    if what != "paper" and paper_recipe:
-        raise click.UsageError(f"--paper-recipe is of the paper, not of {what}")
-    how |= {"paper_recipe": paper_recipe, "command": command_line()}
-    asked = reproduction(what, full=quick is False, output=output, **how)
+    asked = reproduction(name, output=output, command=command_line(), **how)
     if plan_only:
         return show_plan(asked, fmt)
     status = 0

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from stiff_bench.api import RESULTS
 from stiff_bench.cli.options import (
@@ -28,6 +30,10 @@ if TYPE_CHECKING:
     from stiff_bench.api.data import Dataset
     from stiff_bench.api.evaluation import Run
     from stiff_bench.api.results import Results
+
+COMMANDLINE = ParameterSource.COMMANDLINE
+HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun", "output")
+"""Options that a study leaves to the command line."""
 
 
 @click.command()
@@ -66,9 +72,19 @@ if TYPE_CHECKING:
 @click.option(
     "--output", type=FILE, default=RESULTS, metavar="DIR", help="Folder that stores the results."
 )
+@click.option(
+    "--study",
+    type=FILE,
+    metavar="FILE.toml",
+    help="Run the study of a file, which has models, data sets and all that belongs to them.",
+)
 @format_option
 @click.option("--verbose", is_flag=True, help="Print what fits report, such as stiffnesses.")
+@click.pass_context
 def run(
+    ctx: click.Context,
+    /,
+    study: Path | None,
     fmt: str,
     plan_only: bool,
     verbose: bool,
@@ -84,14 +100,24 @@ def run(
     Each result is stored in --output at once; the same command again computes what is missing.
     """
     from stiff_bench.api.evaluation import DEFAULT_DATASET, prepare_run
+    from stiff_bench.api.reproduction import run_of_study
 
-    asked = prepare_run(
-        models,
-        [*datasets, *data] or [DEFAULT_DATASET],
-        protocols,
-        command=command_line(),
-        **words,
-    )
+    if study is None:
+        asked = prepare_run(
+            models,
+            [*datasets, *data] or [DEFAULT_DATASET],
+            protocols,
+            command=command_line(),
+            **words,
+        )
+    else:
+        for option in ctx.command.params:
+            name = option.name or ""
+            left = {*HOW, "study", "fmt", "plan_only", "verbose"}
+            if name not in left and ctx.get_parameter_source(name) == COMMANDLINE:
+                raise click.UsageError(f"{option.opts[0]}: leave it out, or write it in {study}")
+        how = {name: words[name] for name in HOW}
+        asked = run_of_study(study, command=command_line(), **how)
     return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import COLUMN_INCH, REFERENCE_COLOR, looks, new_figure, short
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.metric_table import pooled_prediction
@@ -40,8 +40,8 @@ def calibration_figure(held: pd.DataFrame) -> Figure:
     return figure
 
 
-def gather(source: FigureSource) -> Prepared:
-    """Take the results with intervals, of every coverage that was run."""
+def calibration(source: FigureSource) -> Prepared:
+    """Show the share of test samples inside their intervals over the nominal coverage."""
     made_by = "`bench run --metric coverage` makes them"
     compared = source.compared(MOST_MODELS, _has_interval, "intervals", made_by)
     # of each split its competitors have the newest coverage alone, which other figures show

@@ -17,8 +17,14 @@ from scipy import stats
 from stiff_bench.analysis.collected import Case
 from stiff_bench.analysis.scored_case import family_of
 from stiff_bench.figures import style
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource, between, marks_in, mean_length, with_linear
+from stiff_bench.figures.figure_source import (
+    FigureSource,
+    between,
+    marks_in,
+    mean_length,
+    with_linear,
+)
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, counted
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -108,8 +114,11 @@ def _shared(errors: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
     return shown[shown.index.isin(shared, level="data set")]
 
 
-def gather(source: FigureSource) -> Prepared:
-    """Take the models that have every draw of every size on the data sets of a robot type."""
+def learning_curves(source: FigureSource) -> Prepared:
+    """Show the error over training poses (`sample-efficiency`).
+
+    Models are those that have every draw of every size on the data sets of a robot type.
+    """
     cases = [one for one in source.newest if size_of(one)]
     if not cases:
         raise StoreError(f"{source.folder}: no result of {_NEEDS}", "results")

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stiff_bench.figures import style
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.store.names import grouped
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BoolArray, FloatArray
@@ -94,8 +94,8 @@ def curves_of(result: CellResult, name: str) -> list[LossCurve]:
     ]
 
 
-def gather(source: FigureSource) -> Prepared:
-    """Take the curves of the first split on which all of the models to compare have one."""
+def loss_curves(source: FigureSource) -> Prepared:
+    """Show training and validation loss per step, on the first split that all models have."""
     made_by = "`bench run --model ft-mlp` makes one"
     compared = source.compared(
         MOST_MODELS, lambda one: curves_of(one, ""), "a training curve", made_by

@@ -14,8 +14,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from stiff_bench.figures import style
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.store.database import read_data
 from stiff_bench.tables.units import MM, percent
 from stiff_protocols.contract.types import AXES, FloatArray, Prediction
@@ -94,7 +94,7 @@ def _draw_axis(axes: Axes, one: Series, axis: int, look: style.Look) -> None:
 
 
 def regression(source: FigureSource) -> Prepared:
-    """Take the test samples of the models to compare."""
+    """Show predicted against true deflection, one panel per axis."""
     compared = source.compared(MOST_MODELS)
     series = [Series(name, tested) for name, tested in compared.tested.items()]
     caption = (
@@ -138,7 +138,7 @@ def errors_figure(models: Mapping[str, pd.DataFrame]) -> Figure:
 
 
 def sample_errors(source: FigureSource) -> Prepared:
-    """Take the errors of the models to compare, averaged over the splits that test a sample."""
+    """Show the error of every test sample, the mean over the splits that test it."""
     compared = source.compared(MOST_MODELS)
     models = {name: errors_by_row(tested) for name, tested in compared.tested.items()}
     caption = (
@@ -184,7 +184,7 @@ def workspace_figure(models: Mapping[str, WorkspaceErrors]) -> Figure:
 
 
 def workspace(source: FigureSource) -> Prepared:
-    """Take the errors by pose of the models to compare."""
+    """Show the 3-D error of each model at the TCP positions."""
     compared = source.compared(MOST_MODELS)
     stored = read_data(source.folder, compared.case.name.data_sha256)
     _, pose = np.unique(stored.samples.pose_id, return_inverse=True)

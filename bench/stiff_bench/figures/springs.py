@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource, subtitle
+from stiff_bench.figures.figure_source import FigureSource, subtitle
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import Look, looks, name_panels, new_panels, share_legend, short
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import true_joint_turns
@@ -131,8 +131,8 @@ def _label(axes: Axes, data: StoredData, joint: int) -> None:
     axes.set_title(short(data.robot.joint_names[joint]), loc="left")
 
 
-def gather(source: FigureSource) -> Prepared:
-    """Take the springs that were identified on each split."""
+def springs(source: FigureSource) -> Prepared:
+    """Show torque and deflection of each joint, with the springs identified on each split."""
 
     def has_curves(result: CellResult) -> bool:
         return any(name.startswith(SPRING_CURVE) for name in result.curves)

@@ -17,10 +17,9 @@ from stiff_bench.console import one_line
 
 COLUMN_INCH, PAGE_INCH = 3.46, 7.09
 """One column of a journal (88 mm), and both (180 mm)."""
-DOTS_PER_INCH = 300
-"""Of a PNG."""
 
 STYLE: dict[str, Any] = {
+    "savefig.dpi": 300,  # of a PNG
     "font.size": 7.0,
     "axes.titlesize": 7.5,
     "figure.titlesize": 8.0,

@@ -13,8 +13,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from stiff_bench.figures import style
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.figures.source import FigureSource, subtitle
+from stiff_bench.figures.figure_source import FigureSource, subtitle
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
 from stiff_bench.tables.metric_table import pooled_prediction
@@ -50,7 +50,7 @@ FEWEST_STRATEGIES = 2
 KINDS = SINGLE, PAIR, OTHERS = "one layer", "two layers", "others"
 LINE_INCH, FRAME_INCH = 0.19, 0.85
 _STRATEGIES = (
-    "two freeze strategies; `bench reproduce`, or `bench run --model ft-mlp@freeze=layers:1 "
+    "two freeze strategies; `bench reproduce paper`, or `bench run --model ft-mlp@freeze=layers:1 "
     "--model ft-mlp@freeze=layers:2 ...`, makes them"
 )
 
@@ -117,7 +117,7 @@ def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: Sequence[float]) -
 
 
 def freezing(source: FigureSource) -> Prepared:
-    """Take the variants of one model that differ in the freeze strategy alone."""
+    """Show the error of one model by its freeze strategy."""
     case = source.case(freeze_of, _STRATEGIES, most_first=True)
     model, results = variants_of(source.results(case, freeze_of), "freeze")
     each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
@@ -151,7 +151,7 @@ HEIGHT_INCH = 2.5
 MOST_NUMBERS = 10  # widths beyond which the map's fields have no room for numbers
 SOURCE_MAE = "source test MAE [mm]"
 _NETWORKS = (
-    "a network of several widths and depths; `bench reproduce`, or `bench run --model "
+    "a network of several widths and depths; `bench reproduce paper`, or `bench run --model "
     "mlp-pretrained@width=40 --model mlp-pretrained@width=160 ...`, makes them"
 )
 
@@ -207,7 +207,7 @@ def sweep_figure(errors: pd.DataFrame) -> Figure:
 
 
 def sweep(source: FigureSource) -> Prepared:
-    """Take the networks that differ in depth and width alone."""
+    """Show the error on the simulated pre-training data over width and depth of a network."""
     case = source.case(is_swept, _NETWORKS, most_first=True)
     model, results = variants_of(source.results(case, is_swept), "layers", "width")
     errors = errors_on_source(results)

@@ -1,6 +1,1 @@
-"""The source paper's tables and figures, made again from stored results."""
-
-from pathlib import Path
-
-PAPER_RESULTS = Path("results/paper/runs")
-"""Where `bench reproduce` stores what the paper's tables and figures show."""
+"""Studies: TOML files, what they run and their pages; the source paper's tables and figures."""

@@ -35,12 +35,12 @@ deviation where there is one split, or one value over all splits together."""
 
 
 def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:
-    """Return a table for each data set, protocol and condition, in the results' order.
+    """Return a table for each data set, protocol, condition and seed, in the results' order.
 
     Models on different data, pre-training data, splits or coverage stand in tables of their own.
     Where no metrics are asked for, they are the usual ones, or those of tool paths.
     """
-    groups = grouped(results, lambda r: (r.shown.dataset, r.shown.protocol, r.cell.condition))
+    groups = grouped(results, _shared_setting)
     return [
         _table(dict(models), tuple(metrics))
         for group in groups.values()
@@ -49,6 +49,11 @@ def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> li
             lambda model: _tested_on(model[1]),
         ).values()
     ]
+
+
+def _shared_setting(result: CellResult) -> tuple[str, str, str, int]:
+    """Return what the results of a table share."""
+    return result.shown.dataset, result.shown.protocol, result.cell.condition, result.cell.seed
 
 
 def _tested_on(results: Sequence[CellResult]) -> frozenset[object]:

@@ -14,6 +14,8 @@ from sklearn.base import BaseEstimator
 
 import stiffbench as sb
 from stiff_bench.api import catalog
+from stiff_bench.figures.figure_catalog import FIGURES
+from stiff_bench.paper.paper_figures import FIGURES as PAPERS
 from stiff_datasets.measured.sheet_files import sample_table, write_table
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -396,3 +398,8 @@ def test_robots_come_from_descriptions_and_by_name(kr10):
     np.testing.assert_array_equal(robot.tcp, shipped.tcp)
     np.testing.assert_array_equal(robot.placements, kr10.placements)
     assert isinstance(robot, sb.Robot) and isinstance(shipped, sb.Robot)
+
+
+def test_every_figure_is_listed_with_what_it_shows():
+    rows = {row[0]: row[1] for row in sb.list_figures().tables[0].rows}
+    assert rows.keys() == {*FIGURES, *PAPERS} and all(rows.values())

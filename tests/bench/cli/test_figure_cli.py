@@ -1,4 +1,4 @@
-"""`bench figure`: one file where it was asked for, and a caption; the figures of the paper."""
+"""`bench figure`: one file where it was asked for, a caption, and clear refusals."""
 
 from __future__ import annotations
 
@@ -12,16 +12,22 @@ from click.testing import CliRunner
 from helpers.figure_results import CURVE, compared, with_fields
 from helpers.made_results import MadeResults
 from stiff_bench.cli.figures import figure
-from stiff_bench.figures.figure import can_be_drawn
-from stiff_bench.paper.figures import FIGURES
-from stiff_bench.paper.results import PaperResults
-from stiff_bench.paper.study import DT_CNN, pretrained, unfrozen
+from stiff_bench.paper.paper_figures import FIGURES
+from stiff_bench.paper.paper_models import DT_CNN, FT_MLP, pretrained, unfrozen
+from stiff_bench.paper.paper_results import PaperResults
+from stiff_protocols.contract.errors import StoreError
 
 PAPER = {"dataset": "kr10-twin", "protocol": "paper-holdout", "selects_on_test": True}
 
 
 def run(*words: object):
     return CliRunner().invoke(figure, [str(word) for word in words])
+
+
+def refusal(*words: object) -> str:
+    done = run(*words)
+    assert done.exit_code != 0
+    return str(done.exception)
 
 
 @pytest.fixture(scope="module")
@@ -62,29 +68,54 @@ def test_a_figure_is_written_where_it_is_asked_for_and_its_caption_printed(tmp_p
     assert "seed 0" in done.output
 
 
-def test_a_figure_that_results_are_not_enough_for_leaves_no_file(tmp_path):
-    compared(tmp_path / "runs")
-    done = run("losses", "--results", tmp_path / "runs", "--output", tmp_path / "a.png")
-    assert done.exit_code != 0
-    assert {path.name for path in tmp_path.iterdir()} == {"runs"}
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (["regresion"], "did you mean 'regression'"),
+        (["4", "--output", "a.jpg"], "suffix '.jpg'"),
+        (
+            ["9", "--results", "none"],
+            "no such folder; `bench reproduce paper`",
+        ),
+        (
+            ["9", "--results", "."],
+            "holds no results; `bench reproduce paper`",
+        ),
+        (["9", "--model", "gp"], "model gp"),
+        (["4", "--results", "runs"], "results runs: figure 4 is fitted here"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_and_nothing_is_written(words, part, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert part in refusal(*words)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_figure_4_needs_no_results(tmp_path):
+    done = run("4", "--output", tmp_path / "a.svg")
+    assert done.exit_code == 0, done.exception
+    text = (tmp_path / "a.svg").read_text()
+    assert "(paper 0.074)" in text and "(paper 0.062)" in text
 
 
 @pytest.mark.slow
 def test_all_of_the_papers_figures_can_be_drawn_from_its_study(paper):
-    prepared, _ = can_be_drawn(FIGURES, paper)
-    assert [*prepared] == [*FIGURES]
-    for name, one in prepared.items():
+    for name, gather in FIGURES.items():
+        one = gather(paper)
         one.draw().canvas.draw()
         assert f"Figure {name}" in one.caption
         assert "kr10-twin, simulated" in one.caption
 
 
-def test_missing_models_of_the_paper_are_named(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "missing"),
+    [("5", "mlp-pretrained"), ("6", "ft-mlp"), ("8", "dt-cnn"), ("9", "ft-mlp")],
+)
+def test_missing_models_of_the_paper_are_named(name, missing, tmp_path):
     MadeResults(tmp_path).add("vjm", [0.1], **PAPER)
-    _, why = can_be_drawn(FIGURES, PaperResults.of(tmp_path))
-    assert "dt-cnn" in why["8"]
-    assert "ft-mlp" in why["9"]
-    assert all("bench reproduce" in why[name] for name in ("5", "6", "8", "9"))
+    with pytest.raises(StoreError, match=f"{missing}.*bench reproduce"):
+        FIGURES[name](PaperResults.of(tmp_path))
 
 
 def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
@@ -96,6 +127,16 @@ def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
     )
     stars = {tuple(p) for line in lines if line.get_marker() == "*" for p in line.get_xydata()}
     assert stars == {(100.0, 0.2186), (100.0, 0.2090), (100.0, 0.2375), (380.0, 0.1199)}
+
+
+def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("vjm", [0.1], **PAPER)
+    made.add(FT_MLP, [0.1], picked_on_test=True, **PAPER)
+    made.add(DT_CNN, [0.1], regime="target labels not trained on", **PAPER)
+    results = PaperResults.of(tmp_path)
+    assert f"{FT_MLP.name}: epoch picked on test part." in FIGURES["9"](results).caption
+    assert f"{DT_CNN.name}: target labels not trained on." in FIGURES["8"](results).caption
 
 
 def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changing):

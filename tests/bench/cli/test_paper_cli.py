@@ -1,75 +1,118 @@
-"""`bench table N`, and `bench reproduce` with studies of a few quick models."""
+"""`bench table N`; `bench run --study` and `bench reproduce` with a study that takes no time."""
 
 from __future__ import annotations
 
+import csv
+import io
+
 import pytest
+from click.testing import CliRunner
 
 from helpers.command_line import assert_refused, bench_here
 from helpers.made_results import MadeResults
-from stiff_bench.paper import study
-from stiff_bench.paper.study import StudyRun
-from stiff_bench.store.names import Variant
+from stiff_bench.cli.compare import table
+from stiff_bench.cli.figures import reproduce
+from stiff_bench.cli.run import run
+from stiff_bench.paper.paper_results import PAPER_RESULTS
+from stiff_bench.paper.paper_tables import TABLES
+from stiff_protocols.contract.errors import ConfigError
 
 
-def printed(folder, *words: object) -> str:
-    """What `bench table` prints."""
-    done = bench_here("table", *map(str, words), cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+def printed(*words: str) -> str:
+    """What the command prints."""
+    done = CliRunner().invoke(table, words, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
 
 
-def test_a_table_reads_the_folder_that_is_named_in_the_format_that_is_asked_for(tmp_path):
+def test_every_number_that_can_be_made_is_a_choice_and_no_other(tmp_path):
+    done = CliRunner().invoke(table, ["--help"])
+    assert "1 to 10" in done.output
+    for number in range(12):
+        done = CliRunner().invoke(table, [str(number), "--results", str(tmp_path / "none")])
+        assert ("is not one of" in done.output) == (str(number) not in TABLES)
+
+
+def test_it_reads_the_folder_that_is_named_and_prints_the_format_that_is_asked_for(tmp_path):
     MadeResults(tmp_path).add("vjm", [0.125], "kr10-twin", "paper-holdout")
-    assert "Table 10." in printed(tmp_path, "10", "--results", tmp_path)
-    text = printed(tmp_path, "10", "--results", tmp_path, "--format", "csv")
-    assert "0.125" in text and "paper-holdout" in text
+    assert printed("10", "--results", str(tmp_path)).startswith("**Table 10.")
+    text = printed("10", "--results", str(tmp_path), "--format", "csv")
+    (line,) = (
+        line
+        for line in csv.DictReader(io.StringIO(text))
+        if (line["axis"], line["error"], line["column"]) == ("Z", "MAE", "VJM")
+        and line["protocol"] == "paper-holdout"
+    )
+    assert float(line["value"]) == pytest.approx(0.125)
 
 
-def test_the_papers_plan_its_grid_its_wrenches_and_its_springs_are_printed_without_any_results(
-    tmp_path,
-):
-    for number, part in {"1": "| cartesian ", "3": "| A6 ", "4": "| A3 ", "5": "fz [N]"}.items():
-        assert part in printed(tmp_path, number)
+def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results():
+    assert "| A6 " in printed("3")
+    for folder in ("some", str(PAPER_RESULTS)):
+        with pytest.raises(ConfigError, match="table 3 is fitted here and reads none"):
+            printed("3", "--results", folder)
+
+
+def test_the_papers_plan_its_grid_and_its_wrenches_are_printed_without_any_results():
+    assert "| cartesian " in printed("1")
+    assert "| A3 " in printed("4")
+    assert "fz [N]" in printed("5")
+
+
+def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):
+    done = bench_here("table", "9", "--results", "none", cwd=tmp_path)
+    assert_refused(
+        done,
+        "--results none: there is no such folder",
+        "`bench reproduce paper`",
+    )
 
 
 @pytest.fixture
-def small(monkeypatch):
-    """The paper's study, cut down to what takes no time, on one split or on two."""
-
-    def small_study(*, full):
-        both = (study.PAPER_PROTOCOL, study.FAIR_PROTOCOL)
-        fair, splits = (study.FAIR_PROTOCOL,), 2 if full else 1
-        return (
-            StudyRun((Variant("vjm"),), (study.TWIN,), both, splits),
-            StudyRun((Variant("vjm"), Variant("zero")), (study.TWIN,), fair, splits),
-        )
-
-    monkeypatch.setattr(study, "paper_study", small_study)
+def small(monkeypatch, tmp_path):
+    """The file of a study of what takes no time."""
     monkeypatch.setattr("stiff_bench.analysis.forecast.LONGEST_S", 0.0)  # a plan times no fit
+    file = tmp_path / "small.toml"
+    file.write_text(
+        'title = "small"\nmodels = ["vjm", "zero"]\ndatasets = ["fanuc-r2000ic"]\nsplits = 2\n'
+        '[[run]]\n[[run]]\nmodels = ["vjm"]\nprotocols = ["paper-holdout"]\n'
+    )
+    return str(file)
+
+
+def called(command, *words):
+    done = CliRunner().invoke(command, words, standalone_mode=False, catch_exceptions=False)
+    return done.return_value, done.stdout, done.stderr
+
+
+def test_a_plan_says_what_would_be_computed_and_writes_nothing(small, tmp_path):
+    status, out, err = called(reproduce, small, "--plan", "--output", str(tmp_path / "out"))
+    assert status == 0
+    assert "| all " in out and "bench: 6 fits, 0 cached, 6 to compute; time unknown" in err
+    assert not (tmp_path / "out").exists()
+    in_csv = called(reproduce, small, "--plan", "--format", "csv", "--output", str(tmp_path))[1]
+    assert "all" in {row["model"] for row in csv.DictReader(in_csv.splitlines())}
+
+
+def test_a_study_is_run_once_and_its_page_written_of_what_is_stored(small, tmp_path):
+    runs = str(tmp_path / "small" / "runs")
+    status, out, err = called(run, "--study", small, "--output", runs)
+    assert status == 0 and "bench: 6 ok; " in err
+    assert "| zero " in out and "paper-holdout, 2 splits" in out
+    status, out, err = called(reproduce, small, "--no-isolate", "--output", str(tmp_path))
+    assert status == 0 and "0 ok, 6 cached" in err
+    assert out.splitlines()[-1] == str(tmp_path / "small" / "README.md")
 
 
 @pytest.mark.parametrize(
-    ("words", "fits"),
-    [([], 3), (["--full"], 6), (["--paper-recipe"], 7), (["--full", "--paper-recipe"], 10)],
+    ("words", "said"),
+    [
+        (["reproduce", "efects"], "unknown study 'efects'; did you mean 'effects'? (valid: "),
+        (["reproduce", "mine.toml"], "mine.toml: cannot be read"),
+        (["run", "--study", "mine.toml"], "mine.toml: cannot be read"),
+        (["run", "--study", "mine.toml", "--model", "gp"], "--model: leave it out"),
+        (["run", "--study", "mine.toml", "--splits", "3"], "--splits: leave it out"),
+    ],
 )
-def test_a_plan_says_what_would_be_computed_and_writes_nothing(small, tmp_path, words, fits):
-    """The paper's recipe is two trainings in two readings, on the first split, of any size."""
-    done = bench_here("reproduce", "--plan", *words, "--output", "out", cwd=tmp_path)
-    assert done.returncode == 0
-    assert "| all " in done.stdout and f"bench: {fits} fits" in done.stderr
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_what_was_computed_is_not_computed_again_and_the_files_are_named(small, tmp_path):
-    words = ["reproduce", "--no-isolate", "--output", "out"]
-    done = bench_here(*words, cwd=tmp_path)
-    assert done.returncode == 0 and "bench: 3 ok; " in done.stderr
-    assert done.stdout.splitlines()[-1] == "out/paper/README.md"
-    assert "0 ok, 3 cached" in bench_here(*words, cwd=tmp_path).stderr
-
-
-@pytest.mark.parametrize("size", ["--quick", "--full"])
-def test_the_leaderboard_has_one_size(size, tmp_path):
-    done = bench_here("reproduce", "leaderboard", size, cwd=tmp_path)
-    assert_refused(done, "leaderboard has one size")
+def test_a_study_that_cannot_be_run_is_refused(words, said, tmp_path):
+    assert_refused(bench_here(*words, cwd=tmp_path), said)

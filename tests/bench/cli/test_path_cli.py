@@ -17,7 +17,7 @@ from helpers.made_samples import samples_with
 from stiff_bench.analysis.path_correction import CorrectedPath
 from stiff_bench.api.path import compensate_path, example_path
 from stiff_datasets.measured.path_file import read_path, tool_of
-from stiff_datasets.robots.shipped_robots import ROBOTS
+from stiff_datasets.robots.shipped_robots import shipped_robots
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -217,9 +217,9 @@ def test_repeated_points_get_the_commands_of_one(square, corrected):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", shipped_robots())
 def test_every_shipped_robot_has_examples_that_it_can_drive(robot, tmp_path):
-    arm, load = ROBOTS[robot].robot(), (0.0, 0.0, -9.0, 0.0, 0.0, 0.0)
+    arm, load = shipped_robots()[robot].robot(), (0.0, 0.0, -9.0, 0.0, 0.0, 0.0)
     for shape in SHAPES:
         example_path(shape, tmp_path / f"{shape}.csv", robot=robot, load=load)
         found = read_path(tmp_path / f"{shape}.csv", arm, tool_of(arm, None))

@@ -12,10 +12,10 @@ from scipy import stats
 from helpers.figure_results import SIZES, compared, learned, with_fields
 from helpers.made_results import TWINS, MadeResults, made_data
 from stiff_bench.figures import learning_curves, variants
-from stiff_bench.figures.catalog import FIGURES
+from stiff_bench.figures.figure_catalog import FIGURES
+from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.samples import Series, errors_by_row, regression_figure
-from stiff_bench.figures.source import FigureSource
-from stiff_bench.figures.style import looks, short
+from stiff_bench.figures.style import short
 from stiff_bench.store.database import ResultStore, read_data, read_results
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.types import Interval, Prediction
@@ -84,14 +84,6 @@ def test_a_calibration_has_a_point_for_each_coverage_that_every_split_has(tmp_pa
     np.testing.assert_allclose(lines["vjm"], [[50.0, 100.0], [80.0, 100.0]])
 
 
-def test_a_calibration_is_of_the_splits_on_which_all_models_have_intervals(tmp_path):
-    made = MadeResults(tmp_path)
-    made.add("gp", [0.1, 0.1], coverage=0.8)
-    made.add("vjm", [0.3, 0.3])
-    made.add("vjm", [0.3], coverage=0.8)
-    assert "holdout, 1 split," in FIGURES["calibration"](FigureSource.of(tmp_path)).caption
-
-
 @pytest.mark.parametrize("identifiable", [True, False])
 def test_springs_are_drawn_as_the_models_reported_them_or_with_the_priors_slope(
     tmp_path, identifiable
@@ -139,7 +131,9 @@ EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
 
 def errors_of(folder, **asked):
     """The errors [m] that learning curves show, a row a model and data set, a column a size."""
-    ((_, errors),) = learning_curves.gather(FigureSource.of(folder, **asked)).paint.args[0].items()
+    ((_, errors),) = (
+        learning_curves.learning_curves(FigureSource.of(folder, **asked)).paint.args[0].items()
+    )
     return errors
 
 
@@ -179,7 +173,7 @@ def test_a_model_that_lacks_a_draw_has_no_learning_curve(tmp_path):
     made = learned(tmp_path)
     for twin in TWINS[:3]:
         made.add("vjm", [0.1, 0.1], dataset=twin, condition="n = 5", **EFFICIENCY)
-    content = learning_curves.gather(FigureSource.of(tmp_path, models=["vjm", "gp"]))
+    content = learning_curves.learning_curves(FigureSource.of(tmp_path, models=["vjm", "gp"]))
     assert content.paint.args[1] == ["vjm"]
     assert "1 to 2 draws per size and data set" in content.caption
     assert "Not shown: gp." in content.caption
@@ -192,16 +186,6 @@ def test_learning_curves_are_over_the_data_sets_that_all_models_have(tmp_path):
     assert set(errors_of(tmp_path).index.unique("model")) == {"gp", "vjm"}  # most data sets first
     found = errors_of(tmp_path, models=["vjm", "lucky"])
     np.testing.assert_allclose(found.xs("vjm"), [1e-3 / np.array(SIZES)])  # of TWINS[0]
-
-
-def test_a_learning_curve_is_of_one_version_of_the_data_the_newest(tmp_path):
-    made = learned(tmp_path)
-    for size in SIZES:
-        about = {"condition": f"n = {size}", "version": 1, "run_id": "run-2"}
-        made.add("vjm", [7.0], dataset=TWINS[0], **about, **EFFICIENCY)
-    errors = errors_of(tmp_path, models=["vjm"])
-    assert errors.shape == (3, 3)
-    assert np.isclose(errors, 7e-3).all(axis=1).sum() == 1
 
 
 def swept(folder) -> None:
@@ -256,11 +240,6 @@ def test_freeze_strategies_are_compared_on_the_splits_that_all_have(tmp_path):
     assert linear == pytest.approx([0.3])
     assert "1 split, seed 0." in content.caption
     assert "Splits that only some strategies have are left out." in content.caption
-
-
-def test_looks_differ_without_colour_as_well():
-    found = looks(8)
-    assert len({one.color for one in found}) == len({one.marker for one in found}) == 8
 
 
 def test_long_names_lose_their_middle_and_no_control_character_is_drawn():

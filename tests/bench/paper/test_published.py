@@ -7,12 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from stiff_bench.paper.method_tables import reduction
+from stiff_bench.paper.paper_tables import reduction
 from stiff_bench.tables.published import (
     claimed_reductions,
     published_errors,
     published_lines,
-    published_stiffness,
 )
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.transfer.source_domain import source_design
@@ -49,20 +48,6 @@ def test_a_claimed_reduction_recomputes_from_table_10_but_for_the_mae_along_x(pl
         assert least <= CLAIMED[place] <= largest
 
 
-def test_a_maximum_is_above_mean_and_deviation_in_every_column_of_tables_2_and_10():
-    for method in (OF_ALL, *TABLE_10.values()):
-        for axis in AXES:
-            assert method["me", axis] > method["mae", axis] + method["stde", axis]
-
-
-def test_table_3_has_the_six_joints_the_three_of_the_arm_much_stiffer_than_those_of_the_wrist():
-    stiffness = published_stiffness()
-    assert list(stiffness) == ["A1", "A2", "A3", "A4", "A5", "A6"]
-    of_arm, of_wrist = np.split(np.array(list(stiffness.values())), 2)
-    assert of_arm.min() > 5 * of_wrist.max()
-    assert stiffness["A5"] == 8890.0 and stiffness["A2"] == max(stiffness.values())
-
-
 def test_table_1_has_90_cartesian_poses_and_60_of_61_in_joint_space_at_a_step_of_15_deg():
     lines = published_lines("table_1")
     cartesian = {line["moving"]: int(line["values"]) for line in lines[-3:]}
@@ -95,21 +80,6 @@ def test_our_source_domain_has_the_poses_of_table_4_and_the_wrenches_of_table_5(
     assert len(ours) == len(grid) == N_POSES
     wrenches = [list(map(float, list(line.values())[1:])) for line in published_lines("table_5")]
     assert np.array_equal(design.wrench, [wrenches]) and N_POSES * len(wrenches) == N_SAMPLES
-
-
-@pytest.mark.parametrize(
-    ("table", "best"), [("table_6", "4"), ("table_7", "relu"), ("table_9", "")]
-)
-def test_means_are_above_deviations_and_the_papers_choice_is_best_on_the_source(table, best):
-    lines = published_lines(table)
-    for line in lines:
-        values = [float(text) for text in [*line.values()][1:]]
-        for mean, deviation in zip(values[::2], values[1::2], strict=True):
-            assert 1.0 < mean / deviation < 2.5
-        if best:  # the 30 % err as the 70 %
-            assert 0.99 < values[2] / values[0] < 1.03 and 0.99 < values[3] / values[1] < 1.03
-    if best:
-        assert best in min(lines, key=lambda line: float(line["test_mae_mm"])).values()
 
 
 def rms(pairs) -> float:

@@ -9,10 +9,9 @@ import pytest
 from helpers.made_results import TWINS, MadeResults, change
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.figures.figure import Prepared
-from stiff_bench.report import pairs as pair_tables
-from stiff_bench.report import report as gather
-from stiff_bench.report.report import Selection
+from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.report import report_content as gather
+from stiff_bench.report.report_content import Selection
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
@@ -117,23 +116,6 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
     assert [fold.text for fold in block.folds] == ["first\nlast <b>"] * 2
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "n_failed"),
-    [
-        ({"options": {"steps": 10}}, {"options": {"steps": 20}}, 1),
-        ({"version": 0}, {"version": 1}, 2),  # other data are another case
-        ({"source": "old"}, {"source": "new"}, 2),
-    ],
-)
-def test_a_failure_that_a_newer_run_repeats_counts_once(results, old, new, n_failed):
-    for run_id, about in (("run-2", old), ("run-3", new)):
-        keys = results.add("bad", failed=(0,), dataset="other", run_id=run_id, **about)
-        results.add_run(run_id, keys)
-    blocks = blocks_of(results.folder)
-    assert f"; {n_failed} failed, 0 skipped." in blocks["Summary"].texts[1]
-    assert len(blocks["Failed and skipped"].tables[0].rows) == n_failed
-
-
 def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
     """One model alone, or samples that are missing."""
     blocks = blocks_of(results.folder, models=("vjm",))
@@ -157,14 +139,6 @@ def test_choices_narrow_everything_and_stand_in_the_commands(results):
         f"bench leaderboard --results {results.folder} --model vjm --model mlp --dataset "
         f"{TWINS[1]} --metric mae --axis z"
     )
-
-
-@pytest.mark.parametrize(("name", "bound"), [("MOST_PAIRS", 4), ("MOST_MODELS", 2)])
-def test_what_is_beyond_a_bound_on_pairs_is_left_out_and_noted(results, monkeypatch, name, bound):
-    monkeypatch.setattr(pair_tables, name, bound)
-    (table,) = blocks_of(results.folder)["Pairs of models"].tables
-    assert len(table.rows) == (2 if name == "MOST_MODELS" else 3)
-    assert len(table.notes) == 2
 
 
 def test_a_word_without_results_is_refused(results):

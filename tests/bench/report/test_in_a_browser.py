@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from helpers.made_results import TWINS, MadeResults
-from stiff_bench.report.report import Selection, write_report
+from stiff_bench.report.report_content import Selection, write_report
 
 pytestmark = [
     pytest.mark.slow,
@@ -128,15 +128,6 @@ def test_missing_numbers_stand_last_both_ways(browser, ranks):
         assert column(browser, ranks, "mean rank").index("-") >= N_MORE
 
 
-def test_the_keyboard_sorts_too_and_models_sort_as_people_count(browser, ranks):
-    title = heading(ranks, "model")
-    title.find_element("css selector", "[tabindex='0']").send_keys("\ue007")  # Enter
-    wait_until_sorted(browser, title, "ascending")
-    names = [name for name in column(browser, ranks, "model") if name.startswith("model-")]
-    assert names == sorted(names, key=lambda name: int(name.removeprefix("model-")))
-    assert len(names) > 10
-
-
 @pytest.mark.parametrize(
     ("title", "typed", "n_most"), [("model", "VJM", 1), ("mean rank", "< 4.6", 9)]
 )
@@ -149,19 +140,6 @@ def test_the_field_under_a_heading_filters_rows_by_text_or_bounds(
     shown = column(browser, ranks, title)
     assert 0 < len(shown) <= n_most
     assert shown == ["vjm"] if title == "model" else max(map(float, shown)) < 4.6
-
-
-def test_paper_has_all_rows_and_the_screen_keeps_the_readers_page(browser, ranks):
-    browser.execute_script(
-        "new DataTable.Api(arguments[0]).page.len(10).page(1).draw('page')", ranks
-    )
-    before = column(browser, ranks, "model")
-    for event in ("beforeprint", "beforeprint"):  # a browser may tell twice
-        browser.execute_script(f"window.dispatchEvent(new Event('{event}'))")
-    assert len(column(browser, ranks, "model")) == N_MORE + 2 + len(HACKS)
-    browser.execute_script("window.dispatchEvent(new Event('afterprint'))")
-    assert len(before) == 10
-    assert column(browser, ranks, "model") == before
 
 
 @pytest.mark.parametrize("size", [PHONE, DESKTOP], ids=["phone", "desktop"])

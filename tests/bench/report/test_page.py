@@ -10,8 +10,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from stiff_bench.report.page import (
-    FEW_ROWS,
+from stiff_bench.report.html_page import (
     MOST_ROWS,
     Block,
     Fold,
@@ -20,7 +19,6 @@ from stiff_bench.report.page import (
     page_table,
     render_page,
 )
-from stiff_bench.store.names import natural_key
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 
 HOSTILE = (
@@ -143,13 +141,6 @@ def test_tables_pictures_boxes_and_references_can_be_read_by_a_screen_reader(pla
             assert value.removeprefix("#") in ids or not value or value.startswith("data:")
 
 
-def test_a_picture_is_carried_inside(plain):
-    (image,) = plain.of("img")
-    head, _, body = image["src"].partition(",")
-    assert head == "data:image/svg+xml;base64"
-    assert base64.b64decode(body) == b"<svg>plain</svg>"
-
-
 def orders(*cells: Entry, **about: str) -> list[str]:
     """What the cells of a column of numbers are sorted by."""
     table = Table("t", [Column("x", **about)], [[cell] for cell in cells])
@@ -178,14 +169,6 @@ def test_a_column_of_texts_is_sorted_as_people_count_though_it_begins_with_numbe
     assert natural_order("B") > natural_order("a")
 
 
-def test_names_with_numbers_of_any_size_or_script_are_sorted():
-    names = ["v2", "v10", f"v{'9' * 5000}", "v\N{SUPERSCRIPT TWO}"]
-    assert sorted(names[:3], key=natural_key) == names[:3]
-    assert natural_key(names[3])  # no number, though `isdigit` calls it one
-    assert natural_key("n = 007") == natural_key("n = 7")
-    assert len(natural_order(names[2])) == 60
-
-
 def test_a_long_table_is_cut_and_says_so():
     rows = [[f"m{number}", 1] for number in range(MOST_ROWS + 7)]
     table = page_table(Table("t", [Column("model", "text"), Column("x")], rows, ["kept"]))
@@ -204,17 +187,7 @@ def test_a_table_of_the_page_has_what_its_readers_can_see():
     assert laid.notes == notes
 
 
-def test_code_and_powers_are_set_as_in_a_table_of_html():
-    page = made_page("`bench run` of 10^6 <b>")
-    assert page.count("<code>bench run</code> of 10<sup>6</sup> &lt;b&gt;") > 8
-    assert "<b>" not in page
-
-
 def test_a_cell_is_coloured_by_the_sign_of_its_number():
     table = Table("t", [Column("x", by_sign=True)], [[-1], [-0.0], [0], [1e-20], [None]])
     styles = [row[0].style for row in page_table(table).rows]
     assert styles == ["number worse", "number", "number", "number better", "number"]
-
-
-def test_the_page_says_from_how_many_rows_on_a_table_can_be_sorted():
-    assert f"In tables of more than {FEW_ROWS} rows" in made_page("plain")

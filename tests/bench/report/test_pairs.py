@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-import stiffbench as sb
 from helpers.compared_results import case_in, fifths, spread, steady, store_results
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.comparison import NORM, compare
 from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import Question, estimates
-from stiff_bench.report.page import page_table
-from stiff_bench.report.pairs import pair_table
-from stiff_bench.report.report import Selection, blocks_of
+from stiff_bench.report.html_page import page_table
+from stiff_bench.report.model_pairs import pair_table
 
 MODELS = {
     "good": spread(1e-5, 2e-6, seed=1),
@@ -72,30 +69,6 @@ def test_compare_and_leaderboard_judge_a_pair_by_the_same_numbers(tmp_path, n_sp
         assert one.posterior.a_better == pytest.approx(other.posterior.a_better, rel=1e-9)
 
 
-@pytest.mark.slow
-def test_a_page_has_one_verdict_on_a_pair_and_compare_says_where_its_own_is_another(tmp_path):
-    """Asked alone, the pair a and b differs; among 15 pairs it does not."""
-    models = {name: steady(4e-4, 5e-4, 9e-4) for name in ("c", "d", "e", "f")}
-    models |= {"a": steady(1.0e-4, 1.2e-4, 1.0e-4), "b": steady(2.0e-4, 2.6e-4, 2.4e-4)}
-    folder = store_results(tmp_path, models, tests=fifths(5)[:3])
-    cells, _ = pairs_of(folder)
-    board = build_leaderboard(StoredResults.read(folder), key=sort_key("norm", None))
-    tied = board.sections[0].ranked["like_best"].to_dict()
-    assert {name: cells["a"][name] for name in "bcdef"} == {
-        name: "0 : 0" if tied[name] else "1 : 0" for name in "bcdef"
-    }
-    summary, *_ = blocks_of(StoredResults.read(folder), Selection(), board.key)[0].texts
-    assert tied["b"] and "b" in summary.partition("Holm")[2]
-    alone, _, among_all = sb.open_results(folder).compare("a", "b").text.partition("Among all 6")
-    assert "a is better than b" in alone and "15 pairs" in among_all
-    assert "no significant difference" in among_all.partition("\n")[0]
-
-
 def test_a_model_without_a_result_has_no_pairs(tmp_path):
     cells, _ = pairs_of(store_results(tmp_path, MODELS, failed={"bad": range(5)}))
     assert set(cells) == MODELS.keys() - {"bad"}
-
-
-def test_one_pose_alone_finds_no_winner(tmp_path):
-    cells, _ = pairs_of(store_results(tmp_path, MODELS, tests=[np.array([3])]))
-    assert {cell for row in cells.values() for cell in row.values()} == {"0 : 0", "-"}

@@ -64,9 +64,3 @@ def test_bad_words_are_refused_and_nothing_is_written(
     with pytest.raises(error, match=said):
         raise done.exception
     assert {path for path in tmp_path.rglob("*") if path.suffix != ".lock"} <= before | {folder}
-
-
-def test_a_folder_that_is_named_twice_is_refused(folder, tmp_path):
-    done = run("--results", folder, "--results", f"{folder}/.", "--output", tmp_path / "p.html")
-    assert isinstance(done.exception, ConfigError)
-    assert "named twice" in str(done.exception)

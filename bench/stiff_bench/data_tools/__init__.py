@@ -1,1 +1,0 @@
-"""What the `bench data` commands do."""

@@ -1,0 +1,30 @@
+"""The general figures: what any folder of results can be drawn as.
+
+A figure is a function of a `FigureSource`; the first line of its docstring is its summary in
+`bench list figures`. `bench figure`, the pages of studies and the report page read this list.
+"""
+
+from stiff_bench.figures import (
+    calibration,
+    learning_curves,
+    losses,
+    mean_errors,
+    samples,
+    springs,
+    variants,
+)
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.prepared_figure import Figures
+
+FIGURES: Figures[FigureSource] = {
+    "scores": mean_errors.mean_errors,
+    "regression": samples.regression,
+    "errors": samples.sample_errors,
+    "losses": losses.loss_curves,
+    "sweep": variants.sweep,
+    "freezing": variants.freezing,
+    "learning-curves": learning_curves.learning_curves,
+    "workspace": samples.workspace,
+    "springs": springs.springs,
+    "calibration": calibration.calibration,
+}

@@ -1,0 +1,86 @@
+"""A figure whose numbers are gathered: a notebook shows it, a file or a page holds it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from stiff_bench.figures.style import STYLE, add_subtitle
+from stiff_bench.tables.picture_file import METADATA, check_suffix
+from stiff_protocols.contract.files import written_whole
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A figure that can be drawn: its numbers are gathered.
+
+    Attributes:
+        title: what it shows, in a few words.
+        caption: plain text: data, protocol, splits, seed, and what bands and marks mean.
+        paint: makes the matplotlib figure, inside the style.
+        subtitle: data set and protocol, drawn above the panels; "" where these name them.
+        style: matplotlib's settings; by default a journal's.
+    """
+
+    title: str
+    caption: str
+    paint: Callable[[], Figure]
+    subtitle: str = ""
+    style: Mapping[str, Any] = field(default_factory=lambda: STYLE)
+
+    def draw(self) -> Figure:
+        """Return the figure."""
+        with _only_settings(self.style):
+            figure = self.paint()
+            if self.subtitle:
+                add_subtitle(figure, self.subtitle)
+            return figure
+
+    def save(self, path: Path | str) -> None:
+        """Write it in the format that the file's suffix names: .png, .pdf or .svg.
+
+        Raises:
+            ConfigError: the suffix names none.
+            StoreError: the file cannot be written.
+        """
+        file = Path(path)
+        check_suffix(file)
+        with written_whole(file) as temporary:
+            self._write(temporary, file.suffix.lower())
+
+    def picture(self, suffix: str) -> bytes:
+        """Return what `save` writes into a file of a suffix."""
+        held = io.BytesIO()
+        self._write(held, suffix)
+        return held.getvalue()
+
+    def _repr_png_(self) -> bytes:
+        return self.picture(".png")
+
+    def _write(self, target: Path | BinaryIO, suffix: str) -> None:
+        with _only_settings(self.style):
+            self.draw().savefig(target, format=suffix[1:], metadata=METADATA[suffix])
+
+
+@contextmanager
+def _only_settings(style: Mapping[str, Any]) -> Iterator[None]:
+    """Draw with matplotlib's defaults and a style: the user's matplotlibrc takes no part."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(dict[Any, Any](style))
+        yield
+
+
+Source = TypeVar("Source")
+Figures = Mapping[str, Callable[[Source], Prepared]]
+"""Name of a figure -> what gathers its numbers from a source of results.
+
+It raises StoreError or ConfigError where they are not there, and says what makes them.
+"""

@@ -1,0 +1,108 @@
+"""A table of the paper next to ours: groups of columns, each with numbers of one origin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from stiff_bench.paper.paper_models import DATASET, SEED
+from stiff_bench.tables.metric_table import mean_over
+from stiff_bench.tables.table import Column, Quantity, Table
+
+Labels = tuple[str, ...]
+"""Texts of a row: one under each row heading."""
+Numbers = Mapping[tuple[Labels, str], float]
+"""(row, column) -> number."""
+GroupNumbers = dict[tuple[Labels, str], Quantity]
+"""The same with spread and marks; a missing one is a dash."""
+Unit = Literal["mm", "10^3 Nm/rad", "%"]
+PUBLISHED, PUBLISHED_DECIMALS = "published", 4
+SIMULATED = f"{DATASET} (simulated)"
+COMPARE = (
+    f"Published: KR10 measured. Ours: {SIMULATED}. Not comparable in absolute terms; "
+    "docs/reproduction.md says what differs."
+)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of one origin.
+
+    Attributes:
+        label: above them; no other group of the table has it.
+        columns: as the paper heads them.
+        decimals: to print.
+        numbers: of the group.
+        protocol: that our models were tested by; "" for none.
+        data: what the numbers come from.
+    """
+
+    label: str
+    columns: Labels
+    decimals: int
+    numbers: GroupNumbers
+    protocol: str = ""
+    data: str = SIMULATED
+
+    @classmethod
+    def published(cls, values: Numbers, decimals: int = PUBLISHED_DECIMALS) -> Group:
+        """Return the paper's columns."""
+        columns = tuple(dict.fromkeys(column for _, column in values))
+        numbers = {place: Quantity(value, n=1) for place, value in values.items()}
+        return cls(PUBLISHED, columns, decimals, numbers, data="KR10 (measured)")
+
+    @property
+    def about(self) -> dict[str, object]:
+        """Facts on each column, for csv and json."""
+        return {
+            "group": self.label,
+            "source": PUBLISHED if self.label == PUBLISHED else "ours",
+            "data": self.data,
+            "protocol": self.protocol,
+            "seed": SEED if self.protocol else None,
+        }
+
+
+def mean_numbers(each: Sequence[Numbers], mark: str = "") -> GroupNumbers:
+    """Return the means over splits, or specimens, at the places that all of them have."""
+    shared = [at for at in (each[0] if each else ()) if all(at in one for one in each)]
+    return {at: mean_over([one[at] for one in each], mark) for at in shared}
+
+
+def paper_table(
+    number: int,
+    caption: str,
+    unit: Unit,
+    headings: Labels,
+    rows: Iterable[Labels],
+    groups: Sequence[Group],
+    notes: Iterable[str],
+) -> Table:
+    """Return the table of a number in the paper.
+
+    `headings` are of the columns that name a row, `rows` the texts under them; the unit is of all
+    numbers.
+    """
+    columns = [Column(heading, "text") for heading in headings]
+    for group in groups:
+        form = f".{group.decimals}f"
+        columns += [
+            Column(name, "number", unit, form, group.label, group.about, marks_shown=False)
+            for name in group.columns
+        ]
+    cells = [
+        [*row, *(group.numbers.get((row, name)) for group in groups for name in group.columns)]
+        for row in rows
+    ]
+    title = f"Table {number}. {caption} [{unit}]"
+    return Table(title, columns, cells, list(notes), unit, about={"table": number})
+
+
+def published_numbers(lines: Mapping[Labels, Mapping[str, str]], columns: Iterable[str]) -> Numbers:
+    """Return the numbers of a published file: "train MAE" is its column "train_mae_mm"."""
+    return {
+        (row, column): float(line[f"{column.replace(' ', '_').lower()}_mm"])
+        for column in columns
+        for row, line in lines.items()
+    }

@@ -1,0 +1,225 @@
+"""The source paper's figures, by their numbers: ours, with what the paper prints beside them.
+
+Figures 4, 8 and 9 are regression diagrams, 5 has depth, width and pre-training of the network, 6
+one unfrozen layer against two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from stiff_bench.figures import losses, style, variants
+from stiff_bench.figures.losses import DASHED
+from stiff_bench.figures.prepared_figure import Figures, Prepared
+from stiff_bench.figures.samples import LINES_NOTE, Series, regression_figure
+from stiff_bench.paper import paper_models as models
+from stiff_bench.paper.paper_models import DATASET, PAPER_PROTOCOL, WIDTH_DEPTHS, pretrained
+from stiff_bench.paper.paper_results import Found, PaperResults, named_results
+from stiff_bench.paper.paper_tables import METHODS, NEW, OLD, ON_SOURCE, fitted_vjm
+from stiff_bench.store.newest import slot_of
+from stiff_bench.tables.metric_table import pooled_prediction
+from stiff_bench.tables.published import published_errors, published_lines
+from stiff_bench.tables.units import MM
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import AXES
+
+DATA = f"Data: {DATASET}, simulated: the paper's measurements are not public"
+_REGRESSION = "Predicted against true deflection"
+PANEL_INCH = 2.7
+QUANTITIES = ("MAE", "STDE")
+
+
+def _setting(*shown: Found) -> str:
+    """Return data, protocol, splits and seed of the first, and what is missing of all."""
+    absences = "".join(f" {note}" for found in shown for note in found.absences())
+    return f"{DATA}; {shown[0].setting}{absences}"
+
+
+def figure_4(_: PaperResults) -> Prepared:
+    """Show predicted against true deflection of the VJM, fitted to the same samples."""
+    tested = fitted_vjm()[0]
+    caption = (
+        f"The paper's Figure 4: the linear VJM (vjm), fitted to the same {len(tested.rows)} "
+        f"samples that are shown (no split). {DATA}. {LINES_NOTE} In brackets: the "
+        "paper's MAE (its Table 2)."
+    )
+    paint = partial(regression_figure, [Series("vjm", tested, _published_mae("table_2", OLD))])
+    return Prepared(f"{_REGRESSION}, VJM fitted to them", caption, paint)
+
+
+def figure_8(results: PaperResults) -> Prepared:
+    """Show predicted against true deflection of DT-CNN."""
+    return _regression(8, ("DT-CNN",), results)
+
+
+def figure_9(results: PaperResults) -> Prepared:
+    """Show predicted against true deflection of FT-MLP and the VJM."""
+    return _regression(9, (NEW, OLD), results)
+
+
+def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
+    """Draw the test samples of the methods, each of which has a result, on shared splits."""
+    names = {method: METHODS[method].name for method in methods}
+    found = results.on_shared_splits([METHODS[method] for method in methods], PAPER_PROTOCOL)
+    if found.missing or found.failures:
+        why = " ".join(found.absences())
+        raise StoreError(f"{results.folder}: {why.removesuffix('.')}", "results")
+    series = [
+        Series(method, pooled_prediction(found.results[name]), _published_mae("table_10", method))
+        for method, name in names.items()
+    ]
+    about = " and ".join(f"{method} ({name})" for method, name in names.items())
+    caption = (
+        f"The paper's Figure {number}: {about} on the test samples of all splits. "
+        f"{_setting(found)} {LINES_NOTE} In brackets: the paper's MAE (its Table 10)."
+    )
+    title = f"{_REGRESSION}, {' and '.join(methods)}"
+    return Prepared(title, caption, partial(regression_figure, series))
+
+
+def _published_mae(table: str, method: str) -> tuple[float, ...]:
+    """Return a method's published mean absolute errors along x, y and z, m."""
+    values = published_errors(table)[method]
+    return tuple(values["mae", axis] / MM for axis in AXES)
+
+
+def figure_6(results: PaperResults) -> Prepared:
+    """Show fine-tunings that move one hidden layer, or two adjacent ones."""
+    moving = map(models.unfrozen, (*models.SINGLE_LAYERS, *models.ADJACENT_PAIRS))
+    found = results.on_shared_splits(moving, PAPER_PROTOCOL)
+    slots = {slot_of(one) for one in found.each}
+    vjm = results.of_models([models.VJM], PAPER_PROTOCOL).each
+    errors = variants.strategies(found.each)
+    first = {variants.layers_of(one): one for one in reversed(found.each)}
+    curves = {layers: first[layers] for layers in errors["layers"].unique()}
+    caption = (
+        "The paper's Figure 6: ft-mlp with one hidden layer unfrozen (dashed) or two. (a) "
+        "Validation loss of the fine-tuning, first split; mark: least of the stored epochs. (b) "
+        "MAE of the test part at the epoch that was kept, all axes together; symbol: mean over the "
+        f"splits, bars: splits. {_setting(found)}"
+    )
+    linear = [variants.mean_absolute_error_mm(one) for one in vjm if slot_of(one) in slots]
+    paint = partial(_draw_strategies, curves, errors, linear)
+    return Prepared("One unfrozen layer against two", caption, paint)
+
+
+def _draw_strategies(
+    first: Mapping[str, CellResult], errors: pd.DataFrame, linear: Sequence[float]
+) -> Figure:
+    figure, (left, right) = style.new_panels(2, PANEL_INCH, 0.0)
+    kinds = dict(zip(errors["layers"], errors["kind"], strict=True))
+    for (layers, result), look in zip(first.items(), style.looks(len(first)), strict=True):
+        step, _, loss = result.curves.get("fine-tuning", np.full((1, 3), np.nan)).T
+        if losses.has_place(loss).any():
+            pair, best = kinds[layers] == variants.PAIR, losses.least_at(loss)
+            points = look.points() | {"markersize": 4.5}
+            line = points | {"linestyle": "-" if pair else DASHED, "markevery": [best]}
+            left.plot(step, loss, **line, label=f"layer{'s' * pair} {layers}")
+            left.plot(step[best], loss[best], **points, zorder=4.0)
+    left.set(xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]")
+    style.plain_numbers(left.xaxis)
+    style.plain_numbers(left.yaxis, style.FINE_STEPS)
+    if left.lines:
+        style.share_legend(figure, [left])
+    variants.draw_strategies(right, errors, linear)
+    style.name_panels([left, right])
+    return figure
+
+
+def figure_5(results: PaperResults) -> Prepared:
+    """Show errors of pre-trained networks by depth and width, and losses by activation."""
+    swept = [pretrained(layers=d, width=width) for width in models.WIDTHS for d in WIDTH_DEPTHS]
+    found = results.on_shared_splits(swept, PAPER_PROTOCOL)
+    width = models.DEPTH_WIDTH
+    stopped = [pretrained(layers=d, width=width, stopped_early=True) for d in WIDTH_DEPTHS]
+    early = results.of_models([*stopped, pretrained(stopped_early=True)], PAPER_PROTOCOL)
+    by_activation = {pretrained(activation=kind).name: kind for kind in models.ACTIVATIONS}
+    activations = [pretrained(activation=kind) for kind in reversed(models.ACTIVATIONS)]
+    trained = results.of_models(activations, PAPER_PROTOCOL)
+    curves = [
+        curve
+        for name, of_model in trained.results.items()
+        for curve in losses.curves_of(of_model[0], by_activation[name])
+    ]
+    caption = (
+        "The paper's Figure 5: (a) MAE and (b) STDE of pre-trained networks on the simulated "
+        "pre-training data, all axes together. Solid: test part (30 %), with a band over the "
+        "splits; dashed: training part. Hollow stars: the paper's test part (its Tables 6 and 7); "
+        f"hollow circles: ours stopped after {models.EARLY_STEPS} steps of plain Adam. (c) "
+        f"Pre-training loss of {models.BASE_LAYERS} x {models.BASE_WIDTH} nodes by activation, "
+        "first split (Huber loss of standardised targets; the paper's is the mean square). "
+        f"{_setting(found, early, trained)}"
+    )
+    paint = partial(_draw_networks, found.each, early.each, curves)
+    return Prepared("Depth, width and pre-training of the network", caption, paint)
+
+
+def _published_on_source(quantity: str) -> pd.DataFrame:
+    """Return what the paper's Tables 6 and 7 say of networks of our depths: depth, width, error."""
+    column = f"test_{quantity.lower()}_mm"
+    by_depth = {line["layers"]: float(line[column]) for line in published_lines("table_6")}
+    by_activation = {line["activation"]: float(line[column]) for line in published_lines("table_7")}
+    rows = [(depth, models.DEPTH_WIDTH, by_depth[str(depth)]) for depth in WIDTH_DEPTHS]
+    rows.append((models.BASE_LAYERS, models.BASE_WIDTH, by_activation["relu"]))
+    return pd.DataFrame(rows, columns=["depth", "width", "error"])
+
+
+def _draw_networks(
+    networks: list[CellResult], early: list[CellResult], curves: list[losses.LossCurve]
+) -> Figure:
+    figure, panels = style.new_panels(3, PANEL_INCH, 0.0)
+    thin = {"errorbar": None, "markers": False, "linestyle": DASHED, "linewidth": 0.8}
+    for axes, quantity in zip(panels, QUANTITIES, strict=False):
+        test, training = ON_SOURCE[f"test {quantity}"], ON_SOURCE[f"train {quantity}"]
+        errors_on = variants.errors_on_source
+        variants.draw_lines(axes, errors_on(networks, test), legend=False)
+        variants.draw_lines(axes, errors_on(networks, training), legend=False, **thin)
+        _mark(axes, _published_on_source(quantity), "*", 6.0)
+        _mark(axes, errors_on(early, test).groupby(["depth", "width"], as_index=False).mean(), "o")
+        axes.set_ylabel(f"pre-training {quantity} [mm]")
+    legend = panels[0]
+    for depth, look in zip(WIDTH_DEPTHS, style.looks(len(WIDTH_DEPTHS)), strict=True):
+        legend.plot([], [], color=look.color, marker=look.marker, label=f"{depth} hidden layers")
+    legend.plot([], [], color=style.REFERENCE_COLOR, linestyle=DASHED, label="training part")
+    for marker, size, label in (("*", 6.0, "paper"), ("o", 4.0, "stopped early")):
+        legend.plot([], [], marker, ms=size, color=style.REFERENCE_COLOR, mfc="white", label=label)
+    names = [curve.name for curve in curves]
+    losses.draw_losses(panels[2], curves, dict(zip(names, style.looks(len(names)), strict=True)))
+    panels[2].legend()
+    for axes, title in zip(panels, (*QUANTITIES, "pre-training"), strict=True):
+        axes.set_title(title, loc="left")
+    style.name_panels(panels)
+    style.share_legend(figure, [legend], ncols=6)
+    return figure
+
+
+def _mark(axes: Axes, errors: pd.DataFrame, marker: str, size: float = 4.0) -> None:
+    """Draw errors to hold ours against, hollow, in the depths' colours."""
+    for depth, look in zip(WIDTH_DEPTHS, style.looks(len(WIDTH_DEPTHS)), strict=True):
+        found = errors[errors["depth"] == depth]
+        hollow: dict[str, Any] = {"color": look.color, "ms": size, "mfc": "white", "mew": 0.8}
+        axes.plot(found["width"], found["error"], marker, **hollow)
+
+
+FIGURES: Figures[PaperResults] = {
+    "4": figure_4,
+    "5": figure_5,
+    "6": figure_6,
+    "8": figure_8,
+    "9": figure_9,
+}
+
+
+def prepare_figure(name: str, folder: Path | None) -> Prepared:
+    """Return one of the paper's figures; folder, None and errors are those of `named_results`."""
+    made_of = "is fitted here" if name == "4" else ""
+    return FIGURES[name](named_results(folder, f"figure {name}", made_of=made_of))

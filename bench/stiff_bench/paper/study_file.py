@@ -1,0 +1,173 @@
+"""A study: a TOML file that says what is run and what stands on its page.
+
+The keys of a run (`StudyRun`) may stand at the top of the file, for all runs; a file without
+[[run]] is one run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from stiff_bench.plan.options import choices
+from stiff_bench.plan.registry import Registry
+from stiff_bench.plan.request import RunPlan, plan_run
+from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_protocols.contract.files import read_toml
+
+Words = tuple[str, ...]
+NO_OTHER_KEYS = ConfigDict(extra="forbid")
+SUFFIX = ".toml"
+UNKNOWN_KEY = "unexpected_keyword_argument"
+"""Name of a problem, as pydantic has it."""
+
+
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
+class StudyRun:
+    """Every model on every data set under every protocol.
+
+    Attributes:
+        models: words of `bench run --model`, such as "knn@neighbours=3"; "all": every one.
+        datasets: words of `--dataset`, or groups of the study.
+        protocols: words of `--protocol`.
+        settings: words of `--set`.
+        splits: number of splits; None: the protocol's own.
+        seed: of splits and models.
+    """
+
+    models: Words
+    datasets: Words
+    protocols: Words = ("holdout",)
+    settings: Words = ()
+    splits: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    seed: Annotated[int, Field(ge=0, le=2**32 - 20_000)] = 0
+
+
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
+class Study:
+    """What a study runs, and its page.
+
+    Attributes:
+        name: of the folder that holds page and results; by default that of the file.
+        title: of the page.
+        run: its runs, whose results are stored in one folder.
+        notes: what a reader must know of the results; on the page, under its title.
+        metrics: keys, of which the scores are printed.
+        coverage: nominal coverage of prediction intervals; None: 0.9 where a metric needs them.
+        tables: of the page, by name (`study_page.TABLES`).
+        figures: of the page; `bench list figures` shows their names.
+        groups: name -> data sets. Runs may name them, and tables have a column for each.
+        sort_by: the group by whose errors "relative-errors" sorts the models.
+        table_notes: under "relative-errors".
+        orders: groups whose orders of the models "order-agreement" compares -> their names there.
+        steps: groups that each add to the one before: joined by lines in figure "relative-errors".
+        caption: of that figure.
+        file: that describes it; errors name it.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[^./\\][^/\\]*$")]  # a folder, not a path
+    title: str
+    run: tuple[StudyRun, ...]
+    notes: Words = ()
+    metrics: Words = ()
+    coverage: Annotated[float, Field(gt=0, lt=1)] | None = None
+    tables: Words = ("scores",)
+    figures: Words = ()
+    groups: Mapping[str, Words] = Field(default_factory=dict)
+    sort_by: str = ""
+    table_notes: Words = ()
+    orders: Mapping[str, str] = Field(default_factory=dict)
+    steps: Words = ()
+    caption: str = ""
+    file: Path = Path()
+
+    def plans(self, registry: Registry, *, output: Path, command: str) -> list[RunPlan]:
+        """Check the runs, whose results are all stored in `output`.
+
+        Raises:
+            ConfigError: a model, data set, protocol, metric or option is unknown or wrong.
+        """
+        try:
+            return [
+                plan_run(
+                    choices(
+                        registry,
+                        models=run.models,
+                        datasets=[
+                            word for name in run.datasets for word in self.groups.get(name, [name])
+                        ],
+                        protocols=run.protocols,
+                        settings=run.settings,
+                    ),
+                    registry,
+                    output=output,
+                    metrics=self.metrics,
+                    splits=run.splits,
+                    seed=run.seed,
+                    command=command,
+                    coverage=self.coverage,
+                )
+                for run in self.run
+            ]
+        except ConfigError as error:
+            raise ConfigError(f"{self.file}: {error}") from error
+
+
+def find_study(name: str) -> Study:
+    """Read a shipped study, or the file of one.
+
+    Raises:
+        ConfigError: there is no study of this name, or the file is wrong.
+    """
+    if name.endswith(SUFFIX):
+        return read_study(Path(name))
+    folder = files("stiff_studies")
+    shipped = [file.name.removesuffix(SUFFIX) for file in folder.iterdir() if SUFFIX in file.name]
+    if name not in shipped:
+        raise unknown_name("study", name, [*shipped, f"FILE{SUFFIX}"])
+    with as_file(folder / f"{name}{SUFFIX}") as path:
+        return read_study(path)
+
+
+def read_study(path: Path) -> Study:
+    """Read the file of a study.
+
+    Raises:
+        ConfigError: it cannot be read, or a key or value is wrong; the message names it.
+    """
+    content = read_toml(path, error=ConfigError)
+    of_run = {field.name for field in fields(StudyRun)}
+    every = {key: content.pop(key) for key in [*content] if key in of_run}
+    runs = content.get("run", [{}])
+    if isinstance(runs, list):
+        content["run"] = [every | run if isinstance(run, dict) else run for run in runs]
+    try:
+        study = TypeAdapter(Study).validate_python({"name": path.stem, **content, "file": path})
+    except ValidationError as error:
+        # an unknown key first: it is why another is missing
+        first = min(error.errors(), key=lambda problem: problem["type"] != UNKNOWN_KEY)
+        raise ConfigError(f"{path}: {_describe(first)}") from None
+    named: dict[str, Iterable[str]] = {"sort_by": [study.sort_by], "orders": study.orders}
+    for key, names in {**named, "steps": study.steps}.items():
+        for name in filter(None, names):
+            if name not in study.groups:
+                raise ConfigError(f"{path}: {key}: {unknown_name('group', name, study.groups)}")
+    return study
+
+
+def _describe(problem: Mapping[str, Any]) -> str:
+    """Return which key of a file is wrong, its value, and what is valid."""
+    *place, key = (str(part) for part in problem["loc"])
+    keys = [field.name for field in fields(StudyRun if place[:1] == ["run"] else Study)]
+    if problem["type"] == UNKNOWN_KEY:
+        return str(unknown_name("key", key, {*keys, *(field.name for field in fields(StudyRun))}))
+    where = ".".join([*place, key])
+    if problem["type"] == "missing":
+        return f"{where} is missing (valid keys: {', '.join(keys)})"
+    return f"{where} = {problem['input']!r}: {problem['msg'].replace('Input should', 'it should')}"

@@ -1,0 +1,207 @@
+"""Writes the page of a study: its tables, its figures, and where the results come from."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+
+from stiff_bench.analysis.collected import StoredResults
+from stiff_bench.analysis.leaderboard import build_leaderboard, newest_results
+from stiff_bench.analysis.leaderboard_tables import render_leaderboard
+from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.figures.figure_catalog import FIGURES
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.paper import paper_figures, paper_tables
+from stiff_bench.paper.paper_results import PaperResults
+from stiff_bench.paper.relative_errors import RelativeErrors, mean_errors
+from stiff_bench.paper.study_file import Study
+from stiff_bench.store.database import FILE
+from stiff_bench.store.versions import sources
+from stiff_bench.tables.metric_table import build_tables
+from stiff_bench.tables.render import markdown_code, markdown_text, render
+from stiff_bench.tables.units import counted
+from stiff_models.model_catalog import MODELS
+from stiff_protocols.contract.errors import StiffBenchError, unknown_name
+from stiff_protocols.contract.files import make_folder, written_whole
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.scoring.metrics import metric
+
+TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
+PICTURE_FILES = ("png", "pdf")
+Writer = Callable[[str, str], str]
+"""Format, command -> text of a table."""
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResults:
+    """A study and what its folder holds."""
+
+    study: Study
+    stored: PaperResults
+
+    @cached_property
+    def relative(self) -> RelativeErrors:
+        """Errors relative to the VJM's."""
+        return RelativeErrors(self.study, mean_errors(self.stored))
+
+
+def _leaderboard(results: StudyResults) -> Writer:
+    board = build_leaderboard(results.stored, key=sort_key("norm", None))
+    return partial(render_leaderboard, board)
+
+
+def _scores(results: StudyResults) -> Writer:
+    metrics = [metric(key) for key in results.study.metrics]
+    return partial(render, build_tables(newest_results(results.stored), metrics))
+
+
+def _papers(number: str, results: StudyResults) -> Writer:
+    tables = paper_tables.build(number, results.stored)
+    return lambda fmt, _: render(tables, fmt, f"bench table {number} --format {fmt}")
+
+
+TABLES: Mapping[str, Callable[[StudyResults], Writer]] = {
+    "scores": _scores,
+    "leaderboard": _leaderboard,
+    "relative-errors": lambda results: partial(render, [results.relative.table()]),
+    "order-agreement": lambda results: partial(render, [results.relative.agreement()]),
+    **{number: partial(_papers, number) for number in paper_tables.TABLES},
+}
+"""Name in a study's file -> what makes the table; numbers are the source paper's."""
+
+
+def check_names(study: Study) -> None:
+    """See that there are the tables and figures that a study names.
+
+    Raises:
+        ConfigError: there is no such table or figure.
+    """
+    figures = ("relative-errors", *paper_figures.FIGURES, *FIGURES)
+    for kind, names, valid in (
+        ("table of a study", study.tables, TABLES),
+        ("figure of a study", study.figures, figures),
+    ):
+        for name in names:
+            if name not in valid:
+                raise unknown_name(kind, name, valid)
+
+
+def write_page(study: Study, output: Path, command: str, n_missing: int) -> Iterator[Path]:
+    """Write OUTPUT/NAME/README.md with its tables and figures, and yield each file.
+
+    The results are in OUTPUT/NAME/runs, of which `n_missing` are not computed. What cannot be made
+    of them is named on the page, with the reason.
+
+    Raises:
+        StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
+    """
+    folder = output / study.name
+    results = StudyResults(study, PaperResults.of(folder / "runs"))
+    tables, missing = list[str](), dict[str, str]()
+    for name in study.tables:
+        try:
+            text_as = TABLES[name](results)
+        except StiffBenchError as error:
+            missing[f"Table {name}"] = str(error)
+            continue
+        for fmt, suffix in TABLE_FILES.items():
+            path = folder / "tables" / f"{_stem('table', name)}.{suffix}"
+            yield _written(path, text_as(fmt, command))
+        tables.append(text_as("github", command))
+    figures = dict[str, Prepared]()
+    for name in study.figures:
+        try:
+            figures[name] = _figure(name, results)
+        except StiffBenchError as error:
+            missing[f"Figure {name}"] = str(error)
+            continue
+        make_folder(folder / "figures")
+        for suffix in PICTURE_FILES:
+            picture = folder / "figures" / f"{_stem('figure', name)}.{suffix}"
+            figures[name].save(picture)
+            yield picture
+    page = [
+        f"# {study.title}",
+        _listed(*study.notes, *_provenance(results.stored, command, n_missing)),
+        *tables,
+        *_figures_and_missing(figures, missing),
+    ]
+    yield _written(folder / "README.md", "\n\n".join(page))
+
+
+def _figure(name: str, results: StudyResults) -> Prepared:
+    if name == "relative-errors":
+        return results.relative.figure()
+    if name in paper_figures.FIGURES:
+        return paper_figures.FIGURES[name](results.stored)
+    return FIGURES[name](FigureSource(results.stored.folder, results.stored.cases))
+
+
+def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator[str]:
+    """Yield lines of markdown: the command, the versions, and each machine."""
+    results = [result for case in stored.cases for result in case.every]
+    yield f"made by {markdown_code(command)}"
+    if n_missing:
+        yield f"not finished: {counted(n_missing, 'fit')} not computed"
+    if outdated := outdated_models(results):
+        yield (
+            f"out of date: {', '.join(outdated)} (these models changed since the run; "
+            "`bench show MODEL` has their version)"
+        )
+    counts = Counter(one.run_id for one in results)
+    yield markdown_text(sources(stored.folder, stored.runs, counts))
+    unknown = {"processor": "unknown processor", "platform": "unknown platform"}
+    unknown |= dict.fromkeys(("cores", "python", "torch"), "?")
+    about = "{processor}, {cores} cores, {platform}, Python {python}, torch {torch}"
+    machines = Counter(about.format_map(unknown | dict(run.environment)) for run in stored.runs)
+    for machine, n_runs in machines.items():
+        yield f"{markdown_text(machine)}: {counted(n_runs, 'run')} (`{stored.folder.name}/{FILE}`)"
+
+
+def outdated_models(results: Iterable[CellResult]) -> list[str]:
+    """Return the shipped models of which results are of a former version.
+
+    A model of a library is known by more than a number, and left out.
+    """
+    today = {info.key: str(info.version) for info in MODELS}
+    of_cells = {(one.cell.model, one.cell.model_version) for one in results}
+    numbered = {(key, version) for key, version in of_cells if version.isdecimal()}
+    return sorted({key for key, version in numbered if today.get(key, version) != version})
+
+
+def _figures_and_missing(
+    figures: Mapping[str, Prepared], missing: Mapping[str, str]
+) -> Iterator[str]:
+    """Yield the end of a page: its figures, and what could not be made, with the reason."""
+    if figures:
+        yield "## Figures"
+    for name, figure in figures.items():
+        picture = f"figures/{_stem('figure', name)}"
+        number = f"Figure {name}: " if name.isdecimal() else ""
+        yield f"### {number}{figure.title}"
+        yield f"![{figure.title}]({picture}.png)"
+        yield f"{markdown_text(figure.caption)} ([PDF]({picture}.pdf))"
+    if missing:
+        yield "## Not made"
+        yield _listed(*(f"{what}: {markdown_text(why)}" for what, why in missing.items()))
+
+
+def _listed(*lines: str) -> str:
+    """Return lines of markdown as a list."""
+    return "\n".join(f"- {line}" for line in lines)
+
+
+def _stem(kind: str, name: str) -> str:
+    return f"{kind}_{name.replace('-', '_')}"
+
+
+def _written(path: Path, text: str) -> Path:
+    """Write a text whole, and return where."""
+    make_folder(path.parent)
+    with written_whole(path) as temporary:
+        temporary.write_text(f"{text}\n", encoding="utf-8")
+    return path

@@ -1,0 +1,185 @@
+"""The page: what it holds, as plain texts, which may be hostile; and its one file of HTML.
+
+Style, scripts and pictures are inside; all texts are escaped.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from stiff_bench.console import printable
+from stiff_bench.store.names import OPTION_MARK, natural_key
+from stiff_bench.tables.render import html_text
+from stiff_bench.tables.table import Column, Entry, Table, quantity
+
+
+class Picture(NamedTuple):
+    """A figure of the page: its file, such as of "image/svg+xml", and the command that draws it."""
+
+    title: str
+    caption: str
+    media_type: str
+    content: bytes
+    command: str
+
+
+class Fold(NamedTuple):
+    """A text that is folded away: a log, or a list of versions."""
+
+    summary: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Block:
+    """What stands under one heading; `command` prints the same as the tables, "" for none."""
+
+    heading: str
+    texts: Sequence[str] = ()
+    tables: Sequence[Table] = ()
+    pictures: Sequence[Picture] = ()
+    folds: Sequence[Fold] = ()
+    notes: Sequence[str] = ()
+    command: str = ""
+
+
+_HERE = Path(__file__).parent
+PACKAGE, VERSION = "datatables.net", "3.1.5"
+LICENCE = "MIT"
+SCRIPT = _HERE / "npm" / "dataTables.min.js"
+"""The widget that sorts and filters tables."""
+
+MOST_ROWS = 2000
+"""So many rows of a table are embedded; the page says where there are more."""
+FEW_ROWS = 12
+"""A table of so many rows is read without search, filters and sorting."""
+_LONG = 40  # characters of a text that needs room
+
+
+class PageCell(NamedTuple):
+    """A cell of the page: text, what its column is sorted by ("" stands last), CSS class."""
+
+    text: str
+    order: str
+    style: str
+
+
+class PageTable(NamedTuple):
+    """A table as the page's template reads it: heading and CSS class of a column, rows, notes."""
+
+    headings: list[str]
+    styles: list[str]
+    rows: list[list[PageCell]]
+    notes: list[str]
+    can_be_sorted: bool
+
+
+def page_table(table: Table) -> PageTable:
+    """Return what people see of a table with its typed order, cut to `MOST_ROWS`; all notes."""
+    shown = replace(table, brief=False).shown()
+    rows, notes = shown.rows[:MOST_ROWS], [*shown.notes]
+    if len(rows) < len(shown.rows):
+        notes.append(
+            f"The first {len(rows)} of {len(shown.rows)} rows are shown; --model, --dataset and "
+            "--protocol select fewer."
+        )
+    styles = [
+        _style(column, [row[number] for row in rows]) for number, column in enumerate(shown.columns)
+    ]
+    cells = [[*map(_page_cell, shown.columns, row, styles)] for row in rows]
+    by_sign = any(column.by_sign for column in shown.columns)
+    can_be_sorted = len(rows) > FEW_ROWS and not by_sign
+    return PageTable(shown.headings(), styles, cells, notes, can_be_sorted)
+
+
+def _style(column: Column, cells: Sequence[Entry]) -> str:
+    if column.kind == "number":
+        return "number"
+    return "long" if any(len(column.text(cell)) > _LONG for cell in cells) else "text"
+
+
+_LONGEST_ORDER = 60  # characters of a text that it is sorted by
+
+
+def natural_order(text: str) -> str:
+    """Return a text that sorts as people count: "n = 5" stands before "n = 10".
+
+    >>> sorted(["n = 10", "n = 5"], key=natural_order)
+    ['n = 5', 'n = 10']
+    """
+    return natural_key(text.lower())[:_LONGEST_ORDER]
+
+
+def _page_cell(column: Column, cell: Entry, style: str) -> PageCell:
+    text = column.text(cell)
+    if style != "number":
+        return PageCell(text, natural_order(text), "" if style == "long" else style)
+    found = quantity(cell)
+    if found is None or found.order is None:
+        return PageCell(text, "", style)
+    tone = " worse" if found.order < 0.0 else " better" if found.order > 0.0 else ""
+    return PageCell(text, f"{found.order:.12g}", style + tone * column.by_sign)
+
+
+def render_page(parts: Mapping[str, Sequence[Block]], command: str) -> str:
+    """Return the page as HTML: folder of results -> what it says of it; the command that makes it.
+
+    All texts are escaped, and nothing but the two scripts and the style of this package can act in
+    it: its content security policy names them by their hashes and allows no request.
+    """
+    scripts = [file.read_text(encoding="utf-8") for file in (SCRIPT, _HERE / "page.js")]
+    style = (_HERE / "page.css").read_text(encoding="utf-8")
+    environment = Environment(
+        loader=FileSystemLoader(_HERE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_visible,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        **{"source": _source, "breakable": _breakable, "laid_out": page_table},
+        "html_text": lambda text: Markup(html_text(text)),
+    }
+    return environment.get_template("page.html.jinja").render(
+        parts=parts,
+        command_line=command,
+        version=version("stiffbench"),
+        few_rows=FEW_ROWS,
+        policy=_policy(scripts, style),
+        scripts=[Markup(script) for script in scripts],
+        style=Markup(style),
+        widget=f"{PACKAGE} {VERSION} ({LICENCE})",
+    )
+
+
+def _visible(value: Any) -> Any:
+    """Escape control characters and those that turn text around; ours have none."""
+    return printable(value) if type(value) is str else value
+
+
+def _breakable(name: str) -> Markup:
+    """Let a name with options break before one of them rather than inside a word."""
+    return Markup(html_text(name).replace(OPTION_MARK, f"<wbr>{OPTION_MARK}"))
+
+
+def _source(picture: Picture) -> str:
+    return f"data:{picture.media_type};base64,{base64.b64encode(picture.content).decode()}"
+
+
+def _policy(scripts: list[str], style: str) -> str:
+    digests = (hashlib.sha256(text.encode()).digest() for text in (*scripts, style))
+    *of_scripts, of_style = (f"'sha256-{base64.b64encode(one).decode()}'" for one in digests)
+    return (
+        f"default-src 'none'; img-src data:; script-src {' '.join(of_scripts)}; "
+        f"style-src {of_style}; base-uri 'none'; form-action 'none'"
+    )

@@ -1,0 +1,155 @@
+"""Scores, data and identified stiffnesses of the cases of a page. Here SI becomes mm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
+from typing import Any
+
+from stiff_bench.analysis.collected import Case, Competitor
+from stiff_bench.analysis.leaderboard import in_order
+from stiff_bench.report.html_page import Block, Fold
+from stiff_bench.store.names import grouped, labels, natural_key
+from stiff_bench.store.samples import StoredData
+from stiff_bench.tables.fit_notes import model_notes
+from stiff_bench.tables.metric_table import (
+    mark_of,
+    mean_over,
+    metric_columns,
+    metric_values,
+)
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
+from stiff_bench.tables.units import counted
+from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.scoring.metrics import METRICS, Metric
+from stiff_protocols.springs.identification import spring_key
+
+MOST_NOTES = 200
+"""So many notes on fits are embedded."""
+Asked = Mapping[Case, Sequence[Competitor]]
+"""Cases to show -> their models that were asked for."""
+_ALWAYS = ("norm", "mae", "stde", "me")
+
+
+def score_block(asked: Asked, metric: str) -> Block:
+    """Return the scores of models, ranked or not; `metric`, which is ranked by, comes first."""
+    metrics = [METRICS[key] for key in dict.fromkeys((metric, *_ALWAYS))]
+    called = labels(case.name for case in asked)
+    shown = [
+        (case, competitor) for case in sorted(asked, key=in_order) for competitor in asked[case]
+    ]
+    notes = [
+        (note, called[case.name])
+        for case, competitor in shown
+        if competitor.done
+        for note in model_notes(case.results(competitor.name))
+    ]
+    table = Table.of(
+        "Scores, mean ± standard deviation over splits",
+        [
+            *text_columns("model", "data set", "protocol", "condition"),
+            *(Column("seed"), Column("splits")),
+            *(column for metric in metrics for column in metric_columns([metric])),
+        ],
+        [_row(case, competitor, metrics) for case, competitor in shown],
+        ["splits: with a result / asked for."],
+    )
+    return Block("Scores", tables=[table], folds=_fit_notes(notes))
+
+
+def _row(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> dict[Any, Entry]:
+    """Return the cells by name of their column, or by (metric key, axis)."""
+    name = case.name
+    results = case.results(competitor.name)
+    n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
+    return {
+        "model": Name(competitor.name, mark_of(competitor.shown)),
+        **{"data set": name.dataset, "protocol": name.protocol},
+        **{"condition": name.condition or None, "seed": name.seed},
+        "splits": Quantity(share=(len(results), n_asked)),
+        **(metric_values(results, metrics) if results else {}),
+    }
+
+
+def _fit_notes(notes: Sequence[tuple[str, str]]) -> list[Fold]:
+    """Return what fits reported, and where first, in a fold; nothing where they did not."""
+    if not notes:
+        return []
+    lines = [
+        f"{places[0][1]}{f' and {len(places) - 1} more' if len(places) > 1 else ''}: {note}"
+        for note, places in grouped(notes, itemgetter(0)).items()
+    ]
+    more = f"; the first {MOST_NOTES} are shown" if len(lines) > MOST_NOTES else ""
+    summary = f"What the fits reported: {counted(len(lines), 'note')}{more}"
+    return [Fold(summary, "\n".join(lines[:MOST_NOTES]))]
+
+
+def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Block:
+    """Return robot, TCP and size of the data sets, and the stiffnesses.
+
+    `data_of` returns the samples with a hash; it raises StoreError where they are not stored.
+    """
+    of_data = {case.measured_sha256: case for case in cases}
+    rows: list[list[Entry]] = []
+    for sha256, case in sorted(
+        of_data.items(), key=lambda item: (natural_key(item[1].name.dataset), item[0])
+    ):
+        shown = case.shown
+        try:
+            data = data_of(case.name.data_sha256)
+            n_poses = len(set(data.measured.pose_id))
+            size: list[Entry] = [data.robot.name, _tcp(data), len(data.measured), n_poses]
+        except StoreError:
+            size = [None, None, None, None]
+        rows.append([case.name.dataset, shown.kind, *size, sha256])
+    columns = [
+        *(Column(name, "text") for name in ("data set", "kind", "robot")),
+        *(Column("TCP, frame of the last link [m]", "text"), Column("samples"), Column("poses")),
+        Column("sha256 of samples and robot", "text"),
+    ]
+    tables = [Table("Data sets", columns, rows), _stiffnesses(cases, data_of)]
+    return Block("Robots and data", tables=[table for table in tables if table.rows])
+
+
+def _tcp(data: StoredData) -> str:
+    """Return the TCP as `--tcp` takes it."""
+    return ", ".join(f"{length:g}" for length in data.robot.tcp_on_flange)
+
+
+Joint = tuple[str, str]
+"""Name, and the unit of its stiffness."""
+
+
+def _stiffnesses(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Table:
+    """Return the joint stiffnesses that the reference model identified on each data set."""
+    found: dict[str, tuple[str, dict[Joint, Quantity]]] = {}
+    for case in sorted(cases, key=in_order):
+        if REFERENCE_MODEL not in case.competitors or case.name.dataset in found:
+            continue
+        try:
+            data = data_of(case.name.data_sha256)
+        except StoreError:  # the table of data sets shows that
+            continue
+        fits = [one.diagnostics for one in case.results(REFERENCE_MODEL)]
+        values = {
+            joint: [fit[key] for fit in fits if math.isfinite(fit.get(key, math.inf))]
+            for joint in zip(data.robot.joint_names, data.stiffness_units, strict=True)
+            for key in [spring_key("stiffness", *joint)]
+        }
+        row = {joint: mean_over(of_fits) for joint, of_fits in values.items() if of_fits}
+        found[case.name.dataset] = (case.name.protocol, row)
+    joints = dict.fromkeys(joint for _, row in found.values() for joint in row)
+    return Table(
+        f"Joint stiffnesses of {REFERENCE_MODEL}, mean ± standard deviation over splits",
+        [
+            *(Column("data set", "text"), Column("protocol", "text")),
+            *(Column(name, unit=unit, format=",.0f") for name, unit in joints),
+        ],
+        [
+            [dataset, protocol, *(row.get(joint) for joint in joints)]
+            for dataset, (protocol, row) in found.items()
+            if row
+        ],
+    )

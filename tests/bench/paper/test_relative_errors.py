@@ -1,0 +1,107 @@
+"""Errors relative to the VJM's, and how far the orders of the models agree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from helpers.made_results import MadeResults
+from stiff_bench.analysis.collected import StoredResults
+from stiff_bench.paper.relative_errors import RelativeErrors, mean_errors
+from stiff_bench.paper.study_file import Study, StudyRun
+from stiff_bench.store.database import ResultStore
+from stiff_protocols.contract.errors import StoreError
+
+ARMS = ("arm 0", "arm 1", "arm 2")
+STUDY = Study(
+    name="s",
+    title="t",
+    run=(StudyRun(models=("vjm",), datasets=("arms",)),),
+    groups={"plain": ("plain",), "rough": ("rough",), "arms": ARMS, "other": ("other",)},
+    sort_by="rough",
+    table_notes=("a note",),
+    orders={"plain": "default", "rough": "rough", "arms": "many arms"},
+    steps=("plain", "rough"),
+)
+
+
+def relative(study=STUDY, **ratios):
+    """Errors of models relative to the VJM's 0.2 mm on plain, rough and the arms."""
+    rows = {"vjm": [1.0] * 5} | ratios
+    errors = pd.DataFrame(2e-4 * np.array([*rows.values()]), [*rows], ["plain", "rough", *ARMS])
+    return RelativeErrors(study, errors)
+
+
+def cells_of(table):
+    """Row -> column -> cell."""
+    heads = [column.name for column in table.columns[1:]]
+    return {row[0]: dict(zip(heads, row[1:], strict=True)) for row in table.rows}
+
+
+def test_a_group_is_a_column_with_mean_and_spread_of_the_errors_relative_to_the_vjms():
+    table = relative(gp=[0.5, 0.8, 0.2, 0.4, 0.6]).table()
+    rows = cells_of(table)
+    assert [*rows] == ["gp", "vjm"]  # the best on the rough one first
+    assert [*rows["gp"]] == ["plain", "rough", "arms"]  # "other" has no results
+    assert rows["gp"]["plain"].value == pytest.approx(0.5) and rows["gp"]["plain"].n is None
+    arms = rows["gp"]["arms"]
+    assert (arms.value, arms.spread, arms.n) == (pytest.approx(0.4), pytest.approx(0.2), 3)
+    assert rows["vjm"]["arms"].value == 1.0
+    assert table.notes == [
+        "3-D error of the VJM [mm]: plain 0.200, rough 0.200, arms 0.200.",
+        "a note",
+    ]
+
+
+def test_a_model_without_a_result_on_a_group_has_a_dash_and_no_place_in_the_orders():
+    errors = relative(gp=[0.5, 0.8, np.nan, np.nan, np.nan])
+    assert cells_of(errors.table())["gp"]["arms"] is None
+    assert errors.orders.index.tolist() == ["vjm"]
+
+
+def test_tau_is_one_for_the_same_order_and_minus_one_for_the_other_way_round():
+    made = relative(
+        a=[0.2, 0.3, 2.0, 2.0, 2.0],
+        b=[0.4, 0.5, 1.5, 1.5, 1.5],
+        oracle=[0.01, 2.0, 0.01, 0.01, 0.01],  # no model
+    )
+    table = made.agreement()
+    tau = cells_of(table)
+    assert "3 models" in table.title
+    assert tau["default"]["rough"] == 1.0
+    assert tau["rough"]["many arms"] == tau["many arms"]["rough"] == -1.0
+
+
+def test_the_figure_has_the_steps_and_the_groups_with_an_order():
+    steps, orders = relative(gp=[0.5, 0.8, 0.2, 0.4, 0.6]).figure().draw().axes
+    assert [label.get_text() for label in steps.get_xticklabels()] == ["plain", "rough"]
+    names = [label.get_text() for label in orders.get_xticklabels()]
+    assert names == ["default", "rough", "many arms"]
+
+
+def test_without_the_vjm_there_is_nothing_to_be_relative_to(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add_run("run-1", made.add("gp", [0.1]))
+    with pytest.raises(StoreError, match="no result of vjm"):
+        mean_errors(StoredResults.read(tmp_path))
+
+
+def test_of_two_versions_of_a_model_only_the_newest_counts(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("vjm", [0.2])
+    (key,) = made.add("gp", [0.1])
+    store = ResultStore(tmp_path)
+    first = store.result(key)
+    moved = first.prediction.measured + np.array([0.0, 0.0, 4e-4])
+    newer = replace(
+        first,
+        cell=replace(first.cell, model_version="2"),
+        run_id="run-2",
+        prediction=replace(first.prediction, predicted=moved),
+    )
+    store.write_cells([newer])
+    (errors,) = mean_errors(StoredResults.read(tmp_path)).to_numpy().T
+    assert errors == pytest.approx([4e-4, 2e-4])  # gp, vjm

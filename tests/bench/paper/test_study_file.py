@@ -1,0 +1,136 @@
+"""A study's file: what it asks for, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from stiff_bench.paper import paper_models
+from stiff_bench.paper.paper_models import ALL_PAIRS, DEPTHS, WIDTH_DEPTHS, WIDTHS
+from stiff_bench.paper.paper_results import PaperResults
+from stiff_bench.paper.study_file import find_study, read_study
+from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.registry import build_registry
+from stiff_bench.run.cell import unfinished
+from stiff_bench.store.database import ResultStore
+from stiff_models.model_catalog import MODELS
+from stiff_protocols.contract.errors import ConfigError
+
+SIMPLE = (
+    'title = "t"\nmodels = ["vjm"]\ndatasets = ["two"]\n[groups]\ntwo = ["kr10-twin", "ur5-twin"]\n'
+)
+
+
+@pytest.fixture(scope="module")
+def plans(tmp_path_factory):
+    """What a shipped study asks for."""
+    registry, folder = build_registry(), tmp_path_factory.mktemp("none")
+    return lambda name: find_study(name).plans(registry, output=folder, command="")
+
+
+def pairs(plans):
+    """(model, protocol) of the cells of some plans, once for each part that asks for it."""
+    return [(m.name, p.name) for one in plans for m in one.models for p in one.protocols]
+
+
+def test_a_run_has_what_stands_at_the_top_of_the_file_but_for_its_own_keys(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(SIMPLE + "[[run]]\n[[run]]\ndatasets = ['fanuc-r2000ic']\nseed = 3\n")
+    study = read_study(file)
+    assert (study.name, study.tables) == ("mine", ("scores",))
+    every, own = study.plans(build_registry(), output=tmp_path, command="")
+    assert [choice.name for choice in every.datasets] == ["kr10-twin", "ur5-twin"]
+    assert [choice.name for choice in own.datasets] == ["fanuc-r2000ic"]
+    assert [plan.models[0].name for plan in (every, own)] == ["vjm", "vjm"]
+    assert (every.seed, own.seed) == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("title = ", "not TOML"),
+        (SIMPLE.replace("title", "titel"), "unknown key 'titel'; did you mean 'title'"),
+        (SIMPLE.replace("models", "model"), "unknown key 'model'; did you mean 'models'"),
+        (SIMPLE + "[[run]]\nsplit = 3\n", "unknown key 'split'; did you mean 'splits'"),
+        ('title = "t"\nmodels = ["vjm"]\n', "run.0.datasets is missing"),
+        (SIMPLE + "[[run]]\nsplits = 0\n", "run.0.splits = 0: it should be greater"),
+        (SIMPLE + "[[run]]\nmodels = 3\n", "run.0.models = 3"),
+        (SIMPLE.replace('["vjm"]', '["vjm", 3]'), "run.0.models.1 = 3"),
+        ("run = 3\n" + SIMPLE, "run = 3"),
+        ("name = '../x'\n" + SIMPLE, "name = '../x'"),
+        ("sort_by = 'one'\n" + SIMPLE, "sort_by: unknown group 'one' (valid: two)"),
+    ],
+)
+def test_a_wrong_file_is_refused_by_file_key_and_value(text, said, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as refused:
+        read_study(file)
+    assert str(file) in str(refused.value) and said in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "n_cells"),
+    [
+        *(("paper", 494), ("paper-quick", 49), ("effects", 252), ("transfer", 505)),
+        *(("intervals", 945), ("anchored", 260), ("anchored-steps", 180)),
+    ],
+)
+def test_every_cell_of_a_shipped_study_is_asked_for_once(name, n_cells, plans):
+    keys = [task.cell.key for task in cell_tasks(*plans(name))]
+    assert len(keys) == len(set(keys)) == n_cells
+
+
+def test_the_leaderboard_has_every_shipped_model_once(plans):
+    for plan in plans("leaderboard"):
+        assert [choice.info.key for choice in plan.models] == [info.key for info in MODELS]
+
+
+def test_the_results_of_every_model_of_the_paper_are_found_again(plans, tmp_path):
+    """By the options that it names, whichever of them are defaults and left out of its name."""
+    store = ResultStore(tmp_path)
+    for task in cell_tasks(*(replace(plan, splits=1) for plan in plans("paper"))):
+        store.write_cells([unfinished(task, "r", task.cell.key)])
+    stored = PaperResults.of(tmp_path)
+    pretrained = [
+        *(paper_models.pretrained(layers=d, width=w) for d in WIDTH_DEPTHS for w in WIDTHS),
+        *(paper_models.pretrained(layers=d, width=100, stopped_early=True) for d in DEPTHS),
+        *(paper_models.pretrained(layers=d, width=100) for d in DEPTHS),
+        *(paper_models.pretrained(activation=kind) for kind in paper_models.ACTIVATIONS),
+    ]
+    fine_tuned = [paper_models.unfrozen(layers) for layers in (*ALL_PAIRS, ("3",), ("out",))]
+    methods = [
+        *(paper_models.VJM, paper_models.FT_MLP, paper_models.FT_MLP_OWN_SOURCE),
+        *(paper_models.DT_CNN,),
+    ]
+    recipe = [paper_models.FT_MLP_PAPER_RECIPE, paper_models.FT_MLP_PAPER_RECIPE_LAST_EPOCH]
+    for protocol, models in (
+        (paper_models.PAPER_PROTOCOL, [*pretrained, *fine_tuned, *methods, *recipe]),
+        (paper_models.READ_ON_ALL, [*methods, paper_models.FT_MLP_LAST_EPOCH, *recipe]),
+        (paper_models.FAIR_PROTOCOL, methods),
+    ):
+        found = stored.of_models(models, protocol)
+        assert not found.missing and found.failures.keys() == {model.name for model in models}
+        assert len(set(found.failures.values())) == len(found.failures)  # nobody has another's
+
+
+def test_the_quick_study_is_a_part_of_the_full_one_on_one_split(plans):
+    assert {*pairs(plans("paper-quick"))} < {*pairs(plans("paper"))}
+    assert {plan.splits for plan in plans("paper-quick")} == {1}
+
+
+def test_models_that_share_a_pretraining_are_no_neighbours(plans):
+    """Two jobs start neighbours together, and each would make the pre-training."""
+    network = {"mlp-pretrained": "mlp", "ft-mlp": "mlp", "dt-cnn": "cnn"}
+    of_its_own = {"source_teacher", "alignment", "preset"}
+    for run in plans("transfer"):
+        shared = [network.get(m.info.key) for m in run.models if of_its_own.isdisjoint(m.params)]
+        assert not any(one is not None and one == other for one, other in pairwise(shared))
+
+
+def test_what_is_of_the_kr10_runs_on_the_kr10_alone(plans):
+    for run in plans("transfer"):
+        if any(model.params.get("preset") == "paper" for model in run.models):
+            assert all(choice.info.key.startswith("kr10") for choice in run.datasets)

@@ -1,0 +1,98 @@
+"""The page of a study: what is on it, and what is said where something is missing."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from helpers.figure_results import ranked
+from helpers.made_results import MadeResults
+from stiff_bench.paper.paper_models import DT_CNN
+from stiff_bench.paper.study_file import find_study
+from stiff_bench.paper.study_page import check_names, outdated_models, write_page
+from stiff_bench.store.database import read_results
+from stiff_models.model_catalog import MODELS
+from stiff_protocols.contract.errors import ConfigError, StoreError
+
+
+def pictures(page):
+    """The files of the pictures that a page shows."""
+    return {page.parent / name for name in re.findall(r"!\[.*?\]\((.*?)\)", page.read_text())}
+
+
+def test_a_page_has_its_notes_tables_and_figures_and_says_what_was_not_computed(tmp_path):
+    made = MadeResults(tmp_path / "effects" / "runs")
+    keys = [
+        key
+        for dataset in ("kr10-twin-rough", "kr10-twin-beam")
+        for model in ("vjm", "gp")
+        for key in made.add(model, [0.1], dataset, protocol="holdout")
+    ]
+    made.add_run("run-1", keys)
+    study = replace(find_study("effects"), figures=("relative-errors", "losses"))
+    *files, page = write_page(study, tmp_path, "bench reproduce effects", 7)
+    assert page == tmp_path / "effects" / "README.md"
+    assert {file.suffix for file in files} == {".md", ".csv", ".tex", ".png", ".pdf"}
+    assert all(file.stat().st_size for file in files)
+    text = page.read_text()
+    assert pictures(page) == {tmp_path / "effects/figures/figure_relative_errors.png"}
+    for part in ("| gp ", "Kendall", "`preset=paper`", "made by `bench reproduce effects`"):
+        assert part in text
+    assert "not finished: 7 fits not computed" in text
+    assert re.search(r"## Not made\n\n- Figure losses: .*training curve", text)
+
+
+@pytest.mark.slow
+def test_the_papers_page_names_what_cannot_be_made_with_its_reason(tmp_path):
+    """Of all models the VJM and DT-CNN alone were run."""
+    made = MadeResults(tmp_path / "paper" / "runs")
+    for protocol in ("paper-holdout", "holdout"):
+        for model, error in (("vjm", 0.2), (DT_CNN.name, 0.3)):
+            made.add(model, [error], dataset="kr10-twin", protocol=protocol)
+    *files, page = write_page(find_study("paper"), tmp_path, "bench reproduce paper", 0)
+    text = page.read_text()
+    assert pictures(page) == {path for path in files if path.suffix == ".png"} != set()
+    for number in (2, 3, 10):
+        assert f"**Table {number}." in text
+    assert re.search(r"^- Table 6: .*bench reproduce", text, re.MULTILINE)
+    assert re.search(r"^- Figure 9: ", text, re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_a_leaderboard_comes_with_its_numbers_and_figures(tmp_path):
+    ranked(tmp_path / "leaderboard" / "runs")
+    *files, page = write_page(find_study("leaderboard"), tmp_path, "bench reproduce", 0)
+    assert "| gp " in page.read_text() and pictures(page) < {*files}
+    table = tmp_path / "leaderboard" / "tables" / "table_leaderboard.csv"
+    assert ",column,value," in table.read_text()
+
+
+def test_nothing_stored_is_no_page(tmp_path):
+    with pytest.raises(StoreError, match="bench reproduce"):
+        [*write_page(find_study("effects"), tmp_path, "", 0)]
+    assert not (tmp_path / "effects").exists()
+
+
+@pytest.mark.parametrize("part", ["tables", "figures"])
+def test_a_table_or_figure_that_is_none_is_refused_with_the_valid_names(part):
+    study = replace(find_study("effects"), **{part: ("relative-erors",)})
+    with pytest.raises(ConfigError, match="'relative-erors'; did you mean 'relative-errors'"):
+        check_names(study)
+
+
+def test_models_whose_version_was_raised_since_are_named(tmp_path):
+    made = MadeResults(tmp_path)
+    for model in ("vjm", "ft-mlp", "mine"):
+        made.add(model, [0.2])
+    today = {info.key: info.version for info in MODELS}
+
+    def of_versions(**versions):
+        for result in read_results(tmp_path):
+            key = result.cell.model
+            number = versions.get(key.replace("-", "_"), today.get(key, 7))
+            yield replace(result, cell=replace(result.cell, model_version=str(number)))
+
+    assert outdated_models(of_versions()) == []
+    assert outdated_models(of_versions(ft_mlp=1, mine=1)) == ["ft-mlp"]
