@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from stiff_bench.store.database import (
     read_results,
     why_no_results,
 )
-from stiff_bench.store.names import OPTION_MARK, SHORT, CaseName, Variant, grouped, labels
+from stiff_bench.store.names import SHORT, CaseName, Variant, grouped, labels
 from stiff_bench.store.newest import (
     Runs,
     Slot,
@@ -28,7 +28,7 @@ from stiff_bench.store.newest import (
     slot_of,
 )
 from stiff_bench.store.samples import StoredData, what_differs
-from stiff_protocols.contract.errors import StoreError, unknown_name
+from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 
 
@@ -229,62 +229,6 @@ def competitor_names(cases: Iterable[Case]) -> list[str]:
     return sorted({name for case in cases for name in case.competitors})
 
 
-def chosen_models(cases: Sequence[Case], words: Sequence[str]) -> list[str]:
-    """Return the names of the models that words stand for; no word stands for all.
-
-    Raises:
-        ConfigError: a word has no results.
-    """
-    known = competitor_names(cases)
-    for word in words:
-        if not any(stands_for(word, name) for name in known):
-            raise unknown_name("model with results", word, known)
-    return [name for name in known if asked_for(name, words)]
-
-
-def chosen_cases(
-    cases: Sequence[Case], *, datasets: Sequence[str], protocols: Sequence[str]
-) -> list[Case]:
-    """Return the cases of these data sets and protocols; none named means all.
-
-    A key without options stands for all its variants: "kr10-twin" for every specimen,
-    "kr10-twin@specimen=0", where the default is spelled out, for the one shown as "kr10-twin".
-
-    Raises:
-        ConfigError: a name has no results.
-    """
-    chosen = list(cases)
-    for kind, words in (("dataset", datasets), ("protocol", protocols)):
-        asked = {word: Variant.of_word(word) for word in words}
-        found = {
-            word: [case for case in cases if _is_of(case, kind, word, variant)]
-            for word, variant in asked.items()
-        }
-        for word, of_word in found.items():
-            if not of_word:
-                names = {getattr(case.name, kind) for case in cases}
-                raise unknown_name(f"{kind} with results", word, names)
-        if words:
-            chosen = [case for case in chosen if any(case in of_word for of_word in found.values())]
-    return chosen
-
-
-def _is_of(case: Case, kind: str, word: str, asked: Variant) -> bool:
-    """Say whether a word, which asks for a variant, stands for a case's data set or protocol."""
-    key, options = getattr(case.cell, kind), getattr(case.cell, f"{kind}_params")
-    return stands_for(word, getattr(case.name, kind)) or _spells_out(asked, key, options)
-
-
-def stands_for(word: str, name: str) -> bool:
-    """Say whether a word is a name, or the key of a name with options."""
-    return name == word or name.startswith(f"{word}{OPTION_MARK}")
-
-
-def asked_for(name: str, words: Sequence[str]) -> bool:
-    """Say whether a name is among what was asked for; no word stands for all names."""
-    return not words or any(stands_for(word, name) for word in words)
-
-
 def same_name_other_data(
     cases: Sequence[Case], data_of: Callable[[str], StoredData]
 ) -> Iterator[str]:
@@ -322,51 +266,3 @@ def left_out_notes(cases: Sequence[Case]) -> Iterator[str]:
         places = list(dict.fromkeys(place for _, place in found))
         where = places[0] if len(places) == 1 else f"{len(places)} comparisons"
         yield f"{where}: {reason} are left out."
-
-
-def competitor_meant(word: str, cases: Sequence[Case]) -> str:
-    """Return the name of the model with results that a word stands for.
-
-    A word may spell out defaults, as for `bench run`: "knn@neighbours=5" is what is stored as
-    "knn". The defaults are those that the results were made with.
-
-    Raises:
-        ConfigError: there are no results of it.
-    """
-    cells = _cells_of(cases)
-    name = word if word in cells else meant(Variant.of_word(word), cases)
-    if name is None:
-        raise unknown_name("model with results", word, cells)
-    return name
-
-
-def meant(asked: Variant, cases: Sequence[Case]) -> str | None:
-    """Return the name of the model with results that has these options; None: there is none.
-
-    They may be defaults, as in `competitor_meant`.
-    """
-    for name, cell in sorted(_cells_of(cases).items()):
-        shown = Variant.shown("", name, cell.model_params).options.keys()
-        if shown <= asked.options.keys() and _spells_out(asked, cell.model, cell.model_params):
-            return name
-    return None
-
-
-def _cells_of(cases: Sequence[Case]) -> dict[str, Cell]:
-    """Return a cell of each model that has results or failures, by the model's name."""
-    return {name: one.cell for case in cases for name, one in case.competitors.items()}
-
-
-def _spells_out(asked: Variant, key: str, options: Mapping[str, Any]) -> bool:
-    """Say whether a key and some of these options, which may be defaults, were asked for."""
-    return asked.key == key and all(
-        option in options and _is(options[option], value) for option, value in asked.options.items()
-    )
-
-
-def _is(value: Any, asked: Any) -> bool:
-    """Say whether a value is what was asked for, however its number was written."""
-    try:
-        return float(value) == float(asked)
-    except (TypeError, ValueError):
-        return str(value).lower() == str(asked).lower()

@@ -12,13 +12,12 @@ import numpy as np
 from stiff_bench.analysis.collected import (
     Case,
     StoredResults,
-    chosen_cases,
-    competitor_meant,
     left_out_notes,
     same_name_other_data,
     split_sizes,
 )
 from stiff_bench.analysis.scored_case import dataset_of, family_of, scored_case, shared_errors
+from stiff_bench.analysis.selection import EVERYTHING, Selection, competitor_meant
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import (
     Estimate,
@@ -34,7 +33,7 @@ from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.units import first_few
-from stiff_protocols.contract.errors import ConfigError, DataError, StoreError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.paired import wilcoxon_signed_rank
@@ -307,14 +306,9 @@ def compare_folder(
     a: str,
     b: str,
     question: Question,
-    *,
-    datasets: Sequence[str] = (),
-    protocols: Sequence[str] = (),
-    conditions: Sequence[str] = (),
+    selection: Selection = EVERYTHING,
 ) -> ModelComparison:
-    """Compare two models in every case in which both have results on the same splits.
-
-    The words are those of `Results.compare`.
+    """Compare two models in every case shown in which both have results on the same splits.
 
     Raises:
         ConfigError: a name is unknown, A is B, or they were never run on the same.
@@ -324,8 +318,8 @@ def compare_folder(
     a, b = (competitor_meant(word, stored.cases) for word in (a, b))
     if a == b:
         raise ConfigError(f"compare {a!r} with another model than itself")
-    chosen = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
-    chosen = under(conditions, chosen)
+    chosen = selection.cases_of(stored.cases)
+    chosen.sort(key=lambda case: (natural_key(case.name.text), case.name))
     called = labels(one.name for one in chosen)
     run = {name: [called[one.name] for one in chosen if name in one.competitors] for name in (a, b)}
     data_of = stored.data_of
@@ -375,16 +369,6 @@ def compare_folder(
         ),
         provenance=(sources(folder, stored.runs, counts[a] + counts[b]),),
     )
-
-
-def under(conditions: Sequence[str], cases: Sequence[Case]) -> list[Case]:
-    """Return the cases of these conditions in order; none named means all."""
-    known = {case.name.condition for case in cases}
-    for condition in conditions:
-        if condition not in known:
-            raise unknown_name("condition", condition, known - {""})
-    names = {one.name: one for one in cases if one.name.condition in (conditions or known)}
-    return [names[name] for name in sorted(names, key=lambda one: (natural_key(one.text), one))]
 
 
 def _named(names: Sequence[str]) -> str:

@@ -18,8 +18,6 @@ from pandas import DataFrame, Series
 from stiff_bench.analysis.collected import (
     Case,
     StoredResults,
-    chosen_cases,
-    chosen_models,
     left_out_notes,
     same_name_other_data,
 )
@@ -29,6 +27,7 @@ from stiff_bench.analysis.scored_case import (
     scored_case,
     times_like_best,
 )
+from stiff_bench.analysis.selection import EVERYTHING, Selection
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import CaseName, labels, natural_key
 from stiff_bench.store.samples import StoredData
@@ -118,23 +117,21 @@ class Leaderboard:
 
 def build_leaderboard(
     stored: StoredResults,
-    *,
-    models: Sequence[str] = (),
-    datasets: Sequence[str] = (),
-    protocols: Sequence[str] = (),
     key: SortKey,
+    selection: Selection = EVERYTHING,
+    *,
     seed: int = 0,
 ) -> Leaderboard:
-    """Return the leaderboard of stored results; arguments as `Results.leaderboard`.
+    """Return the leaderboard of stored results; `seed` draws poses.
 
     Raises:
         ConfigError: a name has no results, or there is nothing to compare.
         StoreError: samples are corrupt, or two models share no split.
     """
-    cases = chosen_cases(stored.cases, datasets=datasets, protocols=protocols)
+    cases = selection.cases_of(stored.cases)
     data_of = stored.data_of
     usable = [case for case in of_newest_data(cases) if not case.shown.reports_training]
-    names = chosen_models(usable, models)
+    names = selection.models_of(usable)
     n_run = {case: sum(name in case.competitors for name in names) for case in usable}
     shown = sorted((case for case in usable if n_run[case] > 1), key=in_order)
     lonely = sorted((case for case in usable if n_run[case] == 1), key=in_order)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stiff_bench.analysis.selection import EVERYTHING
 from stiff_bench.api import RESULTS
 from stiff_bench.api.results import Results
 from stiff_bench.api.tables import Tables
@@ -21,21 +21,15 @@ if TYPE_CHECKING:
 def figure(
     name: str,
     results: Results | Path | str | None = None,
-    *,
-    models: Sequence[str] = (),
-    datasets: Sequence[str] = (),
-    protocols: Sequence[str] = (),
 ) -> Prepared:
     """Return a figure with its caption; a notebook shows it, and `save("my.png")` writes it.
 
     Args:
         name: one of `list_figures`; numbers are the source paper's.
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
-            paper's figures `bench reproduce`.
-        models: names, or keys that stand for all variants; none: those that it is clear with.
-        datasets: the same; none: measured data, then the data set with most models, then the one
-            that was asked for first.
-        protocols: the same.
+            paper's figures `bench reproduce`. `Results.select` chooses among them; else a figure
+            shows the models that it is clear with, of measured data, then of the data set with
+            most models, then of the one that was asked for first.
 
     Raises:
         ConfigError: there is no such figure, or a name has no results.
@@ -46,14 +40,13 @@ def figure(
     from stiff_bench.paper import paper_figures as papers
 
     folder = _folder(results)
+    selection = results.selection if isinstance(results, Results) else EVERYTHING
     if name in FIGURES:
-        source = FigureSource.of(folder or RESULTS, models, datasets, protocols)
-        return FIGURES[name](source)
+        return FIGURES[name](FigureSource.of(folder or RESULTS, selection))
     if name not in papers.FIGURES:
         raise unknown_name("figure", name, [*papers.FIGURES, *FIGURES])
-    for argument, words in (("model", models), ("dataset", datasets), ("protocol", protocols)):
-        if words:
-            raise ConfigError(f"{words[0]}: the paper's figure {name} takes no choice", argument)
+    for kind, word in selection.options:
+        raise ConfigError(f"{word}: the paper's figure {name} takes no choice", kind)
     return papers.prepare_figure(name, folder)
 
 

@@ -8,6 +8,8 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stiff_bench.analysis.collected import StoredResults
+from stiff_bench.analysis.selection import EVERYTHING, Selection
 from stiff_bench.api.tables import Tables
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
@@ -21,20 +23,8 @@ from stiff_protocols.scoring.metrics import METRICS, metric
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from stiff_bench.analysis.leaderboard import Leaderboard
     from stiff_bench.run.runner import Finished
     from stiff_bench.store.merging import Merged
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Ranks(Tables):
-    """A leaderboard's tables.
-
-    Attributes:
-        board: the ranks as numbers.
-    """
-
-    board: Leaderboard
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,12 +36,33 @@ class Results:
         metrics: keys, that `table` shows; none: the usual ones.
         command: that made them, for the record.
         finished: what became of the run that made them; None: they are read from the folder.
+        selection: what is shown of them.
     """
 
     folder: Path
     metrics: tuple[str, ...] = ()
     command: str = ""
     finished: Finished | None = None
+    selection: Selection = EVERYTHING
+
+    def select(
+        self,
+        *,
+        models: Sequence[str] = (),
+        datasets: Sequence[str] = (),
+        protocols: Sequence[str] = (),
+        conditions: Sequence[str] = (),
+    ) -> Results:
+        """Return the results of these alone: names, or keys for all variants; none stands for all.
+
+        Args:
+            models: such as "vjm" or "ft-mlp@freeze=full".
+            datasets: such as "kr10-twin" for every specimen.
+            protocols: such as "holdout".
+            conditions: of the protocols, such as "n = 40".
+        """
+        words = map(tuple, (models, datasets, protocols, conditions))
+        return replace(self, selection=Selection(*words))
 
     @cached_property
     def cells(self) -> tuple[CellResult, ...]:
@@ -61,18 +72,25 @@ class Results:
             StoreError: the folder holds no results, or corrupt ones.
         """
         if self.finished is not None:
-            return self.finished.results
-        return tuple(read_results(self.folder))
+            return self._selected(self.finished.results)
+        return self._selected(read_results(self.folder))
+
+    def _selected(self, results: Sequence[CellResult]) -> tuple[CellResult, ...]:
+        if self.selection == EVERYTHING:
+            return tuple(results)
+        cases = self.selection.cases_of(StoredResults.read(self.folder).cases)
+        names = self.selection.models_of(cases)
+        keys = {one.cell.key for case in cases for one in case.every if one.shown.model in names}
+        return tuple(one for one in results if one.cell.key in keys)
 
     @property
     def _counting(self) -> Sequence[CellResult]:
         """The results that a table is made of, in its order."""
         if self.finished is not None:
             return self.cells
-        from stiff_bench.analysis.collected import StoredResults
         from stiff_bench.analysis.leaderboard import newest_results
 
-        return newest_results(StoredResults.read(self.folder))
+        return self._selected(newest_results(StoredResults.read(self.folder)))
 
     def frame(self) -> DataFrame:
         """Return every metric as tidy data: a row a metric, axis and split, in printed units.
@@ -130,9 +148,6 @@ class Results:
         a: str,
         b: str,
         *,
-        datasets: Sequence[str] = (),
-        protocols: Sequence[str] = (),
-        conditions: Sequence[str] = (),
         equivalence_mm: float = 0.01,
         confidence: float = 0.95,
         seed: int = 0,
@@ -142,9 +157,6 @@ class Results:
         Args:
             a: name of a model, with its options.
             b: another one.
-            datasets: names, or keys that stand for all variants; none: all.
-            protocols: the same.
-            conditions: of the protocols; none: all.
             equivalence_mm: largest difference in mean error that makes none in practice, mm.
             confidence: of intervals and verdicts (0..1).
             seed: of the resampling of poses.
@@ -158,58 +170,42 @@ class Results:
         from stiff_bench.analysis.verdict import Question
 
         question = Question(rope=equivalence_mm / MM, confidence=confidence, seed=seed)
-        chosen = {"datasets": datasets, "protocols": protocols, "conditions": conditions}
-        found = compare_folder(self.folder, a, b, question, **chosen)
+        found = compare_folder(self.folder, a, b, question, self.selection)
         text_as = partial(render_report, found, command=self.command)
         return Tables(lambda: comparison_tables(found).values(), text_as, sentence(found))
 
     def leaderboard(
-        self,
-        metric: str = "norm",
-        axis: str | None = None,
-        *,
-        models: Sequence[str] = (),
-        datasets: Sequence[str] = (),
-        protocols: Sequence[str] = (),
-        seed: int = 0,
-    ) -> Ranks:
+        self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
+    ) -> Tables:
         """Return the ranks of the models over all data sets and protocols.
 
         Args:
             metric: to rank by; a key.
             axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
-            models: names, or keys that stand for all variants; none: all.
-            datasets: the same.
-            protocols: the same.
             seed: of the resampling of poses.
 
         Raises:
             ConfigError: fewer than two models have results, or the metric cannot rank.
             StoreError: the folder holds no results, or corrupt ones.
         """
-        from stiff_bench.analysis.collected import StoredResults
         from stiff_bench.analysis.leaderboard import build_leaderboard
         from stiff_bench.analysis.leaderboard_tables import render_leaderboard, section_tables
         from stiff_bench.analysis.sort_key import sort_key
 
-        chosen = {"models": models, "datasets": datasets, "protocols": protocols}
-        key = sort_key(metric, axis)
-        board = build_leaderboard(StoredResults.read(self.folder), key=key, seed=seed, **chosen)
+        stored, key = StoredResults.read(self.folder), sort_key(metric, axis)
+        board = build_leaderboard(stored, key, self.selection, seed=seed)
         text_as = partial(render_leaderboard, board, command=self.command)
 
         def tables() -> Iterator[Table]:
             for section in board.sections:
                 yield from section_tables(section, board)
 
-        return Ranks(tables, text_as, board=board)
+        return Tables(tables, text_as)
 
     def report(
         self,
         file: Path | str,
         *,
-        models: Sequence[str] = (),
-        datasets: Sequence[str] = (),
-        protocols: Sequence[str] = (),
         metric: str = "norm",
         axis: str | None = None,
         seed: int = 0,
@@ -219,9 +215,6 @@ class Results:
 
         Args:
             file: the page; an older one is replaced.
-            models: names, or keys that stand for all variants; none: all.
-            datasets: the same.
-            protocols: the same.
             metric: to rank by; a key.
             axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
             seed: of the resampling of poses.
@@ -231,11 +224,12 @@ class Results:
             ConfigError: the file's suffix is no page's, or a name has no results.
             StoreError: a folder holds no results, or corrupt ones, or the file cannot be written.
         """
-        from stiff_bench.report.report_content import Selection, write_report
+        from stiff_bench.report.report_content import PageOptions, write_report
 
         folders = [one.folder for one in (self, *others)]
-        chosen = Selection(tuple(models), tuple(datasets), tuple(protocols), metric, axis, seed)
-        write_report(folders, chosen, Path(file), self.command)
+        write_report(
+            folders, PageOptions(self.selection, metric, axis, seed), Path(file), self.command
+        )
         return Path(file)
 
     def diagnostics(self) -> DataFrame:

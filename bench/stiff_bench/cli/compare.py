@@ -12,18 +12,18 @@ from stiff_bench.cli.options import (
     FILE,
     PROBABILITY,
     Millimetres,
-    case_options,
     command_line,
     format_option,
     output_option,
     ranking_options,
     results_option,
     seed_option,
-    several_keys,
+    selection_options,
 )
 from stiff_bench.console import print_text, say
 
 if TYPE_CHECKING:
+    from stiff_bench.analysis.selection import Selection
     from stiff_bench.api.results import Results
 
 
@@ -31,17 +31,16 @@ if TYPE_CHECKING:
 @results_option
 @ranking_options
 @format_option
-def leaderboard(results: Path, metric: str, axis: str | None, fmt: str, **chosen: Any) -> None:
+def leaderboard(results: Path, selection: Selection, fmt: str, **ranking: Any) -> None:
     """Rank models over data sets and protocols, with intervals."""
-    print_text(_stored(results).leaderboard(metric, axis, **chosen).text_as(fmt))
+    print_text(_stored(results, selection).leaderboard(**ranking).text_as(fmt))
 
 
 @click.command()
 @click.argument("a")
 @click.argument("b")
 @results_option
-@case_options
-@several_keys("--condition", "conditions", help='Condition of a protocol, such as "n = 40".')
+@selection_options
 @click.option(
     "--equivalence",
     "equivalence_mm",
@@ -55,18 +54,18 @@ def leaderboard(results: Path, metric: str, axis: str | None, fmt: str, **chosen
 )
 @seed_option
 @format_option
-def compare(a: str, b: str, results: Path, fmt: str, **asked: Any) -> None:
+def compare(a: str, b: str, results: Path, selection: Selection, fmt: str, **question: Any) -> None:
     """Test whether model A is better than B, by how much and where.
 
     A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
     """
-    print_text(_stored(results).compare(a, b, **asked).text_as(fmt))
+    print_text(_stored(results, selection).compare(a, b, **question).text_as(fmt))
 
 
-def _stored(folder: Path) -> Results:
+def _stored(folder: Path, selection: Selection) -> Results:
     from stiff_bench.api.results import Results
 
-    return Results(folder, command=command_line())
+    return Results(folder, command=command_line(), selection=selection)
 
 
 @click.command()
@@ -105,12 +104,12 @@ def table(number: str, results: Path | None, fmt: str) -> None:
 )
 @output_option("FILE.html", "File to write; an older one is replaced.")
 @ranking_options
-def report(folders: tuple[Path, ...], output: Path, **chosen: Any) -> None:
+def report(folders: tuple[Path, ...], output: Path, selection: Selection, **ranking: Any) -> None:
     """Write results as one HTML page that needs no network.
 
     Verdict, robots and stiffnesses, ranking, pairwise comparisons, scores, figures, failures and
     provenance.
     """
-    first, *others = map(_stored, folders)
-    first.report(output, others=others, **chosen)
+    first, *others = (_stored(folder, selection) for folder in folders)
+    first.report(output, others=others, **ranking)
     say(f"{output}: written")

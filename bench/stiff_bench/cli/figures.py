@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,14 +11,16 @@ from stiff_bench.api import RESULTS
 from stiff_bench.cli.options import (
     FILE,
     FORMATS,
-    case_options,
     command_line,
     execution_options,
-    models_option,
     picture,
+    selection_options,
 )
 from stiff_bench.cli.run import say_summary, show_plan
 from stiff_bench.console import print_text, say
+
+if TYPE_CHECKING:
+    from stiff_bench.analysis.selection import Selection
 
 
 @click.command()
@@ -36,17 +38,18 @@ from stiff_bench.console import print_text, say
     metavar="FILE.pdf",
     help="File to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )
-@models_option
-@case_options
-def figure(name: str, results: Path | None, output: Path | None, **chosen: Any) -> None:
+@selection_options
+def figure(name: str, results: Path | None, output: Path | None, selection: Selection) -> None:
     """Draw a figure and print its caption.
 
     NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: `bench list figures`. The
     caption names the data set and protocol that are shown.
     """
     from stiff_bench.api.figures import figure
+    from stiff_bench.api.results import Results
 
-    prepared = figure(name, results, **chosen)
+    stored = Results(results or RESULTS, selection=selection) if selection.options else results
+    prepared = figure(name, stored)
     target = output or Path(f"figure-{name}.png")
     prepared.save(target)
     print_text(f"{target}: {prepared.title}. {prepared.caption}")

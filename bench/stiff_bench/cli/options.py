@@ -251,19 +251,32 @@ format_option = click.option(
 )
 
 
-def variants_option(kind: str, thing: str) -> Callable[[Command], Command]:
-    """Return the option that chooses models, data sets or protocols among those with results."""
-    text = f"A {thing}, or a key for all its variants; may be repeated."
-    return several_keys(f"--{kind}", f"{kind}s", help=text)
+def selection_options(command: Command) -> Command:
+    """Add the options that choose among stored results; the command gets a `Selection`."""
+    text = "A {}, or a key for all its variants; may be repeated."
+
+    @several_keys("--model", "models", help=text.format("model"))
+    @several_keys("--dataset", "datasets", help=text.format("data set"))
+    @several_keys("--protocol", "protocols", help=text.format("protocol"))
+    @several_keys("--condition", "conditions", help='Condition of a protocol: "n = 40".')
+    @wraps(command)
+    def call(
+        *,
+        models: tuple[str, ...],
+        datasets: tuple[str, ...],
+        protocols: tuple[str, ...],
+        conditions: tuple[str, ...],
+        **words: Any,
+    ) -> Any:
+        from stiff_bench.analysis.selection import Selection
+
+        return command(selection=Selection(models, datasets, protocols, conditions), **words)
+
+    return cast(Command, call)
 
 
-models_option = variants_option("model", "model")
-case_options = together(
-    variants_option("dataset", "data set"), variants_option("protocol", "protocol")
-)
 ranking_options = together(
-    models_option,
-    case_options,
+    selection_options,
     click.option("--metric", default="norm", metavar="KEY", help="Metric to rank by."),
     click.option(
         "--axis",

@@ -8,15 +8,9 @@ from functools import cached_property
 from itertools import chain
 from pathlib import Path
 
-from stiff_bench.analysis.collected import (
-    Case,
-    StoredResults,
-    chosen_cases,
-    competitor_meant,
-    competitor_names,
-    stands_for,
-)
+from stiff_bench.analysis.collected import Case, StoredResults, competitor_names
 from stiff_bench.analysis.leaderboard import of_newest_data
+from stiff_bench.analysis.selection import EVERYTHING, Selection, competitor_meant, stands_for
 from stiff_bench.store.names import grouped, natural_key
 from stiff_bench.store.newest import Slot
 from stiff_bench.tables import metric_table
@@ -81,22 +75,15 @@ class FigureSource:
     models: tuple[str, ...] = ()
 
     @classmethod
-    def of(
-        cls,
-        folder: Path,
-        models: Sequence[str] = (),
-        datasets: Sequence[str] = (),
-        protocols: Sequence[str] = (),
-    ) -> FigureSource:
+    def of(cls, folder: Path, selection: Selection = EVERYTHING) -> FigureSource:
         """Read a folder.
 
         Raises:
             StoreError: it holds no results, or a file of it is corrupt.
             ConfigError: a name has no results.
         """
-        every = StoredResults.read(folder).cases
-        chosen = chosen_cases(every, datasets=datasets, protocols=protocols)
-        return cls(folder, tuple(chosen), tuple(models))
+        chosen = selection.cases_of(StoredResults.read(folder).cases)
+        return cls(folder, tuple(chosen), selection.models)
 
     @cached_property
     def newest(self) -> tuple[Case, ...]:

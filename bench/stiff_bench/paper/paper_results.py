@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stiff_bench.analysis.collected import StoredResults, meant
+from stiff_bench.analysis.collected import StoredResults
+from stiff_bench.analysis.selection import meant
 from stiff_bench.figures.figure_source import marks
 from stiff_bench.paper.paper_models import DATASET, SEED
 from stiff_bench.store.names import Variant

@@ -9,9 +9,6 @@ from pathlib import Path
 
 from stiff_bench.analysis.collected import (
     StoredResults,
-    asked_for,
-    chosen_cases,
-    chosen_models,
     left_out_notes,
     same_name_other_data,
 )
@@ -22,6 +19,7 @@ from stiff_bench.analysis.leaderboard import (
 )
 from stiff_bench.analysis.leaderboard_tables import section_tables
 from stiff_bench.analysis.scored_case import correction_text
+from stiff_bench.analysis.selection import EVERYTHING, Selection
 from stiff_bench.analysis.sort_key import SortKey, sort_key
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
@@ -37,25 +35,17 @@ from stiff_protocols.contract.files import written_whole
 
 
 @dataclass(frozen=True)
-class Selection:
-    """Which cases and models a page shows, and what it ranks by: words of the command line.
+class PageOptions:
+    """What a page shows, and what it ranks by; no axis: the mean over them. `seed`: of draws."""
 
-    No model, data set or protocol means all; no axis: the mean over them. The seed is that of the
-    draws of poses.
-    """
-
-    models: tuple[str, ...] = ()
-    datasets: tuple[str, ...] = ()
-    protocols: tuple[str, ...] = ()
+    selection: Selection = EVERYTHING
     metric: str = "norm"
     axis: str | None = None
     seed: int = 0
 
     def command(self, *words: str, folder: Path, ranked: bool = False) -> str:
         """Return a command line that begins with `words`; `ranked`: it ranks, and draws poses."""
-        options: list[tuple[str, object]] = [("results", folder)]
-        for name in ("model", "dataset", "protocol"):
-            options += [(name, word) for word in getattr(self, f"{name}s")]
+        options: list[tuple[str, object]] = [("results", folder), *self.selection.options]
         if ranked:
             given = {"metric": self.metric, "axis": self.axis, "seed": self.seed}
             usual = {"metric": "norm", "axis": None, "seed": 0}
@@ -64,7 +54,7 @@ class Selection:
         return shlex.join(["bench", *words])
 
 
-def blocks_of(stored: StoredResults, choice: Selection, key: SortKey) -> list[Block]:
+def blocks_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> list[Block]:
     """Return all that the page says of one folder.
 
     Raises:
@@ -72,25 +62,24 @@ def blocks_of(stored: StoredResults, choice: Selection, key: SortKey) -> list[Bl
         StoreError: a file of the folder is corrupt.
     """
     folder = stored.folder
-    chosen_models(stored.cases, choice.models)  # each has results
-    chosen = tuple(chosen_cases(stored.cases, datasets=choice.datasets, protocols=choice.protocols))
+    selection = choice.selection
+    selection.models_of(stored.cases)  # each has results
+    chosen = tuple(selection.cases_of(stored.cases))
     if not chosen:
-        raise ConfigError(
-            f"dataset {', '.join(choice.datasets)}, protocol {', '.join(choice.protocols)}: no "
-            f"data set of these has results under a protocol of these in {folder}"
-        )
+        words = ", ".join(f"{kind} {word}" for kind, word in selection.options)
+        raise ConfigError(f"{words}: nothing in {folder} is of all of these")
     board, why_none = None, ""
     shown = StoredResults(folder, chosen, stored.runs)
     try:  # scores need neither other models nor samples
-        board = build_leaderboard(shown, models=choice.models, key=key, seed=choice.seed)
+        board = build_leaderboard(shown, key, Selection(selection.models), seed=choice.seed)
     except (ConfigError, StoreError) as error:
         why_none = f"No ranking: {str(error).removesuffix('.')}."
     asked = {
-        case: [one for name, one in case.competitors.items() if asked_for(name, choice.models)]
+        case: [one for name, one in case.competitors.items() if selection.takes(name)]
         for case in chosen
     }
     data_of = shown.data_of
-    pictures = _pictures(FigureSource(folder, chosen, choice.models), choice)
+    pictures = _pictures(FigureSource(folder, chosen, selection.models), choice)
     first = pictures.pop(FIRST_FIGURE, None)
     return [
         _summary(_verdict(board) if board else why_none, asked, data_of),
@@ -160,7 +149,7 @@ def _summary(verdict: str, asked: Asked, data_of: Callable[[str], StoredData]) -
     )
 
 
-def _ranking(board: Leaderboard, folder: Path, choice: Selection) -> Iterator[Block]:
+def _ranking(board: Leaderboard, folder: Path, choice: PageOptions) -> Iterator[Block]:
     """Yield the tables of each section; those that select on test come last."""
     command = choice.command("leaderboard", folder=folder, ranked=True)
     for section in board.sections:
@@ -176,7 +165,7 @@ LARGEST_SVG = 300_000
 """Bytes; a picture of more is embedded as PNG."""
 
 
-def _pictures(source: FigureSource, choice: Selection) -> dict[str, Picture]:
+def _pictures(source: FigureSource, choice: PageOptions) -> dict[str, Picture]:
     """Return name -> each figure that the results are enough for."""
     pictures = {}
     for name, gather in FIGURES.items():
@@ -195,7 +184,7 @@ def _pictures(source: FigureSource, choice: Selection) -> dict[str, Picture]:
 SUFFIXES = (".html", ".htm")
 
 
-def write_report(folders: Sequence[Path], choice: Selection, output: Path, command: str) -> None:
+def write_report(folders: Sequence[Path], choice: PageOptions, output: Path, command: str) -> None:
     """Write the page of some folders of results, whole or not at all.
 
     Raises:

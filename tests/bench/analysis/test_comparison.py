@@ -15,6 +15,7 @@ from scipy import stats
 from helpers.compared_results import case_in, made_data, spread, steady, store_results
 from stiff_bench.analysis.comparison import compare, compare_folder
 from stiff_bench.analysis.comparison_text import render_report, sentence
+from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.verdict import Question
 from stiff_bench.cli.compare import compare as compare_command
 from stiff_bench.tables.metric_table import TRAINING_MARK
@@ -33,7 +34,7 @@ def compared(folder, a="a", b="b", **question):
 
 
 def report_on(folder, a="a", b="b", question=None, **words):
-    return compare_folder(folder, a, b, question or Question(), **words)
+    return compare_folder(folder, a, b, question or Question(), Selection(**words))
 
 
 def store_specimens(folder, n_specimens, models=PAIR, **how):
@@ -283,7 +284,7 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
             r"\(made \| kfold\); vjm@slopes=2 was run in \(made \| kfold \| elsewhere\)",
         ),
         ({"datasets": ("mode",)}, "dataset.*'mode'; did you mean 'made'"),
-        ({"conditions": ("else",)}, r"^unknown condition 'else'; did .*\(valid: elsewhere\)$"),
+        ({"conditions": ("else",)}, r"^unknown condition with results 'else'; did .*\(valid: elsewhere\)$"),
     ):
         with pytest.raises(ConfigError, match=message):
             report_on(folder, **words)

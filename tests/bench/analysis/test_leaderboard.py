@@ -17,6 +17,7 @@ from helpers.made_results import N_POSES, TWINS, MadeResults, forget
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import render_leaderboard
+from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -31,7 +32,8 @@ def made(tmp_path: Path) -> MadeResults:
 
 def board_of(made: MadeResults, *models: str, metric="norm", axis=None, **narrowed) -> Leaderboard:
     stored = StoredResults.read(made.folder)
-    return build_leaderboard(stored, models=models, key=sort_key(metric, axis), **narrowed)
+    selection = Selection(models, **{name: tuple(words) for name, words in narrowed.items()})
+    return build_leaderboard(stored, sort_key(metric, axis), selection)
 
 
 def text_of(board: Leaderboard, fmt: str = "github") -> str:

@@ -261,7 +261,7 @@ def test_results_are_merged_and_drawn(twin, tmp_path):
         sb.evaluate(model, twin, splits=1, output=tmp_path / model)
     merged = sb.merge([tmp_path / "vjm", tmp_path / "zero"], tmp_path / "both")
     assert merged.n_cells == 2
-    drawn = sb.figure("errors", sb.open_results(tmp_path / "both"), models=["vjm"])
+    drawn = sb.figure("errors", sb.open_results(tmp_path / "both").select(models=["vjm"]))
     assert "kr10-twin@specimen=3" in drawn.caption
     assert drawn._repr_png_().startswith(b"\x89PNG")
     with pytest.raises(StiffBenchError, match="no result"):
@@ -278,7 +278,7 @@ def test_results_are_merged_and_drawn(twin, tmp_path):
         (lambda: sb.use_plugin("none.py"), "plugin none.py"),
         (lambda: sb.open_results("none").leaderboard(axis="w"), "axis 'w'"),
         (lambda: sb.open_results("none").leaderboard(), "results none"),
-        (lambda: sb.figure("9", models=["gp"]), "model gp"),
+        (lambda: sb.figure("9", sb.open_results("none").select(models=["gp"])), "model gp"),
         (lambda: sb.plan_poses("x.csv", robot="fanuc-r2000ic"), "payload of fanuc"),
     ],
 )

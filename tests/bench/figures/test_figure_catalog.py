@@ -9,6 +9,7 @@ import pytest
 
 from helpers.figure_results import CURVE, compared, learned, with_fields
 from helpers.made_results import MadeResults
+from stiff_bench.analysis.selection import Selection
 from stiff_bench.figures import losses
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
@@ -62,7 +63,15 @@ def test_the_same_results_give_the_same_file_as_wide_as_a_column_at_300_dots_an_
 
 def test_a_models_name_is_drawn_as_it_is_written(tmp_path):
     compared(tmp_path)
-    source = FigureSource.of(tmp_path, models=["$x_1$ <b>", "gp"])
+    source = FigureSource.of(
+        tmp_path,
+        Selection(
+            models=(
+                "$x_1$ <b>",
+                "gp",
+            )
+        ),
+    )
     text = FIGURES["errors"](source).picture(".svg").decode()
     assert "$x_1$ &lt;b&gt;" in text
     assert "<b>" not in text
@@ -71,11 +80,22 @@ def test_a_models_name_is_drawn_as_it_is_written(tmp_path):
 def test_an_unknown_model_and_models_without_a_common_split_are_refused(tmp_path):
     made = compared(tmp_path)
     with pytest.raises(ConfigError, match="'nobody'"):
-        drawn("regression", FigureSource.of(tmp_path, models=["nobody"]))
+        drawn("regression", FigureSource.of(tmp_path, Selection(models=("nobody",))))
     made.add("late", [0.1, 0.1], failed=[0, 1])
     made.add("later", [0.0, 0.0, 0.1], failed=[0, 1])
     with pytest.raises(StoreError, match="no split on which all have a result"):
-        drawn("errors", FigureSource.of(tmp_path, models=["later", "gp"]))
+        drawn(
+            "errors",
+            FigureSource.of(
+                tmp_path,
+                Selection(
+                    models=(
+                        "later",
+                        "gp",
+                    )
+                ),
+            ),
+        )
 
 
 def test_measured_data_are_drawn_first_else_what_was_asked_for_first(tmp_path):
@@ -85,7 +105,7 @@ def test_measured_data_are_drawn_first_else_what_was_asked_for_first(tmp_path):
     source = FigureSource.of(tmp_path)
     assert source.compared(1).case.name.dataset == "z-first-asked"
     assert "Other data sets (`--dataset`): b, a." in caption_of("errors", source)
-    asked = FigureSource.of(tmp_path, datasets=["a"])
+    asked = FigureSource.of(tmp_path, Selection(datasets=("a",)))
     assert asked.compared(1).case.name.dataset == "a" and "Other" not in caption_of("errors", asked)
     made.add("vjm", [0.1], "measured-last", kind="measured")
     made.add("gp", [0.1], "b")
@@ -113,7 +133,7 @@ def test_a_protocol_that_reports_training_rows_is_drawn_where_nothing_else_is_th
     for name in SEVEN:
         made.add(name, [0.1], protocol="paper-holdout@read_on=all", reports_training=True)
     assert {one.name.protocol for one in FigureSource.of(tmp_path).newest} == {"holdout"}
-    asked = FigureSource.of(tmp_path, protocols=["paper-holdout"])
+    asked = FigureSource.of(tmp_path, Selection(protocols=("paper-holdout",)))
     assert asked.compared(1).case.name.protocol == "paper-holdout@read_on=all"
     assert "training samples among those reported" in caption_of("errors", asked)
 
@@ -134,7 +154,7 @@ def test_the_best_of_the_models_with_most_splits_are_shown_and_the_linear_one_in
     caption = caption_of("regression", source)
     assert "twin (simulated), holdout, 2 splits, seed 0." in caption
     assert "Best 3 of 5 models, and vjm in any case." in caption
-    assert FigureSource.of(tmp_path, models=["mlp"]).compared(3).models == ("mlp",)
+    assert FigureSource.of(tmp_path, Selection(models=("mlp",))).compared(3).models == ("mlp",)
 
 
 @pytest.mark.parametrize("name", ["regression", "learning-curves"])

@@ -11,6 +11,7 @@ from scipy import stats
 
 from helpers.figure_results import SIZES, compared, learned, with_fields
 from helpers.made_results import TWINS, MadeResults, made_data
+from stiff_bench.analysis.selection import Selection
 from stiff_bench.figures import learning_curves, variants
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
@@ -131,9 +132,8 @@ EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
 
 def errors_of(folder, **asked):
     """The errors [m] that learning curves show, a row a model and data set, a column a size."""
-    ((_, errors),) = (
-        learning_curves.learning_curves(FigureSource.of(folder, **asked)).paint.args[0].items()
-    )
+    source = FigureSource.of(folder, Selection(**asked))
+    ((_, errors),) = learning_curves.learning_curves(source).paint.args[0].items()
     return errors
 
 
@@ -173,7 +173,17 @@ def test_a_model_that_lacks_a_draw_has_no_learning_curve(tmp_path):
     made = learned(tmp_path)
     for twin in TWINS[:3]:
         made.add("vjm", [0.1, 0.1], dataset=twin, condition="n = 5", **EFFICIENCY)
-    content = learning_curves.learning_curves(FigureSource.of(tmp_path, models=["vjm", "gp"]))
+    content = learning_curves.learning_curves(
+        FigureSource.of(
+            tmp_path,
+            Selection(
+                models=(
+                    "vjm",
+                    "gp",
+                )
+            ),
+        )
+    )
     assert content.paint.args[1] == ["vjm"]
     assert "1 to 2 draws per size and data set" in content.caption
     assert "Not shown: gp." in content.caption

@@ -8,10 +8,11 @@ import pytest
 
 from helpers.made_results import TWINS, MadeResults, change
 from stiff_bench.analysis.collected import StoredResults
+from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.report import report_content as gather
-from stiff_bench.report.report_content import Selection
+from stiff_bench.report.report_content import PageOptions
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
@@ -31,8 +32,8 @@ def results(tmp_path):
     return made
 
 
-def blocks_of(folder, **choice):
-    asked = Selection(**choice)
+def blocks_of(folder, metric="norm", axis=None, seed=0, **choice):
+    asked = PageOptions(Selection(**choice), metric, axis, seed)
     key = sort_key(asked.metric, asked.axis)
     blocks = gather.blocks_of(StoredResults.read(folder), asked, key)
     return {block.heading: block for block in blocks}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from helpers.made_results import TWINS, MadeResults
-from stiff_bench.report.report_content import Selection, write_report
+from stiff_bench.report.report_content import PageOptions, write_report
 
 pytestmark = [
     pytest.mark.slow,
@@ -42,7 +42,7 @@ def page(tmp_path_factory) -> Path:
     keys += made.add("broken", [0.2], TWINS[0], failed=(1,))
     made.add_run("run-1", keys)
     output = folder / "report.html"
-    write_report([made.folder], Selection(), output, f"bench report {HACKS[1]}")
+    write_report([made.folder], PageOptions(), output, f"bench report {HACKS[1]}")
     return output
 
 

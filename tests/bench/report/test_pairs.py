@@ -24,7 +24,7 @@ WON = {"a": "1 : 0", "b": "0 : 1", "equivalent": "0 : 0", "open": "0 : 0"}
 
 def pairs_of(folder):
     """Row -> column -> cell of the table, and the table as the page shows it."""
-    board = build_leaderboard(StoredResults.read(folder), key=sort_key("norm", None))
+    board = build_leaderboard(StoredResults.read(folder), sort_key("norm", None))
     table = pair_table(board.sections[0], board)
     names = [row[0].split()[1] for row in table.texts()]
     rows = zip(names, table.texts(), strict=True)
@@ -58,7 +58,7 @@ def test_compare_and_leaderboard_judge_a_pair_by_the_same_numbers(tmp_path, n_sp
     """But for rounding: a pair on the edge of a verdict must not get two of them."""
     folder = store_results(tmp_path, MODELS, tests=fifths(5)[:n_splits])
     case, data = case_in(folder)
-    board = build_leaderboard(StoredResults.read(folder), key=sort_key("norm", None), seed=3)
+    board = build_leaderboard(StoredResults.read(folder), sort_key("norm", None), seed=3)
     (scored,) = board.sections[0].cases
     assert scored.models[:2] == ("alike", "bad")
     row = compare(case, "alike", "bad", data, Question(seed=3)).row(NORM)
