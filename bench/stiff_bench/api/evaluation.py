@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 import weakref
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -247,8 +245,7 @@ def evaluate(
         jobs=jobs,
         isolate=False if local else None,
     )
-    with _script_not_imported():
-        results = run.compute()
+    results = run.compute()
     if output is None:
         weakref.finalize(results, shutil.rmtree, folder, ignore_errors=True)
     return results
@@ -256,23 +253,3 @@ def evaluate(
 
 def _listed(given: Any) -> list[Any]:
     return list(given) if isinstance(given, list | tuple) else [given]
-
-
-@contextmanager
-def _script_not_imported() -> Iterator[None]:
-    """Keep the processes inside the block from running the user's script again.
-
-    A process that multiprocessing starts imports the main module, in case that it needs a function
-    of it: without a main guard, a script would start itself.
-    """
-    main = sys.modules["__main__"]
-    kept = {name: getattr(main, name, None) for name in ("__file__", "__spec__")}
-    main.__spec__ = None
-    with suppress(AttributeError):
-        del main.__file__
-    try:
-        yield
-    finally:
-        for name, value in kept.items():
-            if value is not None:
-                setattr(main, name, value)

@@ -14,9 +14,9 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, wait
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -61,7 +61,7 @@ def work_of(task: CellTask, given: FitInput, limits: Limits) -> Work:
     """Return what is sent to the process that computes the fit of a cell."""
     model_info(REFERENCE_MODEL).load()
     loaded = list(sys.modules)  # another thread may import meanwhile
-    ours = sorted(name for name in loaded if name.startswith("stiff_models."))
+    ours = sorted(name for name in loaded if name.startswith(("stiff_models.", "stiff_protocols.")))
     return Work(
         task=pickle.dumps((task.model, given)),
         model_version=task.cell.model_version,
@@ -95,7 +95,8 @@ class RunningFit:
         start = concurrent.process(  # type: ignore[call-overload]  # pebble's hints have mp_context
             daemon=False, timeout=work.limits.timeout_s, context=context
         )
-        self.future: ProcessFuture[FitOutcome] = start(compute_fit)(work, self._folder)
+        with _main_not_imported():
+            self.future: ProcessFuture[FitOutcome] = start(compute_fit)(work, self._folder)
 
     def outcome(self, listener: Callable[[Progress], None] = lambda _: None) -> FitOutcome | None:
         """Return what became of the fit, and end it; None while it is computed.
@@ -173,6 +174,24 @@ class RunningFit:
             return ()
         telling = [line for line in lines if line and not any(noise in line for noise in _NOISE)]
         return tuple(line[:LONGEST_LINE].rstrip() for line in telling[-LOG_LINES:])
+
+
+@contextmanager
+def _main_not_imported() -> Iterator[None]:
+    """Keep a process that is started inside the block from importing the main module.
+
+    multiprocessing does so in case that it needs a function of it. It takes time, and a user's
+    script without a main guard would start itself.
+    """
+    main = sys.modules["__main__"]
+    kept = {name: getattr(main, name) for name in ("__file__", "__spec__") if hasattr(main, name)}
+    main.__spec__ = None
+    with suppress(AttributeError):
+        del main.__file__
+    try:
+        yield
+    finally:
+        vars(main).update(kept)
 
 
 def _kill(processes: Iterable[psutil.Process]) -> None:
