@@ -15,7 +15,11 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stiff_bench.api.catalog import (
+    from stiff_bench.api.data_sets import Dataset, load_dataset, read_samples
+    from stiff_bench.api.evaluation import evaluate
+    from stiff_bench.api.measuring import plan_poses, simulate, validate
+    from stiff_bench.api.model import Model, coverage_of_each_axis, load_model, make_model
+    from stiff_bench.api.registered import (
         check,
         list_datasets,
         list_figures,
@@ -25,30 +29,24 @@ if TYPE_CHECKING:
         show,
         use_plugin,
     )
-    from stiff_bench.api.data import Dataset, load_dataset, read_samples
-    from stiff_bench.api.evaluation import evaluate
-    from stiff_bench.api.figures import figure, paper_table
-    from stiff_bench.api.measuring import plan_poses, simulate, validate
-    from stiff_bench.api.model import Model, coverage_of_each_axis, load_model, make_model
-    from stiff_bench.api.path import compensate_path, example_path
-    from stiff_bench.api.results import Results, merge, open_results
     from stiff_bench.api.robots import load_robot, read_robot
+    from stiff_bench.api.stored_results import Results, figure, merge, open_results, paper_table
     from stiff_bench.api.tables import Tables
+    from stiff_bench.api.tool_paths import compensate_path, example_path
     from stiff_protocols.contract.types import Robot, Samples
 
 _PLACES = {
-    "stiff_bench.api.catalog": (
+    "stiff_bench.api.registered": (
         *("check", "list_datasets", "list_figures", "list_metrics"),
         *("list_models", "list_protocols"),
         *("show", "use_plugin"),
     ),
-    "stiff_bench.api.data": ("Dataset", "load_dataset", "read_samples"),
+    "stiff_bench.api.data_sets": ("Dataset", "load_dataset", "read_samples"),
     "stiff_bench.api.evaluation": ("evaluate",),
-    "stiff_bench.api.figures": ("figure", "paper_table"),
     "stiff_bench.api.measuring": ("plan_poses", "simulate", "validate"),
     "stiff_bench.api.model": ("Model", "coverage_of_each_axis", "load_model", "make_model"),
-    "stiff_bench.api.path": ("compensate_path", "example_path"),
-    "stiff_bench.api.results": ("Results", "merge", "open_results"),
+    "stiff_bench.api.tool_paths": ("compensate_path", "example_path"),
+    "stiff_bench.api.stored_results": ("Results", "figure", "merge", "open_results", "paper_table"),
     "stiff_bench.api.robots": ("load_robot", "read_robot"),
     "stiff_bench.api.tables": ("Tables",),
     "stiff_protocols.contract.types": ("Robot", "Samples"),

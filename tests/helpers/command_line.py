@@ -21,7 +21,7 @@ import click
 from click.testing import CliRunner
 from threadpoolctl import ThreadpoolController
 
-from stiff_bench.api.catalog import registry
+from stiff_bench.api.registered import registry
 from stiff_bench.cli import main as cli
 from stiff_bench.store.database import stored_statuses
 

@@ -19,9 +19,9 @@ import pytest
 from helpers.command_line import BENCH
 from helpers.perf_case import figure, ours_or_peer
 from helpers.run_requests import planned
-from stiff_bench.api.data import Dataset
+from stiff_bench.api.data_sets import Dataset
 from stiff_bench.api.evaluation import Run
-from stiff_bench.cli.run import execute
+from stiff_bench.cli.run_commands import execute
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.execution import Execution

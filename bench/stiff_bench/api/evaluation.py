@@ -21,17 +21,17 @@ from stiff_bench.analysis.forecast import (
     time_fits,
     untimed_fits,
 )
-from stiff_bench.api.catalog import registry
-from stiff_bench.api.data import Dataset, check_dataset
+from stiff_bench.api.data_sets import Dataset, check_dataset
 from stiff_bench.api.model import Model, model_choice
-from stiff_bench.api.process import pinned
-from stiff_bench.api.results import Results
+from stiff_bench.api.registered import registry
+from stiff_bench.api.stored_results import Results
 from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
 from stiff_bench.run.execution import Execution
+from stiff_bench.run.machine import pinned
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from stiff_bench.api.catalog import registry
-from stiff_bench.api.data import Dataset, check_dataset, choice_of
-from stiff_bench.api.results import metric_lines
+from stiff_bench.api.data_sets import Dataset, check_dataset, choice_of
+from stiff_bench.api.registered import registry
+from stiff_bench.api.stored_results import metric_lines
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.options import Choice

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.api.catalog import registry
 from stiff_bench.api.evaluation import Run
-from stiff_bench.api.results import Results
+from stiff_bench.api.registered import registry
+from stiff_bench.api.stored_results import Results
 from stiff_bench.console import say
 from stiff_bench.paper.study_file import Study, find_study, read_study
 from stiff_bench.run.machine import usable_cores

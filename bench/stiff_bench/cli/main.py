@@ -10,17 +10,15 @@ import sys
 
 import click
 
-from stiff_bench.api.process import prepare
-from stiff_bench.cli.catalog import check, list_, new, show
-from stiff_bench.cli.compare import compare, leaderboard, report, table
-from stiff_bench.cli.data import data
-from stiff_bench.cli.figures import figure, reproduce
-from stiff_bench.cli.models import export, fit, predict
-from stiff_bench.cli.path import path
+from stiff_bench.cli.data_commands import data
+from stiff_bench.cli.model_commands import cache, export, fit, predict
+from stiff_bench.cli.path_commands import path
+from stiff_bench.cli.plugin_commands import check, list_, new, show
 from stiff_bench.cli.refusals import Commands, refusal
-from stiff_bench.cli.results import cache, merge
-from stiff_bench.cli.run import run
+from stiff_bench.cli.result_commands import compare, figure, leaderboard, merge, report, table
+from stiff_bench.cli.run_commands import reproduce, run
 from stiff_bench.console import replace_closed_streams, say
+from stiff_bench.run.machine import prepare
 from stiff_protocols.contract.errors import StiffBenchError
 
 INTERRUPTION = "interrupted; what is stored stays, the same command computes the rest"

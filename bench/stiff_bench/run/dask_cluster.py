@@ -33,7 +33,7 @@ from stiff_bench.run.execution import Execution
 from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.fit_process import Limits, Work
 from stiff_bench.run.isolate import SECONDS_BETWEEN_LOOKS, RunningFit, work_of
-from stiff_bench.run.machine import pin_threads
+from stiff_bench.run.machine import pinned
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
 from stiff_bench.store.versions import LIBRARIES
@@ -171,7 +171,7 @@ def compute_beside_worker(work: Work, code: str) -> tuple[str, dict[str, str], F
     if code != shared_code():
         raise ConfigError(f"{worker.address} has another version of stiffbench or of a library")
     multiprocessing.current_process().daemon = False  # one may not have children; ours end with it
-    pin_threads(work.limits.threads)  # as the server of the fits' processes begins
+    pinned(work.limits.threads)  # as the server of the fits' processes begins
     fit, key, outcome = RunningFit(work), worker.get_current_task(), None
     try:
         while outcome is None and (task := worker.state.tasks.get(key)) is not None:

@@ -27,7 +27,7 @@ import psutil
 from stiff_bench.plan.cells import version_of
 from stiff_bench.plan.registry import import_plugin_file, plugin_files
 from stiff_bench.run.fit import FitOutcome, fit_and_predict, short
-from stiff_bench.run.machine import pin_threads
+from stiff_bench.run.machine import pinned
 from stiff_protocols.contract.errors import said_by
 from stiff_protocols.contract.progress import Progress, listening
 
@@ -101,7 +101,7 @@ def compute_fit(work: Work, folder: Path) -> FitOutcome:
     os.environ["TMPDIR"] = tempfile.tempdir = str(folder / TEMPORARY)
     (folder / TEMPORARY).mkdir()
     if os.environ.get("OMP_NUM_THREADS") != str(work.limits.threads):  # else the server began so
-        pin_threads(work.limits.threads)
+        pinned(work.limits.threads)
     if work.limits.timeout_s is not None:
         faulthandler.dump_traceback_later(TRACEBACK_AT_TIMEOUT_SHARE * work.limits.timeout_s)
     try:

@@ -27,21 +27,21 @@ _VARIABLES = (
 """Read by the libraries when they are loaded."""
 
 
-def pin_threads(number: int) -> None:
-    """Give this number of threads to every library, loaded or not, and to child processes."""
-    os.environ.update(dict.fromkeys(_VARIABLES, str(number)))
+def pinned(number: int | None = None) -> int:
+    """Give a number of threads to every library, loaded or not, and to child processes.
+
+    It is returned; None: OMP_NUM_THREADS, or 1.
+    """
+    said = os.environ.get("OMP_NUM_THREADS", "")
+    threads = number or (int(said) if said.isdecimal() and int(said) > 0 else 1)
+    os.environ.update(dict.fromkeys(_VARIABLES, str(threads)))
     if "numpy" in sys.modules:
         from threadpoolctl import threadpool_limits
 
-        threadpool_limits(number)
+        threadpool_limits(threads)
     if (torch := sys.modules.get("torch")) is not None:
-        torch.set_num_threads(number)
-
-
-def threads_asked_for() -> int:
-    """Return what the environment says, or one."""
-    said = os.environ.get("OMP_NUM_THREADS", "")
-    return int(said) if said.isdecimal() and int(said) > 0 else 1
+        torch.set_num_threads(threads)
+    return threads
 
 
 _FOLDERS = {
@@ -67,3 +67,13 @@ def _can_write(folder: Path) -> bool:
     """Check the folder, or the nearest parent that exists, for write permission."""
     existing = next(path for path in (folder, *folder.parents) if os.path.exists(path))
     return existing.is_dir() and os.access(existing, os.W_OK)
+
+
+def prepare() -> None:
+    """Set what libraries read when they are loaded, unless the user did."""
+    # Read by OpenMP when torch is imported. Threads that spin while they wait make small networks
+    # a hundred times slower as soon as another process wants their core.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ["PYTHONSAFEPATH"] = "1"  # no Python that we start imports from the working directory
+    keep_libraries_in_our_cache()
+    pinned()

@@ -17,7 +17,7 @@ from stiff_bench.analysis.comparison import compare, compare_folder
 from stiff_bench.analysis.comparison_text import render_report, sentence
 from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.verdict import Question
-from stiff_bench.cli.compare import compare as compare_command
+from stiff_bench.cli.result_commands import compare as compare_command
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -284,7 +284,10 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
             r"\(made \| kfold\); vjm@slopes=2 was run in \(made \| kfold \| elsewhere\)",
         ),
         ({"datasets": ("mode",)}, "dataset.*'mode'; did you mean 'made'"),
-        ({"conditions": ("else",)}, r"^unknown condition with results 'else'; did .*\(valid: elsewhere\)$"),
+        (
+            {"conditions": ("else",)},
+            r"^unknown condition .*'else'; did .*\(valid: elsewhere\)$",
+        ),
     ):
         with pytest.raises(ConfigError, match=message):
             report_on(folder, **words)

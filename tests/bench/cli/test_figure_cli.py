@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from helpers.figure_results import CURVE, compared, with_fields
 from helpers.made_results import MadeResults
-from stiff_bench.cli.figures import figure
+from stiff_bench.cli.result_commands import figure
 from stiff_bench.paper.paper_figures import FIGURES
 from stiff_bench.paper.paper_models import DT_CNN, FT_MLP, pretrained, unfrozen
 from stiff_bench.paper.paper_results import PaperResults

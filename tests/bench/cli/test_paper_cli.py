@@ -10,9 +10,8 @@ from click.testing import CliRunner
 
 from helpers.command_line import assert_refused, bench_here
 from helpers.made_results import MadeResults
-from stiff_bench.cli.compare import table
-from stiff_bench.cli.figures import reproduce
-from stiff_bench.cli.run import run
+from stiff_bench.cli.result_commands import table
+from stiff_bench.cli.run_commands import reproduce, run
 from stiff_bench.paper.paper_results import PAPER_RESULTS
 from stiff_bench.paper.paper_tables import TABLES
 from stiff_protocols.contract.errors import ConfigError

@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from helpers.made_results import MadeResults
-from stiff_bench.cli.compare import report
+from stiff_bench.cli.result_commands import report
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
 
 pytestmark = pytest.mark.usefixtures("no_figures")

@@ -18,7 +18,7 @@ from helpers.made_results import damage
 from helpers.run_requests import planned
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.api.evaluation import Run
-from stiff_bench.cli.run import execute
+from stiff_bench.cli.run_commands import execute
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.runner import PROCESS
 from stiff_bench.store.database import (

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.api.catalog import registry
+from stiff_bench.api.registered import registry
 from stiff_bench.api.robots import as_robot
 from stiff_bench.api.tables import Text
 from stiff_bench.plan.options import (

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stiff_bench.cli.options import (
+from stiff_bench.cli.click_options import (
     FILE,
     coverage_options,
     data_options,
@@ -21,10 +21,11 @@ from stiff_bench.cli.options import (
     several_keys,
     sheet_option,
 )
+from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import print_text, warnings_said
 
 if TYPE_CHECKING:
-    from stiff_bench.api.data import Dataset
+    from stiff_bench.api.data_sets import Dataset
 
 model_file_option = click.option(
     "--model", type=FILE, required=True, metavar="FILE", help="Model file of `bench fit`."
@@ -111,3 +112,25 @@ def export(model: Path, output: Path) -> None:
     from stiff_bench.api.model import load_model
 
     print_text(load_model(model).export(output))
+
+
+@click.group(cls=Commands)
+def cache() -> None:
+    """Show or empty the cache of pre-trained networks."""
+
+
+@cache.command()
+def info() -> None:
+    """Print folder and content of the cache."""
+    from stiff_models.io.training_cache import cache_info
+
+    print_text(str(cache_info()))
+
+
+@cache.command()
+def clear() -> None:
+    """Delete every pre-trained network; the next run trains anew."""
+    from stiff_models.io.training_cache import clear_cache
+
+    deleted = clear_cache()
+    print_text(f"deleted: {deleted}" if deleted.entries else f"nothing to delete: {deleted}")

@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-from stiff_bench.cli.models import model_file_option
-from stiff_bench.cli.options import (
+from stiff_bench.cli.click_options import (
     FILE,
     Millimetres,
     Numbers,
@@ -21,6 +20,7 @@ from stiff_bench.cli.options import (
     robot_options,
     sheet_option,
 )
+from stiff_bench.cli.model_commands import model_file_option
 from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import print_text, warnings_said
 
@@ -89,7 +89,7 @@ def example(**words: Any) -> None:
 
     Without --load, a quarter of the robot's payload pulls downwards.
     """
-    from stiff_bench.api.path import example_path
+    from stiff_bench.api.tool_paths import example_path
 
     print_text(example_path(**words))
 
@@ -161,7 +161,7 @@ def compensate(model: Path, points: Path, output: Path, **words: Any) -> None:
     predicted to be on the path; its orientation is held.
     """
     from stiff_bench.api.model import load_model
-    from stiff_bench.api.path import compensate_path
+    from stiff_bench.api.tool_paths import compensate_path
 
     found = load_model(model)
     with warnings_said():

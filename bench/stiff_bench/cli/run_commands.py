@@ -10,8 +10,9 @@ import click
 from click.core import ParameterSource
 
 from stiff_bench.api import RESULTS
-from stiff_bench.cli.options import (
+from stiff_bench.cli.click_options import (
     FILE,
+    FORMATS,
     WholeRange,
     command_line,
     coverage_options,
@@ -27,9 +28,9 @@ from stiff_bench.cli.options import (
 from stiff_bench.console import print_text, say
 
 if TYPE_CHECKING:
-    from stiff_bench.api.data import Dataset
+    from stiff_bench.api.data_sets import Dataset
     from stiff_bench.api.evaluation import Run
-    from stiff_bench.api.results import Results
+    from stiff_bench.api.stored_results import Results
 
 COMMANDLINE = ParameterSource.COMMANDLINE
 HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun", "output")
@@ -153,3 +154,43 @@ def show_plan(run: Run, fmt: str) -> int:
     print_text(found.text_as(fmt))
     say(found.text)
     return 0
+
+
+@click.command()
+@click.argument("name")
+@click.option(
+    "--output",
+    type=FILE,
+    default=Path("results"),
+    metavar="DIR",
+    help="Folder that takes the folder of this name.",
+)
+@click.option("--write-only", is_flag=True, help="Write from stored results alone.")
+@execution_options("the number of cores")
+@click.option("--format", "fmt", type=FORMATS, default="github", help="Format of the --plan.")
+def reproduce(
+    name: str, output: Path, write_only: bool, plan_only: bool, fmt: str, **how: Any
+) -> int:
+    """Run a study and write its page.
+
+    NAME is a study that stiffbench ships, or a file such as my_study.toml: paper (the source
+    paper's tables and figures, an hour on 2 cores), paper-quick (one split and coarse sweeps, 7
+    minutes), leaderboard (2 hours), effects (is the ranking robust to other physics of the
+    simulated robot? half an hour), transfer (what do simulated data add to a few measured poses? 2
+    hours), intervals, anchored, anchored-steps. Stored results are not computed again: an
+    interrupted command can be repeated.
+    """
+    from stiff_bench.api.reproduction import reproduction
+
+    asked = reproduction(name, output=output, command=command_line(), **how)
+    if plan_only:
+        return show_plan(asked, fmt)
+    status = 0
+    if not write_only:
+        results = asked.compute()
+        say_summary(results)
+        say("writing tables and figures")
+        status = int(any(result.status == "failed" for result in results.cells))
+    for path in asked.write():
+        print_text(str(path))
+    return status

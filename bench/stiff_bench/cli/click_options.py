@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from stiff_bench.api import LARGEST_POSE_TOLERANCE, POSE_TOLERANCE, RESULTS
-from stiff_bench.api.process import pinned
+from stiff_bench.run.machine import pinned
 from stiff_protocols.contract.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ def coverage_options(text: str) -> Callable[[Command], Command]:
 def picture(_: click.Context, __: click.Parameter, file: Path | None) -> Path | None:
     """Refuse a file whose suffix names no picture's format."""
     if file is not None:
-        from stiff_bench.api.figures import check_suffix
+        from stiff_bench.tables.picture_file import check_suffix
 
         check_suffix(file)
     return file
@@ -205,7 +205,7 @@ file_options = together(
 
 
 def _used(_: click.Context, __: click.Parameter, files: tuple[Path, ...]) -> None:
-    from stiff_bench.api.catalog import use_only
+    from stiff_bench.api.registered import use_only
 
     use_only(files)
 
@@ -359,7 +359,7 @@ def data_options(command: Command) -> Command:
     @robot_of_data
     @wraps(command)
     def call(*, data: tuple[Path, ...], robot: Robot | None, **words: Any) -> Any:
-        from stiff_bench.api.data import Dataset
+        from stiff_bench.api.data_sets import Dataset
         from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 
         names = ("no_torque", "sheet", "pose_tolerance")

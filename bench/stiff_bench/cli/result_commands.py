@@ -1,4 +1,4 @@
-"""`bench leaderboard`, `compare`, `table` and `report`: words in, one call, the result printed."""
+"""What stored results say: `bench leaderboard`, `compare`, `table`, `figure`, `report`, `merge`."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from stiff_bench.api import RESULTS
-from stiff_bench.cli.options import (
+from stiff_bench.cli.click_options import (
     FILE,
     PROBABILITY,
     Millimetres,
     command_line,
     format_option,
     output_option,
+    picture,
     ranking_options,
     results_option,
     seed_option,
@@ -24,7 +25,7 @@ from stiff_bench.console import print_text, say
 
 if TYPE_CHECKING:
     from stiff_bench.analysis.selection import Selection
-    from stiff_bench.api.results import Results
+    from stiff_bench.api.stored_results import Results
 
 
 @click.command()
@@ -63,7 +64,7 @@ def compare(a: str, b: str, results: Path, selection: Selection, fmt: str, **que
 
 
 def _stored(folder: Path, selection: Selection) -> Results:
-    from stiff_bench.api.results import Results
+    from stiff_bench.api.stored_results import Results
 
     return Results(folder, command=command_line(), selection=selection)
 
@@ -87,7 +88,7 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     by depth and by activation; 8: unfrozen layers; 9: last epoch against best epoch; 10: VJM,
     FT-MLP and DT-CNN, read on the test part, on all samples and by an honest holdout.
     """
-    from stiff_bench.api.figures import paper_table
+    from stiff_bench.api.stored_results import paper_table
 
     print_text(paper_table(number, results, command=command_line()).text_as(fmt))
 
@@ -113,3 +114,48 @@ def report(folders: tuple[Path, ...], output: Path, selection: Selection, **rank
     first, *others = (_stored(folder, selection) for folder in folders)
     first.report(output, others=others, **ranking)
     say(f"{output}: written")
+
+
+@click.command()
+@click.argument("name")
+@click.option(
+    "--results",
+    type=FILE,
+    metavar="DIR",
+    help=f"Folder of results.  [default: {RESULTS}; results/paper/runs for the paper's figures]",
+)
+@click.option(
+    "--output",
+    type=FILE,
+    callback=picture,
+    metavar="FILE.pdf",
+    help="File to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
+)
+@selection_options
+def figure(name: str, results: Path | None, output: Path | None, selection: Selection) -> None:
+    """Draw a figure and print its caption.
+
+    NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: `bench list figures`. The
+    caption names the data set and protocol that are shown.
+    """
+    from stiff_bench.api.stored_results import Results, figure
+
+    stored = Results(results or RESULTS, selection=selection) if selection.options else results
+    prepared = figure(name, stored)
+    target = output or Path(f"figure-{name}.png")
+    prepared.save(target)
+    print_text(f"{target}: {prepared.title}. {prepared.caption}")
+
+
+@click.command()
+@click.argument("folders", metavar="DIR...", type=FILE, nargs=-1, required=True)
+@output_option("DIR", "Folder to merge into, new or with results.")
+def merge(folders: tuple[Path, ...], output: Path) -> None:
+    """Merge the results of several machines into one folder.
+
+    Folders that have different numbers of one fit are refused. The given folders are not changed.
+    """
+    from stiff_bench.api.stored_results import merge
+
+    for line in merge(folders, output).report:
+        say(line)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stiff_bench.cli.options import (
+from stiff_bench.cli.click_options import (
     FILE,
     FiniteRange,
     WholeRange,
@@ -52,7 +52,7 @@ def info(
 
     KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
     """
-    from stiff_bench.api.data import dataset_of_word
+    from stiff_bench.api.data_sets import dataset_of_word
     from stiff_datasets.measured.file_options import FileOptions
 
     dataset = dataset_of_word(key, robot, FileOptions(**stated), settings)
