@@ -18,6 +18,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from multiprocessing.util import get_temp_dir
 from pathlib import Path
 
 import orjson
@@ -49,6 +50,8 @@ from stiff_protocols.contract.record import CellResult
 SECONDS_BETWEEN_LOOKS = 0.1
 SECONDS_TO_HEAR = 5.0
 """How long the result of a process that has gone may be on its way."""
+LONGEST_TEMPDIR = 70
+"""Bytes: a socket's whole name has at most 107 (unix(7)), of which multiprocessing needs 33."""
 LOG_LINES, LONGEST_LINE = 30, 500
 LARGEST_LOG = 2**22
 """Bytes of a log: how large it gets before all of it is thrown away."""
@@ -95,6 +98,7 @@ class RunningFit:
         start = concurrent.process(  # type: ignore[call-overload]  # pebble's hints have mp_context
             daemon=False, timeout=work.limits.timeout_s, context=context
         )
+        _keep_socket_names_short()
         with _main_not_imported():
             self.future: ProcessFuture[FitOutcome] = start(compute_fit)(work, self._folder)
 
@@ -174,6 +178,16 @@ class RunningFit:
             return ()
         telling = [line for line in lines if line and not any(noise in line for noise in _NOISE)]
         return tuple(line[:LONGEST_LINE].rstrip() for line in telling[-LOG_LINES:])
+
+
+def _keep_socket_names_short() -> None:
+    """Have multiprocessing's sockets in /tmp where TMPDIR is long, as batch systems make it."""
+    if len(os.fsencode(tempfile.gettempdir())) > LONGEST_TEMPDIR:
+        before, tempfile.tempdir = tempfile.tempdir, "/tmp"
+        try:
+            get_temp_dir()  # is chosen once
+        finally:
+            tempfile.tempdir = before
 
 
 @contextmanager
