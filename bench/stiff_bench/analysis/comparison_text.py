@@ -16,7 +16,6 @@ from stiff_bench.analysis.verdict import Estimate, Question, Verdict, decide
 from stiff_bench.analysis.where import Place
 from stiff_bench.store.names import label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
-from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
 
@@ -30,24 +29,8 @@ SELECTS_ON_TEST = "selects on the test part"
 """Stands beside a case whose protocol lets models do so."""
 
 
-def render_report(report: ModelComparison, fmt: str, command: str) -> str:
-    """Return the report as text of the given format: the headline, the tables.
-
-    csv has the estimates alone, json all tables and all notes.
-    """
-    about: dict[str, object] = {"a": report.a, "b": report.b}
-    asked = {"equivalence_mm": MM * report.question.rope, "confidence": report.question.confidence}
-    named = comparison_tables(report)
-    if fmt == "json":
-        named["estimates"] = _estimates(report)
-    elif fmt == "csv":
-        named = {"estimates": _estimates(report)}
-    tables = [replace(one, about=about | {"table": name}) for name, one in named.items()]
-    return render(tables, fmt, command, text=sentence(report), about=about | asked)
-
-
-def comparison_tables(report: ModelComparison) -> dict[str, Table]:
-    """Return name -> table; the last one has the notes."""
+def comparison_tables(report: ModelComparison) -> list[Table]:
+    """Return the tables; csv has the estimates alone, json all tables and all notes."""
     if len(report.comparisons) > 1:
         named = {"cases": _cases(report)}
         if report.across:
@@ -58,7 +41,12 @@ def comparison_tables(report: ModelComparison) -> dict[str, Table]:
             named["where"] = _places(report, report.where.places)
     *_, last = named
     named[last] = replace(named[last], notes=list(dict.fromkeys(_notes(report))), brief=True)
-    return named
+    about, people = {"a": report.a, "b": report.b}, ("github", "latex", "html", "json")
+    shown = [
+        replace(one, about={**about, "table": name}, formats=people) for name, one in named.items()
+    ]
+    estimates = replace(_estimates(report), about={**about, "table": "estimates"})
+    return [*shown, replace(estimates, formats=("csv", "json"))]
 
 
 def sentence(report: ModelComparison) -> str:

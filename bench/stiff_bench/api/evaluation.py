@@ -7,7 +7,7 @@ import tempfile
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,6 @@ from stiff_bench.run.execution import Execution
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore
-from stiff_bench.tables.render import render
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelInfo
@@ -88,8 +87,7 @@ class Run:
             timed = time_fits(untimed, timing)
         forecasts = forecast(self.tasks, plan.output, rerun=rerun, timed=timed)
         tables = [forecast_table(forecasts, jobs)]
-        text_as = partial(render, tables, command=plan.command)
-        return Tables(lambda: tables, text_as, forecast_line(forecasts[-1], jobs))
+        return Tables(tables, plan.command, forecast_line(forecasts[-1], jobs))
 
     def compute(self) -> Results:
         """Compute what is missing; return the results of all.

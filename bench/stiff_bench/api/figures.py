@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,6 @@ from stiff_bench.api import RESULTS
 from stiff_bench.api.results import Results
 from stiff_bench.api.tables import Tables
 from stiff_bench.tables.picture_file import check_suffix as check_suffix
-from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 
 if TYPE_CHECKING:
@@ -68,7 +66,7 @@ def paper_table(
 
     tables = read_table(str(number), _folder(results))
     made_by = command or f"stiffbench.paper_table({number})"
-    return Tables(lambda: tables, partial(render, tables, command=made_by))
+    return Tables(tables, made_by)
 
 
 def _folder(results: Results | Path | str | None) -> Path | None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +13,6 @@ from stiff_bench.analysis.selection import EVERYTHING, Selection
 from stiff_bench.api.tables import Tables
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
-from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import MM, PRINTED
 from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import AXES, Prediction
@@ -141,7 +139,7 @@ class Results:
         tables = build_tables(self._counting, shown)
         if verbose:
             tables = [replace(one, notes=[*one.notes, *one.details]) for one in tables]
-        return Tables(lambda: tables, partial(render, tables, command=self.command))
+        return Tables(tables, self.command)
 
     def compare(
         self,
@@ -166,13 +164,14 @@ class Results:
             StoreError: the folder holds no results, or corrupt ones.
         """
         from stiff_bench.analysis.comparison import compare_folder
-        from stiff_bench.analysis.comparison_text import comparison_tables, render_report, sentence
+        from stiff_bench.analysis.comparison_text import comparison_tables, sentence
         from stiff_bench.analysis.verdict import Question
 
         question = Question(rope=equivalence_mm / MM, confidence=confidence, seed=seed)
         found = compare_folder(self.folder, a, b, question, self.selection)
-        text_as = partial(render_report, found, command=self.command)
-        return Tables(lambda: comparison_tables(found).values(), text_as, sentence(found))
+        asked = {"equivalence_mm": equivalence_mm, "confidence": confidence}
+        about = {"a": found.a, "b": found.b, **asked}
+        return Tables(comparison_tables(found), self.command, sentence(found), about)
 
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
@@ -189,18 +188,13 @@ class Results:
             StoreError: the folder holds no results, or corrupt ones.
         """
         from stiff_bench.analysis.leaderboard import build_leaderboard
-        from stiff_bench.analysis.leaderboard_tables import render_leaderboard, section_tables
+        from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
         from stiff_bench.analysis.sort_key import sort_key
 
         stored, key = StoredResults.read(self.folder), sort_key(metric, axis)
         board = build_leaderboard(stored, key, self.selection, seed=seed)
-        text_as = partial(render_leaderboard, board, command=self.command)
-
-        def tables() -> Iterator[Table]:
-            for section in board.sections:
-                yield from section_tables(section, board)
-
-        return Tables(tables, text_as)
+        about = {"sort_key": key.text, "direction": key.metric.direction}
+        return Tables(leaderboard_tables(board), self.command, about=about)
 
     def report(
         self,

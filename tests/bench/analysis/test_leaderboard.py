@@ -16,10 +16,11 @@ from helpers.figure_results import with_fields
 from helpers.made_results import N_POSES, TWINS, MadeResults, forget
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
-from stiff_bench.analysis.leaderboard_tables import render_leaderboard
+from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
 from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.tables.metric_table import TRAINING_MARK
+from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
@@ -37,7 +38,7 @@ def board_of(made: MadeResults, *models: str, metric="norm", axis=None, **narrow
 
 
 def text_of(board: Leaderboard, fmt: str = "github") -> str:
-    return render_leaderboard(board, fmt, "bench leaderboard")
+    return render(leaderboard_tables(board), fmt, "bench leaderboard")
 
 
 def scores_of(board: Leaderboard) -> dict[str, dict[str, object]]:

@@ -14,8 +14,8 @@ import stiffbench as sb
 from helpers.command_line import assert_refused, bench_here
 from helpers.made_robots import track_lines, tree_urdf
 from helpers.made_samples import samples_with
-from stiff_bench.api.path_correction import CorrectedPath
 from stiff_bench.api.path import compensate_path, example_path
+from stiff_bench.api.path_correction import CorrectedPath
 from stiff_datasets.measured.path_file import read_path, tool_of
 from stiff_datasets.robots.shipped_robots import shipped_robots
 from stiff_protocols.contract.errors import (
