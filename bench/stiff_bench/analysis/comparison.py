@@ -27,7 +27,7 @@ from stiff_bench.analysis.verdict import (
     decide,
     estimates,
 )
-from stiff_bench.analysis.where import Where, where_better
+from stiff_bench.analysis.where import Place, where_better
 from stiff_bench.store.names import CaseName, grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
@@ -286,7 +286,7 @@ class ModelComparison:
         a, b: names.
         comparisons: one a case; at least one.
         across: over data sets of one robot type.
-        where: who is better where, if there is one case.
+        where: all places and who is better there, if there is one case.
         notes: what could not be compared, and what was left out.
         provenance: which stiffbench made the results.
     """
@@ -296,7 +296,7 @@ class ModelComparison:
     question: Question
     comparisons: tuple[Comparison, ...]
     across: tuple[Across, ...]
-    where: Where | None
+    where: tuple[Place, ...]
     notes: tuple[str, ...]
     provenance: tuple[str, ...]
 
@@ -345,7 +345,7 @@ def compare_folder(
     for name, other in ((a, b), (b, a)):
         if alone := [place for place in run[name] if place not in run[other]]:
             notes.append(f"{name} alone was run in {_named(alone)}.")
-    where = None
+    where = []
     if len(shared) == 1:
         data = data_of(shared[0].name.data_sha256)
         where = where_better(*paired_results(shared[0], a, b), data, question)
@@ -360,7 +360,7 @@ def compare_folder(
         question=question,
         comparisons=tuple(comparisons),
         across=tuple(across_datasets(comparisons)),
-        where=where,
+        where=tuple(where),
         notes=(
             *notes,
             *same_name_other_data(shared, data_of),

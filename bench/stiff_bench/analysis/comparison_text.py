@@ -13,7 +13,7 @@ from typing import Any
 
 from stiff_bench.analysis.comparison import NORM, Across, Comparison, ModelComparison, Row
 from stiff_bench.analysis.verdict import Estimate, Question, Verdict, decide
-from stiff_bench.analysis.where import Place
+from stiff_bench.analysis.where import Place, telling
 from stiff_bench.store.names import label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
@@ -37,8 +37,8 @@ def comparison_tables(report: ModelComparison) -> list[Table]:
             named["over datasets"] = _over_datasets(report)
     else:
         named = {"errors": _errors(report)}
-        if report.where is not None and report.where.places:
-            named["where"] = _places(report, report.where.places)
+        if report.where:
+            named["where"] = _places(report, telling(report.where))
     *_, last = named
     named[last] = replace(named[last], notes=list(dict.fromkeys(_notes(report))), brief=True)
     about, people = {"a": report.a, "b": report.b}, ("github", "latex", "html", "json")
@@ -165,10 +165,11 @@ def _notes(report: ModelComparison) -> Iterator[str]:
             "these fits: one split or pooled splits do not show how results vary with the training "
             "samples; repeated-holdout with --splits 5 does."
         )
-    if (where := report.where) is not None and where.n_places:
+    if report.where:
+        found = Counter(place.verdict for place in report.where)
         yield (
-            f"where: {where.n_places} subgroups tested, Holm-corrected; {report.a} better in "
-            f"{where.a_better}, {report.b} in {where.b_better}."
+            f"where: {len(report.where)} subgroups tested, Holm-corrected; {report.a} better in "
+            f"{found['a']}, {report.b} in {found['b']}."
         )
     called = labels(one.name for one in report.comparisons)
     for one in report.comparisons:

@@ -14,7 +14,6 @@ from typing import Any
 from stiff_bench.analysis.forecast import (
     LONGEST_FIT_S,
     LONGEST_S,
-    Timings,
     forecast,
     forecast_line,
     forecast_table,
@@ -38,6 +37,7 @@ from stiff_bench.store.database import ResultStore
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.record import CellResult
 
 DEFAULT_DATASET = "kr10-twin"
 
@@ -73,8 +73,7 @@ class Run:
         """
         plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
         untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
-        timed: Timings = {}
-        facts = self.execution.facts
+        facts, timed = self.execution.facts, list[CellResult]()
         if untimed and not facts["dask"]:
             n_models = len({task.shown.model for task in untimed})
             say(

@@ -37,7 +37,7 @@ def store_some(plan, fit_s, *, of=lambda task: True, status="ok"):
     )
 
 
-def told(plan, *, rerun="missing", timed=None):
+def told(plan, *, rerun="missing", timed=()):
     return forecast(cell_tasks(plan), plan.output, rerun=rerun, timed=timed)
 
 
@@ -119,7 +119,7 @@ def test_a_timed_fit_is_the_time_of_the_others_or_a_bound_and_a_failure_is_said(
 def test_no_fit_is_started_when_the_time_of_a_plan_is_over(tmp_path, monkeypatch):
     monkeypatch.setattr("stiff_bench.analysis.forecast.LONGEST_S", 0.0)
     plan = plan_into(tmp_path)
-    assert time_fits(list(cell_tasks(plan)), Timed()) == {}
+    assert time_fits(list(cell_tasks(plan)), Timed()) == []
 
 
 @pytest.mark.slow
