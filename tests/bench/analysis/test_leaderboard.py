@@ -97,21 +97,6 @@ def test_a_model_that_lacks_a_case_has_no_mean_rank_and_moves_nobody_elses(made)
     assert board_of(made).sections[0].unranked["vjm"] == {}, "no other model has all results"
 
 
-def test_many_missing_results_are_counted_and_it_is_said_what_lists_them(made):
-    add_three(made)
-    for number in range(5):
-        made.add(f"late-{number}", [9.0, 9.0], TWINS[0])
-    text = text_of(board_of(made))
-    (note,) = (line for line in text.splitlines() if "Without a mean rank" in line)
-    assert "late-0 lacks 2 of 3 results, " in note and "2 more models" in note
-    assert "--format json" in note and "specimen" not in note
-    every = json.loads(text_of(board_of(made), "json"))["tables"]
-    (scores,) = (one for one in every if one["table"] == "scores")
-    statuses = [(row["model"], row["values"][0].get("status")) for row in scores["rows"]]
-    lacking = [model for model, status in statuses if status == "not run"]
-    assert sorted(lacking) == sorted(2 * [f"late-{number}" for number in range(5)])
-
-
 def test_a_failure_is_missing_with_its_reason_and_is_said_in_its_column(made):
     add_three(made)
     for dataset in TWINS[:3]:
