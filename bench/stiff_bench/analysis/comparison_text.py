@@ -11,12 +11,13 @@ from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
+from stiff_bench.analysis.collected import split_sizes
 from stiff_bench.analysis.comparison import NORM, Across, Comparison, ModelComparison, Row
 from stiff_bench.analysis.verdict import Estimate, Question, Verdict, decide
 from stiff_bench.analysis.where import Place, telling
 from stiff_bench.store.names import label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
-from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
+from stiff_bench.tables.table import ALL_BUT_CSV, Column, Entry, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
 
 VERDICTS: dict[Verdict, str] = {
@@ -41,9 +42,10 @@ def comparison_tables(report: ModelComparison) -> list[Table]:
             named["where"] = _places(report, telling(report.where))
     *_, last = named
     named[last] = replace(named[last], notes=list(dict.fromkeys(_notes(report))), brief=True)
-    about, people = {"a": report.a, "b": report.b}, ("github", "latex", "html", "json")
+    about = {"a": report.a, "b": report.b}
     shown = [
-        replace(one, about={**about, "table": name}, formats=people) for name, one in named.items()
+        replace(one, about={**about, "table": name}, formats=ALL_BUT_CSV)
+        for name, one in named.items()
     ]
     estimates = replace(_estimates(report), about={**about, "table": "estimates"})
     return [*shown, replace(estimates, formats=("csv", "json"))]
@@ -312,13 +314,13 @@ def _estimates(report: ModelComparison) -> Table:
     """Return what each method says of each error in each case."""
     rows: list[dict[str, Any]] = []
     for one in report.comparisons:
-        name = one.name
+        name, (n_train, n_test) = one.name, split_sizes(one.results[0])
         about = {
             **{"dataset": name.dataset, "protocol": name.protocol, "condition": name.condition},
             **{"seed": name.seed, "splits": one.n_splits, "data_sha256": name.data_sha256},
             **{"source_sha256": name.source_sha256, "selects_on_test": one.selects_on_test},
             **{"mark_a": mark_of(one.a), "mark_b": mark_of(one.b)},
-            **{"n_train": one.n_train, "n_test": one.n_test, "n_poses": one.n_poses},
+            **{"n_train": n_train, "n_test": n_test, "n_poses": one.n_poses},
         }
         for row in one.rows:
             for method, found in (("over splits", row.over_splits), ("over poses", row.over_poses)):

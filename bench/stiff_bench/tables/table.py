@@ -134,6 +134,7 @@ VALUE_FIELDS = (
 )
 """Of each number, in csv and json."""
 MOST_NOTES = 4
+ALL_BUT_CSV = ("github", "latex", "html", "json")
 
 
 @dataclass(frozen=True)
