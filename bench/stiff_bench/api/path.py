@@ -11,7 +11,6 @@ from stiff_bench.api.model import Model
 from stiff_bench.api.path_correction import (
     CorrectedPath,
     Correction,
-    check_number_held,
     held_along,
     held_positions,
     start_positions,
@@ -140,7 +139,6 @@ def compensate_path(
     model.check_coverage(coverage)
     arm = model.fitted.robot_
     seed = start_positions(arm, start)
-    check_number_held(arm, hold)
     table = read_path(
         file,
         arm,

@@ -229,7 +229,7 @@ def held_positions(
             twice, or a value is missing or beyond the joint's limits.
     """
     held, units = np.full(robot.n_joints, np.nan), file_units(robot)
-    check_number_held(robot, hold)
+    _check_number_held(robot, hold)
     for name, number in _numbers(robot, hold).items():
         value, unit = hold[name], _unit(robot, number)
         low, high = units[number] * robot.lower[number], units[number] * robot.upper[number]
@@ -266,7 +266,7 @@ def held_along(
     return held_positions(robot, hold, table.q[0])
 
 
-def check_number_held(robot: Robot, hold: Mapping[str, float | None]) -> None:
+def _check_number_held(robot: Robot, hold: Mapping[str, float | None]) -> None:
     """Refuse more or fewer held joints than a robot has beyond six."""
     spare = max(robot.n_joints - 6, 0)
     if len(_numbers(robot, hold)) == spare:
