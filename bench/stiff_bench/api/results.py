@@ -191,7 +191,7 @@ class Results:
         from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
         from stiff_bench.analysis.sort_key import sort_key
 
-        stored, key = StoredResults.read(self.folder), sort_key(metric, axis)
+        key, stored = sort_key(metric, axis), StoredResults.read(self.folder)
         board = build_leaderboard(stored, key, self.selection, seed=seed)
         about = {"sort_key": key.text, "direction": key.metric.direction}
         return Tables(leaderboard_tables(board), self.command, about=about)
