@@ -14,7 +14,6 @@ from stiff_bench.analysis.collected import (
     StoredResults,
     left_out_notes,
     same_name_other_data,
-    split_sizes,
 )
 from stiff_bench.analysis.scored_case import dataset_of, family_of, scored_case, shared_errors
 from stiff_bench.analysis.selection import EVERYTHING, Selection, competitor_meant
@@ -27,7 +26,7 @@ from stiff_bench.analysis.verdict import (
     decide,
     estimates,
 )
-from stiff_bench.analysis.where import Where, where_better
+from stiff_bench.analysis.where import Place, where_better
 from stiff_bench.store.names import CaseName, grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
@@ -81,12 +80,11 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A and B in the case of this name.
+    """A and B in one case.
 
     Attributes:
         a, b: what must stand beside their numbers.
-        n_splits: that both have.
-        n_train, n_test: rows that a split trains and tests on, means.
+        results: of A and of B, on the splits that both have.
         n_poses: that were tested.
         rows: one for each of `ERRORS`.
         missing: what A or B lacks, or both of what was asked for, one line each.
@@ -95,17 +93,25 @@ class Comparison:
         n_models: that take part in it.
     """
 
-    name: CaseName
+    case: Case
     a: Presentation
     b: Presentation
-    n_splits: int
-    n_train: float
-    n_test: float
+    results: tuple[Sequence[CellResult], Sequence[CellResult]]
     n_poses: int
     rows: tuple[Row, ...]
     missing: tuple[str, ...]
     among_all: Verdict | None
     n_models: int
+
+    @property
+    def name(self) -> CaseName:
+        """Name of the case."""
+        return self.case.name
+
+    @property
+    def n_splits(self) -> int:
+        """How many splits both have."""
+        return len(self.results[0])
 
     def row(self, error: str) -> Row:
         """Return the row of one kind of error."""
@@ -145,19 +151,16 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
         DataError: one has no results there, they share no split, or one pose alone was tested.
     """
     results = paired_results(case, a, b)
-    n_train, n_test = split_sizes(results[0])
     rows = np.concatenate([one.prediction.rows for one in results[0] if one.prediction])
     n_poses = len(np.unique(data.samples.pose_id[rows]))
     if n_poses < 2:
         raise DataError("a bootstrap over poses needs at least 2 poses, there is 1")
     among_all, n_models = _among_all(case, a, b, data, question)
     return Comparison(
-        name=case.name,
+        case=case,
         a=case.competitors[a].shown,
         b=case.competitors[b].shown,
-        n_splits=len(results[0]),
-        n_train=n_train,
-        n_test=n_test,
+        results=results,
         n_poses=n_poses,
         rows=tuple(_rows(results, data, question)),
         missing=tuple(_missing(case, a, b)),
@@ -286,7 +289,7 @@ class ModelComparison:
         a, b: names.
         comparisons: one a case; at least one.
         across: over data sets of one robot type.
-        where: who is better where, if there is one case.
+        where: all places and who is better there, if there is one case.
         notes: what could not be compared, and what was left out.
         provenance: which stiffbench made the results.
     """
@@ -296,7 +299,7 @@ class ModelComparison:
     question: Question
     comparisons: tuple[Comparison, ...]
     across: tuple[Across, ...]
-    where: Where | None
+    where: tuple[Place, ...]
     notes: tuple[str, ...]
     provenance: tuple[str, ...]
 
@@ -323,7 +326,7 @@ def compare_folder(
     called = labels(one.name for one in chosen)
     run = {name: [called[one.name] for one in chosen if name in one.competitors] for name in (a, b)}
     data_of = stored.data_of
-    comparisons, shared, notes = [], [], []
+    comparisons, notes = list[Comparison](), list[str]()
     for case in chosen:
         if not {a, b} <= case.competitors.keys():
             continue
@@ -333,7 +336,6 @@ def compare_folder(
         data = data_of(case.name.data_sha256)
         try:
             comparisons.append(compare(case, a, b, data, question))
-            shared.append(case)
         except DataError as error:
             notes.append(f"not compared: {called[case.name]}: {error}.")
     if not comparisons:
@@ -345,14 +347,14 @@ def compare_folder(
     for name, other in ((a, b), (b, a)):
         if alone := [place for place in run[name] if place not in run[other]]:
             notes.append(f"{name} alone was run in {_named(alone)}.")
-    where = None
-    if len(shared) == 1:
-        data = data_of(shared[0].name.data_sha256)
-        where = where_better(*paired_results(shared[0], a, b), data, question)
-    used = [(case, case.shared_slots([a, b])) for case in shared]
+    where = []
+    if len(comparisons) == 1:
+        (only,) = comparisons
+        where = where_better(*only.results, data_of(only.name.data_sha256), question)
+    shared = [one.case for one in comparisons]
     counts = {
-        name: Counter(one.run_id for case, slots in used for one in case.results(name, slots))
-        for name in (a, b)
+        name: Counter(result.run_id for one in comparisons for result in one.results[number])
+        for number, name in enumerate((a, b))
     }
     return ModelComparison(
         a=a,
@@ -360,7 +362,7 @@ def compare_folder(
         question=question,
         comparisons=tuple(comparisons),
         across=tuple(across_datasets(comparisons)),
-        where=where,
+        where=tuple(where),
         notes=(
             *notes,
             *same_name_other_data(shared, data_of),

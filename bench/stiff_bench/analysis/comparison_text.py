@@ -11,13 +11,13 @@ from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
+from stiff_bench.analysis.collected import split_sizes
 from stiff_bench.analysis.comparison import NORM, Across, Comparison, ModelComparison, Row
 from stiff_bench.analysis.verdict import Estimate, Question, Verdict, decide
-from stiff_bench.analysis.where import Place
+from stiff_bench.analysis.where import Place, telling
 from stiff_bench.store.names import label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
-from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
+from stiff_bench.tables.table import ALL_BUT_CSV, Column, Entry, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
 
 VERDICTS: dict[Verdict, str] = {
@@ -30,35 +30,25 @@ SELECTS_ON_TEST = "selects on the test part"
 """Stands beside a case whose protocol lets models do so."""
 
 
-def render_report(report: ModelComparison, fmt: str, command: str) -> str:
-    """Return the report as text of the given format: the headline, the tables.
-
-    csv has the estimates alone, json all tables and all notes.
-    """
-    about: dict[str, object] = {"a": report.a, "b": report.b}
-    asked = {"equivalence_mm": MM * report.question.rope, "confidence": report.question.confidence}
-    named = comparison_tables(report)
-    if fmt == "json":
-        named["estimates"] = _estimates(report)
-    elif fmt == "csv":
-        named = {"estimates": _estimates(report)}
-    tables = [replace(one, about=about | {"table": name}) for name, one in named.items()]
-    return render(tables, fmt, command, text=sentence(report), about=about | asked)
-
-
-def comparison_tables(report: ModelComparison) -> dict[str, Table]:
-    """Return name -> table; the last one has the notes."""
+def comparison_tables(report: ModelComparison) -> list[Table]:
+    """Return the tables; csv has the estimates alone, json all tables and all notes."""
     if len(report.comparisons) > 1:
         named = {"cases": _cases(report)}
         if report.across:
             named["over datasets"] = _over_datasets(report)
     else:
         named = {"errors": _errors(report)}
-        if report.where is not None and report.where.places:
-            named["where"] = _places(report, report.where.places)
+        if report.where:
+            named["where"] = _places(report, telling(report.where))
     *_, last = named
     named[last] = replace(named[last], notes=list(dict.fromkeys(_notes(report))), brief=True)
-    return named
+    about = {"a": report.a, "b": report.b}
+    shown = [
+        replace(one, about={**about, "table": name}, formats=ALL_BUT_CSV)
+        for name, one in named.items()
+    ]
+    estimates = replace(_estimates(report), about={**about, "table": "estimates"})
+    return [*shown, replace(estimates, formats=("csv", "json"))]
 
 
 def sentence(report: ModelComparison) -> str:
@@ -177,10 +167,11 @@ def _notes(report: ModelComparison) -> Iterator[str]:
             "these fits: one split or pooled splits do not show how results vary with the training "
             "samples; repeated-holdout with --splits 5 does."
         )
-    if (where := report.where) is not None and where.n_places:
+    if report.where:
+        found = Counter(place.verdict for place in report.where)
         yield (
-            f"where: {where.n_places} subgroups tested, Holm-corrected; {report.a} better in "
-            f"{where.a_better}, {report.b} in {where.b_better}."
+            f"where: {len(report.where)} subgroups tested, Holm-corrected; {report.a} better in "
+            f"{found['a']}, {report.b} in {found['b']}."
         )
     called = labels(one.name for one in report.comparisons)
     for one in report.comparisons:
@@ -323,13 +314,13 @@ def _estimates(report: ModelComparison) -> Table:
     """Return what each method says of each error in each case."""
     rows: list[dict[str, Any]] = []
     for one in report.comparisons:
-        name = one.name
+        name, (n_train, n_test) = one.name, split_sizes(one.results[0])
         about = {
             **{"dataset": name.dataset, "protocol": name.protocol, "condition": name.condition},
             **{"seed": name.seed, "splits": one.n_splits, "data_sha256": name.data_sha256},
             **{"source_sha256": name.source_sha256, "selects_on_test": one.selects_on_test},
             **{"mark_a": mark_of(one.a), "mark_b": mark_of(one.b)},
-            **{"n_train": one.n_train, "n_test": one.n_test, "n_poses": one.n_poses},
+            **{"n_train": n_train, "n_test": n_test, "n_poses": one.n_poses},
         }
         for row in one.rows:
             for method, found in (("over splits", row.over_splits), ("over poses", row.over_poses)):

@@ -18,28 +18,10 @@ from stiff_bench.store.database import mean_seconds, stored_statuses
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import counted, first_few
+from stiff_protocols.contract.record import CellResult
 
 LONGEST_FIT_S, LONGEST_S = 10.0, 30.0
 """Seconds after which the timing of one fit is stopped, and after which no other is started."""
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Time of one fit that was measured for the plan.
-
-    Attributes:
-        seconds: of fit and predictions; what it had taken when it was stopped.
-        was_stopped: it takes longer than that.
-        failure: why it gave no result; "" where it did.
-    """
-
-    seconds: float
-    was_stopped: bool = False
-    failure: str = ""
-
-
-Timings = Mapping[tuple[str, str], Timing]
-"""(model, data set) -> the fit that was timed."""
 
 
 @dataclass(frozen=True)
@@ -86,33 +68,31 @@ def untimed_fits(tasks: Iterable[CellTask], output: Path, *, rerun: Rerun) -> li
     return [task for row in zip_longest(*of_models) for task in row if task is not None]
 
 
-def time_fits(tasks: Sequence[CellTask], execution: Execution) -> Timings:
-    """Return what some fits take, of as many as `LONGEST_S` allow; nothing is stored.
+def time_fits(tasks: Sequence[CellTask], execution: Execution) -> list[CellResult]:
+    """Return what became of some fits, of as many as `LONGEST_S` allow; nothing is stored.
 
     Args:
         tasks: to be timed.
         execution: stops each after `LONGEST_FIT_S`.
     """
-    timed: dict[tuple[str, str], Timing] = {}
     end = time.monotonic() + LONGEST_S
 
     def started() -> Iterator[CellTask]:
         yield from takewhile(lambda _: time.monotonic() < end, tasks)
 
     with closing(execution.results(started(), "plan", Display())) as ended:
-        for result in ended:
-            place = result.shown.model, result.shown.dataset
-            if result.cost is not None:
-                timed[place] = Timing(result.cost.fit_s + result.cost.predict_s)
-            elif result.cause == TIMED_OUT:
-                timed[place] = Timing(LONGEST_FIT_S, was_stopped=True)
-            else:
-                timed[place] = Timing(0.0, failure=result.why_none)
-    return timed
+        return list(ended)
+
+
+def _taken_s(timed: CellResult) -> float | None:
+    """Return how long a fit and its predictions took, until it was stopped; None: it failed."""
+    if timed.cost is not None:
+        return timed.cost.fit_s + timed.cost.predict_s
+    return LONGEST_FIT_S if timed.cause == TIMED_OUT else None
 
 
 def forecast(
-    tasks: Iterable[CellTask], output: Path, *, rerun: Rerun, timed: Timings | None = None
+    tasks: Iterable[CellTask], output: Path, *, rerun: Rerun, timed: Sequence[CellResult] = ()
 ) -> list[Forecast]:
     """Return what a run would compute of each model, in the order of the tasks, and "all" last.
 
@@ -134,7 +114,7 @@ def forecast(
             model,
             of_datasets,
             means.get(model),
-            {place[1]: timing for place, timing in (timed or {}).items() if place[0] == model},
+            [result for result in timed if result.shown.model == model],
         )
         for model, of_datasets in is_cached.items()
     ]
@@ -154,7 +134,7 @@ def _of_model(
     model: str,
     of_datasets: Mapping[str, Sequence[bool]],
     mean_s: float | None,
-    timed: Mapping[str, Timing],
+    timed: Sequence[CellResult],
 ) -> Forecast:
     """Return what is missing of one model on each data set, and how long that takes."""
     n_missing = {dataset: list(cached).count(False) for dataset, cached in of_datasets.items()}
@@ -162,14 +142,13 @@ def _of_model(
     counts = model, n_cells, n_cells - total
     if mean_s is not None:
         return Forecast(*counts, 0, total * mean_s)
-    failure = next((timing.failure for timing in timed.values() if timing.failure), "")
-    timings = {dataset: timing for dataset, timing in timed.items() if not timing.failure}
-    if not timings:
+    taken = {one.shown.dataset: s for one in timed if (s := _taken_s(one)) is not None}
+    failure = next((one.why_none for one in timed if one.shown.dataset not in taken), "")
+    if not taken:
         return Forecast(*counts, total, 0.0, failure=failure)
-    usual_s = sum(timing.seconds for timing in timings.values()) / len(timings)
-    fit_s = {name: timings[name].seconds if name in timings else usual_s for name in n_missing}
-    seconds = sum(n * fit_s[dataset] for dataset, n in n_missing.items())
-    was_stopped = any(timing.was_stopped for timing in timings.values())
+    usual_s = sum(taken.values()) / len(taken)
+    seconds = sum(n * taken.get(dataset, usual_s) for dataset, n in n_missing.items())
+    was_stopped = any(one.cause == TIMED_OUT for one in timed)
     return Forecast(*counts, 0, seconds, total, was_stopped, failure)
 
 

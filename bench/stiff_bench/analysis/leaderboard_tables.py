@@ -27,8 +27,7 @@ from stiff_bench.analysis.scored_case import (
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import CaseName, grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
-from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
+from stiff_bench.tables.table import ALL_BUT_CSV, Column, Entry, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.scoring.metrics import METRICS
@@ -37,18 +36,18 @@ from stiff_protocols.scoring.paired import LEVEL
 BEST, LIKE_BEST = "*", "≈"
 
 
-def render_leaderboard(board: Leaderboard, fmt: str, command: str) -> str:
-    """Return the tables as text of a format of `render`; `command` makes them.
+def leaderboard_tables(board: Leaderboard) -> list[Table]:
+    """Return the tables of all sections.
 
-    csv has the ranks alone, a line a model and number; json has each model's score in each
-    case, too.
+    csv has the ranks alone, a line a model and number; json has each model's score in each case,
+    too.
     """
     tables = []
     for section in board.sections:
-        tables += [_ranks(section, board)] if fmt == "csv" else section_tables(section, board)
-        tables += [_scores(section, board)] if fmt == "json" else []
-    about = {"sort_key": board.key.text, "direction": board.key.metric.direction}
-    return render(tables, fmt, command, about=about)
+        ranks, *others = section_tables(section, board)
+        others = [replace(one, formats=ALL_BUT_CSV) for one in others]
+        tables += [ranks, *others, _scores(section, board)]
+    return tables
 
 
 def section_tables(section: Section, board: Leaderboard) -> list[Table]:
@@ -364,4 +363,5 @@ def _scores(section: Section, board: Leaderboard) -> Table:
         rows,
         board.notes,
         about=_about(section, "scores"),
+        formats=("json",),
     )

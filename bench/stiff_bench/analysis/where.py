@@ -84,26 +84,10 @@ class Place:
         return a, b
 
 
-@dataclass(frozen=True)
-class Where:
-    """What was found.
-
-    Attributes:
-        places: of the division that explains most, kind by kind.
-        n_places: how many places of all divisions were looked at.
-        a_better, b_better: in how many of them the verdict is so.
-    """
-
-    places: tuple[Place, ...]
-    n_places: int
-    a_better: int
-    b_better: int
-
-
 def where_better(
     a: Sequence[CellResult], b: Sequence[CellResult], data: StoredData, question: Question
-) -> Where:
-    """Look for the places where the mean length of the error differs.
+) -> list[Place]:
+    """Return all places, with the verdict on the mean length of the error in each.
 
     Args:
         a: results of A on some splits.
@@ -119,19 +103,17 @@ def where_better(
         for place in _divided(factor, of_a.rows, lengths, data.samples.pose_id, question)
     ]
     for_all = corrected([place.estimate for place in every])
-    places = [
+    return [
         replace(place, estimate=one, verdict=decide([one], question.confidence))
         for place, one in zip(every, for_all, strict=True)
     ]
+
+
+def telling(places: Sequence[Place]) -> list[Place]:
+    """Return the places of the division that explains most, kind by kind."""
     divisions = grouped(places, lambda place: place.factor).values()
     of_kinds = grouped(divisions, lambda division: division[0].factor.kind).values()
-    verdicts = [place.verdict for place in places]
-    return Where(
-        places=tuple(place for of_kind in of_kinds for place in max(of_kind, key=_explained)),
-        n_places=len(places),
-        a_better=verdicts.count("a"),
-        b_better=verdicts.count("b"),
-    )
+    return [place for of_kind in of_kinds for place in max(of_kind, key=_explained)]
 
 
 def factors(data: StoredData) -> list[Factor]:

@@ -7,14 +7,13 @@ import tempfile
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from stiff_bench.analysis.forecast import (
     LONGEST_FIT_S,
     LONGEST_S,
-    Timings,
     forecast,
     forecast_line,
     forecast_table,
@@ -35,10 +34,10 @@ from stiff_bench.run.machine import pinned
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore
-from stiff_bench.tables.render import render
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.record import CellResult
 
 DEFAULT_DATASET = "kr10-twin"
 
@@ -74,8 +73,7 @@ class Run:
         """
         plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
         untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
-        timed: Timings = {}
-        facts = self.execution.facts
+        facts, timed = self.execution.facts, list[CellResult]()
         if untimed and not facts["dask"]:
             n_models = len({task.shown.model for task in untimed})
             say(
@@ -88,8 +86,7 @@ class Run:
             timed = time_fits(untimed, timing)
         forecasts = forecast(self.tasks, plan.output, rerun=rerun, timed=timed)
         tables = [forecast_table(forecasts, jobs)]
-        text_as = partial(render, tables, command=plan.command)
-        return Tables(lambda: tables, text_as, forecast_line(forecasts[-1], jobs))
+        return Tables(tables, plan.command, forecast_line(forecasts[-1], jobs))
 
     def compute(self) -> Results:
         """Compute what is missing; return the results of all.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from stiff_bench.api.tables import Tables, Text
 from stiff_bench.plan.registry import Registry, build_registry
-from stiff_bench.tables.render import plain_text, render
+from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Column, Entry, Table
 from stiff_bench.tables.units import PRINTED, marked
 from stiff_protocols.contract.plugin import (
@@ -103,14 +103,14 @@ def _rows(known: Mapping[str, PluginInfo]) -> list[list[Entry]]:
     return [[info.key, marked(info.summary, info.missing())] for info in known.values()]
 
 
+class _List(Tables):
+    def text_as(self, fmt: str) -> str:
+        """Return the list; for people it has no title."""
+        return plain_text(self.tables[0]) if fmt == "github" else super().text_as(fmt)
+
+
 def _listed(what: str, headers: Sequence[str], rows: Sequence[Sequence[Entry]]) -> Tables:
-    table = _table(headers, rows, what)
-
-    def text_as(fmt: str) -> str:
-        command = f"bench list {what}"
-        return plain_text(table) if fmt == "github" else render([table], fmt, command)
-
-    return Tables(lambda: [table], text_as)
+    return _List([_table(headers, rows, what)], f"bench list {what}")
 
 
 def _table(headers: Sequence[str], rows: Sequence[Sequence[Entry]], title: str = "") -> Table:

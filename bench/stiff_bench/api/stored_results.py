@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +14,6 @@ from stiff_bench.api import RESULTS
 from stiff_bench.api.tables import Tables
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
-from stiff_bench.tables.render import render
-from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import MM, PRINTED
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.record import CellResult, Cost
@@ -144,7 +142,7 @@ class Results:
         tables = build_tables(self._counting, shown)
         if verbose:
             tables = [replace(one, notes=[*one.notes, *one.details]) for one in tables]
-        return Tables(lambda: tables, partial(render, tables, command=self.command))
+        return Tables(tables, self.command)
 
     def compare(
         self,
@@ -169,13 +167,14 @@ class Results:
             StoreError: the folder holds no results, or corrupt ones.
         """
         from stiff_bench.analysis.comparison import compare_folder
-        from stiff_bench.analysis.comparison_text import comparison_tables, render_report, sentence
+        from stiff_bench.analysis.comparison_text import comparison_tables, sentence
         from stiff_bench.analysis.verdict import Question
 
         question = Question(rope=equivalence_mm / MM, confidence=confidence, seed=seed)
         found = compare_folder(self.folder, a, b, question, self.selection)
-        text_as = partial(render_report, found, command=self.command)
-        return Tables(lambda: comparison_tables(found).values(), text_as, sentence(found))
+        asked = {"equivalence_mm": equivalence_mm, "confidence": confidence}
+        about = {"a": found.a, "b": found.b, **asked}
+        return Tables(comparison_tables(found), self.command, sentence(found), about)
 
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
@@ -192,19 +191,13 @@ class Results:
             StoreError: the folder holds no results, or corrupt ones.
         """
         from stiff_bench.analysis.leaderboard import build_leaderboard
-        from stiff_bench.analysis.leaderboard_tables import render_leaderboard, section_tables
+        from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
         from stiff_bench.analysis.sort_key import sort_key
 
-        key = sort_key(metric, axis)
-        stored = StoredResults.read(self.folder)
+        key, stored = sort_key(metric, axis), StoredResults.read(self.folder)
         board = build_leaderboard(stored, key, self.selection, seed=seed)
-        text_as = partial(render_leaderboard, board, command=self.command)
-
-        def tables() -> Iterator[Table]:
-            for section in board.sections:
-                yield from section_tables(section, board)
-
-        return Tables(tables, text_as)
+        about = {"sort_key": key.text, "direction": key.metric.direction}
+        return Tables(leaderboard_tables(board), self.command, about=about)
 
     def report(
         self,
@@ -356,7 +349,7 @@ def paper_table(
 
     tables = read_table(str(number), _folder(results))
     made_by = command or f"stiffbench.paper_table({number})"
-    return Tables(lambda: tables, partial(render, tables, command=made_by))
+    return Tables(tables, made_by)
 
 
 def _folder(results: Results | Path | str | None) -> Path | None:

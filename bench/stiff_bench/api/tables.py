@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from stiff_bench.tables.render import of_format, render
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -26,27 +27,26 @@ class Tables:
     """Tables that print themselves, in a terminal and in a notebook.
 
     Attributes:
+        tables: typed values, with titles and notes.
+        command: that made them.
         text: a sentence above them; "" for none.
+        about: facts on all tables, for json.
     """
 
-    _make: Callable[[], Iterable[Table]]
-    _text_as: Callable[[str], str]
+    tables: Sequence[Table]
+    command: str
     text: str = ""
-
-    @cached_property
-    def tables(self) -> tuple[Table, ...]:
-        """Typed values, with titles and notes; made when asked for, as `text_as` makes its own."""
-        return tuple(self._make())
+    about: Mapping[str, object] = field(default_factory=dict)
 
     def frame(self) -> DataFrame:
         """Return the numbers as tidy data: a row a number."""
         from pandas import DataFrame  # half a second, which a leaderboard does without
 
-        return DataFrame([line for table in self.tables for line in table.lines()])
+        return DataFrame([line for one in of_format(self.tables, "github") for line in one.lines()])
 
     def text_as(self, fmt: str) -> str:
         """Return the tables as "github", "latex", "csv", "html" or "json"."""
-        return self._text_as(fmt)
+        return render(self.tables, fmt, self.command, text=self.text, about=self.about)
 
     def __repr__(self) -> str:
         """Return the tables for a terminal."""

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from stiff_bench.analysis.path_correction import (
+from stiff_bench.api.model import Model
+from stiff_bench.api.path_correction import (
     CorrectedPath,
-    PathModel,
-    PathOptions,
-    corrected_path,
+    Correction,
+    held_along,
     held_positions,
+    start_positions,
 )
-from stiff_bench.api.model import Model, blamed_on
 from stiff_bench.api.robots import as_robot, payload_of
+from stiff_bench.console import say
+from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
-from stiff_datasets.measured.path_file import LoadFrame, tool_of, write_path
+from stiff_datasets.measured.path_file import LoadFrame, read_path, tool_of, write_path
 from stiff_datasets.measured.sample_columns import MM_PER_M
-from stiff_protocols.contract.errors import ConfigError, unknown_name
+from stiff_datasets.measured.sheet_files import write_table
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning, unknown_name
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY, Robot
 from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M
@@ -127,36 +130,41 @@ def compensate_path(
     ):
         if word not in valid:
             raise unknown_name(kind, word, valid)
-    output = Path(output)
+    file, output, hold = Path(path), Path(output), hold or {}
     model.check_fitted()
     check_new_file(output)
     if figure is not None:
         check_suffix(Path(figure))
         check_new_file(Path(figure))
     model.check_coverage(coverage)
-    corrected = corrected_path(
-        Path(path),
-        PathModel(
-            model.fitted,
-            model.training_range,
-            model.predict_interval,
-            partial(blamed_on, model.file),
-        ),
-        output,
-        PathOptions(
-            tool=tool,
-            frame=frame,
-            load=load,
-            load_frame=load_frame,
-            start=start,
-            tolerance=tolerance,
-            iterations=iterations,
-            on_failure=on_failure,
-            coverage=coverage,
-            sheet=sheet,
-            hold=hold or {},
-        ),
+    arm = model.fitted.robot_
+    seed = start_positions(arm, start)
+    table = read_path(
+        file,
+        arm,
+        tool_of(arm, tool),
+        sheet_name=sheet,
+        load=load,
+        load_frame=load_frame,
+        frame=frame,
     )
+    for oddity in table.oddities:
+        say(f"warning: {oddity}")
+    correction = Correction(
+        *(file, model, table, seed),
+        held=held_along(arm, hold, seed, table),
+        tolerance=tolerance,
+        iterations=iterations,
+        stops=on_failure == "stop",
+        coverage=coverage,
+    )
+    with display():
+        write_table(output, correction.tables())
+    corrected = correction.corrected()
+    for oddity in correction.oddities():
+        say(f"warning: {oddity}")
+    for warning in correction.warnings(corrected.found):
+        warnings.warn(warning, StiffBenchWarning, stacklevel=2)
     if figure is not None:
         from stiff_bench.figures.corrected_path import path_picture
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -151,7 +152,7 @@ def show_plan(run: Run, fmt: str) -> int:
         StiffBenchError: the data cannot be loaded or divided.
     """
     found = run.forecast()
-    print_text(found.text_as(fmt))
+    print_text(replace(found, text="").text_as(fmt))
     say(found.text)
     return 0
 

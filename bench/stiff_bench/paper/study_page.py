@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import build_leaderboard, newest_results
-from stiff_bench.analysis.leaderboard_tables import render_leaderboard
+from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
@@ -23,6 +23,7 @@ from stiff_bench.store.database import FILE
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.render import markdown_code, markdown_text, render
+from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import counted
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import StiffBenchError, unknown_name
@@ -32,8 +33,6 @@ from stiff_protocols.scoring.metrics import metric
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
-Writer = Callable[[str, str], str]
-"""Format, command -> text of a table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,29 +48,27 @@ class StudyResults:
         return RelativeErrors(self.study, mean_errors(self.stored))
 
 
-def _leaderboard(results: StudyResults) -> Writer:
-    board = build_leaderboard(results.stored, key=sort_key("norm", None))
-    return partial(render_leaderboard, board)
+def _leaderboard(results: StudyResults) -> list[Table]:
+    return leaderboard_tables(build_leaderboard(results.stored, key=sort_key("norm", None)))
 
 
-def _scores(results: StudyResults) -> Writer:
+def _scores(results: StudyResults) -> list[Table]:
     metrics = [metric(key) for key in results.study.metrics]
-    return partial(render, build_tables(newest_results(results.stored), metrics))
+    return build_tables(newest_results(results.stored), metrics)
 
 
-def _papers(number: str, results: StudyResults) -> Writer:
-    tables = paper_tables.build(number, results.stored)
-    return lambda fmt, _: render(tables, fmt, f"bench table {number} --format {fmt}")
+def _papers(number: str, results: StudyResults) -> Sequence[Table]:
+    return paper_tables.build(number, results.stored)
 
 
-TABLES: Mapping[str, Callable[[StudyResults], Writer]] = {
+TABLES: Mapping[str, Callable[[StudyResults], Sequence[Table]]] = {
     "scores": _scores,
     "leaderboard": _leaderboard,
-    "relative-errors": lambda results: partial(render, [results.relative.table()]),
-    "order-agreement": lambda results: partial(render, [results.relative.agreement()]),
+    "relative-errors": lambda results: [results.relative.table()],
+    "order-agreement": lambda results: [results.relative.agreement()],
     **{number: partial(_papers, number) for number in paper_tables.TABLES},
 }
-"""Name in a study's file -> what makes the table; numbers are the source paper's."""
+"""Name in a study's file -> what makes the tables; numbers are the source paper's."""
 
 
 def check_names(study: Study) -> None:
@@ -104,14 +101,17 @@ def write_page(study: Study, output: Path, command: str, n_missing: int) -> Iter
     tables, missing = list[str](), dict[str, str]()
     for name in study.tables:
         try:
-            text_as = TABLES[name](results)
+            made = TABLES[name](results)
         except StiffBenchError as error:
             missing[f"Table {name}"] = str(error)
             continue
         for fmt, suffix in TABLE_FILES.items():
+            made_by = f"bench table {name} --format {fmt}" if name.isdecimal() else command
             path = folder / "tables" / f"{_stem('table', name)}.{suffix}"
-            yield _written(path, text_as(fmt, command))
-        tables.append(text_as("github", command))
+            text = render(made, fmt, made_by)
+            yield _written(path, text)
+            if fmt == "github":
+                tables.append(text)
     figures = dict[str, Prepared]()
     for name in study.figures:
         try:

@@ -36,6 +36,7 @@ def render(
         text: a paragraph above; csv leaves it out.
         about: facts on all tables, for json.
     """
+    tables = of_format(tables, fmt)
     if fmt == "csv":
         return _csv(tables)
     if fmt == "json":
@@ -51,6 +52,11 @@ def render(
     parts = [one(table.shown(), one_line(command)) for table in tables]
     head = [LATEX_NEEDS] if fmt == "latex" else []
     return "\n\n".join([*head, *said, *parts])
+
+
+def of_format(tables: Sequence[Table], fmt: str) -> list[Table]:
+    """Return the tables that a format holds."""
+    return [table for table in tables if not table.formats or fmt in table.formats]
 
 
 def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:

@@ -6,7 +6,7 @@ A table is a list of columns, each of which says how its cell is made from what 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import Any, Literal, Self
@@ -134,6 +134,7 @@ VALUE_FIELDS = (
 )
 """Of each number, in csv and json."""
 MOST_NOTES = 4
+ALL_BUT_CSV = ("github", "latex", "html", "json")
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,7 @@ class Table:
         about: facts for csv and json, such as data set, protocol and seed.
         details: too long to stand beneath it; json alone has them.
         brief: whether people see `MOST_NOTES` of its notes alone; json has all.
+        formats: that hold it, as `render` names them; none: all.
     """
 
     title: str
@@ -159,6 +161,7 @@ class Table:
     about: Mapping[str, object] = field(default_factory=dict)
     details: Sequence[str] = ()
     brief: bool = False
+    formats: Collection[str] = ()
 
     @classmethod
     def of(

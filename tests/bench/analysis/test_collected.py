@@ -116,14 +116,6 @@ def test_older_results_of_a_name_with_other_options_are_left_out_and_said(made):
     assert "older results of nested with other options (neighbours) are left out" in note
 
 
-def test_one_note_stands_for_all_cases_with_the_same_reason(made):
-    for condition in ("n = 5", "n = 10"):
-        for run_id in "12":
-            made.add("a", [1.0], run_id=run_id, options={"k": run_id}, condition=condition)
-    (note,) = left_out_notes(StoredResults.read(made.folder).cases)
-    assert note.startswith("2 comparisons: older results of a ")
-
-
 def test_a_model_that_fails_now_has_failed_and_an_older_failure_is_none(made):
     made.add("a", [1.0, 1.0], run_id="1")
     made.add("a", [1.0], failed=[0], run_id="2", coverage=0.9)

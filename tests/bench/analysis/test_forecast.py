@@ -19,7 +19,6 @@ from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.run.execution import Execution
 from stiff_bench.run.isolate import TIMED_OUT
 from stiff_bench.store.database import ResultStore
-from stiff_bench.tables.render import render
 from stiff_protocols.contract.record import CellResult, Cost
 
 
@@ -37,7 +36,7 @@ def store_some(plan, fit_s, *, of=lambda task: True, status="ok"):
     )
 
 
-def told(plan, *, rerun="missing", timed=None):
+def told(plan, *, rerun="missing", timed=()):
     return forecast(cell_tasks(plan), plan.output, rerun=rerun, timed=timed)
 
 
@@ -59,20 +58,6 @@ def test_stored_cells_are_cached_and_their_mean_is_the_time_of_the_others(tmp_pa
     assert parts == [Forecast("zero", 3, 3, 0, 0.0), Forecast("vjm", 3, 2, 0, 7.5)]
     assert forecast_line(total, 1).endswith("1 to compute; about 0:00:08 with 1 job")
     assert forecast_line(total, 2).endswith("about 0:00:04 with 2 jobs")
-
-
-def test_models_without_a_stored_fit_are_said_beside_the_time_of_the_others(tmp_path):
-    store_some(plan_into(tmp_path, models=("zero",), splits=1, seed=1), 60.0)
-    found = told(plan_into(tmp_path))
-    assert found[-1].n_unknown == 3
-    assert "about 0:03:02 with 1 job, and 3 fits" in forecast_line(found[-1], 1)
-    table = render([forecast_table(found, 1)], "github", "bench run --plan")
-    rows = {
-        cells[1].strip(): cells[-2].strip()
-        for cells in (r.split("|") for r in table.split("\n"))
-        if len(cells) > 3
-    }
-    assert (rows["zero"], rows["vjm"], rows["all"]) == ("0:03:02", "unknown", "unknown")
 
 
 def test_one_fit_is_timed_of_each_model_and_data_set_whose_model_has_no_stored_fit(tmp_path):
@@ -119,7 +104,7 @@ def test_a_timed_fit_is_the_time_of_the_others_or_a_bound_and_a_failure_is_said(
 def test_no_fit_is_started_when_the_time_of_a_plan_is_over(tmp_path, monkeypatch):
     monkeypatch.setattr("stiff_bench.analysis.forecast.LONGEST_S", 0.0)
     plan = plan_into(tmp_path)
-    assert time_fits(list(cell_tasks(plan)), Timed()) == {}
+    assert time_fits(list(cell_tasks(plan)), Timed()) == []
 
 
 @pytest.mark.slow

@@ -16,10 +16,11 @@ from helpers.figure_results import with_fields
 from helpers.made_results import N_POSES, TWINS, MadeResults, forget
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
-from stiff_bench.analysis.leaderboard_tables import render_leaderboard
+from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
 from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.tables.metric_table import TRAINING_MARK
+from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
@@ -37,7 +38,7 @@ def board_of(made: MadeResults, *models: str, metric="norm", axis=None, **narrow
 
 
 def text_of(board: Leaderboard, fmt: str = "github") -> str:
-    return render_leaderboard(board, fmt, "bench leaderboard")
+    return render(leaderboard_tables(board), fmt, "bench leaderboard")
 
 
 def scores_of(board: Leaderboard) -> dict[str, dict[str, object]]:
@@ -94,21 +95,6 @@ def test_a_model_that_lacks_a_case_has_no_mean_rank_and_moves_nobody_elses(made)
     for dataset in TWINS[:3]:
         made.add("vjm", [1.0, 1.0], dataset)
     assert board_of(made).sections[0].unranked["vjm"] == {}, "no other model has all results"
-
-
-def test_many_missing_results_are_counted_and_it_is_said_what_lists_them(made):
-    add_three(made)
-    for number in range(5):
-        made.add(f"late-{number}", [9.0, 9.0], TWINS[0])
-    text = text_of(board_of(made))
-    (note,) = (line for line in text.splitlines() if "Without a mean rank" in line)
-    assert "late-0 lacks 2 of 3 results, " in note and "2 more models" in note
-    assert "--format json" in note and "specimen" not in note
-    every = json.loads(text_of(board_of(made), "json"))["tables"]
-    (scores,) = (one for one in every if one["table"] == "scores")
-    statuses = [(row["model"], row["values"][0].get("status")) for row in scores["rows"]]
-    lacking = [model for model, status in statuses if status == "not run"]
-    assert sorted(lacking) == sorted(2 * [f"late-{number}" for number in range(5)])
 
 
 def test_a_failure_is_missing_with_its_reason_and_is_said_in_its_column(made):

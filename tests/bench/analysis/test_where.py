@@ -9,7 +9,7 @@ from helpers.compared_results import N_POSES, case_in, made_data, spread, store_
 from stiff_bench.analysis.comparison import paired_results
 from stiff_bench.analysis.comparison_text import place_text
 from stiff_bench.analysis.verdict import Question
-from stiff_bench.analysis.where import factors, where_better
+from stiff_bench.analysis.where import factors, telling, where_better
 from stiff_bench.store.samples import data_content, stored_data
 from stiff_protocols.contract.types import BenchmarkData
 
@@ -36,7 +36,7 @@ def test_a_model_that_is_worse_under_heavy_loads_is_found_to_be_so_there_alone(t
     force = np.linalg.norm(made_data().samples.wrench[:, :3], axis=1)
     heavy = force > np.quantile(force, 2 / 3)
     found, _ = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=worse_where(heavy))
-    light, middle, hard = [place for place in found.places if place.factor.name == "force"]
+    light, middle, hard = [place for place in telling(found) if place.factor.name == "force"]
     assert [place.verdict for place in (light, middle, hard)] == ["equivalent", "equivalent", "a"]
     assert hard.values == pytest.approx((force[heavy].min(), force.max()))
     difference = hard.means[0] - hard.means[1]
@@ -52,30 +52,27 @@ def test_of_each_kind_the_division_that_explains_most_is_shown(tmp_path):
     high = data.samples.group == "far"
     b = worse_where((torque > np.quantile(torque, 2 / 3)) + 1.0 * high)
     found, stored = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=b)
-    shown = {place.factor.kind: place.factor.name for place in found.places}
+    shown = {place.factor.kind: place.factor.name for place in telling(found)}
     assert shown["joint torque"] == f"torque on {stored.robot.joint_names[3]}"
     assert shown["pose region"] == "part of the plan"
-    assert [p.values for p in found.places if p.factor.kind == "pose region"] == ["far", "near"]
+    assert [p.values for p in telling(found) if p.factor.kind == "pose region"] == ["far", "near"]
     # group, reach, height, force, six joints; the loads have no torque at the TCP to divide by
-    assert found.n_places == 2 + 9 * 3
+    assert len(found) == 2 + 9 * 3
 
 
 def test_noise_is_not_sold_as_a_finding(tmp_path):
-    verdicts = []
     for seed in range(3):
         found, _ = found_in(
             tmp_path / str(seed), a=spread(0.0, 1e-3, 2 * seed), b=spread(0.0, 1e-3, 2 * seed + 1)
         )
-        verdicts += [place.verdict for place in found.places]
-        assert (found.a_better, found.b_better) == (0, 0)
-    assert set(verdicts) == {"open"}
+        assert {place.verdict for place in found} == {"open"}
 
 
 def test_p_values_are_corrected_for_all_places_that_were_looked_at(tmp_path):
     found, _ = found_in(tmp_path, a=spread(1e-4, 1e-6), b=worse_where(np.ones(N_POSES)))
     largest = 2 * 0.5**13  # A is better at each of 13 poses
-    assert min(place.estimate.p_value for place in found.places) > largest
-    assert found.a_better == found.n_places
+    assert min(place.estimate.p_value for place in telling(found)) > largest
+    assert {place.verdict for place in found} == {"a"}
 
 
 @pytest.mark.parametrize(("n_tested", "n_places"), [(8, 0), (30, 0), (33, 2 + 9 * 3)])
@@ -84,14 +81,12 @@ def test_a_division_needs_so_many_poses_in_every_part(tmp_path, n_tested, n_plac
     spared = every[(every >= N_POSES // 2) & (every < N_POSES - 10)]  # ten of a group are left
     tested = every[:8] if n_tested == 8 else np.setdiff1d(every, spared[: N_POSES - n_tested])
     found, _ = found_in(tmp_path, [tested], **APART)
-    assert found.n_places == n_places
-    assert bool(found.places) == (n_places > 0)
+    assert len(found) == n_places
+    assert bool(telling(found)) == (n_places > 0)
 
 
 def test_a_sample_that_several_splits_test_counts_once(tmp_path):
-    once, thrice = (
-        found_in(tmp_path / str(times), ALL * times, **APART)[0].places for times in (1, 3)
-    )
+    once, thrice = (found_in(tmp_path / str(times), ALL * times, **APART)[0] for times in (1, 3))
     assert [p.n_samples for p in once] == [p.n_samples for p in thrice]
     assert [p.estimate.p_value for p in once] == pytest.approx([p.estimate.p_value for p in thrice])
 

@@ -14,7 +14,7 @@ import stiffbench as sb
 from helpers.command_line import assert_refused, bench_here
 from helpers.made_robots import track_lines, tree_urdf
 from helpers.made_samples import samples_with
-from stiff_bench.analysis.path_correction import CorrectedPath
+from stiff_bench.api.path_correction import CorrectedPath
 from stiff_bench.api.tool_paths import compensate_path, example_path
 from stiff_datasets.measured.path_file import read_path, tool_of
 from stiff_datasets.robots.shipped_robots import shipped_robots
@@ -245,7 +245,7 @@ def test_a_path_is_corrected_in_blocks_as_in_one(square, vjm, tmp_path, monkeypa
     else:
         pd.read_csv(square).to_parquet(path)
     for block in (1000, 7):
-        monkeypatch.setattr("stiff_bench.analysis.path_correction.BLOCK", block)
+        monkeypatch.setattr("stiff_bench.api.path_correction.BLOCK", block)
         output = tmp_path / f"c{block}{ending}"
         with pytest.warns(UserWarning, match="extrapolation in 39 of 41 rows: q6 8"):
             commands.append(compensate_path(vjm, path, output).found)
@@ -294,7 +294,7 @@ QUATERNION = "x_mm,y_mm,z_mm,qw,qx,qy,qz,fx_N,fy_N,fz_N"
 def test_a_bad_path_is_refused_with_its_row_and_what_is_valid_in_any_block(
     rows, parts, corrected, monkeypatch, tmp_path
 ):
-    monkeypatch.setattr("stiff_bench.analysis.path_correction.BLOCK", 2)
+    monkeypatch.setattr("stiff_bench.api.path_correction.BLOCK", 2)
     with pytest.raises((ConfigError, DataError)) as refused:
         corrected("\n".join([*rows, ""]))
     assert all(part in str(refused.value) for part in parts)

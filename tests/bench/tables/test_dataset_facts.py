@@ -180,17 +180,6 @@ def test_a_picture_is_made_of_any_chain_even_of_one_sample_without_load(n_joints
     assert struct.unpack(">II", content[16:24]) == (1500, 1200)
 
 
-@pytest.mark.parametrize(("largest", "logarithmic"), [(20.0, False), (500.0, True)])
-def test_torques_of_different_magnitude_are_drawn_on_a_logarithmic_axis(
-    largest, logarithmic, rng, tmp_path
-):
-    robot = chain([("revolute", "x"), ("revolute", "y")])  # at q = 0 they feel tx and ty alone
-    wrench = np.array([[0.0, 0.0, 0.0, largest, 2.0, 0.0]])
-    path = tmp_path / "made.svg"
-    dataset_picture(made_data(robot, 1, rng, q=np.zeros((1, 2)), wrench=wrench), "made").save(path)
-    assert ("log beyond ±1" in path.read_text(encoding="utf-8")) == logarithmic
-
-
 def test_a_large_cloud_is_thinned_and_the_picture_says_so(rng, tmp_path):
     path = tmp_path / "large.svg"
     dataset_picture(made_data(chain([("revolute", "z")]), 100_000, rng), "large").save(path)

@@ -143,22 +143,11 @@ def test_a_mean_of_numbers_one_of_which_is_infinite_says_so(tasks_of):
     assert not any("stiffness" in note for note in table.notes)
 
 
-def test_coverage_prints_as_a_percentage_beside_mm_in_every_format(tasks_of):
-    results = with_intervals(tasks_of(splits=2), [11])  # 31 test rows a split
-    tables = build_tables(results, WITH_INTERVALS)
-    assert tables[0].title.endswith(
-        "| mm and %, mean ± standard deviation over splits | 90 % intervals"
-    )
-    mean, std = 100 * (1 - 0.5 / 31), 100 / 31 / math.sqrt(2)
-    text = f"{mean:.1f} ± {std:.1f}"
-    markdown, latex, page = (render(tables, f, "bench run") for f in ("github", "latex", "html"))
-    header = [cell.strip() for cell in markdown.splitlines()[2].split("|")]
-    assert header[2:5] == ["X MAE", "X coverage [%]", "X width"]
-    assert f" {text} | " in markdown and "0.5000 ± 0.0000" in markdown
-    assert r"X coverage {[}\%]" in latex and text.replace("±", "+-") in latex
-    assert r"90 \% intervals" in latex and "X coverage [%]" in page and text in page
-    (line,) = (line for line in markdown.splitlines() if line.startswith("| FT-MLP"))
-    assert [cell.strip() for cell in line.split("|")][3:5] == ["-", "-"]  # of the published
+def test_coverage_is_a_percentage_beside_errors_in_mm(tasks_of):
+    tables = build_tables(with_intervals(tasks_of(splits=2), [11]), WITH_INTERVALS)
+    covered = value_of(tables[0], "coverage", "x")  # of 31 test rows a split
+    assert covered.value == pytest.approx(100 * (1 - 0.5 / 31))
+    assert covered.spread == pytest.approx(100 / 31 / math.sqrt(2))
     (found,) = json.loads(render(tables, "json", "bench run"))["tables"]
     assert found["nominal_coverage"] == 0.9
     units = {value["metric"]: value["unit"] for value in found["rows"][0]["values"]}
@@ -184,17 +173,6 @@ def test_a_value_that_one_split_lacks_is_a_dash_and_no_mean_over_the_rest(tasks_
     (table,) = build_tables(results, metrics)
     assert value_of(table, "skill", "") is None and value_of(table, "mae", "x") is not None
     assert "| - |" in " ".join(render([table], "github", "bench run").split())
-
-
-def test_a_table_says_how_many_samples_a_split_trains_and_tests_on(tasks_of):
-    tasks = tasks_of(splits=2)
-    results = [result(task, 1e-4, n_train=n) for task, n in zip(tasks, (120, 119), strict=True)]
-    (table,) = build_tables(results, METRICS)
-    assert "a split trains on 119 to 120 samples, validation included, and tests on 31." in (
-        table.notes
-    )
-    (unknown,) = build_tables([result(task, 1e-4) for task in tasks], METRICS)
-    assert not any("a split trains" in note for note in unknown.notes)
 
 
 def test_rows_that_stand_beside_a_model_claim_no_source_domain(tasks_of):

@@ -6,8 +6,6 @@ import csv
 import io
 import json
 import math
-import subprocess
-import sys
 
 from stiff_bench.tables.render import plain_text, render
 from stiff_bench.tables.table import VALUE_FIELDS, Column, Name, Quantity, Table
@@ -107,14 +105,3 @@ def grouped(n_groups: int) -> Table:
         for name in ("MAE", "STDE")
     ]
     return Table.of("t", [Column("axis", "text"), *columns], [{"axis": "X"}])
-
-
-def test_a_list_is_printed_without_pandas_and_numpy():
-    script = (
-        "import sys; from stiff_bench.tables.render import plain_text\n"
-        "from stiff_bench.tables.table import Column, Table\n"
-        "plain_text(Table('t', [Column('x')], [[1.0]]))\n"
-        "print([name for name in ('numpy', 'pandas') if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert done.stdout == "[]\n", done.stderr

@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from stiff_bench.console import say
-from stiff_bench.run.progress import display
-from stiff_datasets.measured.path_file import (
-    LoadFrame,
-    PathTable,
-    corrected_table,
-    path_problems,
-    read_path,
-    tool_of,
-)
+from stiff_bench.api.model import Model, blamed_on
+from stiff_datasets.measured.path_file import PathTable, corrected_table, path_problems
 from stiff_datasets.measured.row_checks import Problem, problems_error
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
-from stiff_datasets.measured.sheet_files import write_table
-from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
+from stiff_protocols.contract.errors import ConfigError, ModelError
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.stiffness_model import interval_at_tcp, offers, optional
-from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
 from stiff_protocols.paths.compensation import Compensation, compensate
 from stiff_protocols.paths.inverse import Branch, joint_number
@@ -75,66 +63,6 @@ class CorrectedPath:
         )
 
 
-@dataclass(frozen=True)
-class PathOptions:
-    """How a path is read and corrected: the arguments of `stiffbench.compensate_path`."""
-
-    tool: Sequence[float] | None
-    frame: Sequence[float] | None
-    load: Sequence[float] | None
-    load_frame: LoadFrame
-    start: Sequence[float] | None
-    tolerance: float
-    iterations: int
-    on_failure: Literal["stop", "keep"]
-    coverage: float | None
-    sheet: str | None = None
-    hold: Mapping[str, float | None] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class PathModel:
-    """What a path is corrected with.
-
-    Attributes:
-        fitted: the model.
-        training_range: of its samples.
-        intervals: (n, n_joints) q, (n, 6) wrench and a coverage -> where the deflections lie.
-        blamed: a context for each call of the model, which says whose fault an error is.
-    """
-
-    fitted: Any
-    training_range: TrainingRange
-    intervals: Callable[[FloatArray, FloatArray, float], Interval]
-    blamed: Callable[[], AbstractContextManager[None]]
-
-    @property
-    def robot(self) -> Robot:
-        """That it was fitted for."""
-        robot: Robot = self.fitted.robot_
-        return robot
-
-    def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, 3) deflection of the TCP, m; arguments as of a model's `predict`."""
-        with self.blamed():
-            return np.asarray(optional(self.fitted, "predict_at_tcp")(q, wrench))
-
-    def carried(self, q: FloatArray, wrench: FloatArray) -> float:
-        """Return how much a deflection changes at most from the measured point to the TCP, m."""
-        fitted = self.fitted
-        if not offers(fitted, "predict_at_tcp"):
-            return 0.0
-        with self.blamed():
-            change = self.predict(q, wrench) - np.asarray(self.fitted.predict(q, wrench))
-        return float(np.linalg.norm(change, axis=1).max(initial=0.0))
-
-    def interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return where the deflections lie with this probability."""
-        with self.blamed():
-            interval = self.intervals(q, wrench, coverage)
-            return interval_at_tcp(self.fitted, interval, q, wrench)
-
-
 class _Block(NamedTuple):
     """Points that were corrected at once.
 
@@ -152,25 +80,39 @@ class _Block(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Correction:
-    """What the blocks of a file share.
+class Correction:
+    """How the points of a file are corrected; most as of `stiffbench.compensate_path`.
 
     Attributes:
+        model: fitted.
         table: the points.
+        seed: (n_joints,) positions that choose the configuration, rad or m; None: the model's.
         held: as of `inverse.free_joints`.
+        blocks: what is corrected so far.
     """
 
     file: Path
-    model: PathModel
-    how: PathOptions
+    model: Model
     table: PathTable
+    seed: FloatArray | None
     held: FloatArray
+    tolerance: float
+    iterations: int
+    stops: bool
+    coverage: float | None
+    blocks: list[_Block] = field(default_factory=list)
 
-    def tables(self, seed: FloatArray | None, done: list[_Block]) -> Iterator[DataFrame]:
-        """Correct block after block, append each to `done`, and yield its rows of the output."""
-        robot, known, how = self.model.robot, self.model.training_range, self.how
-        branch, n_points = Branch(robot, self.held, seed), len(self.table.lines)
-        if seed is None and self.table.q is None:
+    @property
+    def robot(self) -> Robot:
+        """That the model was fitted for."""
+        robot: Robot = self.model.fitted.robot_
+        return robot
+
+    def tables(self) -> Iterator[DataFrame]:
+        """Correct block after block, keep each in `blocks`, and yield its rows of the output."""
+        robot, known = self.robot, self.model.training_range
+        branch, n_points = Branch(robot, self.held, self.seed), len(self.table.lines)
+        if self.seed is None and self.table.q is None:
             near = 0.5 * (known.lower + known.upper)
             branch = Branch.along(robot, self.table.some, near, self.held)
         for start in range(0, n_points, BLOCK):
@@ -179,27 +121,80 @@ class _Correction:
             if problems := path_problems(table, robot, driven):
                 raise problems_error(self.file, problems, "mend this one first")
             found = compensate(
-                self.model.predict,
+                self._predict,
                 robot,
                 table.path,
                 driven.q,
                 held=self.held,
-                tolerance_m=how.tolerance / MM_PER_M,
-                max_iterations=how.iterations,
+                tolerance_m=self.tolerance / MM_PER_M,
+                max_iterations=self.iterations,
             )
-            if how.on_failure == "stop" and (text := self.failures(found, table.lines)):
+            if self.stops and (text := self._failures(found, table.lines)):
                 raise ModelError(f"{text}; on-failure keep leaves such points uncorrected")
-            interval = None
-            if how.coverage is not None:
-                interval = self.model.interval(found.q, wrench, how.coverage)
             extrapolates = known.extrapolates(found.q, wrench)
-            carried = self.model.carried(found.q, wrench)
-            done.append(_Block(found, interval, carried, extrapolates))
+            interval = self._interval(found.q, wrench)
+            carried = self._carried(found.q, wrench)
+            self.blocks.append(_Block(found, interval, carried, extrapolates))
             yield corrected_table(table, robot, found, extrapolates, interval)
             if start + BLOCK < n_points:
                 report("points corrected", start + BLOCK, n_points)
 
-    def failures(self, found: Compensation, lines: IntArray) -> str:
+    def corrected(self) -> CorrectedPath:
+        """Return the blocks as one path."""
+        whole, interval = Compensation.joined([block.found for block in self.blocks]), None
+        if self.coverage is not None:
+            lower, upper = (
+                np.concatenate([getattr(one.interval, end) for one in self.blocks])
+                for end in ("lower", "upper")
+            )
+            interval = Interval(lower, upper, self.coverage)
+        return CorrectedPath(self.table.path.name, whole, interval)
+
+    def oddities(self) -> Iterator[str]:
+        """Yield what is odd about the loads and the measured point."""
+        if not self.table.path.wrench.any():
+            yield f"{self.file}: every load is zero, so there is nothing to correct"
+        if carried := max(block.carried for block in self.blocks):
+            yield (
+                f"{self.file}: the model was fitted to another point of the tool than the TCP; the "
+                f"rotation of the tool, which was not measured, changes the deflections by up to "
+                f"{MM_PER_M * carried:.3g} mm on the way to the TCP"
+            )
+
+    def warnings(self, whole: Compensation) -> Iterator[str]:
+        """Yield which points are not corrected, and which lie beyond the training samples."""
+        words = [text for block in self.blocks for text in block.extrapolates]
+        known, wrench = self.model.training_range, self.table.path.wrench
+        for warning, column in (
+            (self._failures(whole, self.table.lines), "uncorrected"),
+            (extrapolation_warning(known, self.robot, whole.q, wrench, words), "extrapolates"),
+        ):
+            if warning:
+                yield f"{warning}; see the column {column}"
+
+    def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection of the TCP, m; arguments as of a model's `predict`."""
+        with blamed_on(self.model.file):
+            return np.asarray(optional(self.model.fitted, "predict_at_tcp")(q, wrench))
+
+    def _carried(self, q: FloatArray, wrench: FloatArray) -> float:
+        """Return how much a deflection changes at most from the measured point to the TCP, m."""
+        fitted = self.model.fitted
+        if not offers(fitted, "predict_at_tcp"):
+            return 0.0
+        with blamed_on(self.model.file):
+            change = self._predict(q, wrench) - np.asarray(fitted.predict(q, wrench))
+        return float(np.linalg.norm(change, axis=1).max(initial=0.0))
+
+    def _interval(self, q: FloatArray, wrench: FloatArray) -> Interval | None:
+        """Return where the deflections of the TCP lie; None where no intervals are asked for."""
+        if self.coverage is None:
+            return None
+        with blamed_on(self.model.file):
+            interval = self.model.predict_interval(q, wrench, self.coverage)
+            return interval_at_tcp(self.model.fitted, interval, q, wrench)
+
+    def _failures(self, found: Compensation, lines: IntArray) -> str:
         """Say how many points were not corrected, and why not the first; "" where all were."""
         if found.converged.all():
             return ""
@@ -207,76 +202,16 @@ class _Correction:
         problem = Problem(
             f"{found.problem[first]} after {found.iterations[first]} iterations, contraction "
             f"{found.contraction[first]:.3g}",
-            f"below 1, and {self.how.tolerance:g} mm within {self.how.iterations} iterations",
+            f"below 1, and {self.tolerance:g} mm within {self.iterations} iterations",
             int(lines[first]),
             self.table.pose_columns,
         )
         number = int((~found.converged).sum())
-        points, robot = f"{number} of {len(self.table.lines)} points", self.model.robot
+        points, robot = f"{number} of {len(self.table.lines)} points", self.robot
         text = f"{self.file}: {points} cannot be corrected, first {problem}"
         if robot.n_joints < 6:
             text += f"; {robot.name} has {robot.n_joints} joints, too few for every pose of a tool"
         return text
-
-
-def corrected_path(file: Path, model: PathModel, output: Path, how: PathOptions) -> CorrectedPath:
-    """Correct the path in a file, write the commands, and warn of what is odd.
-
-    Raises:
-        ConfigError: an option is wrong.
-        DataError: the path cannot be read, or not be driven.
-        ModelError: a point cannot be corrected.
-        StoreError: the output cannot be written.
-    """
-    robot = model.robot
-    seed = _seed(robot, how.start)
-    _check_number_held(robot, how.hold)
-    table = read_path(
-        file,
-        robot,
-        tool_of(robot, how.tool),
-        sheet_name=how.sheet,
-        load=how.load,
-        load_frame=how.load_frame,
-        frame=how.frame,
-    )
-    for oddity in table.oddities:
-        say(f"warning: {oddity}")
-    if table.q is not None and seed is not None:
-        raise ConfigError("the path has joint angles, which choose the configuration", "start")
-    if table.q is None:
-        held = held_positions(robot, how.hold, seed)
-    else:
-        held = _held_as_in(robot, how.hold, table.q[0])
-    work = _Correction(file, model, how, table, held)
-    blocks: list[_Block] = []
-    with display():
-        write_table(output, work.tables(seed, blocks))
-    whole, interval = Compensation.joined([block.found for block in blocks]), None
-    if how.coverage is not None:
-        lower, upper = (
-            np.concatenate([getattr(one.interval, end) for one in blocks])
-            for end in ("lower", "upper")
-        )
-        interval = Interval(lower, upper, how.coverage)
-    if not table.path.wrench.any():
-        say(f"warning: {file}: every load is zero, so there is nothing to correct")
-    if carried := max(block.carried for block in blocks):
-        say(
-            f"warning: {file}: the model was fitted to another point of the tool than the TCP; the "
-            f"rotation of the tool, which was not measured, changes the deflections by up to "
-            f"{MM_PER_M * carried:.3g} mm on the way to the TCP"
-        )
-    words = [text for block in blocks for text in block.extrapolates]
-    known, wrench = model.training_range, table.path.wrench
-    for warning, column in (
-        (work.failures(whole, table.lines), "uncorrected"),
-        (extrapolation_warning(known, robot, whole.q, wrench, words), "extrapolates"),
-    ):
-        if warning:
-            text = f"{warning}; see the column {column}"
-            warnings.warn(text, StiffBenchWarning, stacklevel=3)  # of who calls `compensate_path`
-    return CorrectedPath(table.path.name, whole, interval)
 
 
 def held_positions(
@@ -309,8 +244,18 @@ def held_positions(
     return held
 
 
-def _held_as_in(robot: Robot, hold: Mapping[str, float | None], q: FloatArray) -> FloatArray:
-    """Return `held_positions` of a path that has the joint positions, the first of them `q`."""
+def held_along(
+    robot: Robot, hold: Mapping[str, float | None], start: FloatArray | None, table: PathTable
+) -> FloatArray:
+    """Return `held_positions` along a path, whose own joint positions say them if it has some.
+
+    Raises:
+        ConfigError: as there, or an argument says again what the path does.
+    """
+    if table.q is None:
+        return held_positions(robot, hold, start)
+    if start is not None:
+        raise ConfigError("the path has joint angles, which choose the configuration", "start")
     for name, value in hold.items():
         if value is not None:
             raise ConfigError(
@@ -318,7 +263,7 @@ def _held_as_in(robot: Robot, hold: Mapping[str, float | None], q: FloatArray) -
                 f"(valid: {name} without a value)",
                 "hold",
             )
-    return held_positions(robot, hold, q)
+    return held_positions(robot, hold, table.q[0])
 
 
 def _check_number_held(robot: Robot, hold: Mapping[str, float | None]) -> None:
@@ -355,7 +300,7 @@ def _unit(robot: Robot, number: int) -> str:
     return "deg" if robot.turns[number] else "mm"
 
 
-def _seed(robot: Robot, start: Sequence[float] | None) -> FloatArray | None:
+def start_positions(robot: Robot, start: Sequence[float] | None) -> FloatArray | None:
     """Return the (n_joints,) joint positions, rad or m, that a user gave to begin with."""
     if start is None:
         return None
