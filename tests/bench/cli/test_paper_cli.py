@@ -110,6 +110,7 @@ def test_a_study_is_run_once_and_its_page_written_of_what_is_stored(small, tmp_p
         (["reproduce", "efects"], "unknown study 'efects'; did you mean 'effects'? (valid: "),
         (["reproduce", "mine.toml"], "mine.toml: cannot be read"),
         (["run", "--study", "mine.toml"], "mine.toml: cannot be read"),
+        (["run", "--study", "mine.toml", "--plugin", "x.py"], "x.py: no such file"),
         (["run", "--study", "mine.toml", "--model", "gp"], "--model: leave it out"),
         (["run", "--study", "mine.toml", "--splits", "3"], "--splits: leave it out"),
     ],
