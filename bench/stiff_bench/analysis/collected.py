@@ -18,7 +18,7 @@ from stiff_bench.store.database import (
     read_results,
     why_no_results,
 )
-from stiff_bench.store.names import SHORT, CaseName, Variant, grouped, labels
+from stiff_bench.store.names import SHORT, CaseName, grouped, labels
 from stiff_bench.store.newest import (
     Runs,
     Slot,
@@ -175,22 +175,16 @@ class StoredResults:
             raise StoreError(f"{folder}: {why_no_results(folder)}{where_from}", "results")
         manifests = tuple(read_manifests(folder))
         runs = Runs.of(manifests)
-        cases = [_case(of_case, runs) for of_case in grouped(results, _names_and_data).values()]
+        cases = [_case(of_case, runs) for of_case in grouped(results, case_name_of).values()]
         in_order = sorted(cases, key=lambda case: (case.first_asked, case.name))
         return cls(folder, tuple(in_order), manifests)
 
 
 def case_name_of(result: CellResult) -> CaseName:
     """Return the name of the case that a result belongs to."""
-    cell = result.cell
-    variant = Variant.shown(cell.dataset, result.shown.dataset, cell.dataset_params)
-    return CaseName(*_names_and_data(result), variant)
-
-
-def _names_and_data(result: CellResult) -> tuple[str, str, str, int, str, str]:
     cell, shown = result.cell, result.shown
     data = cell.data_sha256, cell.source_sha256
-    return shown.dataset, shown.protocol, cell.condition, cell.seed, *data
+    return CaseName(shown.dataset, shown.protocol, cell.condition, cell.seed, *data)
 
 
 def _case(found: Sequence[CellResult], runs: Runs) -> Case:

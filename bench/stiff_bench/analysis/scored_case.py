@@ -22,7 +22,7 @@ from stiff_bench.analysis.verdict import (
     corrected_p_values,
     decide_pairs,
 )
-from stiff_bench.store.names import CaseName, grouped
+from stiff_bench.store.names import CaseName, grouped, without_options
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import pooled_prediction
@@ -38,12 +38,12 @@ SEED, SPECIMEN = "seed", "specimen"
 
 def dataset_of(name: CaseName) -> str:
     """Return a data set's name without the option that only repeats it."""
-    return name.variant.without(SEED).name
+    return without_options(name.dataset, SEED)
 
 
 def family_of(name: CaseName) -> str:
     """Return a data set's name without the options that make another robot of its type."""
-    return name.variant.without(SEED, SPECIMEN).name
+    return without_options(name.dataset, SEED, SPECIMEN)
 
 
 @dataclass(frozen=True, eq=False)

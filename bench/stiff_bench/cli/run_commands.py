@@ -115,7 +115,7 @@ def run(
     else:
         for option in ctx.command.params:
             name = option.name or ""
-            left = {*HOW, "study", "fmt", "plan_only", "verbose"}
+            left = {*HOW, "study", "plugin", "fmt", "plan_only", "verbose"}
             if name not in left and ctx.get_parameter_source(name) == COMMANDLINE:
                 raise click.UsageError(f"{option.opts[0]}: leave it out, or write it in {study}")
         how = {name: words[name] for name in HOW}

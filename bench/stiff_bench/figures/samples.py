@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,53 +32,40 @@ TOP_SHARE = 0.95
 """Of all errors lie below the end of the colours: one outlier would leave the others one colour."""
 
 
-class WorkspaceErrors(NamedTuple):
-    """Errors over the workspace.
+WorkspaceErrors = tuple[FloatArray, FloatArray]
+"""Where the unloaded TCP is, (n, 3) m, base frame; and the (n,) length of the error there, m."""
 
-    Attributes:
-        tcp: (n, 3) where the unloaded TCP is, m, base frame.
-        error: (n,) length of the error there, m.
+
+def regression_figure(
+    models: Mapping[str, Prediction], published: Mapping[str, Sequence[float]] | None = None
+) -> Figure:
+    """Draw a row of three panels a model; at least one model, of at least one sample.
+
+    `published` has mean absolute errors along x, y and z that the paper gives of models, m.
     """
-
-    tcp: FloatArray
-    error: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """One model's samples.
-
-    Attributes:
-        name: of the model.
-        tested: the samples.
-        published: mean absolute errors along x, y and z that the paper has, m; () for none.
-    """
-
-    name: str
-    tested: Prediction
-    published: tuple[float, ...] = ()
-
-
-def regression_figure(series: Sequence[Series]) -> Figure:
-    """Draw a row of three panels a model; at least one model, of at least one sample."""
-    figure = style.new_figure(style.PAGE_INCH, ROW_INCH * len(series))
-    grid = figure.subplots(len(series), 3, squeeze=False)
-    values = np.concatenate([(one.tested.measured, one.tested.predicted) for one in series], axis=1)
+    figure = style.new_figure(style.PAGE_INCH, ROW_INCH * len(models))
+    grid = figure.subplots(len(models), 3, squeeze=False)
+    values = np.concatenate([(one.measured, one.predicted) for one in models.values()], axis=1)
     low, high = MM * values.min(axis=(0, 1)), MM * values.max(axis=(0, 1))
     margin = MARGIN * (high - low) + 1e-9
     limits = np.stack([low - margin, high + margin], axis=1)  # (3, 2)
-    for one, look, row in zip(series, style.looks(len(series)), grid, strict=True):
+    for name, look, row in zip(models, style.looks(len(models)), grid, strict=True):
+        of_paper = (published or {}).get(name, ())
         for axis, axes in enumerate(row):
-            _draw_axis(axes, one, axis, look)
+            heading = f"d{AXES[axis]}, {style.short(name, style.PANEL_LETTERS)}"
+            mae = _draw_axis(axes, models[name], axis, look)
+            paper = f" (paper {of_paper[axis] * MM:.3f})" if of_paper else ""
+            axes.set_title(f"{heading}\nMAE {mae:.3f} mm{paper}", loc="left")
             axes.set(xlim=limits[axis], ylim=limits[axis], aspect="equal")
             axes.locator_params(nbins=5)
     style.name_panels(list(grid.flat))
     return figure
 
 
-def _draw_axis(axes: Axes, one: Series, axis: int, look: style.Look) -> None:
-    x, y = one.tested.measured[:, axis] * MM, one.tested.predicted[:, axis] * MM
-    error = absolute_errors(one.tested)[:, axis] * MM
+def _draw_axis(axes: Axes, tested: Prediction, axis: int, look: style.Look) -> float:
+    """Draw predicted against true deflection along an axis; return the MAE, mm."""
+    x, y = tested.measured[:, axis] * MM, tested.predicted[:, axis] * MM
+    error = absolute_errors(tested)[:, axis] * MM
     half = float(np.quantile(error, SHARE))
     axes.axline((0.0, 0.0), slope=1.0, color=style.REFERENCE_COLOR, linewidth=0.8, zorder=1.5)
     for offset in (half, -half):
@@ -88,22 +74,20 @@ def _draw_axis(axes: Axes, one: Series, axis: int, look: style.Look) -> None:
     axes.plot(x, y, **look.points(), ms=size, alpha=0.65, mew=0.0, rasterized=dense)
     name = AXES[axis]
     axes.set(xlabel=f"deflection d{name} [mm]", ylabel=f"predicted d{name} [mm]")
-    published = f" (paper {one.published[axis] * MM:.3f})" if one.published else ""
-    heading = f"d{name}, {style.short(one.name, style.PANEL_LETTERS)}"
-    axes.set_title(f"{heading}\nMAE {error.mean():.3f} mm{published}", loc="left")
+    return float(error.mean())
 
 
 def regression(source: FigureSource) -> Prepared:
     """Show predicted against true deflection, one panel per axis."""
     compared = source.compared(MOST_MODELS)
-    series = [Series(name, tested) for name, tested in compared.tested.items()]
+    tested = compared.tested
+    n_rows = len(tested[compared.models[0]].rows)
     caption = (
         "Predicted against true deflection of the TCP, base frame, of the "
-        f"{len(series[0].tested.rows)} test samples of all splits together. {compared.setting} "
-        f"{LINES_NOTE}"
+        f"{n_rows} test samples of all splits together. {compared.setting} {LINES_NOTE}"
     )
     title = "Predicted against true deflection"
-    return Prepared(title, caption, partial(regression_figure, series), compared.subtitle)
+    return Prepared(title, caption, partial(regression_figure, tested), compared.subtitle)
 
 
 def errors_by_row(tested: Prediction) -> pd.DataFrame:
@@ -152,7 +136,7 @@ def sample_errors(source: FigureSource) -> Prepared:
 
 def workspace_figure(models: Mapping[str, WorkspaceErrors]) -> Figure:
     """Draw each model's poses from the side and from above, colours being errors."""
-    everything = np.concatenate([one.error for one in models.values()]) * MM
+    everything = np.concatenate([error for _, error in models.values()]) * MM
     scale = Normalize(0.0, float(np.quantile(everything, TOP_SHARE)) or 1e-6)
     width = style.COLUMN_INCH if len(models) == 1 else style.PAGE_INCH
     figure = style.new_figure(width, VIEWS_INCH)
@@ -196,10 +180,10 @@ def workspace(source: FigureSource) -> Prepared:
         rows = by_row.index.to_numpy()
         by_pose = by_row.groupby(pose[rows]).mean()
         _, first = np.unique(pose[rows], return_index=True)
-        models[name] = WorkspaceErrors(stored.tcp[rows[first]], by_pose.to_numpy())
+        models[name] = stored.tcp[rows[first]], by_pose.to_numpy()
     caption = (
         "3-D error, mean over loads and splits, at the TCP positions of the "
-        f"{len(models[compared.models[0]].error)} tested poses, base frame; the colour scale ends "
+        f"{len(models[compared.models[0]][1])} tested poses, base frame; the colour scale ends "
         f"at the {percent(TOP_SHARE)} quantile. {compared.setting}"
     )
     paint = partial(workspace_figure, models)

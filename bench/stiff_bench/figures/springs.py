@@ -16,7 +16,7 @@ from scipy.special import ndtri
 
 from stiff_bench.figures.figure_source import FigureSource, subtitle
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.figures.style import Look, looks, name_panels, new_panels, share_legend, short
+from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.plan.request import true_joint_turns
 from stiff_bench.store.database import read_data
@@ -42,93 +42,81 @@ N m/rad (N/m); the prior's where it was not identifiable."""
 
 def springs_figure(
     data: StoredData,
-    torque: FloatArray,
-    results: Sequence[CellResult],
+    draw: Callable[[Axes, int], FloatArray],
     linear: Sequence[CellResult],
 ) -> Figure:
-    """Draw a panel a joint, with the (n, n_joints) torques [N m or N] that load it."""
+    """Draw a panel a joint.
+
+    `draw` draws the springs of a joint and returns (n,) torques [N m or N], at which those of the
+    `linear` results are drawn.
+    """
     figure, panels = new_panels(len(data.robot.joint_names), ROW_INCH, HEAD_INCH)
-    blue, orange = looks(2)
     for joint, axes in enumerate(panels):
-        top = float(torque[:, joint].max()) or 1.0
-        at = np.linspace(0.0, top, _POINTS)
-        springs = [_spring(one.diagnostics, data, joint) for one in results]
-        curves = np.array([1e3 * _deflection(at, spring) for spring in springs])
-        median = np.median(curves, axis=0)
-        axes.plot(at, curves.T, color=blue.color, linewidth=0.5, alpha=0.45)
-        model = short(results[0].shown.model)
-        axes.plot(at, median, color=blue.color, linewidth=1.6, label=model)
-        bends = np.median([bends for bends, _ in springs], axis=0)
-        bends = bends[bends < top]
-        heights = np.interp(bends, at, median)
-        axes.plot(bends, heights, **blue.points(), markersize=4.5, label="breakpoint", zorder=4)
-        _draw_linear(axes, data, joint, linear, at, orange)
-        for most in np.quantile(torque[:, joint], _SHARES):
-            axes.axvspan(0.0, float(most), color="0.5", alpha=0.1, linewidth=0.0)
-        axes.set(xlim=(0.0, 1.02 * top), ylim=(0.0, None))
-        _label(axes, data, joint)
+        at, key = draw(axes, joint), _stiffness(data, joint)
+        found = [fit.diagnostics[key] for fit in linear if key in fit.diagnostics]
+        if found:
+            straight = 1e3 * at * np.median(1.0 / np.array(found))
+            axes.plot(at, straight, **looks(2)[1].connected(), label=REFERENCE_MODEL)
+        turns = data.torque_units[joint] == "Nm"
+        axes.set_xlabel("torque [N m]" if turns else "force [N]")
+        axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
+        axes.set_title(short(data.robot.joint_names[joint]), loc="left")
     name_panels(panels)
     share_legend(figure, panels[:1])
     return figure
 
 
-def curves_figure(
+def _draw_segments(
+    data: StoredData, torque: FloatArray, results: Sequence[CellResult], axes: Axes, joint: int
+) -> FloatArray:
+    """Draw a joint's springs in segments; (n, n_joints) torques [N m or N] load the joints."""
+    blue, top = looks(1)[0], float(torque[:, joint].max()) or 1.0
+    at = np.linspace(0.0, top, _POINTS)
+    springs = [_spring(one.diagnostics, data, joint) for one in results]
+    curves = np.array([1e3 * _deflection(at, spring) for spring in springs])
+    median = np.median(curves, axis=0)
+    axes.plot(at, curves.T, color=blue.color, linewidth=0.5, alpha=0.45)
+    model = short(results[0].shown.model)
+    axes.plot(at, median, color=blue.color, linewidth=1.6, label=model)
+    bends = np.median([bends for bends, _ in springs], axis=0)
+    bends = bends[bends < top]
+    heights = np.interp(bends, at, median)
+    axes.plot(bends, heights, **blue.points(), markersize=4.5, label="breakpoint", zorder=4)
+    for most in np.quantile(torque[:, joint], _SHARES):
+        axes.axvspan(0.0, float(most), color="0.5", alpha=0.1, linewidth=0.0)
+    axes.set(xlim=(0.0, 1.02 * top), ylim=(0.0, None))
+    return at
+
+
+def _draw_curves(
     data: StoredData,
     results: Sequence[CellResult],
-    linear: Sequence[CellResult],
     truth: Callable[[FloatArray], FloatArray] | None,
-) -> Figure:
-    """Draw a panel a joint: the curve of each split, and the band of the first.
+    axes: Axes,
+    joint: int,
+) -> FloatArray:
+    """Draw a joint's curve of each split, and the band of the first.
 
     `truth` returns true (n, n_joints) turns [rad or m] by torques [N m or N]; None: not known.
     """
-    figure, panels = new_panels(len(data.robot.joint_names), ROW_INCH, HEAD_INCH)
-    blue, orange, green = looks(3)
+    blue, _, green = looks(3)
     model, reach = short(results[0].shown.model), float(ndtri(0.5 + BAND / 2.0))
-    for joint, axes in enumerate(panels):
-        name = f"{SPRING_CURVE}{data.robot.joint_names[joint]}"
-        curves = [result.curves[name] for result in results if name in result.curves]
-        for points in curves[1:]:
-            axes.plot(points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=0.45)
-        at, turn, deviation = curves[0].T
-        low, high = 1e3 * (turn - reach * deviation), 1e3 * (turn + reach * deviation)
-        axes.fill_between(at, low, high, color=blue.color, alpha=0.2, linewidth=0.0)
-        axes.plot(at, 1e3 * turn, color=blue.color, linewidth=1.6, label=model)
-        _draw_linear(axes, data, joint, linear, at, orange)
-        if truth is not None:
-            torque = np.zeros((len(at), len(data.robot.joint_names)))
-            torque[:, joint] = at
-            true = 1e3 * truth(torque)[:, joint]
-            axes.plot(at, true, **green.connected(), linewidth=0.9, label="true (simulation)")
-        axes.set(xlim=(at[0], at[-1]))
-        _label(axes, data, joint)
-    name_panels(panels)
-    share_legend(figure, panels[:1])
-    return figure
-
-
-def _draw_linear(
-    axes: Axes,
-    data: StoredData,
-    joint: int,
-    linear: Sequence[CellResult],
-    at: FloatArray,
-    look: Look,
-) -> None:
-    """Draw the median linear spring of some fits at (n,) torques, if they identified it."""
-    key = _stiffness(data, joint)
-    stiffness = [fit.diagnostics[key] for fit in linear if key in fit.diagnostics]
-    if stiffness:
-        straight = 1e3 * at * np.median(1.0 / np.array(stiffness))
-        axes.plot(at, straight, **look.connected(), label=REFERENCE_MODEL)
-
-
-def _label(axes: Axes, data: StoredData, joint: int) -> None:
-    """Write a joint's name, and what the axes are with their units."""
-    turns = data.torque_units[joint] == "Nm"
-    axes.set_xlabel("torque [N m]" if turns else "force [N]")
-    axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
-    axes.set_title(short(data.robot.joint_names[joint]), loc="left")
+    name = f"{SPRING_CURVE}{data.robot.joint_names[joint]}"
+    curves = [result.curves[name] for result in results if name in result.curves]
+    for points in curves[1:]:
+        axes.plot(points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=0.45)
+    at: FloatArray
+    at, turn, deviation = curves[0].T
+    low, high = 1e3 * (turn - reach * deviation), 1e3 * (turn + reach * deviation)
+    axes.fill_between(at, low, high, color=blue.color, alpha=0.2, linewidth=0.0)
+    axes.plot(at, 1e3 * turn, color=blue.color, linewidth=1.6, label=model)
+    if truth is not None:
+        torque = np.zeros((len(at), len(data.robot.joint_names)))
+        torque[:, joint] = at
+        true = 1e3 * truth(torque)[:, joint]
+        axes.plot(at, true, **green.connected(), linewidth=0.9, label="true (simulation)")
+    axes.set(xlim=(at[0], at[-1]))
+    return at
 
 
 def springs(source: FigureSource) -> Prepared:
@@ -146,29 +134,28 @@ def springs(source: FigureSource) -> Prepared:
     model = results[0].shown.model
     results = [one for one in results if one.shown.model == model]
     stored = read_data(source.folder, case.name.data_sha256)
-    title = "Torque and deflection of each joint"
+    linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
     if has_curves(results[0]):
-        linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
         truth = true_joint_turns(results[0].cell, build_registry())
         of_truth = ", next to the simulated robot's own" if truth else ""
-        caption = (
+        about = (
             f"Deflection of each joint by a torque that loads it from rest, as {model} has it"
             f"{of_truth} (thin: other splits; band: {BAND:.0%} interval of the first). A panel "
-            "ends at the largest torque of load and weight in the training samples. "
-            f"{source.setting(case, [model], [len(results)])}"
+            "ends at the largest torque of load and weight in the training samples."
         )
-        paint = partial(curves_figure, stored, results, linear, truth)
-        return Prepared(title, caption, paint, subtitle(case))
-    torque, of_what = _torques(stored, results[0])
-    linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
-    caption = (
-        f"Deflection of each joint against the torque on it, as {model} identified it (thin: each "
-        f"split, thick: median), for both signs alike; dashed: {REFERENCE_MODEL}. Shaded: torques "
-        f"({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the samples stay below; a "
-        f"panel ends at the largest. {source.setting(case, [model], [len(results)])}"
-    )
-    paint = partial(springs_figure, stored, np.abs(torque), results, linear)
-    return Prepared(title, caption, paint, subtitle(case))
+        draw = partial(_draw_curves, stored, results, truth)
+    else:
+        torque, of_what = _torques(stored, results[0])
+        about = (
+            f"Deflection of each joint against the torque on it, as {model} identified it (thin: "
+            f"each split, thick: median), for both signs alike; dashed: {REFERENCE_MODEL}. Shaded: "
+            f"torques ({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the samples stay "
+            "below; a panel ends at the largest."
+        )
+        draw = partial(_draw_segments, stored, np.abs(torque), results)
+    caption = f"{about} {source.setting(case, [model], [len(results)])}"
+    paint = partial(springs_figure, stored, draw, linear)
+    return Prepared("Torque and deflection of each joint", caption, paint, subtitle(case))
 
 
 def _stiffness(data: StoredData, joint: int, segment: str = "") -> str:

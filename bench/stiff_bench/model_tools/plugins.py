@@ -17,8 +17,8 @@ from string import Template
 from typing import Any
 from unittest import mock
 
-from stiff_bench.plan.options import Choice, chosen_dataset, parse_settings
-from stiff_bench.plan.registry import OURS, Info, Registry
+from stiff_bench.plan.options import Choice, chosen, chosen_dataset
+from stiff_bench.plan.registry import OURS, Info, Kind, Registry
 from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
 from stiff_models.io.model_file import load, save
@@ -86,7 +86,11 @@ def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registr
         _refuse_missing(choice)
         with display():
             return CheckResults(_named(choice), check_dataset(choice.make))
-    subject, on = _with_data(info, dataset, settings, registry)
+    kind: Kind = "model" if isinstance(info, ModelInfo) else "protocol"
+    found = chosen({kind: (key,), "dataset": (dataset,)}, settings, registry)
+    (subject,), (on,) = found.values()
+    if isinstance(info, ModelInfo):
+        subject = replace(subject, params={**info.quick, **subject.params})
     _refuse_missing(subject)
     with display():
         data = loaded(on)
@@ -119,20 +123,6 @@ def _save_plugin(choice: Choice[Any], robot: Robot, model: Any, path: Path) -> N
 def _refuse_missing(choice: Choice[Any]) -> None:
     if why := choice.missing():
         raise ConfigError(f"{choice.info.key!r} cannot be checked here: {why}")
-
-
-def _with_data(
-    info: Info, dataset: str, settings: Sequence[str], registry: Registry
-) -> tuple[Choice[Info], Choice[DatasetInfo]]:
-    """Return what is checked and the data it is checked on, with their options."""
-    data = chosen_dataset(dataset, (), registry)
-    classes = {info.key: info.load(), data.info.key: data.cls}
-    params = parse_settings(settings, classes)
-    quick = info.quick if isinstance(info, ModelInfo) else {}
-    return (
-        Choice(info, classes[info.key], {**quick, **params[info.key]}, {}),
-        replace(data, params={**params[data.info.key], **data.params}),
-    )
 
 
 def _named(choice: Choice[Info]) -> str:

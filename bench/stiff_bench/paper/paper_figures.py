@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from stiff_bench.figures import losses, style, variants
 from stiff_bench.figures.losses import DASHED
 from stiff_bench.figures.prepared_figure import Figures, Prepared
-from stiff_bench.figures.samples import LINES_NOTE, Series, regression_figure
+from stiff_bench.figures.samples import LINES_NOTE, regression_figure
 from stiff_bench.paper import paper_models as models
 from stiff_bench.paper.paper_models import DATASET, PAPER_PROTOCOL, WIDTH_DEPTHS, pretrained
 from stiff_bench.paper.paper_results import Found, PaperResults, named_results
@@ -52,7 +52,8 @@ def figure_4(_: PaperResults) -> Prepared:
         f"samples that are shown (no split). {DATA}. {LINES_NOTE} In brackets: the "
         "paper's MAE (its Table 2)."
     )
-    paint = partial(regression_figure, [Series("vjm", tested, _published_mae("table_2", OLD))])
+    published = {"vjm": _published_mae("table_2", OLD)}
+    paint = partial(regression_figure, {"vjm": tested}, published)
     return Prepared(f"{_REGRESSION}, VJM fitted to them", caption, paint)
 
 
@@ -73,17 +74,15 @@ def _regression(number: int, methods: Sequence[str], results: PaperResults) -> P
     if found.missing or found.failures:
         why = " ".join(found.absences())
         raise StoreError(f"{results.folder}: {why.removesuffix('.')}", "results")
-    series = [
-        Series(method, pooled_prediction(found.results[name]), _published_mae("table_10", method))
-        for method, name in names.items()
-    ]
+    tested = {name: pooled_prediction(found.results[names[name]]) for name in methods}
+    published = {name: _published_mae("table_10", name) for name in methods}
     about = " and ".join(f"{method} ({name})" for method, name in names.items())
     caption = (
         f"The paper's Figure {number}: {about} on the test samples of all splits. "
         f"{_setting(found)} {LINES_NOTE} In brackets: the paper's MAE (its Table 10)."
     )
     title = f"{_REGRESSION}, {' and '.join(methods)}"
-    return Prepared(title, caption, partial(regression_figure, series))
+    return Prepared(title, caption, partial(regression_figure, tested, published))
 
 
 def _published_mae(table: str, method: str) -> tuple[float, ...]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 
 from stiff_bench.analysis.collected import StoredResults
@@ -35,37 +34,27 @@ TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
 
 
-@dataclass(frozen=True, eq=False)
-class StudyResults:
-    """A study and what its folder holds."""
-
-    study: Study
-    stored: PaperResults
-
-    @cached_property
-    def relative(self) -> RelativeErrors:
-        """Errors relative to the VJM's."""
-        return RelativeErrors(self.study, mean_errors(self.stored))
+def _leaderboard(_: Study, stored: PaperResults) -> list[Table]:
+    return leaderboard_tables(build_leaderboard(stored, key=sort_key("norm", None)))
 
 
-def _leaderboard(results: StudyResults) -> list[Table]:
-    return leaderboard_tables(build_leaderboard(results.stored, key=sort_key("norm", None)))
+def _scores(study: Study, stored: PaperResults) -> list[Table]:
+    return build_tables(newest_results(stored), [metric(key) for key in study.metrics])
 
 
-def _scores(results: StudyResults) -> list[Table]:
-    metrics = [metric(key) for key in results.study.metrics]
-    return build_tables(newest_results(results.stored), metrics)
+def _papers(number: str, _: Study, stored: PaperResults) -> Sequence[Table]:
+    return paper_tables.build(number, stored)
 
 
-def _papers(number: str, results: StudyResults) -> Sequence[Table]:
-    return paper_tables.build(number, results.stored)
+def _relative(study: Study, stored: PaperResults) -> RelativeErrors:
+    return RelativeErrors(study, mean_errors(stored))
 
 
-TABLES: Mapping[str, Callable[[StudyResults], Sequence[Table]]] = {
+TABLES: Mapping[str, Callable[[Study, PaperResults], Sequence[Table]]] = {
     "scores": _scores,
     "leaderboard": _leaderboard,
-    "relative-errors": lambda results: [results.relative.table()],
-    "order-agreement": lambda results: [results.relative.agreement()],
+    "relative-errors": lambda *of: [_relative(*of).table()],
+    "order-agreement": lambda *of: [_relative(*of).agreement()],
     **{number: partial(_papers, number) for number in paper_tables.TABLES},
 }
 """Name in a study's file -> what makes the tables; numbers are the source paper's."""
@@ -97,11 +86,11 @@ def write_page(study: Study, output: Path, command: str, n_missing: int) -> Iter
         StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
     """
     folder = output / study.name
-    results = StudyResults(study, PaperResults.of(folder / "runs"))
+    stored = PaperResults.of(folder / "runs")
     tables, missing = list[str](), dict[str, str]()
     for name in study.tables:
         try:
-            made = TABLES[name](results)
+            made = TABLES[name](study, stored)
         except StiffBenchError as error:
             missing[f"Table {name}"] = str(error)
             continue
@@ -115,7 +104,7 @@ def write_page(study: Study, output: Path, command: str, n_missing: int) -> Iter
     figures = dict[str, Prepared]()
     for name in study.figures:
         try:
-            figures[name] = _figure(name, results)
+            figures[name] = _figure(name, study, stored)
         except StiffBenchError as error:
             missing[f"Figure {name}"] = str(error)
             continue
@@ -126,19 +115,19 @@ def write_page(study: Study, output: Path, command: str, n_missing: int) -> Iter
             yield picture
     page = [
         f"# {study.title}",
-        _listed(*study.notes, *_provenance(results.stored, command, n_missing)),
+        _listed(*study.notes, *_provenance(stored, command, n_missing)),
         *tables,
         *_figures_and_missing(figures, missing),
     ]
     yield _written(folder / "README.md", "\n\n".join(page))
 
 
-def _figure(name: str, results: StudyResults) -> Prepared:
+def _figure(name: str, study: Study, stored: PaperResults) -> Prepared:
     if name == "relative-errors":
-        return results.relative.figure()
+        return _relative(study, stored).figure()
     if name in paper_figures.FIGURES:
-        return paper_figures.FIGURES[name](results.stored)
-    return FIGURES[name](FigureSource(results.stored.folder, results.stored.cases))
+        return paper_figures.FIGURES[name](stored)
+    return FIGURES[name](FigureSource(stored.folder, stored.cases))
 
 
 def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator[str]:

@@ -327,28 +327,33 @@ def _parse_one(
 
 
 def chosen(
-    words: Mapping[Kind, Sequence[str]], settings: Sequence[str], registry: Registry
+    given: Mapping[Kind, Sequence[str | Choice[Any]]], settings: Sequence[str], registry: Registry
 ) -> dict[Kind, list[Choice[Any]]]:
     """Return what words stand for: a word's own options have the last word, then `settings`.
 
     Args:
-        words: of each kind, ``KEY@OPTION=VALUE@...``.
+        given: of each kind, ``KEY@OPTION=VALUE@...``, or what is chosen already.
         settings: ``KEY.option=value`` words; each must be of a key among the words.
         registry: knows the keys.
 
     Raises:
         ConfigError: a key, an option or a value is unknown or wrong.
     """
-    parts = {kind: [(word, *split_word(word)) for word in of] for kind, of in words.items()}
-    infos = {key: registry.find(key, kind) for kind, of in parts.items() for _, key, _ in of}
+    keys = {
+        split_word(one)[0]: kind for kind, of in given.items() for one in of if type(one) is str
+    }
+    infos = {key: registry.find(key, kind) for key, kind in keys.items()}
     classes = {key: info.load() for key, info in infos.items()}
     params = parse_settings(settings, classes)
-    found: dict[Kind, list[Choice[Any]]] = {kind: [] for kind in words}
-    for kind, of in parts.items():
-        for word, key, own in of:
-            options = params[key] | _own_options(kind, word, key, own, classes[key])
-            found[kind].append(Choice(infos[key], classes[key], options, {}))
-    return found
+
+    def choice(kind: Kind, one: str | Choice[Any]) -> Choice[Any]:
+        if isinstance(one, Choice):
+            return one
+        key, own = split_word(one)
+        options = params[key] | _own_options(kind, one, key, own, classes[key])
+        return Choice(infos[key], classes[key], options, {})
+
+    return {kind: [choice(kind, one) for one in of] for kind, of in given.items()}
 
 
 def chosen_dataset(word: str, settings: Sequence[str], registry: Registry) -> Choice[DatasetInfo]:
@@ -376,18 +381,8 @@ def choices(
     if not models:
         raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
     every = [one for word in models for one in (registry.models if word == EVERY_MODEL else [word])]
-    given: dict[Kind, Sequence[str | Choice[Any]]] = {
-        "model": every,
-        "dataset": datasets,
-        "protocol": protocols,
-    }
-    words = {kind: [one for one in of if isinstance(one, str)] for kind, of in given.items()}
-    found = {kind: iter(of) for kind, of in chosen(words, settings, registry).items()}
-    in_order = {
-        kind: [next(found[kind]) if isinstance(one, str) else one for one in of]
-        for kind, of in given.items()
-    }
-    return Chosen(in_order["model"], in_order["dataset"], in_order["protocol"])
+    found = chosen({"model": every, "dataset": datasets, "protocol": protocols}, settings, registry)
+    return Chosen(found["model"], found["dataset"], found["protocol"])
 
 
 def measured_file(path: Path, robot: Robot, options: FileOptions) -> Choice[DatasetInfo]:

@@ -32,22 +32,18 @@ class Picture(NamedTuple):
     command: str
 
 
-class Fold(NamedTuple):
-    """A text that is folded away: a log, or a list of versions."""
-
-    summary: str
-    text: str
-
-
 @dataclass(frozen=True)
 class Block:
-    """What stands under one heading; `command` prints the same as the tables, "" for none."""
+    """What stands under one heading; `command` prints the same as the tables, "" for none.
+
+    `folds` are texts that are folded away, such as a log, each with its summary.
+    """
 
     heading: str
     texts: Sequence[str] = ()
     tables: Sequence[Table] = ()
     pictures: Sequence[Picture] = ()
-    folds: Sequence[Fold] = ()
+    folds: Sequence[tuple[str, str]] = ()
     notes: Sequence[str] = ()
     command: str = ""
 
@@ -65,26 +61,12 @@ FEW_ROWS = 12
 _LONG = 40  # characters of a text that needs room
 
 
-class PageCell(NamedTuple):
-    """A cell of the page: text, what its column is sorted by ("" stands last), CSS class."""
+def page_table(table: Table) -> dict[str, Any]:
+    """Return what people see of a table, cut to `MOST_ROWS`, as the page's template reads it.
 
-    text: str
-    order: str
-    style: str
-
-
-class PageTable(NamedTuple):
-    """A table as the page's template reads it: heading and CSS class of a column, rows, notes."""
-
-    headings: list[str]
-    styles: list[str]
-    rows: list[list[PageCell]]
-    notes: list[str]
-    can_be_sorted: bool
-
-
-def page_table(table: Table) -> PageTable:
-    """Return what people see of a table with its typed order, cut to `MOST_ROWS`; all notes."""
+    Headings and CSS class of each column; rows of cells (text, what its column is sorted by, CSS
+    class), where "" stands last; all notes; and whether the table can be sorted.
+    """
     shown = replace(table, brief=False).shown()
     rows, notes = shown.rows[:MOST_ROWS], [*shown.notes]
     if len(rows) < len(shown.rows):
@@ -95,10 +77,14 @@ def page_table(table: Table) -> PageTable:
     styles = [
         _style(column, [row[number] for row in rows]) for number, column in enumerate(shown.columns)
     ]
-    cells = [[*map(_page_cell, shown.columns, row, styles)] for row in rows]
     by_sign = any(column.by_sign for column in shown.columns)
-    can_be_sorted = len(rows) > FEW_ROWS and not by_sign
-    return PageTable(shown.headings(), styles, cells, notes, can_be_sorted)
+    return {
+        "headings": shown.headings(),
+        "styles": styles,
+        "rows": [[*map(_page_cell, shown.columns, row, styles)] for row in rows],
+        "notes": notes,
+        "can_be_sorted": len(rows) > FEW_ROWS and not by_sign,
+    }
 
 
 def _style(column: Column, cells: Sequence[Entry]) -> str:
@@ -110,24 +96,16 @@ def _style(column: Column, cells: Sequence[Entry]) -> str:
 _LONGEST_ORDER = 60  # characters of a text that it is sorted by
 
 
-def natural_order(text: str) -> str:
-    """Return a text that sorts as people count: "n = 5" stands before "n = 10".
-
-    >>> sorted(["n = 10", "n = 5"], key=natural_order)
-    ['n = 5', 'n = 10']
-    """
-    return natural_key(text.lower())[:_LONGEST_ORDER]
-
-
-def _page_cell(column: Column, cell: Entry, style: str) -> PageCell:
+def _page_cell(column: Column, cell: Entry, style: str) -> tuple[str, str, str]:
     text = column.text(cell)
-    if style != "number":
-        return PageCell(text, natural_order(text), "" if style == "long" else style)
+    if style != "number":  # as people count: "n = 5" stands before "n = 10"
+        order = natural_key(text.lower())[:_LONGEST_ORDER]
+        return text, order, "" if style == "long" else style
     found = quantity(cell)
     if found is None or found.order is None:
-        return PageCell(text, "", style)
+        return text, "", style
     tone = " worse" if found.order < 0.0 else " better" if found.order > 0.0 else ""
-    return PageCell(text, f"{found.order:.12g}", style + tone * column.by_sign)
+    return text, f"{found.order:.12g}", style + tone * column.by_sign
 
 
 def render_page(parts: Mapping[str, Sequence[Block]], command: str) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from itertools import chain
 
 from stiff_bench.analysis.collected import Case, case_name_of
-from stiff_bench.report.html_page import Block, Fold
+from stiff_bench.report.html_page import Block
 from stiff_bench.report.score_blocks import Asked
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
@@ -47,7 +47,7 @@ def run_block(
         *(Column("cores"), Column("GPU", "text")),
     ]
     commands = "\n".join(dict.fromkeys(run.command for run in newest))
-    folds = [Fold("Commands that made these results, newest first", commands)] if runs else []
+    folds = [("Commands that made these results, newest first", commands)] if runs else []
     return Block(
         "Provenance",
         tables=[Table("Runs", columns, rows, notes)],
@@ -71,12 +71,12 @@ def _row(run: RunManifest, n_results: int) -> list[Entry]:
     ]
 
 
-def _environments(runs: Sequence[RunManifest]) -> list[Fold]:
+def _environments(runs: Sequence[RunManifest]) -> list[tuple[str, str]]:
     """Return each environment once, with the runs that had it."""
     folds = []
     for text, same in [*grouped(runs, _environment).items()][:MOST_ENVIRONMENTS]:
         more = f" and {counted(len(same) - 1, 'more run')}" if len(same) > 1 else ""
-        folds.append(Fold(f"Versions and machine of {same[0].run_id}{more}", text))
+        folds.append((f"Versions and machine of {same[0].run_id}{more}", text))
     return folds
 
 
@@ -135,8 +135,8 @@ def _cut(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[:longest]} ... (cut)"
 
 
-def _fold(one: CellResult) -> Fold:
+def _fold(one: CellResult) -> tuple[str, str]:
     place = " | ".join(filter(None, (one.shown.dataset, one.shown.protocol, one.cell.condition)))
     summary = f"Log of {one.shown.model} on {place}, split {one.cell.split_index}"
     text = "\n".join(one.log)
-    return Fold(summary, text if len(text) <= LONGEST_LOG else f"(cut) {text[-LONGEST_LOG:]}")
+    return (summary, text if len(text) <= LONGEST_LOG else f"(cut) {text[-LONGEST_LOG:]}")

@@ -9,7 +9,7 @@ from typing import Any
 
 from stiff_bench.analysis.collected import Case, Competitor
 from stiff_bench.analysis.leaderboard import in_order
-from stiff_bench.report.html_page import Block, Fold
+from stiff_bench.report.html_page import Block
 from stiff_bench.store.names import grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.fit_notes import model_notes
@@ -73,7 +73,7 @@ def _row(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> dict[
     }
 
 
-def _fit_notes(notes: Sequence[tuple[str, str]]) -> list[Fold]:
+def _fit_notes(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
     """Return what fits reported, and where first, in a fold; nothing where they did not."""
     if not notes:
         return []
@@ -83,7 +83,7 @@ def _fit_notes(notes: Sequence[tuple[str, str]]) -> list[Fold]:
     ]
     more = f"; the first {MOST_NOTES} are shown" if len(lines) > MOST_NOTES else ""
     summary = f"What the fits reported: {counted(len(lines), 'note')}{more}"
-    return [Fold(summary, "\n".join(lines[:MOST_NOTES]))]
+    return [(summary, "\n".join(lines[:MOST_NOTES]))]
 
 
 def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Block:

@@ -77,10 +77,12 @@ class Variant:
         """The word that `split_word` takes apart: what results are stored under."""
         return self.key + "".join(_part(*option) for option in sorted(self.options.items()))
 
-    def without(self, *options: str) -> Variant:
-        """Return the same with the defaults of some options."""
-        left = {name: value for name, value in self.options.items() if name not in options}
-        return Variant(self.key, left)
+
+def without_options(name: str, *options: str) -> str:
+    """Return a name without some of its options."""
+    key, *parts = _held(name).split(OPTION_MARK)
+    left = [part for part in parts if part.partition("=")[0] not in options]
+    return OPTION_MARK.join([key, *left]).replace(_HELD, 2 * OPTION_MARK)
 
 
 def _part(option: str, value: object) -> str:
@@ -100,7 +102,6 @@ class CaseName:
         seed: of the run's splits.
         data_sha256: hash of the data set's numbers.
         source_sha256: of the other robot's data that source domains come from; "" for none.
-        variant: the data set's key and the options that `dataset` shows.
     """
 
     dataset: str
@@ -109,7 +110,6 @@ class CaseName:
     seed: int
     data_sha256: str
     source_sha256: str = ""
-    variant: Variant = field(default=Variant(""), compare=False)
 
     @property
     def text(self) -> str:

@@ -63,15 +63,7 @@ def test_the_same_results_give_the_same_file_as_wide_as_a_column_at_300_dots_an_
 
 def test_a_models_name_is_drawn_as_it_is_written(tmp_path):
     compared(tmp_path)
-    source = FigureSource.of(
-        tmp_path,
-        Selection(
-            models=(
-                "$x_1$ <b>",
-                "gp",
-            )
-        ),
-    )
+    source = FigureSource.of(tmp_path, Selection(models=("$x_1$ <b>", "gp")))
     text = FIGURES["errors"](source).picture(".svg").decode()
     assert "$x_1$ &lt;b&gt;" in text
     assert "<b>" not in text
@@ -84,18 +76,7 @@ def test_an_unknown_model_and_models_without_a_common_split_are_refused(tmp_path
     made.add("late", [0.1, 0.1], failed=[0, 1])
     made.add("later", [0.0, 0.0, 0.1], failed=[0, 1])
     with pytest.raises(StoreError, match="no split on which all have a result"):
-        drawn(
-            "errors",
-            FigureSource.of(
-                tmp_path,
-                Selection(
-                    models=(
-                        "later",
-                        "gp",
-                    )
-                ),
-            ),
-        )
+        drawn("errors", FigureSource.of(tmp_path, Selection(models=("later", "gp"))))
 
 
 def test_measured_data_are_drawn_first_else_what_was_asked_for_first(tmp_path):

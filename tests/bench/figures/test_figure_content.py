@@ -15,7 +15,7 @@ from stiff_bench.analysis.selection import Selection
 from stiff_bench.figures import learning_curves, variants
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.figures.samples import Series, errors_by_row, regression_figure
+from stiff_bench.figures.samples import errors_by_row, regression_figure
 from stiff_bench.figures.style import short
 from stiff_bench.store.database import ResultStore, read_data, read_results
 from stiff_protocols.contract.errors import StoreError
@@ -34,7 +34,7 @@ def some_samples(n: int) -> Prediction:
 def test_a_regression_diagram_has_mm_true_across_predicted_up_lines_and_the_papers_error():
     """The lines hold 95 % of the samples."""
     samples = some_samples(200)
-    figure = regression_figure([Series("a", samples, (0.07e-3, 0.08e-3, 0.09e-3))])
+    figure = regression_figure({"a": samples}, {"a": (0.07e-3, 0.08e-3, 0.09e-3)})
     for axis, (axes, published) in enumerate(
         zip(figure.axes, ("0.070", "0.080", "0.090"), strict=True)
     ):

@@ -101,8 +101,8 @@ def test_runs_stand_with_commit_command_and_results_also_of_one_without_a_manife
     assert row[0] == "run-1"
     assert {"9.9", "0123456789ab", "finished"} <= set(row)
     assert (lost[0], lost[5]) == ("a run without a manifest", "2")
-    assert provenance.folds[0].text == "bench run"
-    assert "commit: 0123456789abcdef" in provenance.folds[1].text
+    assert provenance.folds[0][1] == "bench run"
+    assert "commit: 0123456789abcdef" in provenance.folds[1][1]
 
 
 def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(results):
@@ -114,7 +114,7 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
     block = blocks_of(results.folder)["Failed and skipped"]
     (row,) = block.tables[0].texts()
     assert row == ["bad", "failed", "it broke", "ValueError", TWINS[0], "holdout", "-", "1, 2"]
-    assert [fold.text for fold in block.folds] == ["first\nlast <b>"] * 2
+    assert [text for _, text in block.folds] == ["first\nlast <b>"] * 2
 
 
 def test_what_cannot_be_ranked_has_scores_and_a_reason(results):

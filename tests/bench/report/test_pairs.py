@@ -49,7 +49,7 @@ def test_every_pair_has_the_verdict_that_compare_has_among_all_and_its_mirror_im
                 verdict = compare(case, a, b, data, Question()).among_all
                 assert cells[a][b] == WON[verdict]
     assert cells["good"]["bad"] == "1 : 0" and cells["good"]["good"] == "-"
-    styles = {cell.style for row in page.rows for cell in row[1:]}
+    styles = {style for row in page["rows"] for _, _, style in row[1:]}
     assert {"number better", "number worse"} <= styles
 
 
