@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from unittest import mock
 
 from fuzz import hard_cases
 from fuzz.mutations import Mutator, bytes_damaged, text_damaged
@@ -22,7 +21,6 @@ from stiff_bench.plan.cells import models_under
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
-from stiff_datasets.measured import kr10_measured
 from stiff_datasets.measured.load_file import read_loads
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.measured.sheet_files import sample_table, write_table
@@ -108,17 +106,6 @@ def _planned_study(registry: Registry, folder: Path, path: Path) -> object:
     return read_study(path).plans(registry, output=folder, command="")
 
 
-def _registrations(folder: Path) -> Prepared:
-    entry = '[kr10-measured]\ncsv = "/a.csv"\nurdf = ""\ntcp = [0.0, 0, 0.1]\n'
-    valid = f'{entry}sha256 = "aa"\nurdf_sha256 = ""\n'.encode()
-
-    def read(path: Path) -> object:
-        with mock.patch.object(kr10_measured, "registry_file", lambda: path):
-            return kr10_measured.registration()
-
-    return Prepared(folder / "datasets.toml", (valid,), read, hard_cases.tomls(valid))
-
-
 def _results(folder: Path) -> Prepared:
     results = MadeResults(folder)
     results.add_run("run-1", results.add("model", [[0.1, 0.2, 0.3, 0.4]], coverage=0.9))
@@ -187,7 +174,6 @@ READERS: dict[str, Callable[[Path], Prepared]] = {
     "twin TOML": _twin,
     "grid TOML": _grid,
     "study TOML": _study,
-    "registrations TOML": _registrations,
     "results": _results,
     "model files": _models,
     "command words": _words,

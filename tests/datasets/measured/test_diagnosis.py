@@ -105,16 +105,6 @@ def test_clean_data_are_ok(twin, specimen, tmp_path):
     assert repr(report).splitlines()[0] == f"{tmp_path / 'my.csv'}: ok"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("twin", TWINS)
-def test_clean_data_of_other_specimens_noise_and_size_are_ok(twin, tmp_path):
-    for specimen, seed, step in ((0, 2, 1), (6, 0, 3), (5, 0, 5)):  # of 151 poses 151, 51 and 31
-        data = clean(twin, specimen, seed)
-        report = data.report(tmp_path / "my.csv", data.table.iloc[::step])
-        wrong = [one for one in report.warnings if "cannot be identified" not in one.message]
-        assert not wrong, (specimen, seed, step)  # 51 poses hardly tell the UR5's last joint
-
-
 def test_missing_torques_are_no_mistake_where_that_is_declared(tmp_path):
     fanuc, path = clean("FANUC"), tmp_path / "my.csv"
     (found,) = fanuc.report(path).warnings
@@ -145,20 +135,3 @@ def test_units_that_differ_by_one_factor_in_force_and_torque_are_told_by_the_sti
     in_kilonewton = data.report(tmp_path / "my.csv", scaled(FORCE, 0.001)(data)).warnings
     assert any("torques look as if they were in N mm:" in each.message for each in in_newton_mm)
     assert any("forces look as if they were in kN:" in each.message for each in in_kilonewton)
-
-
-def test_a_mistake_in_half_of_the_rows_is_no_mistake_of_all_rows(tmp_path):
-    data = clean("ur5-twin", 1)
-    table = data.table.copy()
-    table.loc[75:, MOVED] *= -1.0
-    report = data.report(tmp_path / "my.csv", table)
-    assert report.verdict == "suspicious"
-    assert not any("as if" in finding.message for finding in report.warnings)
-
-
-def test_a_joint_that_few_poses_hardly_load_is_not_identifiable_and_not_called_rigid(tmp_path):
-    data = clean("kr10-twin-omni", 2)
-    rows = np.sort(np.random.default_rng(32).permutation(len(data.table))[:30])
-    report = data.report(tmp_path / "my.csv", data.table.iloc[rows])
-    (found,) = report.warnings
-    assert "the stiffness of joint A6 cannot be identified" in found.message

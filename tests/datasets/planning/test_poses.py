@@ -13,8 +13,6 @@ from stiff_datasets.planning.poses import (
     paper_poses,
 )
 
-TOO_NEAR_A1 = "J01 J08 J09 J16 J17 J24 J25 J31 J32 J33 J40 J41 J42".split()
-"""No A5 in 0..90 deg puts the TCP 250 mm off A1's axis."""
 RADII = {"base column": 0.12, "upper arm": 0.09, "forearm": 0.08, "hand": 0.06}
 """m, for a KR10: about half the width of the widest housing of each; assumption."""
 PAIRS = (("base column", "forearm"), ("base column", "hand"), ("upper arm", "hand"))
@@ -68,10 +66,6 @@ def self_clearance(robot, q):
     return np.array(gaps)
 
 
-def tcp_off_a1(robot, q):
-    return np.linalg.norm(robot.tcp_position(q)[:, :2], axis=1)
-
-
 def test_no_planned_pose_collides_with_itself(kr10, kr10_chain):
     assert self_clearance(kr10, paper_poses(kr10_chain).q).min() > 0
 
@@ -84,21 +78,3 @@ def test_the_bent_wrist_is_the_same_plan_but_for_a5_in_joint_space(kr10_chain, b
     np.testing.assert_array_equal(bent.q[61:], level.q[61:])
     a5 = np.rad2deg(bent.q[:61, 4])
     assert (a5 >= 0).all() and (a5 <= 90).all() and (a5 == 90).sum() > 40
-
-
-@pytest.mark.slow
-def test_a_bent_wrist_is_as_near_90_deg_as_its_two_conditions_permit(kr10, kr10_chain, bent):
-    q = paper_poses(kr10_chain).q
-    for pose in range(61):
-        others = np.delete(q, pose, axis=0)
-        candidates = np.tile(q[pose], (19, 1))
-        candidates[:, 4] = np.deg2rad(np.arange(90, -1, -5))
-        is_new = np.abs(candidates[:, None] - others).max(axis=2).min(axis=1) > 1e-6
-        candidates = candidates[is_new]
-        clear = self_clearance(kr10, candidates) >= 0.02
-        off_a1 = tcp_off_a1(kr10, candidates) >= 0.25
-        q[pose] = candidates[np.argmax(clear.astype(int) + (clear & off_a1))]
-    np.testing.assert_allclose(bent.q, q, atol=1e-12)
-    assert self_clearance(kr10, q).min() >= 0.02
-    near = bent.pose_id[tcp_off_a1(kr10, q) < 0.25]
-    assert near.tolist() == TOO_NEAR_A1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-import calibrate
 from calibrate import (
     SEARCHES,
     figures_text,
@@ -21,7 +19,6 @@ from calibrate import (
     paper_figures,
     specimen_figures,
 )
-from stiff_datasets.twin.constants import read_constants
 from stiff_datasets.twin.kr10_twin import CALIBRATIONS
 
 RECORDS = Path(__file__).parents[3] / "results" / "calibration"
@@ -78,28 +75,3 @@ def assert_alike(table, card):
     for found, stated in zip(re.findall(NUMBER, table), re.findall(NUMBER, shown), strict=True):
         last_digit = 10.0 ** -len(stated.partition(".")[2])
         assert abs(float(found) - float(stated)) < 1.5 * last_digit
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "name"),
-    [([], "kr10_r1100_2"), (["--calibration", "2"], "kr10_r1100_2_calibration_2")],
-)
-def test_a_short_calibration_writes_constants_record_and_figures(
-    words, name, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(calibrate, "POLISH_STEPS", 1)
-    one = (range(1), range(1, 2))
-    short = {number: replace(search, seeds=one) for number, search in SEARCHES.items()}
-    monkeypatch.setattr(calibrate, "SEARCHES", short)
-    output = tmp_path / "c"
-    done = CliRunner().invoke(main, [*words, "--generations", "1", "--output", str(output)])
-    assert done.exit_code == 0, done.output
-    assert "| X MAE [mm]" in done.stdout and "calibrate 1/1" in done.stderr
-    record = json.loads((output / f"{name}.json").read_text())
-    command = ["python results/calibration/calibrate.py", *words, "--generations 1 --seed 0"]
-    assert record["command"] == " ".join(command)
-    assert len(record["specimens"]) == 10
-    assert len(record["steps"]) == 1 + len(words) // 2  # the least squares
-    found = read_constants(output / f"{name}.toml")
-    assert found.model_dump(mode="json", exclude_none=True) == record["constants"]

@@ -162,16 +162,7 @@ def test_links_that_shall_bend_need_sections(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            "modulus_Pa = 7.0e10",
-            "modulus_Pa = 70e3",
-            r"modulus_Pa: 70000.0: .*1000000000",
-        ),
-        ("poisson = 0.33", "poisson = 0.6", r"beams.poisson: 0.6: .*equal to 0.5"),
-        ("outer_m = 0.22", "outer_m = 220", r"beams.segment.1.outer_m: 220: .*equal to 2"),
         ("wall_m = 0.006\n\n", "wall_m = 0.2\n\n", r"segment.1.*wall_m 0.2 is more than half"),
-        ("2.92e6", "-2.92e6", r"joint.1.structure_Nm_per_rad: -2920000.0: .*nor inf"),
-        ("2.92e6", "2.92e12", r"joint.1.structure_Nm_per_rad"),
         ("[[beams.segment]] # A1 to A2\nouter_m = 0.2\nwall_m = 0.006\n", "", r"6 tables .*7"),
     ],
 )
@@ -200,15 +191,9 @@ def test_rigid_bearings_keep_poses_and_loads_and_change_the_deflections(of):
     assert np.median(error) < 2e-5  # the oracle bends, too
 
 
-@pytest.mark.parametrize("of", TWINS)
-def test_the_card_states_the_hash_of_the_rigid_twin(of):
+@pytest.mark.parametrize("of", [*TWINS, Kr10TwinBeam])
+def test_the_card_states_the_hashes_of_the_data_and_of_the_rigid_twin(of):
     info = next(info for info in DATASETS if info.target.endswith(f":{of.__name__}"))
     card = (files("stiff_datasets") / info.card).read_text(encoding="utf-8")
-    assert f"`{of(physics='rigid').load().sha256}`" in card
-
-
-@pytest.mark.parametrize("of", [Kr10TwinRough, Kr10TwinBeam])
-def test_the_card_states_the_hash_of_the_data(of):
-    name = {Kr10TwinRough: "kr10_twin_rough", Kr10TwinBeam: "kr10_twin_beam"}[of]
-    card = (files("stiff_datasets") / "data" / f"{name}.md").read_text(encoding="utf-8")
     assert f"`{of().load().sha256}`" in card
+    assert of not in TWINS or f"`{of(physics='rigid').load().sha256}`" in card

@@ -26,10 +26,10 @@ from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
 from sklearn.preprocessing import FunctionTransformer
 
-from helpers.model_files import archived, changed, opened, saved_model
+from helpers.model_files import archived, changed, saved_model
 from helpers.quick_models import quick_model, twin_data
 from stiff_models import load
-from stiff_models.io.model_file import FORMAT, TRUSTED, save
+from stiff_models.io.model_file import TRUSTED, save
 from stiff_models.networks.mlp import Mlp
 from stiff_protocols.contract.errors import DataError, ModelError, NotFittedError, StoreError
 
@@ -85,12 +85,6 @@ def test_a_fresh_process_predicts_the_same_bits_and_imports_nothing_heavy_before
     np.testing.assert_array_equal(
         np.load(tmp_path / "out.npy"), model.predict(samples.q, samples.wrench)
     )
-
-
-def test_a_file_says_which_model_it_holds_and_names_no_class_of_a_shipped_model(tmp_path):
-    content = opened(saved_model(tmp_path, "vjm"))
-    assert content["format"] == FORMAT
-    assert content["model"]["class"] == "vjm"
 
 
 def there_and_back(value, folder):

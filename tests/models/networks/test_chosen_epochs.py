@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiff_models.networks.mlp import Mlp, ResidualMlp
-from stiff_models.networks.network_model import FOLDS, chosen_epochs, lengths_up_to
+from stiff_models.networks.network_model import FOLDS, chosen_epochs
 from stiff_models.transfer.ft_mlp import FtMlp
 
 SMALL = {"width": 8, "device": "cpu"}
@@ -17,12 +17,6 @@ SMALL = {"width": 8, "device": "cpu"}
 def samples_of(twin, n_poses, loads=1):
     rows = np.repeat(np.arange(n_poses), loads)
     return twin.samples.take(rows)
-
-
-def test_the_lengths_to_choose_from_end_with_the_longest():
-    assert lengths_up_to(400) == (0, 10, 30, 100, 400)
-    assert lengths_up_to(50) == (0, 10, 30, 50)
-    assert lengths_up_to(0) == (0,)
 
 
 def test_every_row_is_held_out_once_with_all_rows_of_its_pose(twin):

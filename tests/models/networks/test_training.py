@@ -8,9 +8,7 @@ import pytest
 import torch
 
 from stiff_models.networks.fully_connected import build_network, linear_layers
-from stiff_models.networks.muon import orthogonalised, whitening
 from stiff_models.networks.training import Rows, TrainingPlan, train_network
-from stiff_protocols.contract.progress import listening
 
 
 def network(seed=0, width=16):
@@ -78,28 +76,3 @@ def test_validation_rows_do_not_change_what_is_learned():
     assert all(
         torch.equal(a, b) for a, b in zip(with_rows.parameters(), without.parameters(), strict=True)
     )
-
-
-def test_progress_reports_phase_step_and_loss():
-    seen = []
-    with listening(seen.append):
-        train(network(), phase="pre-train")
-    assert {report.phase for report in seen} == {"pre-train"}
-    assert seen[-1].step == seen[-1].total == 40
-    assert seen[-1].loss is not None
-
-
-def test_muon_directions_are_nearly_orthogonal():
-    matrix = torch.randn(48, 48, generator=torch.Generator().manual_seed(0))
-    before, after = (torch.linalg.svdvals(each) for each in (matrix, orthogonalised(matrix)))
-    assert after.max() < 1.3
-    assert after.median() > 0.65 > before.median() / before.max()
-
-
-def test_whitened_inputs_have_the_same_size_in_every_direction():
-    generator = torch.Generator().manual_seed(0)
-    inputs = torch.randn(4000, 12, generator=generator) @ torch.randn(12, 12, generator=generator)
-    white = inputs @ whitening(inputs).T
-    sizes = torch.linalg.eigvalsh(white.T @ white / len(white))
-    assert sizes.max() < 1.0  # the damping shrinks small directions, and none is enlarged
-    assert sizes.median() > 0.8

@@ -13,8 +13,6 @@ from stiff_models.physics.full_vjm import FullVjm, ridge, spring_regressor, spri
 from stiff_models.physics.vjm import compliance_regressor, identify_joints
 from stiff_protocols.kinematics.serial_chain import joint_torque
 
-STIFFNESS = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
-
 
 def loads(rng, n=120):
     q = rng.uniform(-1.5, 1.5, size=(n, 6))
@@ -52,26 +50,6 @@ def test_a_joint_that_tilts_is_told_from_one_that_turns(kr10, rng):
     names, found = model.springs_.names, model.springs_.stiffness
     assert found[names.index("A1 rx")] == pytest.approx(1 / 2e-5, rel=0.02)
     assert found[names.index("A2 rz")] == pytest.approx(1 / 3e-5, rel=0.02)
-
-
-@pytest.mark.parametrize("solver", ["nnls", "ridge"])
-def test_springs_that_do_the_same_are_not_identifiable_and_named(solver, kr10, rng):
-    q, wrench = loads(rng)
-    samples = samples_with(q, wrench, kr10.joint_deflection(1 / STIFFNESS, q, wrench))
-    model = FullVjm(solver=solver).fit(samples, robot=kr10)
-    regressor = spring_regressor(kr10, q, wrench, 3).reshape(-1, 18)
-    size = np.linalg.norm(regressor, axis=0)
-    rank = np.linalg.matrix_rank(regressor / size, tol=1e-8)
-    unknown = model.springs_.unidentifiable
-    assert model.diagnostics_["springs"] == 18.0
-    assert model.diagnostics_["rank"] <= rank < 18
-    assert model.diagnostics_["springs not identifiable"] == len(unknown)
-    for name in spring_names(kr10, 3):  # a sum of others: leaving it out loses no rank
-        others = np.delete(regressor / size, spring_names(kr10, 3).index(name), axis=1)
-        if np.linalg.matrix_rank(others, tol=1e-8) == rank and "rz" not in name:
-            assert name in unknown
-    named = [key for key in model.diagnostics_ if key.startswith("prior stiffness")]
-    assert len(named) == (len(unknown) if solver == "nnls" else 0)
 
 
 def test_ridge_minimises_generalised_cross_validation_against_brute_force(rng):

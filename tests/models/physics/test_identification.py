@@ -9,13 +9,9 @@ import pytest
 
 from helpers.made_robots import seven_joint_arm
 from helpers.made_samples import samples_with
-from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.shipped_robots import shipped_robot
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.full_vjm import FullVjm, spring_regressor
-from stiff_models.physics.vjm import VirtualJointModel, compliance_regressor, identify_joints
-from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.springs.identification import least_compliance
+from stiff_models.physics.vjm import identify_joints
 
 IIWA = np.array([1.6e4, 1.4e4, 1.0e4, 1.0e4, 4e3, 1.3e3, 1.3e3])  # N m/rad
 KR10 = np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
@@ -115,16 +111,6 @@ def test_samples_that_err_together_at_a_pose_widen_the_intervals(kr10, rng):
     assert np.median(together.log_error / apart.log_error) > 1.5
 
 
-@pytest.mark.parametrize("data_set", [Kr10Twin, FanucR2000iC])
-def test_of_well_conditioned_samples_the_springs_are_those_of_least_squares(data_set):
-    data = data_set().load()
-    matrix = compliance_regressor(data.robot, data.samples.q, data.samples.wrench)
-    plain = least_compliance(matrix.reshape(-1, 6), data.samples.deflection.reshape(-1))
-    found = identify_joints(data.robot, data.samples)
-    assert found.known.all() and found.rank == 6
-    np.testing.assert_array_equal(found.compliance, plain)
-
-
 @pytest.mark.parametrize(("lengths", "loads"), [(0.1, 1.0), (1.0, 100.0), (1.0, 0.01)])
 def test_neither_the_size_of_the_robot_nor_the_unit_of_loads_matters(lengths, loads):
     robot, samples, _ = measured(ARMS["seven joints, two move"], 1)
@@ -139,13 +125,3 @@ def test_neither_the_size_of_the_robot_nor_the_unit_of_loads_matters(lengths, lo
     one, two = identify_joints(robot, samples), identify_joints(other, scaled)
     assert one.unidentifiable == two.unidentifiable
     np.testing.assert_allclose(two.compliance, one.compliance / (lengths * loads), rtol=1e-3)
-
-
-def test_a_spring_that_the_samples_cannot_tell_is_named_with_the_priors_value():
-    robot, samples, _ = measured(ARMS["seven joints, two move"], 2)
-    with pytest.warns(StiffBenchWarning, match=r"not identifiable.*J1.*J7.*the prior's"):
-        reported = VirtualJointModel().fit(samples, robot=robot).diagnostics_
-    assert np.isnan(reported["stiffness J7 [Nm/rad]"])
-    assert 1e2 < reported["prior stiffness J7 [Nm/rad]"] < 1e5
-    lower, upper = (reported[f"90 % interval {end} J4 [Nm/rad]"] for end in ("from", "to"))
-    assert lower < reported["stiffness J4 [Nm/rad]"] < upper

@@ -22,7 +22,6 @@ from stiff_models.regressors.gaussian_process import (
 from stiff_models.regressors.gp_model import GaussianProcessModel, VjmGp
 from stiff_models.regressors.mf_gp import MultiFidelityGp
 from stiff_models.regressors.regressor_model import NearestNeighbours
-from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.scoring.conformal import SplitConformal
 
@@ -111,18 +110,6 @@ def test_the_gradient_with_a_trend_is_that_of_the_likelihood_at_its_likeliest_sc
     assert value(start.theta) > log_likelihood(start, inputs, outputs)[0]
 
 
-@pytest.mark.parametrize("noise_mm", [0.01, 0.05])
-def test_no_noise_lies_below_that_of_the_instrument(noise_mm, parts):
-    robot, train, _, _ = parts
-    model = GaussianProcessModel(restarts=0, instrument_noise_mm=noise_mm)
-    model.fit(train.take(np.arange(25)), robot=robot)
-    assert (np.sqrt(model.noise_variance()) >= 0.999e-3 * noise_mm).all()
-    model.calibration_ = np.full(3, 1e-3)  # as if left-out poses were predicted to the micrometre
-    interval = model.predict_interval(train.q[:25], train.wrench[:25], 0.6827)  # of one sigma
-    assert (interval.upper - interval.lower >= 1.99e-3 * noise_mm).all()
-    assert min(model.diagnostics_.values()) >= 0.999 * noise_mm
-
-
 @pytest.mark.parametrize(
     "family",
     [GaussianProcessModel, VjmGp, pytest.param(MultiFidelityGp, marks=pytest.mark.slow)],
@@ -199,11 +186,3 @@ def test_intervals_hold_beyond_the_training_range(model, beyond, parts, real_rob
     far, truth = fitted.predict_interval(q, wrench, 0.9), real_robot.readings(q, wrench)
     assert ((far.lower <= truth) & (truth <= far.upper)).mean() >= 0.8
     assert np.median((far.upper - far.lower) / (near.upper - near.lower)) >= 1.8
-
-
-def test_rows_whose_covariance_has_no_factor_are_refused(rng):
-    inputs, outputs = rows_of(rng)
-    hopeless = Covariance("rbf", 1e5, np.array([1e4]), 0.0, jitter=0.0)
-    with pytest.raises(ModelError, match="process of 40 rows cannot be solved"):
-        GaussianProcess.of(hopeless, inputs, outputs)
-    assert log_likelihood(hopeless, inputs, outputs)[0] == -np.inf

@@ -12,11 +12,9 @@ from sklearn.gaussian_process.kernels import Matern
 from helpers.made_robots import random_chain
 from stiff_datasets.twin.robot_twin import ArmFamily, Ur5Twin
 from stiff_models.physics.full_vjm import FullVjm
-from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.gp_springs import GpSprings
 from stiff_models.regressors.spring_process import SpringProcess, likelihood_slopes
-from stiff_protocols.contract.errors import StiffBenchWarning
 from stiff_protocols.contract.types import BenchmarkData, Samples
 
 
@@ -133,33 +131,6 @@ def test_straight_curves_are_the_linear_virtual_joint_model(twin, springs, linea
     predicted = process.mean(model._loads(twin.robot, test.q, test.wrench))
     expected = linear().fit(train, robot=twin.robot).predict(test.q, test.wrench)
     np.testing.assert_allclose(predicted, expected, atol=1e-3 * np.abs(test.deflection).max())
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")
-def test_curves_of_two_slopes_are_learned_as_the_multi_segment_model_has_them(twin):
-    truth = MultiSegmentVjm().fit(twin.samples, robot=twin.robot)
-    samples = with_deflection(twin, truth)
-    train, test = samples.take(np.arange(100)), samples.take(np.arange(100, 151))
-    errors = {
-        model: np.linalg.norm(
-            model(**options).fit(train, robot=twin.robot).predict(test.q, test.wrench)
-            - test.deflection,
-            axis=1,
-        ).mean()
-        for model, options in (
-            (VirtualJointModel, {}),
-            (GpSprings, {"springs": 6, "instrument_noise_mm": 1e-3}),
-        )
-    }
-    assert errors[GpSprings] < 0.03 * errors[VirtualJointModel]
-
-
-def test_a_robot_without_masses_is_fitted_without_preload_and_says_so(twin, rng):
-    robot = replace(twin.robot, masses=np.zeros(6))
-    with pytest.warns(StiffBenchWarning, match="no masses"):
-        model = GpSprings(search_rows=10).fit(twin.samples.take(np.arange(9)), robot=robot)
-    assert not model.process_.loads.unloaded.any()
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])

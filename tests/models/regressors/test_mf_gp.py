@@ -53,9 +53,6 @@ def test_forresters_function_is_found_from_four_points_and_its_low_fidelity():
     np.testing.assert_allclose(fitted.mean(DEAR), high(DEAR), atol=1e-2)
 
 
-# at the better one the likelihood is flat up to rounding, which ends the line search
-
-
 def squared_exponential(first, second, length, variance):
     return variance * np.exp(-0.5 * ((first - second.T) / length) ** 2)
 

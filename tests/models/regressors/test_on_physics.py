@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import get_args
 
 import numpy as np
 import pytest
-import torch
 
 from stiff_models.networks.mlp import ResidualMlp
-from stiff_models.physics.vjm import OnPhysics, Physics, VirtualJointModel
+from stiff_models.physics.vjm import OnPhysics, VirtualJointModel
 from stiff_models.regressors.gp_model import VjmGp
 from stiff_models.regressors.regressor_model import VjmBoosting, ZeroModel
 
@@ -66,17 +64,3 @@ def test_validation_rows_reach_the_residual_network_and_never_the_physics(parts)
     np.testing.assert_array_equal(*(fit.physics_.springs_.compliance for fit in fits))
     one, other = (fit.curves_["training"][:, 2] for fit in fits)
     assert (one != other).all() and np.isfinite([one, other]).all()
-
-
-@pytest.mark.parametrize("physics", get_args(Physics))
-def test_the_torch_form_of_the_residual_network_holds_its_physics(physics, parts):
-    robot, train, _, test = parts
-    model = ResidualMlp(physics=physics, layers=1, width=8, epochs=5, device="cpu")
-    model.fit(train, robot=robot)
-    # torch takes no read-only array
-    inputs = (torch.tensor(test.q), torch.tensor(test.wrench))
-    np.testing.assert_allclose(
-        model._torch_module().eval()(*inputs).detach().numpy(),
-        model.predict(test.q, test.wrench),
-        atol=1e-9,
-    )

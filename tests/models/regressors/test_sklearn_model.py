@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import pickle
-import warnings
 
 import numpy as np
 import pytest
-from sklearn.exceptions import ConvergenceWarning
 
 from stiff_bench.plan.options import options_of
 from stiff_models.networks.encoded_model import Scaler, encode
-from stiff_models.regressors.regressor_model import told_as_ours
 from stiff_models.regressors.sklearn_model import literal, member
-from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
+from stiff_protocols.contract.errors import ConfigError, ModelError
 
 FOREST = "sklearn:ensemble.RandomForestRegressor"
 
@@ -78,16 +75,7 @@ def test_the_options_are_the_regressors_arguments_with_their_documented_types():
 
 @pytest.mark.parametrize(
     "text, value",
-    [
-        ("300", 300),
-        ("0.5", 0.5),
-        ("None", None),
-        ("true", True),
-        ("sqrt", "sqrt"),
-        ("(10, 10)", (10, 10)),
-        ("[1, 2", "[1, 2"),
-        (5, 5),
-    ],
+    [("300", 300), ("None", None), ("true", True), ("sqrt", "sqrt"), ("(10, 10)", (10, 10))],
 )
 def test_texts_mean_python_literals_where_they_can(text, value):
     assert literal(text) == value and type(literal(text)) is type(value)
@@ -111,8 +99,6 @@ def test_a_bad_value_is_refused_before_anything_is_computed():
     [
         ("sklearn:RandomForestRegressor", FOREST),
         ("sklearn:linear_model.RandomForestRegressor", FOREST),
-        ("sklearn:ensemble._forest.RandomForestRegressor", FOREST),
-        ("sklearn:ensemble.randomforestregressor", FOREST),
         ("sklearn:ensemble.RandomForestRegresor", FOREST),
         ("vjm+sklearn:RandomForestRegressor", "vjm+" + FOREST),
     ],
@@ -151,19 +137,3 @@ def test_a_regressor_that_draws_from_numpys_global_state_follows_the_seed_and_le
     state = np.random.get_state()[1].copy()  # noqa: NPY002
     make("sklearn:svm.SVR").fit(train, robot=robot, seed=3)  # libsvm's seed is drawn there
     np.testing.assert_array_equal(np.random.get_state()[1], state)  # noqa: NPY002
-
-
-@pytest.mark.parametrize(
-    ("text", "category", "kept", "told"),
-    [
-        ("lbfgs  failed\n\nYou might scale", ConvergenceWarning, False, "^lbfgs failed$"),
-        ("y residual is constant", UserWarning, False, "^y residual is constant$"),
-        ("overflow", RuntimeWarning, False, "^the regressor's arithmetic: overflow$"),
-        ("odd", FutureWarning, True, "^odd$"),  # said of its code
-    ],
-)
-def test_what_a_regressor_says_of_the_samples_becomes_our_warning(text, category, kept, told):
-    expected = category if kept else StiffBenchWarning
-    with pytest.warns(expected, match=told) as caught, told_as_ours():
-        warnings.warn(text, category, stacklevel=1)
-    assert caught[0].category is expected

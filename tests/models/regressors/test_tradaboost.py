@@ -7,10 +7,8 @@ import pytest
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.tree import DecisionTreeRegressor
 
-from helpers.made_samples import samples_with
 from stiff_models.regressors.tradaboost import (
     Domains,
-    TrAdaBoost,
     adaboost_r2,
     cross_validated,
     relative_errors,
@@ -109,28 +107,3 @@ def test_rows_of_a_pose_are_never_in_two_folds():
     assert by_pose > 5.0 > by_row
     one = np.full(len(rows), "a")
     assert np.isnan(cross_validated(memory, rows, weights, one, rounds=1, folds=4))
-
-
-COMPLIANCE = 1.0 / np.array([5e4, 6e4, 5e4, 2e3, 9e3, 1e3])  # rad/(N m)
-FEW = {"source_samples": 80, "steps": 4, "rounds": 1}
-
-
-@pytest.fixture(scope="module")
-def linear_samples(kr10):
-    """Samples of a robot that is its VJM."""
-    rng = np.random.default_rng(5)
-    q, wrench = rng.uniform(-1.0, 1.0, size=(40, 6)), rng.normal(scale=50.0, size=(40, 6))
-    return samples_with(q, wrench, kr10.joint_deflection(COMPLIANCE, q, wrench))
-
-
-def softer(factor):
-    stiffness = ",".join(f"{1.0 / (factor * c):.17g}" for c in COMPLIANCE)
-    return {"source_stiffness": "nominal", "nominal_stiffness": stiffness}
-
-
-def test_a_source_of_softer_joints_is_given_up_and_the_true_one_kept(kr10, linear_samples):
-    def share(**options):
-        model = TrAdaBoost(**FEW, **options).fit(linear_samples, robot=kr10, seed=1)
-        return np.mean([model.diagnostics_[f"simulated share of the weight {a}"] for a in "XYZ"])
-
-    assert share(**softer(5.0)) < 0.5 * share()

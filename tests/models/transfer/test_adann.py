@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import copy
-
 import numpy as np
 import pytest
 import torch
 
 from helpers.domain_rows import INPUTS, OF_TARGET, TARGETS
 from helpers.made_samples import with_other_labels
-from stiff_models.networks.fully_connected import build_network, linear_layers
+from stiff_models.networks.fully_connected import build_network
 from stiff_models.networks.training import HUBER_DELTA
 from stiff_models.transfer.adann import (
     REGRESSORS_SHARE,
@@ -42,18 +40,6 @@ def gradients(network, loss):
     parameters = dict(network.named_parameters())
     found = torch.autograd.grad(loss, list(parameters.values()), allow_unused=True)
     return dict(zip(parameters, found, strict=True))
-
-
-@pytest.mark.parametrize(("layers", "common"), [(1, 1), (3, 2), (4, 2)])
-def test_the_regressors_share_the_first_half_of_the_hidden_layers(layers, common):
-    network = two_regressors(layers)
-    assert len(linear_layers(network.extractor)) == common
-    for regressor in (network.first, network.second):
-        assert len(linear_layers(regressor)) == layers + 1 - common
-    features = network.extractor(INPUTS)
-    assert network.disagreement(features) > 0.0
-    mean = (network.first(features) + network.second(features)) / 2
-    torch.testing.assert_close(network(INPUTS), mean)
 
 
 def test_before_a_sixth_of_the_training_both_regressors_learn_the_source_alone():
@@ -110,17 +96,6 @@ def test_unsupervised_labels_of_the_target_change_nothing_but_the_source(parts):
         assert model.regime == ("" if used else NO_TARGET_LABELS)
     identified = predictions(fit(parts, with_other_labels(train)), parts)
     assert np.abs(identified - predictions(fit(parts), parts)).max() > 0.0
-
-
-@pytest.mark.usefixtures("quick")
-def test_a_result_says_how_far_the_regressors_are_apart_on_the_target(parts):
-    model = fit(parts)
-    network, rows = copy.deepcopy(model.network_), model._measured_rows(parts[1])
-    with torch.no_grad():
-        features = network.extractor(rows.inputs)
-        apart = (network.first(features) - network.second(features)).abs().double().numpy()
-    expected = 1000.0 * (apart * model.output_scaler_.scale).mean()
-    assert model.diagnostics_["disagreement on the target [mm]"] == pytest.approx(expected)
 
 
 @pytest.mark.usefixtures("small_source")

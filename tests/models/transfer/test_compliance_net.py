@@ -56,18 +56,3 @@ def test_its_prediction_is_the_equation_with_its_compliances(fitted, parts):
         np.einsum("nij,nj->ni", rows[:, :3], bent),
         atol=1e-6 * np.abs(test.deflection).max(),
     )
-
-
-def test_pre_training_on_nominal_stiffnesses_moves_it_to_them(parts):
-    robot, train, held_out, test = parts
-    options = {"source_stiffness": "nominal", "source_wrenches": "data", "source_poses": "data"}
-    twice = ",".join(
-        str(0.5 / c) for c in VirtualJointModel().fit(train, robot=robot).springs_.compliance
-    )
-    model = ComplianceNet(
-        **SMALL, **options, nominal_stiffness=twice, pretrain_steps=150, epochs=0
-    ).fit(train, robot=robot, validation=held_out)
-    stiff = VirtualJointModel().fit(train, robot=robot).predict(test.q, test.wrench)
-    learned = model.predict(test.q, test.wrench)
-    # the reference is the source's own compliance, which is twice the identified one
-    np.testing.assert_allclose(learned, 2.0 * stiff, atol=0.05 * np.abs(stiff).max())

@@ -20,18 +20,6 @@ def ensemble(parts):
     return DeepEnsemble(**SMALL, members=3).fit(train, robot=robot, validation=held_out, seed=4)
 
 
-@pytest.mark.slow
-def test_its_first_member_is_ft_mlp_with_the_same_seed_and_the_others_differ(ensemble, parts):
-    robot, train, held_out, test = parts
-    alone = FtMlp(**SMALL).fit(train, robot=robot, validation=held_out, seed=4)
-    first, second, third = (m.predict(test.q, test.wrench) for m in ensemble.members_)
-    np.testing.assert_array_equal(first, alone.predict(test.q, test.wrench))
-    assert (first != second).any() and (second != third).any()
-    np.testing.assert_allclose(
-        ensemble.predict(test.q, test.wrench), (first + second + third) / 3, atol=1e-12
-    )
-
-
 def test_intervals_contain_the_prediction_grow_with_coverage_and_with_disagreement(ensemble, parts):
     test = parts[3]
     middle = ensemble.predict(test.q, test.wrench)
@@ -80,17 +68,6 @@ def test_common_errors_and_the_spread_make_up_the_error_of_the_mean(members, sca
     expected = (all_of_them.mean(axis=0) ** 2).mean(axis=0)
     together = found**2 + all_of_them.var(axis=0).mean(axis=0)
     np.testing.assert_allclose(together, expected, rtol=0.1)
-
-
-def test_a_network_that_is_fine_tuned_anew_on_the_same_samples_is_the_same(parts):
-    robot, train, _, test = parts
-    once = FtMlp(**SMALL).fit(train, robot=robot, seed=4)
-    before = once.predict(test.q, test.wrench)
-    anew = once.fine_tuned_anew(train, None, 4)
-    np.testing.assert_array_equal(anew.predict(test.q, test.wrench), before)
-    other = once.fine_tuned_anew(train.take(np.arange(len(train) // 2)), None, 4)
-    assert (other.predict(test.q, test.wrench) != before).any()
-    np.testing.assert_array_equal(once.predict(test.q, test.wrench), before)
 
 
 def test_samples_of_one_pose_cannot_give_it_intervals(parts):

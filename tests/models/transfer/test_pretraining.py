@@ -35,16 +35,6 @@ def with_compliance(robot, samples, factors):
     return replace(samples, deflection=predicted(vjm, samples))
 
 
-def test_reference_compliances_are_powers_of_four_within_a_factor_of_two(rng):
-    compliance = np.append(np.exp(rng.uniform(-20, 5, size=200)), 0.0)
-    reference = power_of_four(compliance)
-    assert reference[-1] == 0.0
-    exponent = np.log(reference[:-1]) / np.log(4)
-    np.testing.assert_allclose(exponent, exponent.round(), atol=1e-9)
-    ratio = compliance[:-1] / reference[:-1]
-    assert (ratio >= 0.5).all() and (ratio <= 2.0).all()
-
-
 @pytest.mark.parametrize("cls", [MlpPretrained, DtCnn])
 def test_predictions_are_linear_in_the_identified_compliances(cls, twin, trainings):
     samples = with_compliance(twin.robot, twin.samples, np.ones(6))

@@ -104,24 +104,3 @@ def test_the_papers_source_is_refused_for_a_robot_without_six_joints(rng):
     one = random_chain(rng, ("revolute",))
     with pytest.raises(ConfigError, match=r"Table 4 has 6 joints, robot 'chain' has 1"):
         model_with(source_poses="paper").check_robot(one)
-
-
-def test_the_source_of_few_poses_is_wider_than_they_are(twin, rng):
-    samples, shares = twin.samples, []
-    for _ in range(10):
-        few = samples.take(np.sort(rng.choice(len(samples), 5, replace=False)))
-        design = source_design("sobol", "uniform", twin.robot, few, 0)
-        reached = design.q.min(axis=0) - 0.01, design.q.max(axis=0) + 0.01
-        shares.append(
-            [
-                ((low <= samples.q) & (samples.q <= high)).all(axis=1).mean()
-                for low, high in (joint_ranges(twin.robot, few.q), reached)
-            ]
-        )
-    within_few, within_source = np.mean(shares, axis=0)
-    assert within_few < 0.6 and within_source > 0.7
-    many = samples.take(np.arange(20))
-    bounds = source_design("sobol", "uniform", twin.robot, many, 0).q
-    lower, upper = joint_ranges(twin.robot, many.q)
-    np.testing.assert_allclose(bounds.min(axis=0), lower, atol=1e-3)
-    np.testing.assert_allclose(bounds.max(axis=0), upper, atol=1e-3)
