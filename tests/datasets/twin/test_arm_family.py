@@ -1,16 +1,45 @@
-"""Ten types of robot: poses, loads and gears of a plausible size."""
+"""Ten types of robot: constants of a plausible size, drawn by the rule that their files state."""
 
 from __future__ import annotations
+
+from importlib.resources import files
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from tabulate import tabulate
 
-from stiff_datasets.twin.constants import shipped_constants
+from stiff_datasets.planning.loads import hook_wrenches, stream
+from stiff_datasets.twin.constants import shipped_constants, specimen_beams
 from stiff_datasets.twin.robot_twin import ARMS, ArmFamily
+from stiff_datasets.twin.twin import DigitalTwin
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 
 NUMBERS = range(len(ARMS))
+CLASSES = [  # lighter than kg: structure over K2, tilting ratio, wall over diameter
+    (10.0, 4.0, 3.0, 0.06),
+    (50.0, 4.0, 4.0, 0.06),
+    (np.inf, 4.0, 5.0, 0.045),
+]
+LOST_MOTION_ARCMIN = 0.8
+TUBES = [0.22, 0.2, 0.14, 0.12, 0.1, 0.08, 0.06]  # diameter over reach
+DIGITS = 6e-3  # three are kept
+HEADINGS = (
+    *("robot", "maker", "type", "payload kg", "reach m"),
+    *("moving mass kg", "masses", "deflection mm", "largest mm"),
+)
+MAKERS_WORDS = (  # and where the masses of the links are from; the URDF says it in full
+    ("ABB", "`IRB 120-3/0.6`", "public, from CAD"),
+    ("Stäubli", "`TX60`", "public, from CAD"),
+    ("FANUC", "`LR Mate 200iD`", "scaled from KR 6 R700-2"),
+    ("Yaskawa", "`GP12`", "scaled from KR 12 R1450 HW"),
+    ("KUKA", "`KR 16 R1610-2`", "public; split inside the wrist"),
+    ("FANUC", "`M-20iB/25`", "scaled from KR 20 R1820-2 E"),
+    ("ABB", "`IRB 4600-40/2.55`", "scaled from KR 50 R2500"),
+    ("KUKA", "`KR 70 R2100`", "public"),
+    ("Yaskawa", "`GP180`", "scaled from KR 120 R2700-2"),
+    ("KUKA", "`KR 240 R2900-2`", "public"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +50,43 @@ def constants():
 @pytest.fixture(scope="module")
 def data():
     return [ArmFamily(robot=number).load() for number in NUMBERS]
+
+
+def wrist_reach(robot):
+    """How far from joint 1's axis, which is vertical, the wrist (joint 5) comes, stretched, m."""
+    origins = robot.forward(np.zeros((1, robot.n_joints))).points[0]
+    across = robot.axes[1]  # joints 2, 3 and 5 turn about one direction at zero joint angles
+    shoulder, elbow, wrist = (point - across * (across @ point) for point in origins[[1, 2, 4]])
+    offset = np.linalg.norm((shoulder - origins[0])[:2])
+    return float(offset + np.linalg.norm(elbow - shoulder) + np.linalg.norm(wrist - elbow))
+
+
+@pytest.fixture(scope="module")
+def deflections(data, constants):
+    """(151,) mm by the payload that hangs from each arm's hook, links bent, without noise."""
+    found = []
+    for one, twin in zip(data, constants, strict=True):
+        robot, q = twin.robot(), one.samples.q
+        beams = specimen_beams(twin, robot, 0, asked=True)
+        weight = np.tile([0.0, 0.0, -twin.payload_kg * STANDARD_GRAVITY], (len(q), 1))
+        wrench = hook_wrenches(weight, robot.forward(q).rotation @ np.array(twin.hook_m))
+        moved = DigitalTwin(robot, twin.springs, beams=beams).readings(q, wrench)
+        found.append(np.linalg.norm(moved, axis=1) * 1000)
+    return found
+
+
+def test_the_card_has_the_table_and_the_hash_of_the_data(data, constants, deflections):
+    card = (files("stiff_datasets") / "data" / "arm_family.md").read_text(encoding="utf-8")
+    rows = [
+        (
+            *(number, *MAKERS_WORDS[number][:2], f"{twin.payload_kg:g}"),
+            *(f"{wrist_reach(twin.robot()):.2f}", f"{twin.robot().masses.sum():.3g}"),
+            *(MAKERS_WORDS[number][2], f"{np.median(moved):.2f}", f"{moved.max():.1f}"),
+        )
+        for number, (twin, moved) in enumerate(zip(constants, deflections, strict=True))
+    ]
+    assert tabulate(rows, HEADINGS, tablefmt="github", disable_numparse=True) in card
+    assert f"`{data[0].sha256}`" in card
 
 
 def test_ten_robots_have_151_poses_inside_the_limits_and_loads_to_80_percent(data, constants):
@@ -48,3 +114,23 @@ def test_a_gears_rated_torque_is_near_the_joints_static_torque(number, data, con
     largest = (np.array(weight) + twin.payload_kg * STANDARD_GRAVITY * lever).max(axis=0)
     ratio = np.array([joint.springs.gear.rated_Nm for joint in twin.joint]) / largest
     assert (ratio > 0.5).all() and (ratio < 4).all()  # 14 is the smallest size
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_the_constants_are_those_of_the_rule_in_the_files_head(number, constants):
+    twin = constants[number]
+    structure, tilting, wall = next(
+        values for lighter, *values in CLASSES if twin.payload_kg < lighter
+    )
+    rng = stream("arm-family", twin.name)
+    factors, tubes = np.exp(0.3 * rng.normal(size=(6, 3))), np.exp(0.1 * rng.normal(size=7))
+    for joint, (stiff, tilted, lost) in zip(twin.joint, factors, strict=True):
+        middle = joint.springs.gear.slopes_Nm_per_rad[1]
+        assert joint.structure_Nm_per_rad == pytest.approx(structure * stiff * middle, rel=DIGITS)
+        assert joint.tilting_ratio == pytest.approx(np.clip(tilting * tilted, 1, 8), rel=DIGITS)
+        assert joint.lost_motion_arcmin == pytest.approx(LOST_MOTION_ARCMIN * lost, rel=DIGITS)
+    reach = wrist_reach(twin.robot())
+    assert twin.clearance_m == pytest.approx(0.2 * reach / 1.101, rel=DIGITS)
+    for segment, share, factor in zip(twin.beams.segment, TUBES, tubes, strict=True):
+        assert segment.outer_m == pytest.approx(share * reach * factor, rel=DIGITS)
+        assert segment.wall_m == pytest.approx(wall * segment.outer_m, rel=DIGITS)
