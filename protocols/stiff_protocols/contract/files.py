@@ -39,14 +39,16 @@ def check_new_file(path: Path) -> None:
 def written_whole(path: Path) -> Iterator[Path]:
     """Give the path of a temporary file beside `path`; rename it to `path` at the end.
 
-    Readers see the old file or the new one, never a part. After an error or an exception that
-    stops the program, the old one stands and nothing else is left. StoreError: the file cannot be
-    written.
+    Readers see the old file or the new one, never a part, after a power cut too. After an error or
+    an exception that stops the program, the old one stands and nothing else is left. StoreError:
+    the file cannot be written.
     """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
     try:
         temporary.touch()
         yield temporary
+        with temporary.open("rb+") as file:  # on the disk before it has the name
+            os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from error
