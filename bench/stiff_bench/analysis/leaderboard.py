@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from pandas import DataFrame, Series
+from scipy.stats import rankdata
 
 from stiff_bench.analysis.collected import (
     Case,
@@ -35,7 +36,7 @@ from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import TRAINING_MARK, mark_of
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.scoring.paired import LEVEL, ranked
+from stiff_protocols.scoring.paired import LEVEL
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +229,7 @@ def _rank_interval(
     nearer to the middle: bounds are widened to hold the mean rank itself.
     """
     ranks = [
-        ranked(drawn[:, [case.models.index(model) for model in models]])  # (B, m)
+        rankdata(drawn[:, [case.models.index(model) for model in models]], axis=1)  # (B, m)
         for case in cases
         if (drawn := case.errors.drawn) is not None
     ]

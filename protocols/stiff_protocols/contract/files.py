@@ -39,23 +39,21 @@ def check_new_file(path: Path) -> None:
 def written_whole(path: Path) -> Iterator[Path]:
     """Give the path of a temporary file beside `path`; rename it to `path` at the end.
 
-    Readers see the old file or the new one, never a part. After an error or an exception that
-    stops the program, the old one stands and nothing else is left. StoreError: the file cannot be
-    written.
+    Readers see the old file or the new one, never a part, after a power cut too. After an error or
+    an exception that stops the program, the old one stands and nothing else is left. StoreError:
+    the file cannot be written.
     """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
     try:
         temporary.touch()
         yield temporary
+        with temporary.open("rb+") as file:  # on the disk before it has the name
+            os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
-
-
-LARGEST = 2**16
-"""Bytes; `tomllib` takes the square of a long dotted key's parts."""
 
 
 def read_toml(
@@ -66,14 +64,11 @@ def read_toml(
     Args:
         path: of the file.
         named: how the error names it; "": by its path.
-        error: that is raised where it cannot be read, or is no TOML, or larger than any settings.
+        error: that is raised where it cannot be read or is no TOML.
     """
     try:
         with path.open("rb") as file:
-            content = file.read(LARGEST + 1)
-        if len(content) > LARGEST:
-            raise ValueError(f"larger than {LARGEST} bytes")
-        return tomllib.loads(content.decode())
+            return tomllib.load(file)
     except OSError as problem:
         reason = problem.strerror or problem
         raise error(f"{named or path}: cannot be read: {reason}") from problem

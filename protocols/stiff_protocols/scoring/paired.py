@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
+from scipy import special, stats
 
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.types import FloatArray, frozen_array
@@ -24,18 +24,6 @@ LEVEL = 0.05
 """Probability of a false positive that a test allows."""
 MOST_EXACT = 50
 """Up to so many differences the signed-rank test's p-value is counted: 2^50 signs are exact."""
-
-
-def ranked(values: ArrayLike) -> FloatArray:
-    """Return the ranks within each row of (..., m): 1 is the smallest, ties share their mean rank.
-
-    A row that holds NaN has NaN ranks. It is scipy.stats.rankdata, whose import adds 0.8 s to every
-    leaderboard; the tests compare with it.
-    """
-    each = np.asarray(values, dtype=np.float64)
-    mine, others = each[..., :, None], each[..., None, :]
-    ranks = (others < mine).sum(axis=-1) + 0.5 * ((others == mine).sum(axis=-1) + 1.0)
-    return np.where(np.isnan(each).any(axis=-1, keepdims=True), np.nan, ranks)
 
 
 def check_share(name: str, value: float) -> None:
@@ -171,10 +159,8 @@ def wilcoxon_signed_rank(differences: ArrayLike) -> float:
     if not len(values):
         return 1.0
     if len(values) > MOST_EXACT:
-        from scipy import stats  # it takes longer to import than a leaderboard
-
         return float(stats.wilcoxon(values, method="approx").pvalue)
-    doubled_ranks = np.rint(2.0 * ranked(np.abs(values))).astype(int)  # halves become whole
+    doubled_ranks = np.rint(2.0 * stats.rankdata(np.abs(values))).astype(int)  # halves become whole
     ways = _ways_to_sum(tuple(np.sort(doubled_ranks).tolist()))
     positive = int(doubled_ranks[values > 0.0].sum())
     tail = ways[: min(positive, len(ways) - 1 - positive) + 1].sum()

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import numpy as np
 from annotated_types import Ge
 from sklearn.base import BaseEstimator, clone
+from sklearn.utils.metaestimators import available_if
 
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -186,6 +187,11 @@ class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
         """Return the chosen model's (n, 3) deflection [m] for `q` [rad] and `wrench` [N, N m]."""
         return self._fitted().predict(q, wrench)
 
+    @available_if(lambda search: offers(search.model, "predict_interval"))  # type: ignore[untyped-decorator]
+    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
+        """Return the chosen model's interval; only of a model that gives intervals."""
+        return self._fitted().predict_interval(q, wrench, coverage)
+
     def _fitted(self) -> StiffnessModel:
         if not hasattr(self, "model_"):
             raise NotFittedError("InnerSearch: call fit before predict")
@@ -289,17 +295,6 @@ class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
         return made
 
 
-class InnerSearchWithIntervals(InnerSearch):
-    """The same for a model that gives intervals of its own."""
-
-    def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return the chosen model's interval."""
-        fitted = self._fitted()
-        if not offers(fitted, "predict_interval"):
-            raise ModelError(f"{type(fitted).__name__} gives no intervals")
-        return fitted.predict_interval(q, wrench, coverage)
-
-
 def _value(trial: Trial, name: str, values: Sequence[Any] | Range) -> Any:
     """Return the trial's value of an option.
 
@@ -338,8 +333,7 @@ class Nested(Holdout):
 
     def tuned(self, model: StiffnessModel, grid: Grid) -> StiffnessModel:
         """Return the model that chooses from `grid` in its own fit."""
-        search = InnerSearchWithIntervals if offers(model, "predict_interval") else InnerSearch
-        return search(
+        return InnerSearch(
             model,
             grid,
             search=self.search,

@@ -146,7 +146,6 @@ def test_with_few_training_rows_the_tested_share_of_the_data_is_correction_enoug
     assert rate + 2 * error < ALLOWED
 
 
-@pytest.mark.slow
 def test_the_corrected_t_is_a_little_too_bold_for_models_with_a_parameter_per_three_poses():
     """The limit of the test, stated in docs/comparing.md: 40 parameters on 120 training poses."""
     rate, error = rate_and_error(corrected_p_values(differences_of(40, 125, n_features=40)))
@@ -184,7 +183,6 @@ def verdicts_on(a, b, rows):
     return decide_pairs(errors, pairs, Question())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("errors_of", [least_squares_fits, fits_that_start_anew])
 def test_over_five_splits_a_verdict_has_a_winner_in_at_most_6_of_100(errors_of):
     rng = np.random.default_rng(3)
@@ -213,7 +211,6 @@ def bootstrap_rate(a, b):
     return rate, np.sqrt(rate * (1 - rate) / len(a))
 
 
-@pytest.mark.slow
 def test_the_bootstrap_over_31_poses_is_a_little_narrow_even_for_fixed_models():
     """Neither model is fitted: each knows its features' true weights."""
     features, target = simulated(np.random.default_rng(1), 1500, n_poses=31)
@@ -223,7 +220,6 @@ def test_the_bootstrap_over_31_poses_is_a_little_narrow_even_for_fixed_models():
     assert LEVEL < rate - 2 * error and rate + 2 * error < 2 * LEVEL
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("spread", "at_least"), [(0.1, 0.10), (0.2, 0.18)])
 def test_the_bootstrap_over_poses_does_not_cover_that_a_fit_ends_elsewhere_each_time(
     spread, at_least

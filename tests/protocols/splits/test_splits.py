@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sklearn.model_selection import GroupShuffleSplit
 
 from helpers.made_samples import unloaded
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import Split
 from stiff_protocols.splits.checks import first_fault
-from stiff_protocols.splits.generators import LazySplits, inner_validation
+from stiff_protocols.splits.generators import LazySplits
 from stiff_protocols.splits.random_splits import (
     Holdout,
     KFold,
@@ -166,17 +165,6 @@ def test_splits_that_keep_the_rules_or_declare_what_they_do_have_no_fault():
     assert first_fault([reporting], 10, **declared) == ""
     training_on_test = replace(reporting, train=np.arange(9))
     assert "trains on 3 rows" in first_fault([training_on_test], 10, **declared)
-
-
-def test_the_inner_part_is_that_of_scikit_learns_splitter():
-    samples = unloaded(23, 3)
-    train = np.random.default_rng(0).permutation(69)[:50]
-    for seed, fraction in ((0, 0.2), (5, 0.5), (2**32 - 1, 0.07)):
-        found = inner_validation(samples, train, fraction, seed)
-        theirs = GroupShuffleSplit(n_splits=1, test_size=fraction, random_state=seed)
-        ((fit, validate),) = theirs.split(train, groups=samples.pose_id[train])
-        np.testing.assert_array_equal(found.train, np.sort(train[fit]))
-        np.testing.assert_array_equal(found.validation, np.sort(train[validate]))
 
 
 def test_lazy_splits_are_computed_when_they_are_looked_at_and_are_the_same_every_time():
