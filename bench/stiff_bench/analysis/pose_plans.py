@@ -41,7 +41,6 @@ from stiff_datasets.planning.plan_gain import (
     plan_gain,
     variance_gain,
 )
-from stiff_datasets.robots.shipped_robots import shipped_chain
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import (
@@ -167,8 +166,7 @@ def first_plan(robot: Robot, how: PlanOptions, *, is_papers: bool = False) -> Po
         reference = np.array([1.0 / stiffness[joint] for joint in robot.joint_names])
     if is_papers and how.poses is None and how.criterion is None:
         name = "the paper's plan"
-        papers = shipped_chain(robot.name, tcp=[*robot.tcp_on_flange])
-        plan = paper_plan(papers, how.payload_kg, how.seed, how.clearance)
+        plan = paper_plan(robot, how.payload_kg, how.seed, how.clearance)
     else:
         design = SpringDesign(regressors, how.criterion or "d-optimal")
         name = f"chosen, {design.criterion}"

@@ -119,7 +119,7 @@ class Correction:
             table = self.table.take(np.arange(start, min(start + BLOCK, n_points)))
             driven, wrench = branch.driven(table.path, table.q), table.path.wrench
             if problems := path_problems(table, robot, driven):
-                raise problems_error(self.file, problems, "mend this one first")
+                raise problems_error(self.file, problems)
             found = compensate(
                 self._predict,
                 robot,

@@ -24,7 +24,7 @@ def load_robot(name: str = DEFAULT_ROBOT, *, tcp: Sequence[float] | None = None)
     Raises:
         ConfigError: there is no such robot.
     """
-    return robot_of(named_robot(name).chain(tcp))
+    return named_robot(name).robot(tcp)
 
 
 def read_robot(

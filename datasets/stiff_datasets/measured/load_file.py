@@ -80,11 +80,11 @@ def read_loads(path: Path, robot: Robot, sheet_name: str | None = None) -> LoadT
     sheet = read_sheet(path, sheet_name).recognised(all_columns(robot))
     problems = table_problems(sheet, all_columns(robot), (*ID_COLUMNS, *DEFLECTION_COLUMNS))
     if problems:
-        raise problems_error(path, problems, "")
+        raise problems_error(path, problems)
     joints = joint_columns(robot)
     q_file, wrench, problems = numbers_and_loads(sheet, joints)
     if problems:
-        raise problems_error(path, problems, "mend this one first")
+        raise problems_error(path, problems)
     outside = list(limit_problems(sheet, q_file, robot))
     names = [name for name in ID_COLUMNS if name in sheet.cells]
     columns: dict[str, object] = {name: sheet.cells[name].to_numpy(dtype=object) for name in names}

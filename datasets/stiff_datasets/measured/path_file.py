@@ -187,7 +187,7 @@ def read_path(
         both = ", ".join(name for name in sheet.cells if name in {*poses, *joints})
         valid = f"{','.join(POSITION_COLUMNS)} with {','.join(ANGLE_COLUMNS)} or "
         valid += f"{','.join(QUATERNION_COLUMNS)}; or {','.join(joints)}"
-        raise problems_error(file, [Problem(f"header: more than one of these: {both}", valid)], "")
+        raise problems_error(file, [Problem(f"header: more than one of these: {both}", valid)])
     for number in () if load is None else load:
         if not abs(number) <= LARGEST_NUMBER:  # neither is nan
             valid = f"numbers within +-{LARGEST_NUMBER:g} N and N m"
@@ -203,7 +203,7 @@ def read_path(
         joints_of = f"the {robot.n_joints} joints of {robot.name}"
         problems.append(Problem(f"header: further joints {', '.join(further)}", joints_of))
     if problems:
-        raise problems_error(file, problems, "")
+        raise problems_error(file, problems)
     given = NO_TORQUE if load is None else dict(zip(WRENCH_COLUMNS, load, strict=True))
     sheet = filled(sheet, given)
     numbers, wrench, problems = numbers_and_loads(sheet, places)
@@ -213,7 +213,7 @@ def read_path(
         problems = [*_pose_problems(sheet, numbers, angles)]
     frame_name, mixed = _frame_name(sheet, frame)
     if problems := [*problems, *mixed]:
-        raise problems_error(file, problems, "mend this one first")
+        raise problems_error(file, problems)
     q, written = None, pd.DataFrame(dict(zip(places[3:], numbers.T[3:], strict=True)))
     if by_joints:
         q = numbers / file_units(robot)

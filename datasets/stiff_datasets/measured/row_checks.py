@@ -22,7 +22,7 @@ from stiff_datasets.measured.sample_columns import (
     file_units,
     joint_columns,
 )
-from stiff_datasets.measured.sheet_files import MAYBE_GROUPED, Sheet
+from stiff_datasets.measured.sheet_files import MAYBE_GROUPED, NUMBER, Sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, TextArray
 
@@ -66,7 +66,9 @@ class Problem:
         return f"row {self.row}, column {self.column}: {self.value!r}, expected {self.valid}"
 
 
-def problems_error(path: Path, problems: Sequence[Problem], hint: str) -> DataError:
+def problems_error(
+    path: Path, problems: Sequence[Problem], hint: str = "mend this one first"
+) -> DataError:
     """Return the error that names the first problem, and how many more there are."""
     first, *further = sorted(problems, key=lambda problem: problem.row or 0)
     more = f" (and {len(further)} more; {hint})" if further else ""
@@ -84,7 +86,8 @@ def table_problems(
         optional: those that may be missing.
     """
     file_columns = list(sheet.cells.columns)
-    if sum(map(_is_number, sheet.unused)) > len(columns) / 2:
+    numbers = [name for name in sheet.unused if NUMBER.fullmatch(name.replace(",", "."))]
+    if len(numbers) > len(columns) / 2:
         return [Problem("no header: the first row holds numbers", ",".join(columns))]
     missing = [name for name in columns if name not in (*file_columns, *optional)]
     repeated = sorted({name for name in file_columns if file_columns.count(name) > 1})
@@ -106,14 +109,6 @@ def table_problems(
             Problem(shortened(f"header: {'; '.join(parts)}", 500), ",".join(columns) + may_miss)
         ]
     return [Problem("no data rows below the header", "")] if sheet.cells.empty else []
-
-
-def _is_number(name: str) -> bool:
-    try:
-        float(name.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:

@@ -58,7 +58,7 @@ LONGEST_CELL = 100
 LONGEST_LINE = 20_000
 """Characters; a line of 500,000 commas takes pandas seconds."""
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+", re.ASCII)
 """A number with thousands separators and decimals; 1.234 alone may be either."""
 MAYBE_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}", re.ASCII)
@@ -130,7 +130,7 @@ class Sheet:
         names = [*ID_COLUMNS, "frame"]
         columns = [cells for name, cells in self.cells.items() if name not in names]
         texts = [cell for cells in columns for cell in cells if isinstance(cell, str)]
-        texts = [text for text in texts if _NUMBER.fullmatch(text.replace(",", "."))]
+        texts = [text for text in texts if NUMBER.fullmatch(text.replace(",", "."))]
         clear = {
             sign
             for sign in ".,"
@@ -343,7 +343,7 @@ def _sheet_of_rows(path: Path, rows: list[_Row], decimal: str) -> Sheet:
 def _units_row(cells: Sequence[Any]) -> list[str] | None:
     """Return the unit of each column, "" for none, if the row below a header states them."""
     texts = [str(cell).strip() for cell in cells]
-    if any(_NUMBER.fullmatch(text.replace(",", ".")) for text in texts):
+    if any(NUMBER.fullmatch(text.replace(",", ".")) for text in texts):
         return None
     units = [
         "" if _NO_UNIT.fullmatch(text) else split_header(f"? [{text.strip('[]()')}]")[1]
@@ -501,7 +501,7 @@ def _number(cell: object, decimal: str, doubtful: str) -> float:
             decimal = "," if cell.rfind(",") > cell.rfind(".") else "."
             cell = cell.replace("." if decimal == "," else ",", "")
         cell = cell.replace(decimal, ".")
-        number = float(cell) if _NUMBER.fullmatch(cell) else np.nan
+        number = float(cell) if NUMBER.fullmatch(cell) else np.nan
     elif isinstance(cell, int | float | np.integer | np.floating) and not isinstance(cell, bool):
         number = float(cell)
     return number if math.isfinite(number) else np.nan

@@ -28,7 +28,6 @@ from stiff_datasets.planning.design import Design
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses, paper_poses
 from stiff_datasets.planning.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
-from stiff_datasets.robots.urdf_reader import ChainModel, robot_of
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
@@ -57,7 +56,7 @@ class MeasurementPlan(Poses, Loads):
 
 
 def paper_plan(
-    chain: ChainModel, payload_kg: float, seed: int, clearance: float = CLEARANCE
+    robot: Robot, payload_kg: float, seed: int, clearance: float = CLEARANCE
 ) -> MeasurementPlan:
     """Return the paper's 151 poses, each with one force in a random direction.
 
@@ -66,10 +65,10 @@ def paper_plan(
             keep the clearances (with a tool much longer than the default one).
         DataError: the TCP cannot reach the paper's grid.
     """
-    if chain.name != PAPER_ROBOT:
-        raise ConfigError(f"the paper's plan is for {PAPER_ROBOT}, not for {chain.name}")
-    poses = paper_poses(chain)
-    free = keeps_clear(robot_of(chain), poses.q, clearance)
+    if robot.name != PAPER_ROBOT:
+        raise ConfigError(f"the paper's plan is for {PAPER_ROBOT}, not for {robot.name}")
+    poses = paper_poses(robot)
+    free = keeps_clear(robot, poses.q, clearance)
     if not free.all():
         names = ", ".join(poses.pose_id[~free][:5].tolist())
         raise ConfigError(

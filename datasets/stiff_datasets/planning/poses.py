@@ -26,7 +26,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stiff_datasets.robots.urdf_reader import ChainModel, robot_of
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, Robot, TextArray
 
@@ -75,9 +74,9 @@ class Poses:
     group: TextArray
 
 
-def paper_poses(chain: ChainModel) -> Poses:
+def paper_poses(robot: Robot) -> Poses:
     """Return the 61 + 90 poses of the KR10, named J01.. and C01..; errors as `cartesian_poses`."""
-    joint_space, cartesian = joint_space_poses(), cartesian_poses(chain)
+    joint_space, cartesian = joint_space_poses(), cartesian_poses(robot)
     names = [f"J{i + 1:02d}" for i in range(len(joint_space))]
     names += [f"C{i + 1:02d}" for i in range(len(cartesian))]
     return Poses(
@@ -87,9 +86,9 @@ def paper_poses(chain: ChainModel) -> Poses:
     )
 
 
-def bent_wrist_poses(chain: ChainModel) -> Poses:
+def bent_wrist_poses(robot: Robot) -> Poses:
     """Return the poses of `paper_poses` with another A5 in joint space; errors as there."""
-    level = paper_poses(chain)
+    level = paper_poses(robot)
     q = level.q.copy()
     numbers = range(1, (level.group == "joint-space").sum() + 1)
     q[: len(numbers), 4] = np.deg2rad([_BENT_A5_DEG.get(number, 90) for number in numbers])
@@ -108,13 +107,12 @@ def joint_space_poses() -> FloatArray:
     return np.deg2rad(np.array([*poses, _REFERENCE_POSE_DEG], dtype=np.float64))
 
 
-def cartesian_poses(chain: ChainModel) -> FloatArray:
+def cartesian_poses(robot: Robot) -> FloatArray:
     """Return the (90, 6) poses that put the KR10's TCP on the grid, rad.
 
     Raises:
         DataError: a grid point cannot be reached inside the joint limits.
     """
-    robot = robot_of(chain)
     grid = itertools.product(CARTESIAN_X_MM, CARTESIAN_Y_MM, CARTESIAN_Z_MM)
     wrist = itertools.cycle(_CARTESIAN_A5_DEG)
     return np.stack([_reach(robot, np.array(p) / 1000.0, next(wrist)) for p in grid])

@@ -33,13 +33,9 @@ class ShippedRobot:
     tcp: tuple[float, float, float]
     payload_kg: float | None
 
-    def chain(self, tcp: Sequence[float] | None = None) -> ChainModel:
-        """Read it for Pinocchio, with another TCP if one is given."""
-        return shipped_chain(self.urdf, tcp=self.tcp if tcp is None else tcp)
-
-    def robot(self) -> Robot:
-        """Read it for models."""
-        return robot_of(self.chain())
+    def robot(self, tcp: Sequence[float] | None = None) -> Robot:
+        """Read it for models, with another TCP if one is given."""
+        return shipped_robot(self.urdf, tcp=self.tcp if tcp is None else tcp)
 
 
 WITHOUT_TWIN = (ShippedRobot("fanuc_r2000ic", (0.0069, 0.2453, 0.3193), None),)

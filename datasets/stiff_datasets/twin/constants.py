@@ -77,7 +77,7 @@ from stiff_datasets.twin.spring_law import (
 )
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.files import read_toml
-from stiff_protocols.contract.types import FloatArray, Robot
+from stiff_protocols.contract.types import Robot
 
 LAST_SPECIMEN = 9
 SpecimenNumber = Annotated[int, Ge(0), Le(LAST_SPECIMEN)]
@@ -264,16 +264,6 @@ class BeamsTable(_Table):
     bend: Literal["always", "effect"] = "effect"
     segment: tuple[Tube, ...]
 
-    def beams(self, robot: Robot, moduli: FloatArray) -> Beams:
-        """Return them on a robot, each segment's Young's modulus times (n_segments,) `moduli`."""
-        return Beams(
-            robot,
-            self.segment,
-            moduli * self.modulus_Pa,
-            self.poisson,
-            (self.foundation_N_per_m, self.foundation_Nm_per_rad),
-        )
-
 
 class TwinConstants(_Table):
     """All constants of a twin.
@@ -447,7 +437,8 @@ def specimen_beams(
     if specimen:
         rng = stream("beams", constants.name, specimen)
         moduli = np.exp(rng.normal(scale=constants.scatter.beams, size=moduli.shape))
-    return table.beams(robot, moduli)
+    foundation = (table.foundation_N_per_m, table.foundation_Nm_per_rad)
+    return Beams(robot, table.segment, moduli * table.modulus_Pa, table.poisson, foundation)
 
 
 def read_constants(path: Path) -> TwinConstants:
@@ -489,14 +480,14 @@ def _first_problem(error: ValidationError) -> str:
 
 
 _TABLES: dict[str, type[BaseModel]] = {
-    **{
-        "joint": JointTable,
-        PRISMATIC: SlideTable,
-        "gear": Gear,
-        "noise": Noise,
-        "scatter": Scatter,
-    },
-    **{"errors": Errors, "beams": BeamsTable, "segment": Tube},
+    "joint": JointTable,
+    PRISMATIC: SlideTable,
+    "gear": Gear,
+    "noise": Noise,
+    "scatter": Scatter,
+    "errors": Errors,
+    "beams": BeamsTable,
+    "segment": Tube,
 }
 
 

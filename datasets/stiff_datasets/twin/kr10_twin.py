@@ -14,11 +14,10 @@ from typing import Literal, NamedTuple
 
 from stiff_datasets.planning.loads import LoadKind
 from stiff_datasets.planning.poses import Poses, bent_wrist_poses, paper_poses
-from stiff_datasets.robots.urdf_reader import ChainModel
 from stiff_datasets.twin.constants import TwinConstants, shipped_constants
 from stiff_datasets.twin.twin import TwinData
 from stiff_datasets.twin.twin_effects import ALL_EFFECTS
-from stiff_protocols.contract.types import BenchmarkData
+from stiff_protocols.contract.types import BenchmarkData, Robot
 
 
 class PlannedTwin(NamedTuple):
@@ -30,7 +29,7 @@ class PlannedTwin(NamedTuple):
     """
 
     name: str
-    plan: Callable[[ChainModel], Poses]
+    plan: Callable[[Robot], Poses]
 
     def constants(self) -> TwinConstants:
         """Read the twin's constants."""
@@ -38,7 +37,7 @@ class PlannedTwin(NamedTuple):
 
     def poses(self) -> Poses:
         """Return the planned poses."""
-        return self.plan(self.constants().chain())
+        return self.plan(self.constants().robot())
 
 
 CALIBRATIONS = {

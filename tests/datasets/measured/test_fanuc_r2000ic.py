@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import nnls
 
 from stiff_datasets.measured.fanuc_r2000ic import CSV_SHA256, FanucR2000iC
-from stiff_datasets.robots.shipped_robots import named_robot
+from stiff_datasets.robots.shipped_robots import shipped_chain
 
 HALF = np.pi / 2
 TCP = (0.0069, 0.2453, 0.3193)  # m, flange frame, as published
@@ -63,7 +63,7 @@ def dh_tcp(q):
 
 
 def test_the_urdf_stands_where_the_published_rows_put_it(rng):
-    chain = named_robot("fanuc-r2000ic").chain()
+    chain = shipped_chain("fanuc_r2000ic", tcp=TCP)
     data = chain.model.createData()
     for q in rng.uniform(-3, 3, size=(50, 6)):
         pin.forwardKinematics(chain.model, data, q)
@@ -93,7 +93,7 @@ def weight_of_the_samples():
 
 def test_its_weight_turns_the_joints_as_the_published_links_do(rng):
     q = rng.uniform(-3, 3, size=(20, 6))
-    robot, chain = FanucR2000iC().load().robot, named_robot("fanuc-r2000ic").chain()
+    robot, chain = FanucR2000iC().load().robot, shipped_chain("fanuc_r2000ic", tcp=TCP)
     data = chain.model.createData()
     balanced = [pin.computeGeneralizedGravity(chain.model, data, each).copy() for each in q]
     np.testing.assert_allclose(weight_torque(q), np.negative(balanced), atol=1e-8)

@@ -36,7 +36,7 @@ from stiff_datasets.planning.reachable import (
     lowest_height,
 )
 from stiff_datasets.robots.shipped_robots import named_robot
-from stiff_datasets.robots.urdf_reader import load_robot, robot_of
+from stiff_datasets.robots.urdf_reader import load_robot
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 
 ROBOTS = {"kr10-r1100-2": (10.0, 0.2), "fanuc-r2000ic": (165.0, 0.5)}  # payload kg, clearance m
@@ -147,9 +147,9 @@ def test_joints_of_more_than_a_turn_are_drawn_within_half_a_turn_of_their_middle
 
 
 @pytest.mark.parametrize("source", ["paper", *CRITERIA])
-def test_every_row_of_a_filled_in_plan_is_a_valid_sample(tmp_path, kr10, kr10_chain, source):
+def test_every_row_of_a_filled_in_plan_is_a_valid_sample(tmp_path, kr10, source):
     if source == "paper":
-        plan = paper_plan(kr10_chain, 10.0, 0)
+        plan = paper_plan(kr10, 10.0, 0)
     else:
         plan = plan_of(kr10, 50, criterion=source, candidates=120, payload_kg=10.0, seed=0)
     path = tmp_path / "plan.csv"
@@ -167,14 +167,14 @@ def test_every_row_of_a_filled_in_plan_is_a_valid_sample(tmp_path, kr10, kr10_ch
     np.testing.assert_allclose(samples.deflection, 0.25e-3)
 
 
-def test_the_papers_plan_has_its_61_and_90_poses_and_keeps_the_default_clearances(kr10_chain):
-    plan = paper_plan(kr10_chain, 10.0, 3)
+def test_the_papers_plan_has_its_61_and_90_poses_and_keeps_the_default_clearances(kr10):
+    plan = paper_plan(kr10, 10.0, 3)
     groups, counts = np.unique(plan.group, return_counts=True)
     assert [*zip(groups, counts, strict=True)] == [("cartesian", 90), ("joint-space", 61)]
     assert len(set(plan.pose_id.tolist())) == 151
     np.testing.assert_allclose(np.linalg.norm(plan.wrench[:, :3], axis=1), 78.48)
-    np.testing.assert_array_equal(plan.wrench, paper_plan(kr10_chain, 10.0, 3).wrench)
-    points = robot_of(kr10_chain).forward(plan.q).points
+    np.testing.assert_array_equal(plan.wrench, paper_plan(kr10, 10.0, 3).wrench)
+    points = kr10.forward(plan.q).points
     assert base_distance(points).min() == pytest.approx(0.2234, abs=1e-4)
     assert lowest_height(points).min() == pytest.approx(0.2, abs=1e-4)
 
@@ -234,7 +234,7 @@ def test_what_cannot_be_planned_is_refused(kr10, changes, message):
 )
 def test_the_papers_plan_is_for_its_own_robot_and_a_tool_that_hits_nothing(name, tcp, message):
     with pytest.raises(ConfigError, match=message):
-        paper_plan(named_robot(name).chain(tcp), 10.0, 0)
+        paper_plan(named_robot(name).robot(tcp), 10.0, 0)
 
 
 def test_an_arm_on_a_track_keeps_clear_of_its_own_cart_all_along_it(tmp_path):

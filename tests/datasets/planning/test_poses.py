@@ -21,23 +21,23 @@ STEPS = np.linspace(0.0, 1.0, 101)[:, None]
 
 
 @pytest.fixture(scope="module")
-def bent(kr10_chain):
-    return bent_wrist_poses(kr10_chain)
+def bent(kr10):
+    return bent_wrist_poses(kr10)
 
 
-def test_151_different_poses_lie_inside_the_limits_and_in_the_source_domain(kr10, kr10_chain):
+def test_151_different_poses_lie_inside_the_limits_and_in_the_source_domain(kr10):
     joint_space = joint_space_poses()
-    q = np.concatenate([joint_space, cartesian_poses(kr10_chain)])
+    q = np.concatenate([joint_space, cartesian_poses(kr10)])
     assert q.shape == (151, 6) and len(np.unique(joint_space.round(9), axis=0)) == 61
     assert (q >= kr10.lower).all() and (q <= kr10.upper).all()
     lower, upper = np.array([-45, -180, 0, 0, 0, 0]), np.array([45, 0, 156, 0, 90, 0])
     assert (np.rad2deg(q) >= lower - 1e-9).all() and (np.rad2deg(q) <= upper + 1e-9).all()
 
 
-def test_the_cartesian_group_puts_the_tcp_on_the_grid(kr10_chain):
+def test_the_cartesian_group_puts_the_tcp_on_the_grid(kr10, kr10_chain):
     model, data = kr10_chain.model, kr10_chain.model.createData()
     reached = []
-    for q in cartesian_poses(kr10_chain):
+    for q in cartesian_poses(kr10):
         pin.forwardKinematics(model, data, q)
         reached.append(data.oMi[6].act(kr10_chain.tcp) * 1000)
     expected = np.stack(
@@ -66,12 +66,12 @@ def self_clearance(robot, q):
     return np.array(gaps)
 
 
-def test_no_planned_pose_collides_with_itself(kr10, kr10_chain):
-    assert self_clearance(kr10, paper_poses(kr10_chain).q).min() > 0
+def test_no_planned_pose_collides_with_itself(kr10):
+    assert self_clearance(kr10, paper_poses(kr10).q).min() > 0
 
 
-def test_the_bent_wrist_is_the_same_plan_but_for_a5_in_joint_space(kr10_chain, bent):
-    level = paper_poses(kr10_chain)
+def test_the_bent_wrist_is_the_same_plan_but_for_a5_in_joint_space(kr10, bent):
+    level = paper_poses(kr10)
     assert (bent.pose_id == level.pose_id).all() and (bent.group == level.group).all()
     others = [0, 1, 2, 3, 5]
     np.testing.assert_array_equal(bent.q[:, others], level.q[:, others])

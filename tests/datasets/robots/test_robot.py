@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from stiff_datasets.robots.shipped_robots import shipped_robots
-from stiff_datasets.robots.urdf_reader import load_robot, read_chain, robot_of
+from stiff_datasets.robots.urdf_reader import load_robot, read_chain
 from stiff_protocols.contract.errors import DataError
 
 
@@ -58,7 +58,7 @@ def test_the_kr10_has_its_data_sheets_limits_and_masses_and_the_default_tcp(kr10
 @pytest.mark.parametrize("shipped", shipped_robots().values(), ids=lambda one: one.urdf)
 @pytest.mark.parametrize("tcp", [None, (-0.06, 0.0, 0.08)])
 def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped, tcp):
-    assert tuple(robot_of(shipped.chain(tcp)).tcp_on_flange) == (tcp or shipped.tcp)
+    assert tuple(shipped.robot(tcp).tcp_on_flange) == (tcp or shipped.tcp)
 
 
 @pytest.mark.parametrize(

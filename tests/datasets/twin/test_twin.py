@@ -94,9 +94,9 @@ def test_a_drive_alone_gives_force_over_stiffness_along_the_track(track):
     ("loads", "specimen"), [("line", 0), ("line-hook", 0), ("omni", 0), ("line", 7)]
 )
 def test_every_samples_springs_carry_load_and_weight_to_a_nanonewton_metre(
-    kr10_chain, loads, specimen
+    kr10, kr10_chain, loads, specimen
 ):
-    constants, q = shipped_constants("kr10_r1100_2"), paper_poses(kr10_chain).q
+    constants, q = shipped_constants("kr10_r1100_2"), paper_poses(kr10).q
     experiment = TwinExperiment(constants, loads=loads, specimen=specimen, seed=0)
     wrench = experiment.wrenches(q)
     law = SpringLaw(specimen_springs(constants, specimen))
