@@ -24,12 +24,6 @@ def run(*words: object):
     return CliRunner().invoke(figure, [str(word) for word in words])
 
 
-def refusal(*words: object) -> str:
-    done = run(*words)
-    assert done.exit_code != 0
-    return str(done.exception)
-
-
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory) -> PaperResults:
     """The smallest results from which every figure of the paper can be drawn: read-only."""
@@ -66,29 +60,6 @@ def test_a_figure_is_written_where_it_is_asked_for_and_its_caption_printed(tmp_p
     assert "deflection dx [mm]" in (tmp_path / "a.svg").read_text()
     assert done.output.startswith(f"{tmp_path / 'a.svg'}: Predicted against true deflection.")
     assert "seed 0" in done.output
-
-
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
-        (["regresion"], "did you mean 'regression'"),
-        (["4", "--output", "a.jpg"], "suffix '.jpg'"),
-        (
-            ["9", "--results", "none"],
-            "no such folder; `bench reproduce paper`",
-        ),
-        (
-            ["9", "--results", "."],
-            "holds no results; `bench reproduce paper`",
-        ),
-        (["9", "--model", "gp"], "model gp"),
-        (["4", "--results", "runs"], "results runs: figure 4 is fitted here"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused_and_nothing_is_written(words, part, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert part in refusal(*words)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

@@ -209,13 +209,6 @@ def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, c
     np.testing.assert_array_equal(found.found.converged, [True, False, True, True])
 
 
-def test_repeated_points_get_the_commands_of_one(square, corrected):
-    wanted = pd.read_csv(square)
-    usual, _ = corrected(wanted)
-    again, _ = corrected(wanted.loc[np.repeat(wanted.index, 2)])
-    np.testing.assert_allclose(again.found.q, np.repeat(usual.found.q, 2, axis=0), atol=1e-8)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", shipped_robots())
 def test_every_shipped_robot_has_examples_that_it_can_drive(robot, tmp_path):
@@ -299,12 +292,6 @@ def test_a_bad_path_is_refused_with_its_row_and_what_is_valid_in_any_block(
         corrected("\n".join([*rows, ""]))
     assert all(part in str(refused.value) for part in parts)
     assert [file.name for file in tmp_path.iterdir()] == ["path.csv"]
-
-
-def test_load_beyond_the_training_range_is_warned_of_with_numbers(corrected):
-    with pytest.warns(UserWarning, match=r"force 900.6 N \(training: up to"):
-        _, written = corrected(f"{HEADER}\n{ROW.replace('-40', '-900.5')}\n")
-    assert "load" in written["extrapolates"][0]
 
 
 def test_arguments_that_cannot_serve_and_files_that_exist_are_refused(vjm, square, tmp_path):

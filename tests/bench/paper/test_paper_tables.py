@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 import statistics
 from dataclasses import replace
 
@@ -227,15 +226,6 @@ def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(
     assert "nothing to print of kr10-twin under holdout" in notes(table)
 
 
-def test_a_model_that_failed_is_a_row_of_dashes_with_its_reason(runs):
-    runs.of(FT_MLP_LAST_EPOCH, failed=[0])
-    runs.of(FT_MLP, [0.00123])
-    table = build("9", runs.read)
-    assert set(values(table[0], OURS, ("normal (last epoch)", "Z")).values()) == {None}
-    assert "failed: it broke" in notes(table)
-    assert "| 0.00123 |" in re.sub(" +", " ", render(table, "github", ""))  # the digits ours need
-
-
 @pytest.mark.parametrize("number", sorted(set(TABLES) - NEEDS_NO_RESULTS.keys()))
 def test_a_folder_without_the_tables_results_is_refused_naming_the_command(runs, number):
     runs.of("knn", [0.1])
@@ -268,17 +258,3 @@ def test_the_vjm_of_the_twin_is_near_the_papers_tables_2_and_3_that_it_was_calib
     assert values(stiffness, "published", ("A4",))["stiffness"].value == 2.27
     assert stiffness.unit == "10^3 Nm/rad"
     assert all(said in " ".join(errors.notes) for said in ("calibrated against", "not a test"))
-
-
-@pytest.mark.parametrize("number", [number for number in TABLES if number not in "145"])
-def test_every_table_with_ours_says_that_ours_cannot_be_compared_in_absolute_terms(runs, number):
-    for model in (VJM, FT_MLP, pretrained(width=100), pretrained()):
-        runs.of(model, [0.1])
-    table = build(number, None if number in NEEDS_NO_RESULTS else runs.read)
-    for part in table:
-        assert f"Table {number}." in part.title
-        said = " ".join(part.notes)
-        assert "ot comparable in absolute terms" in said and "seed 0" in said
-        if number not in NEEDS_NO_RESULTS:
-            assert "paper-holdout, 1 split" in said
-            assert f"of {runs.folder}" in said  # how many results of which version

@@ -75,13 +75,6 @@ def test_tau_is_one_for_the_same_order_and_minus_one_for_the_other_way_round():
     assert tau["rough"]["many arms"] == tau["many arms"]["rough"] == -1.0
 
 
-def test_the_figure_has_the_steps_and_the_groups_with_an_order():
-    steps, orders = relative(gp=[0.5, 0.8, 0.2, 0.4, 0.6]).figure().draw().axes
-    assert [label.get_text() for label in steps.get_xticklabels()] == ["plain", "rough"]
-    names = [label.get_text() for label in orders.get_xticklabels()]
-    assert names == ["default", "rough", "many arms"]
-
-
 def test_without_the_vjm_there_is_nothing_to_be_relative_to(tmp_path):
     made = MadeResults(tmp_path)
     made.add_run("run-1", made.add("gp", [0.1]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import pytest
 
@@ -119,18 +118,3 @@ def test_the_results_of_every_model_of_the_paper_are_found_again(plans, tmp_path
 def test_the_quick_study_is_a_part_of_the_full_one_on_one_split(plans):
     assert {*pairs(plans("paper-quick"))} < {*pairs(plans("paper"))}
     assert {plan.splits for plan in plans("paper-quick")} == {1}
-
-
-def test_models_that_share_a_pretraining_are_no_neighbours(plans):
-    """Two jobs start neighbours together, and each would make the pre-training."""
-    network = {"mlp-pretrained": "mlp", "ft-mlp": "mlp", "dt-cnn": "cnn"}
-    of_its_own = {"source_teacher", "alignment", "preset"}
-    for run in plans("transfer"):
-        shared = [network.get(m.info.key) for m in run.models if of_its_own.isdisjoint(m.params)]
-        assert not any(one is not None and one == other for one, other in pairwise(shared))
-
-
-def test_what_is_of_the_kr10_runs_on_the_kr10_alone(plans):
-    for run in plans("transfer"):
-        if any(model.params.get("preset") == "paper" for model in run.models):
-            assert all(choice.info.key.startswith("kr10") for choice in run.datasets)

@@ -16,7 +16,6 @@ from helpers.quick_models import KEYS
 from helpers.run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.cell import compute_cell
 from stiff_bench.run.fit_process import Limits
 from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.store.database import FILE, read_manifests, read_results
@@ -34,16 +33,13 @@ EXPECTED = {
     **dict.fromkeys(("Hangs", "HoldsTheInterpreter", "Talks"), TIMED_OUT),
     **dict.fromkeys(("Eats", "FeedsChildren"), OUT_OF_MEMORY),
     "Segfaults": ("failed", "SIGSEGV", "its process was ended by SIGSEGV after"),
-    "Aborts": ("failed", "SIGABRT", "its process was ended by SIGABRT after"),
     "Exits": ("failed", "exit status 3", "without a result (exit status 3)"),
-    "ExitsWell": ("failed", "exit status 0", "without a result (exit status 0)"),
     "Quits": ("failed", "SystemExit", "SystemExit: enough"),
-    "Interrupts": ("failed", "KeyboardInterrupt", "KeyboardInterrupt"),
     "KillsItself": ("failed", "SIGKILL", "ended by SIGKILL after"),
     "TellsLies": ("failed", "ModelError", "predict returned <U7 values, expected (31, 3)"),
     **dict.fromkeys(("LeavesAChild", "DetachesAChild", "vjm"), OK),
 }
-SUMMARY = "bench: 4 ok, 9 failed ("
+SUMMARY = "bench: 4 ok, 6 failed ("
 
 
 class Seen:
@@ -78,18 +74,6 @@ def test_a_model_finds_no_test_label_in_its_process_and_none_of_its_scores(compu
     assert good.status == "ok" and good.prediction is not None
     for other in others:
         assert other.prediction.predicted.tobytes() == good.prediction.predicted.tobytes()
-
-
-@pytest.mark.slow
-def test_a_process_gives_the_bits_of_this_one(computed):
-    words = ("vjm", "sklearn:linear_model.Ridge", "vjm+sklearn:ensemble.RandomForestRegressor")
-    tasks, results = computed(*words, "knn", splits=1, jobs=2)
-    found = {result.cell.key: result for result in results}
-    assert len(found) == len(tasks) == 4
-    for task in tasks:
-        here, there = compute_cell(task, "r"), found[task.cell.key]
-        assert there.status == "ok", there.failure
-        assert there.prediction.predicted.tobytes() == here.prediction.predicted.tobytes()
 
 
 @pytest.mark.slow

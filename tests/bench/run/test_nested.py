@@ -13,9 +13,6 @@ from stiff_bench.plan.cells import cell_tasks
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import Range
-from stiff_protocols.scoring.metrics import metric
-
-METRICS = (metric("mae"),)
 
 
 def tasks(*models, protocol="nested", splits=1, coverage=False, settings=()):
