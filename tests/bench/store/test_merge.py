@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import count
 
@@ -126,17 +124,6 @@ def test_a_merge_that_is_stopped_changes_nothing(two, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         merge(two, there)
     assert contents(there) == before
-
-
-MERGE = "import sys; from pathlib import Path; from stiff_bench.store.merging import merge; \
-merge([Path(sys.argv[1])], Path(sys.argv[2]))"
-
-
-def test_two_merges_into_one_folder_at_once_do_no_harm(two, tmp_path):
-    words = [[sys.executable, "-c", MERGE, one, tmp_path / "c"] for one in two]
-    running = [subprocess.Popen(one) for one in words]
-    assert [one.wait(60) for one in running] == [0, 0]
-    assert contents(tmp_path / "c") == contents(two[0]) | contents(two[1])
 
 
 @pytest.mark.parametrize("where", ["nowhere", "c"])
