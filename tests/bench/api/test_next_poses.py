@@ -118,14 +118,6 @@ def test_after_too_few_poses_joints_are_named_and_plans_compared_by_what_they_le
     assert sentence in done.stdout and "times as much" not in done.stdout
 
 
-def test_springs_that_explain_little_raise_the_question_of_the_robot(tmp_path, measured):
-    rows = pd.read_csv(tmp_path / measured(12))
-    rows[["dx_mm", "dy_mm", "dz_mm"]] *= -1.0
-    rows.to_csv(tmp_path / "my.csv", index=False)
-    done = bench_here(*UR5, "--after", "my.csv", cwd=tmp_path)
-    assert done.returncode == 0 and "is it this robot's" in done.stdout
-
-
 def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur5):
     def errors(model, n_poses):
         choice = Choice.of(model_info(model))

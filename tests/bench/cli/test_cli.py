@@ -52,7 +52,7 @@ def test_the_reference_model_is_stored_once_beside_what_is_asked_for(tmp_path):
 
 def test_paper_holdout_warns_and_marks_its_rows(tmp_path):
     words = ["--model", "mlp@epochs=5@training=best", "--protocol", "paper-holdout"]
-    done = bench_here("run", *words, cwd=tmp_path)
+    done = bench_here("run", *words, "--splits", "1", cwd=tmp_path)
     assert "warning: paper-holdout" in done.stderr
     assert "| mlp@epochs=5@training=best [epoch picked on test part] |" in done.stdout
 

@@ -13,12 +13,10 @@ import pytest
 from helpers.made_results import MadeResults
 from stiff_bench.paper.paper_models import (
     FT_MLP,
-    FT_MLP_LAST_EPOCH,
     FT_MLP_OWN_SOURCE,
     FT_MLP_PAPER_RECIPE,
     VJM,
     pretrained,
-    unfrozen,
 )
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, RECIPE, TABLES, build, read_table
@@ -104,16 +102,6 @@ def test_tables_6_and_7_have_the_errors_on_the_source_that_the_networks_report(r
     assert "Without a result under paper-holdout: mlp-pretrained@activation=sigmoid" in notes(table)
 
 
-def test_table_8_is_ours_alone_and_has_the_layers_that_were_run(runs):
-    runs.of(unfrozen(["3"]), [0.1])
-    runs.of(unfrozen(["1", "out"]), [0.2])
-    (part,) = (table := build("8", runs.read))
-    assert labels(part) == [("1 layer", "3"), ("2 layers", "1 + out")]
-    assert {column.group for column in part.columns} == {"", OURS}
-    assert "Ours alone" in notes(table)
-    assert unfrozen(["1"]).name in notes(table) and "`bench reproduce paper`" in notes(table)
-
-
 def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_samples(runs):
     """Of the twelve samples the first four are held out, with an error of 0.3 mm along z."""
     runs.of(FT_MLP, [0.3], picked_on_test=True)
@@ -133,17 +121,6 @@ def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_
     published = values(part, "published", ("normal (last epoch)", "3-D"))
     assert published["validation MAE"].value == 0.1997
     assert set(values(part, "published", ("normal (last epoch)", "X")).values()) == {None}
-
-
-def test_table_9_has_no_training_part_where_no_fit_is_read_on_all_samples(runs):
-    runs.of(FT_MLP, [0.3, 0.4])
-    runs.of(FT_MLP, [[0.3] * 12], ON_ALL, rows=range(12))  # of one split alone
-    runs.of(FT_MLP_LAST_EPOCH, [0.9, 0.9])
-    (part,) = (table := build("9", runs.read))
-    for label in ("optimized (best epoch)", "normal (last epoch)"):
-        found = values(part, OURS, (label, "Z"))
-        assert found["train MAE"] is None and found["validation MAE"].n == 2
-    assert "Without a result under paper-holdout@read_on=all: ft-mlp" in notes(table)
 
 
 def test_table_10_has_three_readings_and_reductions_split_by_split(runs):

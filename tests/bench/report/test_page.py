@@ -175,19 +175,3 @@ def test_a_long_table_is_cut_and_says_so():
     assert len(table.rows) == MOST_ROWS
     assert table.notes[0] == "kept"
     assert f"first {MOST_ROWS} of {MOST_ROWS + 7} rows" in table.notes[1]
-
-
-def test_a_table_of_the_page_has_what_its_readers_can_see():
-    """No hidden column, the group above a column, and all notes: a page has no `--format json`."""
-    columns = [Column("model", "text"), Column("sha", "text", hidden=True), Column("x", group="G")]
-    notes = [f"note {number}" for number in range(6)]
-    laid = page_table(Table("t", columns, [["m", "0123", 1.0]], notes, brief=True))
-    assert laid.headings == ["model", "G: x"]
-    assert [[cell.text for cell in row] for row in laid.rows] == [["m", "1.0"]]
-    assert laid.notes == notes
-
-
-def test_a_cell_is_coloured_by_the_sign_of_its_number():
-    table = Table("t", [Column("x", by_sign=True)], [[-1], [-0.0], [0], [1e-20], [None]])
-    styles = [row[0].style for row in page_table(table).rows]
-    assert styles == ["number worse", "number", "number", "number better", "number"]
