@@ -119,15 +119,6 @@ def test_a_protocol_that_reports_training_rows_is_drawn_where_nothing_else_is_th
     assert "training samples among those reported" in caption_of("errors", asked)
 
 
-def test_figures_show_the_newest_data_though_more_models_met_on_older_ones(tmp_path):
-    made = compared(tmp_path)
-    for name in ("vjm", "gp"):
-        made.add(name, [0.7, 0.7], version=1, run_id="run-2")
-    source = FigureSource.of(tmp_path)
-    assert set(source.compared(9).models) == {"vjm", "gp"}
-    assert "Results on older data named twin are left out." in caption_of("errors", source)
-
-
 def test_the_best_of_the_models_with_most_splits_are_shown_and_the_linear_one_in_any_case(tmp_path):
     compared(tmp_path).add("quick", [0.01])
     source = FigureSource.of(tmp_path)

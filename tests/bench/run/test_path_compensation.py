@@ -18,7 +18,6 @@ from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.tables.metric_table import build_tables
-from stiff_protocols.scoring.metrics import metric, norm_errors
 from stiff_protocols.splits.path_compensation import PathCompensation
 
 PATHS = "path-compensation"
@@ -111,23 +110,6 @@ def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results)
     model = task.model.make().fit(train, robot=task.data.robot)
     predicted = model.predict(task.data.samples.q[rows], task.data.samples.wrench[rows])
     assert np.abs(command + predicted).max() < 0.02 * np.abs(predicted).max()
-
-
-def test_the_zero_model_leaves_the_uncorrected_error_and_the_oracle_the_tolerance(results):
-    zero = next(one for one in results if one.shown.model == "zero")
-    prediction = zero.prediction
-    without = np.linalg.norm(prediction.measured, axis=1)
-    np.testing.assert_allclose(norm_errors(prediction), without, atol=1e-8)
-    assert metric("removed").of_result(zero)[""] == pytest.approx(0.0, abs=1e-5)
-    of_oracle = replace(prediction, predicted=prediction.known["oracle"])
-    assert norm_errors(of_oracle).max() < 1.1e-6
-
-
-def test_an_interval_of_a_corrected_path_covers_what_the_models_interval_covers(tasks):
-    task = tasks[0]
-    found = computed(replace(task, cell=replace(task.cell, coverage=0.8))).prediction
-    assert (found.interval.lower <= found.predicted).all()
-    assert (found.predicted <= found.interval.upper).all()
 
 
 def test_the_table_shows_path_errors_and_the_rows_that_no_model_may_know(results):
