@@ -37,13 +37,6 @@ def test_the_workflow_runs_what_a_developer_runs_on_every_supported_python():
     assert set(job["strategy"]["matrix"]["python"]) == named
 
 
-def test_an_issue_form_asks_questions_that_must_be_answered():
-    for form in (TOP / ".github" / "ISSUE_TEMPLATE").glob("[!c]*.yml"):
-        questions = [item for item in read(form)["body"] if item["type"] != "markdown"]
-        assert len({item["id"] for item in questions}) == len(questions)
-        assert any(item.get("validations", {}).get("required") for item in questions)
-
-
 def test_the_engines_rooms_are_described_in_the_order_of_their_imports():
     page = (TOP / "bench" / "README.md").read_text("utf-8")
     lines = [line for line in page.splitlines() if line.startswith("| `")]

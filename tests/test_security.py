@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzz.hard_cases import npy_header
 
 from helpers.made_results import ROBOT, MadeResults, made_data
 from helpers.model_files import archived, members, saved_model
@@ -93,15 +92,6 @@ def test_a_pickle_in_the_samples_of_a_results_folder_is_refused_unread(mark):
     assert stored_data(stored_with()).robot.name == ROBOT.name
     with pytest.raises(DataError, match="allow_pickle=False"):
         stored_data(stored_with(q=np.array([Bomb(mark)])))
-
-
-@pytest.mark.parametrize(
-    "content",
-    [*(npy_header(*of) for of in (((2**40, 6), "<f8"), ((12, 6), "|O"), ((-1, 6), "<f8"))), b"no"],
-)
-def test_samples_that_are_no_arrays_or_promise_too_many_are_damaged(content):
-    with pytest.raises(DataError):
-        stored_data(archived(members(stored_with()) | {"q.npy": content}))
 
 
 def test_a_pickle_that_calls_itself_a_table_is_refused(tmp_path, bomb, mark):

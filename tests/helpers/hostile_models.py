@@ -37,14 +37,6 @@ class Good:
         return np.repeat(self.mean_[None], len(q), axis=0)
 
 
-class SaysWhere(Good):
-    """Says which process it is in."""
-
-    def fit(self, train, **options):
-        self.diagnostics_ = {"pid": os.getpid()}
-        return super().fit(train, **options)
-
-
 class Reports(Good):
     """Reports how far it is, and prints past Python."""
 
@@ -96,19 +88,12 @@ class Quits(Good):
         raise SystemExit("enough")
 
 
-class Interrupts(Good):
-    def fit(self, train, **_):
-        raise KeyboardInterrupt
-
-
 def with_method(name, **method):
     return type(name, (Good,), method)
 
 
 Segfaults = with_method("Segfaults", fit=lambda *_, **__: ctypes.string_at(0))
-Aborts = with_method("Aborts", fit=lambda *_, **__: os.abort())
 Exits = with_method("Exits", fit=lambda *_, **__: os._exit(3))
-ExitsWell = with_method("ExitsWell", fit=lambda *_, **__: os._exit(0))
 KillsItself = with_method("KillsItself", fit=lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
 TellsLies = with_method("TellsLies", predict=lambda self, q, wrench: "rubbish")
 

@@ -35,16 +35,11 @@ def in_all_parts(change: Callable[[Samples], Samples]) -> Hazard:
     return changed
 
 
-def _with_joints(samples: Samples, values: dict[int, float]) -> Samples:
-    q = samples.q.copy()
-    for joint, value in values.items():
-        q[:, joint] = value
-    return replace(samples, q=q)
-
-
 def wrist_singular(samples: Samples) -> Samples:
     """A5 = 0: A4 and A6 turn about one line."""
-    return _with_joints(samples, {4: 0.0})
+    q = samples.q.copy()
+    q[:, 4] = 0.0
+    return replace(samples, q=q)
 
 
 def _as_the_first(*names: str) -> Hazard:
@@ -87,14 +82,6 @@ def _float32(samples: Samples) -> Samples:
     return replace(samples, **made)
 
 
-def _only_moving(joint: int) -> Hazard:
-    def changed(case: Case) -> Case:
-        others = {i: float(case.train.q[0, i]) for i in range(6) if i != joint}
-        return in_all_parts(lambda s: _with_joints(s, others))(case)
-
-    return changed
-
-
 def _robot_of(kinds: tuple[JointType, ...]) -> Hazard:
     def changed(case: Case) -> Case:
         rng = np.random.default_rng(0)
@@ -113,29 +100,23 @@ def _robot_of(kinds: tuple[JointType, ...]) -> Hazard:
 
 HAZARDS: dict[str, Hazard] = {
     "wrist singular": in_all_parts(wrist_singular),
-    "test poses singular": lambda case: replace(case, test=wrist_singular(case.test)),
     "1 row": _few(1, None),
     "1 row, 1 validation": _few(1, 1),
     "2 rows": _few(2, None),
-    "2 rows, 1 validation": _few(2, 1),
     "5 rows": _few(5, 2),
     "one pose": _as_the_first("q", "pose_id"),
     "one load": _as_the_first("wrench"),
     "no load": _times("wrench", 0.0),
     "force along z alone": _times("wrench", np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])),
-    "A2 alone moves": _only_moving(1),
     "no deflection": _times("deflection", 0.0),
     "deflection along z alone": _times("deflection", np.array([0.0, 0.0, 1.0])),
     "wrenches of wrong sign": _times("wrench", -1.0),
     "loads x 1e6": _times("wrench", 1e6),
     "loads x 1e-6": _times("wrench", 1e-6),
-    "test loads x 1e6": lambda c: replace(c, test=replace(c.test, wrench=c.test.wrench * 1e6)),
     "deflections x 1e6": _times("deflection", 1e6),
-    "deflections x 1e-6": _times("deflection", 1e-6),
     "rows contradict": in_all_parts(_contradicted),
     "float32": in_all_parts(_float32),
     "slides and turns": _robot_of(("prismatic", "revolute", "revolute", "prismatic")),
     "slides alone": _robot_of(("prismatic",) * 3),
-    "2 joints": _robot_of(("revolute",) * 2),
     "7 joints": _robot_of(("revolute",) * 7),
 }

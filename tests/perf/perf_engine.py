@@ -32,7 +32,7 @@ from stiff_datasets.twin.simulate import simulate
 from stiff_datasets.twin.twin import TwinExperiment
 from stiff_protocols.contract.record import CellResult, Cost, RunManifest
 from stiff_protocols.contract.types import Prediction
-from stiff_protocols.scoring.metrics import metric_records
+from stiff_protocols.scoring.metrics import METRICS
 
 N_CELLS = 1000
 
@@ -106,9 +106,8 @@ def made_up(task: CellTask, seed: int) -> CellResult:
     predicted, reference = measured + errors
     prediction = Prediction(task.split.test, predicted, measured, reference=reference)
     cost = Cost(*rng.uniform(1e-4, 1e-3, 4).tolist(), 2**20)
-    records = metric_records(prediction, cost)
     return CellResult(
-        *(task.cell, task.shown, "20261121T120000Z-made00", "ok", records, prediction, cost),
+        *(task.cell, task.shown, "20261121T120000Z-made00", "ok", prediction, cost),
         n_train=len(task.split.train) + len(task.split.validation),
         n_splits=task.n_splits,
     )
@@ -132,7 +131,9 @@ def board(tmp_path_factory) -> Callable[[int], tuple[Path, int]]:
         keys = tuple(task.cell.key for task in tasks)
         manifest = RunManifest(results[0].run_id, "bench run", "now", "finished", environment, keys)
         store.write_manifest(manifest)
-        return store.folder, sum(len(result.records) for result in results)
+        return store.folder, sum(
+            len(one.of_result(result)) for result in results for one in METRICS.values()
+        )
 
     return made
 

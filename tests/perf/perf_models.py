@@ -14,9 +14,6 @@ from stiff_models.regressors.gaussian_process import Covariance, GaussianProcess
 from stiff_protocols.contract.types import FloatArray
 
 SCIKIT_LEARN = "scikit-learn"
-AUTOGRAD = "torch, reverse differentiation"
-BRUTE_FORCE = "every trial on all samples"
-EIGENVALUES = "eigenvalues of all"
 
 Rows = tuple[FloatArray, FloatArray]
 

@@ -107,25 +107,6 @@ def test_a_plan_and_what_was_measured_of_it_are_one_file(tmp_path, measured, ur5
     assert len(sb.read_samples(tmp_path / "both.csv", robot="ur5")) == 17
 
 
-def test_after_too_few_poses_joints_are_named_and_plans_compared_by_what_they_leave(
-    tmp_path, measured
-):
-    done = bench_here(*UR5, "--after", measured(2), "--poses", "6", cwd=tmp_path)
-    line = re.search("Not identifiable from the measured poses: .*", done.stdout)
-    assert line and "elbow" in line[0], done.stderr
-    _, plan, random, _ = lowered(done.stdout)
-    sentence = f"leaves a standard error of {plan:.4f} mm, random poses {random:.4f} mm"
-    assert sentence in done.stdout and "times as much" not in done.stdout
-
-
-def test_springs_that_explain_little_raise_the_question_of_the_robot(tmp_path, measured):
-    rows = pd.read_csv(tmp_path / measured(12))
-    rows[["dx_mm", "dy_mm", "dz_mm"]] *= -1.0
-    rows.to_csv(tmp_path / "my.csv", index=False)
-    done = bench_here(*UR5, "--after", "my.csv", cwd=tmp_path)
-    assert done.returncode == 0 and "is it this robot's" in done.stdout
-
-
 def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur5):
     def errors(model, n_poses):
         choice = Choice.of(model_info(model))

@@ -94,15 +94,6 @@ def test_validate_leaves_with_1_of_what_is_suspicious_and_with_2_and_every_error
         assert part in done.stdout
 
 
-@pytest.mark.slow
-def test_info_takes_a_data_sets_options_and_draws_a_picture(tmp_path):
-    for words in ([], ["--set", "kr10-twin.specimen=3"]):
-        done = bench_here("data", "info", "kr10-twin", *words, cwd=tmp_path)
-        assert done.returncode == 0 and ("options: specimen=3" in done.stdout) == bool(words)
-    pictures = sorted(path.name for path in (tmp_path / "results/info").iterdir())
-    assert pictures == ["kr10-twin.png", "kr10-twin_specimen=3.png"]
-
-
 def test_a_description_with_a_gripper_is_planned_read_and_registered_with_one_note(tmp_path, home):
     tree_urdf(tmp_path / "arm.urdf", arm_lines("base", "a", 6) + gripper_lines("a6"))
     plan = ["data", "plan", "--urdf", "arm.urdf", "--payload", "3", "--poses", "8"]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
-
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -22,12 +19,6 @@ PAPER = {"dataset": "kr10-twin", "protocol": "paper-holdout", "selects_on_test":
 
 def run(*words: object):
     return CliRunner().invoke(figure, [str(word) for word in words])
-
-
-def refusal(*words: object) -> str:
-    done = run(*words)
-    assert done.exit_code != 0
-    return str(done.exception)
 
 
 @pytest.fixture(scope="module")
@@ -53,12 +44,6 @@ def paper(tmp_path_factory) -> PaperResults:
     return PaperResults.of(made.folder)
 
 
-@pytest.fixture()
-def changing(paper, tmp_path) -> MadeResults:
-    """A copy of them, to add to."""
-    return MadeResults(Path(shutil.copytree(paper.folder, tmp_path / "runs")))
-
-
 def test_a_figure_is_written_where_it_is_asked_for_and_its_caption_printed(tmp_path):
     compared(tmp_path / "runs")
     done = run("regression", "--results", tmp_path / "runs", "--output", tmp_path / "a.svg")
@@ -66,29 +51,6 @@ def test_a_figure_is_written_where_it_is_asked_for_and_its_caption_printed(tmp_p
     assert "deflection dx [mm]" in (tmp_path / "a.svg").read_text()
     assert done.output.startswith(f"{tmp_path / 'a.svg'}: Predicted against true deflection.")
     assert "seed 0" in done.output
-
-
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
-        (["regresion"], "did you mean 'regression'"),
-        (["4", "--output", "a.jpg"], "suffix '.jpg'"),
-        (
-            ["9", "--results", "none"],
-            "no such folder; `bench reproduce paper`",
-        ),
-        (
-            ["9", "--results", "."],
-            "holds no results; `bench reproduce paper`",
-        ),
-        (["9", "--model", "gp"], "model gp"),
-        (["4", "--results", "runs"], "results runs: figure 4 is fitted here"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused_and_nothing_is_written(words, part, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert part in refusal(*words)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
@@ -137,22 +99,3 @@ def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_pa
     results = PaperResults.of(tmp_path)
     assert f"{FT_MLP.name}: epoch picked on test part." in FIGURES["9"](results).caption
     assert f"{DT_CNN.name}: target labels not trained on." in FIGURES["8"](results).caption
-
-
-def test_one_failed_cell_leaves_its_network_out_of_figure_5_and_names_it(changing):
-    for activation in ("tanh", "sigmoid"):
-        changing.add(pretrained(activation=activation), [0.1], failed=[1], **PAPER)
-    depth, width = 5, 400
-    options = {"layers": depth, "width": width}
-    changing.add(pretrained(layers=depth, width=width), [0.1], failed=[1], options=options, **PAPER)
-    caption = FIGURES["5"](PaperResults.of(changing.folder)).caption
-    for lost in ("width=400", "activation=tanh", "sigmoid"):
-        assert "No numbers: " in caption and "it broke" in caption and lost in caption
-
-
-def test_a_strategy_without_a_finite_loss_has_no_line_in_figure_6(changing):
-    for layers in (("1",), ("1", "2")):
-        nothing = {"fine-tuning": np.full((3, 3), np.nan)}
-        with_fields(changing, unfrozen(layers).name, curves=nothing)
-    left, _ = FIGURES["6"](PaperResults.of(changing.folder)).draw().axes
-    assert not left.get_lines()

@@ -14,7 +14,7 @@ import pytest
 
 from helpers.command_line import assert_refused, bench_here
 from helpers.made_results import MadeResults
-from stiff_bench.console import one_line, printable
+from stiff_bench.console import one_line
 
 HOSTILE = (
     "<script>alert(1)</script>",
@@ -114,13 +114,6 @@ def test_what_is_said_of_hostile_results_is_harmless(words, fmt, folder, tmp_pat
     assert done.returncode == 0, done.stderr
     assert_harmless(done.stdout, fmt)
     assert not [*tmp_path.iterdir()]
-
-
-def test_control_characters_are_shown_and_not_obeyed():
-    assert printable("a\x1b[31m\0\u202eü ±\n\t") == "a\\x1b[31m\\x00\\u202eü ±\n\t"
-    assert one_line("a\nb\r\nc\u2028d\x1be") == "a b c d\\x1be"
-    byte_of_a_name = "M\udcffller"
-    assert printable(byte_of_a_name) == "M\\udcffller"
 
 
 def test_a_hostile_word_on_the_command_line_is_refused_in_one_printable_line(tmp_path):

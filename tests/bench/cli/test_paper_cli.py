@@ -8,12 +8,10 @@ import io
 import pytest
 from click.testing import CliRunner
 
-from helpers.command_line import assert_refused, bench_here
 from helpers.made_results import MadeResults
 from stiff_bench.cli.result_commands import table
 from stiff_bench.cli.run_commands import reproduce, run
 from stiff_bench.paper.paper_results import PAPER_RESULTS
-from stiff_bench.paper.paper_tables import TABLES
 from stiff_protocols.contract.errors import ConfigError
 
 
@@ -22,14 +20,6 @@ def printed(*words: str) -> str:
     done = CliRunner().invoke(table, words, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.output
-
-
-def test_every_number_that_can_be_made_is_a_choice_and_no_other(tmp_path):
-    done = CliRunner().invoke(table, ["--help"])
-    assert "1 to 10" in done.output
-    for number in range(12):
-        done = CliRunner().invoke(table, [str(number), "--results", str(tmp_path / "none")])
-        assert ("is not one of" in done.output) == (str(number) not in TABLES)
 
 
 def test_it_reads_the_folder_that_is_named_and_prints_the_format_that_is_asked_for(tmp_path):
@@ -50,21 +40,6 @@ def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results():
     for folder in ("some", str(PAPER_RESULTS)):
         with pytest.raises(ConfigError, match="table 3 is fitted here and reads none"):
             printed("3", "--results", folder)
-
-
-def test_the_papers_plan_its_grid_and_its_wrenches_are_printed_without_any_results():
-    assert "| cartesian " in printed("1")
-    assert "| A3 " in printed("4")
-    assert "fz [N]" in printed("5")
-
-
-def test_the_command_refuses_in_one_line_with_status_2_and_prints_nothing(tmp_path):
-    done = bench_here("table", "9", "--results", "none", cwd=tmp_path)
-    assert_refused(
-        done,
-        "--results none: there is no such folder",
-        "`bench reproduce paper`",
-    )
 
 
 @pytest.fixture
@@ -101,17 +76,3 @@ def test_a_study_is_run_once_and_its_page_written_of_what_is_stored(small, plugi
     status, out, err = called(reproduce, small, "--no-isolate", "--output", str(tmp_path))
     assert status == 0 and "0 ok, 6 cached" in err
     assert out.splitlines()[-1] == str(tmp_path / "small" / "README.md")
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["reproduce", "efects"], "unknown study 'efects'; did you mean 'effects'? (valid: "),
-        (["reproduce", "mine.toml"], "mine.toml: cannot be read"),
-        (["run", "--study", "mine.toml"], "mine.toml: cannot be read"),
-        (["run", "--study", "mine.toml", "--model", "gp"], "--model: leave it out"),
-        (["run", "--study", "mine.toml", "--splits", "3"], "--splits: leave it out"),
-    ],
-)
-def test_a_study_that_cannot_be_run_is_refused(words, said, tmp_path):
-    assert_refused(bench_here(*words, cwd=tmp_path), said)

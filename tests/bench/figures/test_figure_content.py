@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import stats
 
@@ -138,7 +137,6 @@ def errors_of(folder, **asked):
 
 
 def test_a_learning_curve_is_the_geometric_mean_with_students_interval_of_three_or_more(tmp_path):
-    assert np.isnan(learning_curves._interval(pd.Series([1.0, 2.0]))).all()
     learned(tmp_path)
     (axes,) = FIGURES["learning-curves"](FigureSource.of(tmp_path)).draw().axes
     mean = np.e / np.array(SIZES)  # mm; of e^0, e^1 and e^2
@@ -163,27 +161,12 @@ def test_the_size_is_the_number_of_poses_that_is_stored(tmp_path):
     assert list(errors_of(tmp_path).columns) == list(SIZES)
 
 
-def test_a_data_set_that_lacks_a_size_is_no_part_of_a_learning_curve(tmp_path):
-    made = learned(tmp_path)
-    made.add("vjm", [9.0], dataset="twin@specimen=4", condition="n = 5", **EFFICIENCY)
-    assert errors_of(tmp_path).groupby("model").size().to_dict() == {"vjm": 3, "gp": 3}
-
-
 def test_a_model_that_lacks_a_draw_has_no_learning_curve(tmp_path):
     made = learned(tmp_path)
     for twin in TWINS[:3]:
         made.add("vjm", [0.1, 0.1], dataset=twin, condition="n = 5", **EFFICIENCY)
-    content = learning_curves.learning_curves(
-        FigureSource.of(
-            tmp_path,
-            Selection(
-                models=(
-                    "vjm",
-                    "gp",
-                )
-            ),
-        )
-    )
+    source = FigureSource.of(tmp_path, Selection(models=("vjm", "gp")))
+    content = learning_curves.learning_curves(source)
     assert content.paint.args[1] == ["vjm"]
     assert "1 to 2 draws per size and data set" in content.caption
     assert "Not shown: gp." in content.caption
@@ -241,15 +224,6 @@ def test_freeze_strategies_stand_with_single_layers_first_and_their_splits(tmp_p
     of_pair = errors.loc[errors["layers"] == "1 + 2", "error"]
     np.testing.assert_allclose(of_pair, [0.1, 0.2])  # all axes together: the error is along z
     assert linear == pytest.approx([0.3, 0.1])
-
-
-def test_freeze_strategies_are_compared_on_the_splits_that_all_have(tmp_path):
-    content = frozen(tmp_path, **{"layers:1": [0.3], "layers:4": [0.6, 6.0]})
-    errors, linear = content.paint.args
-    np.testing.assert_allclose(errors["error"], [0.1, 0.2])
-    assert linear == pytest.approx([0.3])
-    assert "1 split, seed 0." in content.caption
-    assert "Splits that only some strategies have are left out." in content.caption
 
 
 def test_long_names_lose_their_middle_and_no_control_character_is_drawn():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 import statistics
 from dataclasses import replace
 
@@ -14,12 +13,10 @@ import pytest
 from helpers.made_results import MadeResults
 from stiff_bench.paper.paper_models import (
     FT_MLP,
-    FT_MLP_LAST_EPOCH,
     FT_MLP_OWN_SOURCE,
     FT_MLP_PAPER_RECIPE,
     VJM,
     pretrained,
-    unfrozen,
 )
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, RECIPE, TABLES, build, read_table
@@ -105,16 +102,6 @@ def test_tables_6_and_7_have_the_errors_on_the_source_that_the_networks_report(r
     assert "Without a result under paper-holdout: mlp-pretrained@activation=sigmoid" in notes(table)
 
 
-def test_table_8_is_ours_alone_and_has_the_layers_that_were_run(runs):
-    runs.of(unfrozen(["3"]), [0.1])
-    runs.of(unfrozen(["1", "out"]), [0.2])
-    (part,) = (table := build("8", runs.read))
-    assert labels(part) == [("1 layer", "3"), ("2 layers", "1 + out")]
-    assert {column.group for column in part.columns} == {"", OURS}
-    assert "Ours alone" in notes(table)
-    assert unfrozen(["1"]).name in notes(table) and "`bench reproduce paper`" in notes(table)
-
-
 def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_samples(runs):
     """Of the twelve samples the first four are held out, with an error of 0.3 mm along z."""
     runs.of(FT_MLP, [0.3], picked_on_test=True)
@@ -134,17 +121,6 @@ def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_
     published = values(part, "published", ("normal (last epoch)", "3-D"))
     assert published["validation MAE"].value == 0.1997
     assert set(values(part, "published", ("normal (last epoch)", "X")).values()) == {None}
-
-
-def test_table_9_has_no_training_part_where_no_fit_is_read_on_all_samples(runs):
-    runs.of(FT_MLP, [0.3, 0.4])
-    runs.of(FT_MLP, [[0.3] * 12], ON_ALL, rows=range(12))  # of one split alone
-    runs.of(FT_MLP_LAST_EPOCH, [0.9, 0.9])
-    (part,) = (table := build("9", runs.read))
-    for label in ("optimized (best epoch)", "normal (last epoch)"):
-        found = values(part, OURS, (label, "Z"))
-        assert found["train MAE"] is None and found["validation MAE"].n == 2
-    assert "Without a result under paper-holdout@read_on=all: ft-mlp" in notes(table)
 
 
 def test_table_10_has_three_readings_and_reductions_split_by_split(runs):
@@ -227,15 +203,6 @@ def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(
     assert "nothing to print of kr10-twin under holdout" in notes(table)
 
 
-def test_a_model_that_failed_is_a_row_of_dashes_with_its_reason(runs):
-    runs.of(FT_MLP_LAST_EPOCH, failed=[0])
-    runs.of(FT_MLP, [0.00123])
-    table = build("9", runs.read)
-    assert set(values(table[0], OURS, ("normal (last epoch)", "Z")).values()) == {None}
-    assert "failed: it broke" in notes(table)
-    assert "| 0.00123 |" in re.sub(" +", " ", render(table, "github", ""))  # the digits ours need
-
-
 @pytest.mark.parametrize("number", sorted(set(TABLES) - NEEDS_NO_RESULTS.keys()))
 def test_a_folder_without_the_tables_results_is_refused_naming_the_command(runs, number):
     runs.of("knn", [0.1])
@@ -268,17 +235,3 @@ def test_the_vjm_of_the_twin_is_near_the_papers_tables_2_and_3_that_it_was_calib
     assert values(stiffness, "published", ("A4",))["stiffness"].value == 2.27
     assert stiffness.unit == "10^3 Nm/rad"
     assert all(said in " ".join(errors.notes) for said in ("calibrated against", "not a test"))
-
-
-@pytest.mark.parametrize("number", [number for number in TABLES if number not in "145"])
-def test_every_table_with_ours_says_that_ours_cannot_be_compared_in_absolute_terms(runs, number):
-    for model in (VJM, FT_MLP, pretrained(width=100), pretrained()):
-        runs.of(model, [0.1])
-    table = build(number, None if number in NEEDS_NO_RESULTS else runs.read)
-    for part in table:
-        assert f"Table {number}." in part.title
-        said = " ".join(part.notes)
-        assert "ot comparable in absolute terms" in said and "seed 0" in said
-        if number not in NEEDS_NO_RESULTS:
-            assert "paper-holdout, 1 split" in said
-            assert f"of {runs.folder}" in said  # how many results of which version

@@ -15,7 +15,6 @@ from stiff_bench.tables.published import (
 )
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.transfer.source_domain import source_design
-from stiff_protocols.contract.types import AXES
 from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 
 FOUR_DECIMALS, TWO_DECIMALS, ONE_DECIMAL = 0.5e-4, 0.5e-2, 0.05
@@ -82,40 +81,10 @@ def test_our_source_domain_has_the_poses_of_table_4_and_the_wrenches_of_table_5(
     assert np.array_equal(design.wrench, [wrenches]) and N_POSES * len(wrenches) == N_SAMPLES
 
 
-def rms(pairs) -> float:
-    """The root mean square that mean and deviation of an absolute error have together, mm."""
-    return math.sqrt(sum(mean**2 + deviation**2 for mean, deviation in pairs))
-
-
 def test_table_10s_vjm_is_that_of_all_samples_in_table_2_within_5_per_cent_in_all_nine_figures():
     assert len(OF_ALL) == 9
     for place, value in OF_ALL.items():
         assert TABLE_10["VJM"][place] == pytest.approx(value, rel=0.0501)
-
-
-def test_table_9_fits_table_10_as_lengths_over_all_samples_and_then_beats_no_vjm_on_its_fifth():
-    """Of four fifths for training and one for validation."""
-    normal, best = (
-        {name: float(text) for name, text in line.items() if name.endswith("_mm")}
-        for line in published_lines("table_9")
-    )
-    assert best["validation_mae_mm"] < normal["validation_mae_mm"]
-    assert best["train_mae_mm"] > normal["train_mae_mm"]
-    of_vjm, of_ft_mlp = (
-        rms([(TABLE_10[name]["mae", axis], TABLE_10[name]["stde", axis]) for axis in AXES])
-        for name in ("VJM", "FT-MLP")
-    )
-    trained, validated = (
-        rms([(best[f"{part}_mae_mm"], best[f"{part}_stde_mm"])]) for part in ("train", "validation")
-    )
-    together = math.sqrt(0.8 * trained**2 + 0.2 * validated**2)
-    assert [of_ft_mlp, together] == pytest.approx([0.131, 0.121], abs=5e-4)
-    assert [validated, of_vjm] == pytest.approx([0.206, 0.194], abs=5e-4)
-    # as errors along axes they do not fit, on whichever samples
-    mean = np.mean([TABLE_10["FT-MLP"]["mae", axis] for axis in AXES])
-    assert mean == pytest.approx(0.0424, abs=FOUR_DECIMALS)
-    assert best["validation_mae_mm"] / mean == pytest.approx(3.8, abs=0.05)
-    assert 0.8 * best["train_mae_mm"] + 0.2 * best["validation_mae_mm"] > 2 * mean
 
 
 def test_our_twin_has_the_151_poses_61_and_90_divided_80_to_20_by_whole_poses():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,7 +10,6 @@ from helpers.made_results import MadeResults
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.paper.relative_errors import RelativeErrors, mean_errors
 from stiff_bench.paper.study_file import Study, StudyRun
-from stiff_bench.store.database import ResultStore
 from stiff_protocols.contract.errors import StoreError
 
 ARMS = ("arm 0", "arm 1", "arm 2")
@@ -75,33 +72,8 @@ def test_tau_is_one_for_the_same_order_and_minus_one_for_the_other_way_round():
     assert tau["rough"]["many arms"] == tau["many arms"]["rough"] == -1.0
 
 
-def test_the_figure_has_the_steps_and_the_groups_with_an_order():
-    steps, orders = relative(gp=[0.5, 0.8, 0.2, 0.4, 0.6]).figure().draw().axes
-    assert [label.get_text() for label in steps.get_xticklabels()] == ["plain", "rough"]
-    names = [label.get_text() for label in orders.get_xticklabels()]
-    assert names == ["default", "rough", "many arms"]
-
-
 def test_without_the_vjm_there_is_nothing_to_be_relative_to(tmp_path):
     made = MadeResults(tmp_path)
     made.add_run("run-1", made.add("gp", [0.1]))
     with pytest.raises(StoreError, match="no result of vjm"):
         mean_errors(StoredResults.read(tmp_path))
-
-
-def test_of_two_versions_of_a_model_only_the_newest_counts(tmp_path):
-    made = MadeResults(tmp_path)
-    made.add("vjm", [0.2])
-    (key,) = made.add("gp", [0.1])
-    store = ResultStore(tmp_path)
-    first = store.result(key)
-    moved = first.prediction.measured + np.array([0.0, 0.0, 4e-4])
-    newer = replace(
-        first,
-        cell=replace(first.cell, model_version="2"),
-        run_id="run-2",
-        prediction=replace(first.prediction, predicted=moved),
-    )
-    store.write_cells([newer])
-    (errors,) = mean_errors(StoredResults.read(tmp_path)).to_numpy().T
-    assert errors == pytest.approx([4e-4, 2e-4])  # gp, vjm

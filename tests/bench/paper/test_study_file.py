@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from itertools import pairwise
-
 import pytest
 
-from stiff_bench.paper import paper_models
-from stiff_bench.paper.paper_models import ALL_PAIRS, DEPTHS, WIDTH_DEPTHS, WIDTHS
-from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.study_file import find_study, read_study
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.cell import unfinished
-from stiff_bench.store.database import ResultStore
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 
+LONG = [("effects", 252), ("transfer", 505), ("intervals", 945), ("anchored", 260)]
 SIMPLE = (
     'title = "t"\nmodels = ["vjm"]\ndatasets = ["two"]\n[groups]\ntwo = ["kr10-twin", "ur5-twin"]\n'
 )
@@ -74,8 +67,8 @@ def test_a_wrong_file_is_refused_by_file_key_and_value(text, said, tmp_path):
 @pytest.mark.parametrize(
     ("name", "n_cells"),
     [
-        *(("paper", 494), ("paper-quick", 49), ("effects", 252), ("transfer", 505)),
-        *(("intervals", 945), ("anchored", 260), ("anchored-steps", 180)),
+        *(("paper", 494), ("paper-quick", 49), ("anchored-steps", 180)),
+        *(pytest.param(*study, marks=pytest.mark.slow) for study in LONG),
     ],
 )
 def test_every_cell_of_a_shipped_study_is_asked_for_once(name, n_cells, plans):
@@ -88,49 +81,6 @@ def test_the_leaderboard_has_every_shipped_model_once(plans):
         assert [choice.info.key for choice in plan.models] == [info.key for info in MODELS]
 
 
-def test_the_results_of_every_model_of_the_paper_are_found_again(plans, tmp_path):
-    """By the options that it names, whichever of them are defaults and left out of its name."""
-    store = ResultStore(tmp_path)
-    for task in cell_tasks(*(replace(plan, splits=1) for plan in plans("paper"))):
-        store.write_cells([unfinished(task, "r", task.cell.key)])
-    stored = PaperResults.of(tmp_path)
-    pretrained = [
-        *(paper_models.pretrained(layers=d, width=w) for d in WIDTH_DEPTHS for w in WIDTHS),
-        *(paper_models.pretrained(layers=d, width=100, stopped_early=True) for d in DEPTHS),
-        *(paper_models.pretrained(layers=d, width=100) for d in DEPTHS),
-        *(paper_models.pretrained(activation=kind) for kind in paper_models.ACTIVATIONS),
-    ]
-    fine_tuned = [paper_models.unfrozen(layers) for layers in (*ALL_PAIRS, ("3",), ("out",))]
-    methods = [
-        *(paper_models.VJM, paper_models.FT_MLP, paper_models.FT_MLP_OWN_SOURCE),
-        *(paper_models.DT_CNN,),
-    ]
-    recipe = [paper_models.FT_MLP_PAPER_RECIPE, paper_models.FT_MLP_PAPER_RECIPE_LAST_EPOCH]
-    for protocol, models in (
-        (paper_models.PAPER_PROTOCOL, [*pretrained, *fine_tuned, *methods, *recipe]),
-        (paper_models.READ_ON_ALL, [*methods, paper_models.FT_MLP_LAST_EPOCH, *recipe]),
-        (paper_models.FAIR_PROTOCOL, methods),
-    ):
-        found = stored.of_models(models, protocol)
-        assert not found.missing and found.failures.keys() == {model.name for model in models}
-        assert len(set(found.failures.values())) == len(found.failures)  # nobody has another's
-
-
 def test_the_quick_study_is_a_part_of_the_full_one_on_one_split(plans):
     assert {*pairs(plans("paper-quick"))} < {*pairs(plans("paper"))}
     assert {plan.splits for plan in plans("paper-quick")} == {1}
-
-
-def test_models_that_share_a_pretraining_are_no_neighbours(plans):
-    """Two jobs start neighbours together, and each would make the pre-training."""
-    network = {"mlp-pretrained": "mlp", "ft-mlp": "mlp", "dt-cnn": "cnn"}
-    of_its_own = {"source_teacher", "alignment", "preset"}
-    for run in plans("transfer"):
-        shared = [network.get(m.info.key) for m in run.models if of_its_own.isdisjoint(m.params)]
-        assert not any(one is not None and one == other for one, other in pairwise(shared))
-
-
-def test_what_is_of_the_kr10_runs_on_the_kr10_alone(plans):
-    for run in plans("transfer"):
-        if any(model.params.get("preset") == "paper" for model in run.models):
-            assert all(choice.info.key.startswith("kr10") for choice in run.datasets)

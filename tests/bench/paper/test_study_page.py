@@ -7,9 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from helpers.figure_results import ranked
 from helpers.made_results import MadeResults
-from stiff_bench.paper.paper_models import DT_CNN
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.paper.study_page import check_names, outdated_models, write_page
 from stiff_bench.store.database import read_results
@@ -42,31 +40,6 @@ def test_a_page_has_its_notes_tables_and_figures_and_says_what_was_not_computed(
         assert part in text
     assert "not finished: 7 fits not computed" in text
     assert re.search(r"## Not made\n\n- Figure losses: .*training curve", text)
-
-
-@pytest.mark.slow
-def test_the_papers_page_names_what_cannot_be_made_with_its_reason(tmp_path):
-    """Of all models the VJM and DT-CNN alone were run."""
-    made = MadeResults(tmp_path / "paper" / "runs")
-    for protocol in ("paper-holdout", "holdout"):
-        for model, error in (("vjm", 0.2), (DT_CNN.name, 0.3)):
-            made.add(model, [error], dataset="kr10-twin", protocol=protocol)
-    *files, page = write_page(find_study("paper"), tmp_path, "bench reproduce paper", 0)
-    text = page.read_text()
-    assert pictures(page) == {path for path in files if path.suffix == ".png"} != set()
-    for number in (2, 3, 10):
-        assert f"**Table {number}." in text
-    assert re.search(r"^- Table 6: .*bench reproduce", text, re.MULTILINE)
-    assert re.search(r"^- Figure 9: ", text, re.MULTILINE)
-
-
-@pytest.mark.slow
-def test_a_leaderboard_comes_with_its_numbers_and_figures(tmp_path):
-    ranked(tmp_path / "leaderboard" / "runs")
-    *files, page = write_page(find_study("leaderboard"), tmp_path, "bench reproduce", 0)
-    assert "| gp " in page.read_text() and pictures(page) < {*files}
-    table = tmp_path / "leaderboard" / "tables" / "table_leaderboard.csv"
-    assert ",column,value," in table.read_text()
 
 
 def test_nothing_stored_is_no_page(tmp_path):

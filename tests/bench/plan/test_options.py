@@ -58,15 +58,12 @@ def test_without_annotations_the_default_gives_the_type_and_a_key_may_hold_dots(
     [
         ("ft-mlp.freze=full", "unknown ft-mlp option 'freze'; did you mean 'freeze'"),
         ("ft-mpl.freeze=full", "unknown key 'ft-mpl'; did you mean 'ft-mlp'"),
-        ("ft-mlp.epochs=many", r"'many' is no valid epochs.*whole number >= 0"),
         ("ft-mlp.epochs=-1", r"'-1' is no valid epochs \(valid: whole number >= 0 or none\)"),
-        ("ft-mlp.epochs=1.5", "no valid epochs"),
         ("ft-mlp.activation=swish", r"valid: auto \| relu .* \| sharp-gelu"),
         ("holdout.test_fraction=1", r"\(valid: number > 0 and < 1\)"),
         ("vjm.lever=maybe", r"'maybe' is no valid lever \(valid: given \| fit\)$"),
         ("ft-mlp.learning_rate=nan", "no valid learning_rate"),
         ("ft-mlp.freeze", "expected KEY.option=value"),
-        ("freeze=full", "expected KEY.option=value"),
         ("ft-mlp.epochs=18446744073709551617", "more than the 64 bits"),
         ("ft-mlp.freeze=full\udcff", "no UTF-8"),
     ],
@@ -164,7 +161,6 @@ def test_set_reaches_every_variant_and_the_word_has_the_last_word():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"models": ("VJM",)}, "unknown model 'VJM'; did you mean 'vjm'"),
         ({"models": ("vmj",)}, "unknown model 'vmj'; did you mean 'vjm'"),
         ({"models": ("mlp@widht=8",)}, "model 'mlp@widht=8': unknown mlp option 'widht'; did"),
         (

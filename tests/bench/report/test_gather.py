@@ -14,7 +14,7 @@ from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.report import report_content as gather
 from stiff_bench.report.report_content import PageOptions
 from stiff_bench.store.database import ResultStore, read_results
-from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.errors import StoreError
 
 pytestmark = pytest.mark.usefixtures("no_figures")
 
@@ -140,15 +140,6 @@ def test_choices_narrow_everything_and_stand_in_the_commands(results):
         f"bench leaderboard --results {results.folder} --model vjm --model mlp --dataset "
         f"{TWINS[1]} --metric mae --axis z"
     )
-
-
-def test_a_word_without_results_is_refused(results):
-    for choice in ({"models": ("vmj",)}, {"datasets": ("moon",)}, {"protocols": ("guess",)}):
-        with pytest.raises(ConfigError, match=str(next(iter(choice.values()))[0])):
-            blocks_of(results.folder, **choice)
-    results.add("vjm", [0.1], "lonely", protocol="transfer")
-    with pytest.raises(ConfigError, match="dataset twin, protocol transfer"):
-        blocks_of(results.folder, datasets=("twin",), protocols=("transfer",))
 
 
 @pytest.mark.parametrize("error", [StoreError("no curves"), ZeroDivisionError(), ValueError()])

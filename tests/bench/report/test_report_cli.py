@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from helpers.made_results import MadeResults
 from stiff_bench.cli.result_commands import report
-from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
+from stiff_protocols.contract.errors import ConfigError
 
 pytestmark = pytest.mark.usefixtures("no_figures")
 
@@ -44,23 +44,3 @@ def test_several_folders_are_parts_of_one_page_not_compared_and_each_has_every_m
     assert "are not compared with each other" in text
     done = run(*words, "--model", "gp")
     assert isinstance(done.exception, ConfigError) and "'gp'" in str(done.exception)
-
-
-@pytest.mark.parametrize(
-    ("words", "error", "said"),
-    [
-        (["--output", "page.pdf"], ConfigError, r"'\.pdf'.*\.html, \.htm"),
-        (["--output", "page.html", "--metric", "speed"], StiffBenchError, "speed"),
-        (["--output", "no/such/folder/page.html"], StoreError, "page.html: cannot be written"),
-    ],
-)
-def test_bad_words_are_refused_and_nothing_is_written(
-    folder, tmp_path, monkeypatch, words, error, said
-):
-    monkeypatch.chdir(tmp_path)
-    before = set(tmp_path.rglob("*"))
-    done = run("--results", folder, *words)
-    assert isinstance(done.exception, error)
-    with pytest.raises(error, match=said):
-        raise done.exception
-    assert {path for path in tmp_path.rglob("*") if path.suffix != ".lock"} <= before | {folder}

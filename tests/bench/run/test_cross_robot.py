@@ -12,10 +12,6 @@ from helpers.run_requests import computed, planned
 from stiff_bench.plan.cells import NO_SOURCE, cell_tasks
 from stiff_bench.plan.options import chosen_dataset
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.execution import Execution
-from stiff_bench.run.progress import Display
-from stiff_bench.run.runner import run_cells
-from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.store.names import split_word
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_protocols.contract.errors import ConfigError
@@ -89,13 +85,6 @@ def test_rows_say_what_the_source_means_for_them(cross_tasks):
         of_condition(tasks, condition)[0].shown.caveats for condition in (OWN, FROM_UR5)
     )
     assert set(foreign) > set(own) and not any("ur5-twin" in caveat for caveat in own)
-
-
-def test_the_sources_samples_are_stored_beside_the_targets(cross_tasks, tmp_path, ur5):
-    tasks = cross_tasks("vjm")
-    run_cells(tasks, "bench run", ResultStore(tmp_path), Execution(), Display())
-    for data in (tasks[0].data, ur5):
-        assert len(read_data(tmp_path, data.sha256).samples) == len(data.samples)
 
 
 @pytest.mark.parametrize(

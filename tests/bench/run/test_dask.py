@@ -278,15 +278,3 @@ def test_the_lines_of_the_docs_start_a_cluster_of_slurm_and_run_on_it(tmp_path):
     assert "-m distributed.cli.dask_worker tcp://" in done.stdout and "--nthreads 1" in done.stdout
     (manifest,) = read_manifests(tmp_path / "out")
     assert manifest.machines
-
-
-@pytest.mark.slow
-def test_ctrl_c_while_workers_of_our_own_start_is_one_line(tmp_path):
-    """It comes to the whole group, as from a terminal."""
-    words = ["run", "--model", "knn", "--dask", "local:2", "--output", "out"]
-    with started(*words, cwd=tmp_path, start_new_session=True) as command:
-        wait_until(lambda: len(psutil.Process(command.pid).children(recursive=True)) >= 2)
-        os.killpg(command.pid, signal.SIGINT)
-        _, said = command.communicate(timeout=60)
-    assert command.returncode == 130
-    assert "Traceback" not in said and said.strip().splitlines()[-1].startswith("bench: interrup")

@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from helpers import hostile_models
-from helpers.command_line import assert_refused, bench, bench_here, started, wait_until
+from helpers.command_line import bench, bench_here, started, wait_until
 from helpers.quick_models import KEYS
 from helpers.run_requests import planned
 from stiff_bench.plan.cells import cell_tasks
@@ -34,16 +34,13 @@ EXPECTED = {
     **dict.fromkeys(("Hangs", "HoldsTheInterpreter", "Talks"), TIMED_OUT),
     **dict.fromkeys(("Eats", "FeedsChildren"), OUT_OF_MEMORY),
     "Segfaults": ("failed", "SIGSEGV", "its process was ended by SIGSEGV after"),
-    "Aborts": ("failed", "SIGABRT", "its process was ended by SIGABRT after"),
     "Exits": ("failed", "exit status 3", "without a result (exit status 3)"),
-    "ExitsWell": ("failed", "exit status 0", "without a result (exit status 0)"),
     "Quits": ("failed", "SystemExit", "SystemExit: enough"),
-    "Interrupts": ("failed", "KeyboardInterrupt", "KeyboardInterrupt"),
     "KillsItself": ("failed", "SIGKILL", "ended by SIGKILL after"),
     "TellsLies": ("failed", "ModelError", "predict returned <U7 values, expected (31, 3)"),
     **dict.fromkeys(("LeavesAChild", "DetachesAChild", "vjm"), OK),
 }
-SUMMARY = "bench: 4 ok, 9 failed ("
+SUMMARY = "bench: 4 ok, 6 failed ("
 
 
 class Seen:
@@ -160,25 +157,6 @@ def test_strangers_models_are_isolated_and_ours_where_that_is_asked_as_the_manif
     isolated = [name for name, said in facts.items() if said["isolated"] == "true"]
     assert isolated == ["asked", "a stranger's"]
     assert (facts["asked"]["jobs"], facts["asked"]["OMP_NUM_THREADS"]) == ("1", "2")
-
-
-@pytest.mark.parametrize(
-    ("words", "parts"),
-    [
-        (["--no-isolate", "--jobs", "2"], ["--no-isolate: --jobs 2 needs a process"]),
-        (["--no-isolate", "--timeout", "3"], ["--no-isolate: --timeout needs a process"]),
-        (["--jobs", "2", "--dask", "local:2"], ["--jobs 2: the cluster of --dask says how many"]),
-        (["--memory", "much"], ["--memory", "'much' is no size (valid: 2GiB, 500MB, "]),
-        (["--memory", "8"], ["--memory", "'8' is no size (valid: 2GiB, 500MB, "]),
-        (["--memory", "0"], ["--memory", "'0'"]),
-        (["--dask", "tcp:here"], ["--dask 'tcp:here': no cluster (valid: tcp://HOST:PORT, local"]),
-        (["--dask", "local:0"], ["--dask 'local:0': no cluster (valid: tcp://HOST:PORT, local:N)"]),
-    ],
-)
-def test_options_that_cannot_be_meant_are_refused(tmp_path, words, parts):
-    done = bench_here("run", "--model", "vjm", *words, "--output", "out", cwd=tmp_path)
-    assert_refused(done, *parts)
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

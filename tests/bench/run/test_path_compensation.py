@@ -18,8 +18,6 @@ from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.tables.metric_table import build_tables
-from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.scoring.metrics import metric, norm_errors
 from stiff_protocols.splits.path_compensation import PathCompensation
 
 PATHS = "path-compensation"
@@ -114,31 +112,6 @@ def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results)
     assert np.abs(command + predicted).max() < 0.02 * np.abs(predicted).max()
 
 
-def test_the_zero_model_leaves_the_uncorrected_error_and_the_oracle_the_tolerance(results):
-    zero = next(one for one in results if one.shown.model == "zero")
-    prediction = zero.prediction
-    without = np.linalg.norm(prediction.measured, axis=1)
-    np.testing.assert_allclose(norm_errors(prediction), without, atol=1e-8)
-    assert metric("removed").of_result(zero)[""] == pytest.approx(0.0, abs=1e-5)
-    of_oracle = replace(prediction, predicted=prediction.known["oracle"])
-    assert norm_errors(of_oracle).max() < 1.1e-6
-
-
-def test_the_reference_row_is_the_vjms_own_path_error(results):
-    vjm, zero = (
-        next(one for one in results if one.shown.model == name) for name in ("vjm", "zero")
-    )
-    np.testing.assert_allclose(zero.prediction.reference, vjm.prediction.predicted, atol=1e-9)
-    assert 0.5 < metric("removed").of_result(vjm)[""] < 1.0
-
-
-def test_an_interval_of_a_corrected_path_covers_what_the_models_interval_covers(tasks):
-    task = tasks[0]
-    found = computed(replace(task, cell=replace(task.cell, coverage=0.8))).prediction
-    assert (found.interval.lower <= found.predicted).all()
-    assert (found.predicted <= found.interval.upper).all()
-
-
 def test_the_table_shows_path_errors_and_the_rows_that_no_model_may_know(results):
     (table,) = build_tables(results, ())
     assert [column.about["metric"] for column in table.columns if column.about] == [
@@ -147,11 +120,6 @@ def test_the_table_shows_path_errors_and_the_rows_that_no_model_may_know(results
     names = [row[0].text for row in table.rows]
     assert names == ["vjm", "zero", "oracle", "no correction"]
     assert any("path errors" in note for note in table.notes)
-
-
-def test_measured_data_are_refused_in_a_line_that_names_them(tasks_of):
-    with pytest.raises(ConfigError, match=f"fanuc-r2000ic under {PATHS}: a measured robot cannot"):
-        tasks_of(("vjm",), "fanuc-r2000ic", PATHS)
 
 
 def test_results_with_and_without_paths_are_of_the_same_data_set(cases):

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import mmap
 import os
 import sys
 import time
 import types
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -18,12 +16,6 @@ from helpers.run_requests import computed, planned, with_model
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell
-from stiff_bench.run.costs import (
-    MOST_SINGLE_PREDICTIONS,
-    MemoryMeter,
-    latency,
-    peak_memory_bytes,
-)
 from stiff_bench.run.fit import CURVE_POINTS
 from stiff_bench.store.database import ResultStore
 from stiff_models.physics.vjm import VirtualJointModel
@@ -148,37 +140,6 @@ def test_costs_are_measured_and_a_slow_model_is_not_asked_for_a_thousand_rows(ta
     assert 0.021 < cost.latency_s < cost.predict_s
     assert 30 < cost.throughput_per_s < 1000
     assert cost.memory_bytes is None or cost.memory_bytes > 100 * MIB
-
-
-def test_the_latency_of_a_model_is_that_of_one_row_after_another():
-    rows = np.arange(12.0).reshape(2, 6)
-    asked = []
-    model = types.SimpleNamespace(predict=lambda q, wrench: asked.append((q, wrench)))
-    assert latency(model, rows, -rows) > 0.0
-    assert len(asked) == MOST_SINGLE_PREDICTIONS
-    for i, found in enumerate(asked):
-        row = rows[i % 2 : i % 2 + 1]
-        np.testing.assert_array_equal(found, [row, -row])
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux forgets a peak on request")
-def test_a_meter_sees_its_own_rise_alone_and_the_runs_peak_is_not_forgotten():
-    with fresh_memory(100):
-        peak = peak_memory_bytes()
-    meter = MemoryMeter()
-    with fresh_memory(40):
-        assert 35 * MIB < meter.rise() < 60 * MIB
-    assert MemoryMeter().rise() < 20 * MIB
-    assert peak_memory_bytes() >= peak
-
-
-@contextmanager
-def fresh_memory(mebibytes):
-    """Take pages from the kernel; an array may be given pages that were freed and kept before."""
-    with mmap.mmap(-1, mebibytes * MIB) as pages:
-        for _ in range(mebibytes):
-            pages.write(bytes([1]) * MIB)
-        yield
 
 
 class Curved(Scaled):

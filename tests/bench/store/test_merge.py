@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import count
 
@@ -15,7 +13,7 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.store import merging
 from stiff_bench.store.database import ResultStore, read_data, read_manifests, read_results
 from stiff_bench.store.merging import merge
-from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.errors import ConfigError
 
 EARLY, LATE = "20261121T120000Z-aaaaaa", "20261122T120000Z-bbbbbb"
 
@@ -126,24 +124,6 @@ def test_a_merge_that_is_stopped_changes_nothing(two, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         merge(two, there)
     assert contents(there) == before
-
-
-MERGE = "import sys; from pathlib import Path; from stiff_bench.store.merging import merge; \
-merge([Path(sys.argv[1])], Path(sys.argv[2]))"
-
-
-def test_two_merges_into_one_folder_at_once_do_no_harm(two, tmp_path):
-    words = [[sys.executable, "-c", MERGE, one, tmp_path / "c"] for one in two]
-    running = [subprocess.Popen(one) for one in words]
-    assert [one.wait(60) for one in running] == [0, 0]
-    assert contents(tmp_path / "c") == contents(two[0]) | contents(two[1])
-
-
-@pytest.mark.parametrize("where", ["nowhere", "c"])
-def test_there_must_be_something_to_take(tmp_path, where):
-    MadeResults(tmp_path / "c")
-    with pytest.raises((ConfigError, StoreError), match=where):
-        merge([tmp_path / where], tmp_path / "c")
 
 
 def test_the_command_counts_what_it_took_and_refuses_a_corrupt_folder(two, tmp_path):
