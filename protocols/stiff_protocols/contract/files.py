@@ -56,6 +56,10 @@ def written_whole(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+LARGEST = 2**16
+"""Bytes; `tomllib` takes the square of a long dotted key's parts."""
+
+
 def read_toml(
     path: Path, *, named: str = "", error: type[StiffBenchError] = DataError
 ) -> dict[str, Any]:
@@ -64,11 +68,14 @@ def read_toml(
     Args:
         path: of the file.
         named: how the error names it; "": by its path.
-        error: that is raised where it cannot be read or is no TOML.
+        error: that is raised where it cannot be read, or is no TOML, or larger than any settings.
     """
     try:
         with path.open("rb") as file:
-            return tomllib.load(file)
+            content = file.read(LARGEST + 1)
+        if len(content) > LARGEST:
+            raise ValueError(f"larger than {LARGEST} bytes")
+        return tomllib.loads(content.decode())
     except OSError as problem:
         reason = problem.strerror or problem
         raise error(f"{named or path}: cannot be read: {reason}") from problem

@@ -49,6 +49,7 @@ def test_tables_of_a_toml_file_come_back(tmp_path):
     ("text", "message"),
     [
         (b"a = " + b"[" * 5000 + b"]" * 5000, "nested too deeply"),
+        (b"a" + b".a" * 100_000 + b" = 1", "larger than"),
         (b"a = \xff", "can't decode"),
         (b"a", "Expected '='"),
     ],
