@@ -251,28 +251,32 @@ format_option = click.option(
 )
 
 
-def selection_options(command: Command) -> Command:
+def selection_options(command: Command, *, of_models: bool = True) -> Command:
     """Add the options that choose among stored results; the command gets a `Selection`."""
     text = "A {}, or a key for all its variants; may be repeated."
 
-    @several_keys("--model", "models", help=text.format("model"))
     @several_keys("--dataset", "datasets", help=text.format("data set"))
     @several_keys("--protocol", "protocols", help=text.format("protocol"))
     @several_keys("--condition", "conditions", help='Condition of a protocol: "n = 40".')
     @wraps(command)
     def call(
         *,
-        models: tuple[str, ...],
         datasets: tuple[str, ...],
         protocols: tuple[str, ...],
         conditions: tuple[str, ...],
+        models: tuple[str, ...] = (),
         **words: Any,
     ) -> Any:
         from stiff_bench.analysis.selection import Selection
 
         return command(selection=Selection(models, datasets, protocols, conditions), **words)
 
-    return cast(Command, call)
+    models = several_keys("--model", "models", help=text.format("model"))
+    return cast(Command, models(call) if of_models else call)
+
+
+case_options = partial(selection_options, of_models=False)
+"""The same without the models, of a command that names them itself."""
 
 
 ranking_options = together(

@@ -12,6 +12,7 @@ from stiff_bench.cli.click_options import (
     FILE,
     PROBABILITY,
     Millimetres,
+    case_options,
     command_line,
     format_option,
     output_option,
@@ -41,7 +42,7 @@ def leaderboard(results: Path, selection: Selection, fmt: str, **ranking: Any) -
 @click.argument("a")
 @click.argument("b")
 @results_option
-@selection_options
+@case_options
 @click.option(
     "--equivalence",
     "equivalence_mm",
