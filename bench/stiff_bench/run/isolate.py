@@ -99,8 +99,12 @@ class RunningFit:
             daemon=False, timeout=work.limits.timeout_s, context=context
         )
         _keep_socket_names_short()
-        with _main_not_imported():
-            self.future: ProcessFuture[FitOutcome] = start(compute_fit)(work, self._folder)
+        try:
+            with _main_not_imported():
+                self.future: ProcessFuture[FitOutcome] = start(compute_fit)(work, self._folder)
+        except BaseException:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise
 
     def outcome(self, listener: Callable[[Progress], None] = lambda _: None) -> FitOutcome | None:
         """Return what became of the fit, and end it; None while it is computed.
