@@ -15,7 +15,7 @@ from helpers.model_files import archived, members, saved_model
 from stiff_bench.store.database import FILE, read_manifests, read_results
 from stiff_bench.store.samples import data_content, stored_data
 from stiff_datasets.measured.sample_file import read_samples
-from stiff_datasets.robots.urdf_reader import load_robot
+from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_models import load
 from stiff_models.io.training_cache import usable_folder
 from stiff_protocols.contract.errors import DataError, StoreError
@@ -126,7 +126,7 @@ def test_a_urdf_reads_no_other_file_and_does_not_grow(kind, tmp_path, secret):
     for name, note in (("&x;", ""), ("r", "<note>&x;</note>")):
         path.write_text(f'{doctype}<robot name="{name}">{note}{rest.partition(">")[2]}')
         try:
-            robot = load_robot(path)
+            robot = read_robot(path)
         except DataError as refused:
             assert SECRET not in str(refused) and len(str(refused)) < 1000
         else:

@@ -24,7 +24,7 @@ from stiff_bench.store.database import FILE, read_data, read_manifests, read_res
 from stiff_datasets.measured.load_file import read_loads
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.measured.sheet_files import sample_table, write_table
-from stiff_datasets.robots.urdf_reader import load_robot
+from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_datasets.twin.constants import read_constants
 from stiff_protocols.contract.types import Robot
 
@@ -66,7 +66,7 @@ def _samples(
 def _urdf(folder: Path) -> Prepared:
     robots = files("stiff_datasets.robots")
     valid = tuple((robots / f"{name}.urdf").read_bytes() for name in ("kr10_r1100_2", "ur5"))
-    return Prepared(folder / "robot.urdf", valid, load_robot, hard_cases.urdfs(valid[0]))
+    return Prepared(folder / "robot.urdf", valid, read_robot, hard_cases.urdfs(valid[0]))
 
 
 def _twin(folder: Path) -> Prepared:

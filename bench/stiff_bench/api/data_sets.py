@@ -60,8 +60,14 @@ class Dataset:
     choice: Choice[DatasetInfo]
 
     @classmethod
-    def of_file(cls, file: Path | str, robot: str | Robot, options: FileOptions) -> Dataset:
-        """Return the data set of a file, which is read when it is needed; see `read_samples`."""
+    def of_file(cls, file: Path | str, robot: str | Robot | None, options: FileOptions) -> Dataset:
+        """Return the data set of a file, which is read when it is needed; see `read_samples`.
+
+        Raises:
+            ConfigError: no robot is named, or there is none of this name.
+        """
+        if robot is None:
+            raise ConfigError(f"{file}: needs its robot too: --urdf FILE.urdf or --robot NAME")
         return cls(measured_file(Path(file), as_robot(robot), options))
 
     @classmethod
@@ -269,8 +275,6 @@ def dataset_of_word(
     if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
         if settings:
             raise ConfigError(f"--set {settings[0]!r}: the file {word} has no options")
-        if robot is None:
-            raise ConfigError(f"{word}: needs its robot too: --urdf FILE.urdf or --robot NAME")
         return Dataset.of_file(path, robot, options)
     if robot is not None or options != DEFAULTS or path.is_file():
         raise ConfigError(

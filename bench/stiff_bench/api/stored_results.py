@@ -76,10 +76,13 @@ class Results:
             return self._selected(self.finished.results)
         return self._selected(read_results(self.folder))
 
-    def _selected(self, results: Sequence[CellResult]) -> tuple[CellResult, ...]:
+    def _selected(
+        self, results: Sequence[CellResult], stored: StoredResults | None = None
+    ) -> tuple[CellResult, ...]:
+        """Return those that are shown; `stored` spares reading the folder once more."""
         if self.selection == EVERYTHING:
             return tuple(results)
-        cases = self.selection.cases_of(StoredResults.read(self.folder).cases)
+        cases = self.selection.cases_of((stored or StoredResults.read(self.folder)).cases)
         names = self.selection.models_of(cases)
         keys = {one.cell.key for case in cases for one in case.every if one.shown.model in names}
         return tuple(one for one in results if one.cell.key in keys)
@@ -91,7 +94,8 @@ class Results:
             return self.cells
         from stiff_bench.analysis.leaderboard import newest_results
 
-        return self._selected(newest_results(StoredResults.read(self.folder)))
+        stored = StoredResults.read(self.folder)
+        return self._selected(newest_results(stored), stored)
 
     def frame(self) -> DataFrame:
         """Return every metric as tidy data: a row a metric, axis and split, in printed units.

@@ -277,8 +277,6 @@ def selection_options(command: Command, *, of_models: bool = True) -> Command:
 
 case_options = partial(selection_options, of_models=False)
 """The same without the models, of a command that names them itself."""
-
-
 ranking_options = together(
     selection_options,
     click.option("--metric", default="norm", metavar="KEY", help="Metric to rank by."),
@@ -308,12 +306,12 @@ urdf_options = together(
 )
 
 
-def robot_options(command: Command) -> Command:
-    """Add the options that name a robot; the command gets it as `robot`, None without any."""
-    return _robot_options(command, has_default=True)
+def robot_options(command: Command, *, has_default: bool = True) -> Command:
+    """Add the options that name a robot; the command gets it as `robot`, None without any.
 
+    Without a default, --tcp alone is of no robot.
+    """
 
-def _robot_options(command: Command, *, has_default: bool) -> Command:
     @click.option(
         "--robot",
         metavar="NAME",
@@ -348,6 +346,10 @@ def _robot_options(command: Command, *, has_default: bool) -> Command:
     return cast(Command, call)
 
 
+robot_of_data = partial(robot_options, has_default=False)
+"""The same of a file of samples, whose robot must be named."""
+
+
 def data_options(command: Command) -> Command:
     """Add the options that name files of samples; the command gets data sets as `data`."""
 
@@ -374,15 +376,10 @@ def data_options(command: Command) -> Command:
             raise ConfigError(
                 "--no-torque, --sheet and --pose-tolerance are of a measured file; give --data too"
             )
-        if data and robot is None:
-            raise ConfigError(f"{data[0]}: needs its robot too: --urdf FILE.urdf or --robot NAME")
-        files = [Dataset.of_file(file, robot, options) for file in data if robot is not None]
+        files = [Dataset.of_file(file, robot, options) for file in data]
         return command(data=files, **words)
 
     return cast(Command, call)
-
-
-robot_of_data = partial(_robot_options, has_default=False)
 
 
 def command_line() -> str:

@@ -85,10 +85,10 @@ class Registration:
         """
         from stiff_datasets.measured.sample_file import MeasuredData
         from stiff_datasets.robots.shipped_robots import shipped_robot
-        from stiff_datasets.robots.urdf_reader import load_robot
+        from stiff_datasets.robots.urdf_reader import read_robot
 
         if self.urdf:
-            robot = load_robot(Path(self.urdf), tcp=self.tcp, tip=self.tip or None)
+            robot = read_robot(Path(self.urdf), tcp=self.tcp, tip=self.tip or None)
         else:
             robot = shipped_robot(SHIPPED_ROBOT, tcp=self.tcp)
         return MeasuredData(csv=Path(self.csv), robot=robot, options=self.options).load()

@@ -120,7 +120,7 @@ def read_chain(
     return chain
 
 
-def load_robot(
+def read_robot(
     urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0), tip: str | None = None
 ) -> Robot:
     """Read a URDF into a frozen `Robot`; arguments and errors as `read_chain`."""

@@ -13,7 +13,7 @@ from helpers.made_robots import tree_urdf
 from helpers.made_samples import samples_with
 from stiff_bench.api.model import load_model
 from stiff_datasets.measured.sheet_files import sample_table, write_table
-from stiff_datasets.robots.urdf_reader import load_robot
+from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_models import load
 from stiff_protocols.contract.errors import DataError
 
@@ -173,7 +173,7 @@ def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet
 ):
     joints = "base cart prismatic axis=x limits=0..2\ncart arm revolute limits=-3..3"
     urdf = tree_urdf(tmp_path / "slide.urdf", joints)
-    robot = load_robot(urdf, tcp=(0.5, 0.0, 0.1))
+    robot = read_robot(urdf, tcp=(0.5, 0.0, 0.1))
     q = rng.uniform([0, -3], [2, 3], size=(12, 2))
     wrench = rng.normal(scale=50, size=(12, 6))
     deflection = robot.joint_deflection(np.array([1e-6, 1e-5]), q, wrench)

@@ -36,7 +36,7 @@ from stiff_datasets.planning.reachable import (
     lowest_height,
 )
 from stiff_datasets.robots.shipped_robots import named_robot
-from stiff_datasets.robots.urdf_reader import load_robot
+from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 
 ROBOTS = {"kr10-r1100-2": (10.0, 0.2), "fanuc-r2000ic": (165.0, 0.5)}  # payload kg, clearance m
@@ -238,7 +238,7 @@ def test_the_papers_plan_is_for_its_own_robot_and_a_tool_that_hits_nothing(name,
 
 
 def test_an_arm_on_a_track_keeps_clear_of_its_own_cart_all_along_it(tmp_path):
-    robot = load_robot(tree_urdf(tmp_path / "track.urdf", track_lines()))
+    robot = read_robot(tree_urdf(tmp_path / "track.urdf", track_lines()))
     plan = candidate_plan(robot, 100, seed=0, payload_kg=5.0)
     assert plan.q[:, 0].min() < 0.2 and plan.q[:, 0].max() > 3.8
     columns = plan_table(plan, robot).columns

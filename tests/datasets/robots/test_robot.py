@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from stiff_datasets.robots.shipped_robots import shipped_robots
-from stiff_datasets.robots.urdf_reader import load_robot, read_chain
+from stiff_datasets.robots.urdf_reader import read_chain, read_robot
 from stiff_protocols.contract.errors import DataError
 
 
@@ -91,13 +91,13 @@ def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped
 )
 def test_what_is_no_serial_chain_is_refused(tmp_path, body, message):
     with pytest.raises(DataError, match=rf"r(obot\.urdf)?: .*{message}"):
-        load_robot(urdf(tmp_path, body))
+        read_robot(urdf(tmp_path, body))
 
 
 @pytest.mark.parametrize("tcp", [(80.0, 0.0, 60.0), (np.nan, 0.0, 0.0), (0.0, 0.0)])
 def test_a_tcp_in_millimetres_or_with_gaps_is_refused(tmp_path, tcp):
     with pytest.raises(DataError, match="in m"):
-        load_robot(urdf(tmp_path, joint()), tcp=tcp)
+        read_robot(urdf(tmp_path, joint()), tcp=tcp)
 
 
 @pytest.mark.parametrize(
@@ -125,4 +125,4 @@ WEIGHT += 'ixy="0" ixz="0" iyz="0"/></inertial></link>'
 def test_a_mass_that_is_none_does_not_leave_the_link_weightless(tmp_path, mass, message):
     body = joint().replace('<link name="l1"/>', WEIGHT.format(mass))
     with pytest.raises(DataError, match=rf"robot\.urdf: .*{message}"):
-        load_robot(urdf(tmp_path, body))
+        read_robot(urdf(tmp_path, body))

@@ -10,7 +10,7 @@ import pytest
 from helpers.made_robots import track_lines, tree_urdf
 from helpers.pinocchio_twin import pinocchio_torque
 from stiff_datasets.planning.poses import paper_poses
-from stiff_datasets.robots.urdf_reader import load_robot, read_chain, robot_of
+from stiff_datasets.robots.urdf_reader import read_chain, read_robot, robot_of
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
 from stiff_datasets.twin.spring_law import Gear, JointSprings, SlideSprings, SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
@@ -42,7 +42,7 @@ def arm(tmp_path):
         '<origin xyz="0.5 0 0"/><mass value="2"/>'
         '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
     )
-    return load_robot(path, tcp=(1.0, 0.0, 0.0))
+    return read_robot(path, tcp=(1.0, 0.0, 0.0))
 
 
 @pytest.fixture()
