@@ -15,7 +15,7 @@ from stiff_bench.analysis.collected import (
     left_out_notes,
     same_name_other_data,
 )
-from stiff_bench.analysis.scored_case import dataset_of, family_of, scored_case, shared_errors
+from stiff_bench.analysis.scored_case import scored_case, shared_errors
 from stiff_bench.analysis.selection import EVERYTHING, Selection, competitor_meant
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import (
@@ -27,7 +27,7 @@ from stiff_bench.analysis.verdict import (
     estimates,
 )
 from stiff_bench.analysis.where import Place, where_better
-from stiff_bench.store.names import CaseName, grouped, labels, natural_key
+from stiff_bench.store.names import CaseName, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import differing_libraries, sources
 from stiff_bench.tables.metric_table import TRAINING_MARK
@@ -35,13 +35,10 @@ from stiff_bench.tables.units import first_few
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import AXES
-from stiff_protocols.scoring.paired import wilcoxon_signed_rank
 
 NORM = "norm"
 ERRORS = {**{axis: sort_key("mae", axis) for axis in AXES}, NORM: sort_key(NORM, None)}
 """What is compared: the absolute error along each axis, and the length of the error vector."""
-FEWEST_DATASETS = 5
-"""With fewer data sets no p value over them is given."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +87,6 @@ class Comparison:
         missing: what A or B lacks, or both of what was asked for, one line each.
         among_all: the verdict as leaderboard and report page have it, p corrected for all pairs of
             models there; None: there are no others, or A or B does not take part in their ranking.
-        n_models: that take part in it.
     """
 
     case: Case
@@ -101,7 +97,6 @@ class Comparison:
     rows: tuple[Row, ...]
     missing: tuple[str, ...]
     among_all: Verdict | None
-    n_models: int
 
     @property
     def name(self) -> CaseName:
@@ -155,7 +150,6 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
     n_poses = len(np.unique(data.samples.pose_id[rows]))
     if n_poses < 2:
         raise DataError("a bootstrap over poses needs at least 2 poses, there is 1")
-    among_all, n_models = _among_all(case, a, b, data, question)
     return Comparison(
         case=case,
         a=case.competitors[a].shown,
@@ -164,22 +158,19 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
         n_poses=n_poses,
         rows=tuple(_rows(results, data, question)),
         missing=tuple(_missing(case, a, b)),
-        among_all=among_all,
-        n_models=n_models,
+        among_all=_among_all(case, a, b, data, question),
     )
 
 
-def _among_all(
-    case: Case, a: str, b: str, data: StoredData, question: Question
-) -> tuple[Verdict | None, int]:
+def _among_all(case: Case, a: str, b: str, data: StoredData, question: Question) -> Verdict | None:
     try:
         scored = scored_case(case, [*case.competitors], ERRORS[NORM], data, question.seed)
     except StoreError:  # two others share no split
-        return None, 0
+        return None
     if len(scored.scores) < 3 or not {a, b} <= scored.scores.keys():
-        return None, 0
+        return None
     verdicts = scored.verdicts([(a, b)], question)
-    return (verdicts[0] if verdicts else None), len(scored.scores)
+    return verdicts[0] if verdicts else None
 
 
 def _rows(
@@ -195,22 +186,11 @@ def _rows(
         errors = shared_errors(key, results, [a, b], data, question.seed)
         of_methods = estimates(errors, [(0, 1)], question, all_p_values=True)
         found.append([estimate for (estimate,) in of_methods])
-    of_rows = zip(*map(_corrected_over_axes, zip(*found, strict=True)), strict=True)
-    for error, of_both, of_row in zip(ERRORS, means, of_rows, strict=True):
-        *over_splits, over_poses = of_row
-        yield Row(
-            error=error,
-            means=of_both,
-            over_splits=over_splits[0] if over_splits else None,
-            over_poses=over_poses,
-            verdict=decide(of_row, question.confidence),
-        )
-
-
-def _corrected_over_axes(estimates: Sequence[Estimate]) -> list[Estimate]:
-    """Correct the axes' p-values for one another (Holm); the length is a question of its own."""
-    *of_axes, length = estimates
-    return [*corrected(of_axes), length]
+    # the axes are corrected for one another (Holm); the length is a question of its own
+    by_method = [[*corrected(of_axes), length] for *of_axes, length in zip(*found, strict=True)]
+    for error, of_both, *of_row in zip(ERRORS, means, *by_method, strict=True):
+        over_splits = of_row[0] if len(of_row) > 1 else None
+        yield Row(error, of_both, over_splits, of_row[-1], decide(of_row, question.confidence))
 
 
 def _missing(case: Case, a: str, b: str) -> Iterator[str]:
@@ -229,66 +209,12 @@ def _missing(case: Case, a: str, b: str) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class Across:
-    """A and B over several data sets of one robot type, under one protocol and condition.
-
-    Attributes:
-        family: the data sets' name without their specimen.
-        verdicts: of the mean length of the error, one a data set; "open" where repeats of one
-            data set disagree.
-        of_fits: a verdict among them is of fitted models alone (one split, or all scored together).
-        mean_difference: over the data sets, A less B, m.
-        p_value: Wilcoxon over the data sets' differences; None where they are too few.
-        selects_on_test: the protocol lets models choose on the test part.
-    """
-
-    family: str
-    protocol: str
-    condition: str
-    seed: int
-    verdicts: tuple[Verdict, ...]
-    of_fits: bool
-    mean_difference: float
-    p_value: float | None
-    selects_on_test: bool
-
-
-def across_datasets(comparisons: Sequence[Comparison]) -> Iterator[Across]:
-    """Sum up over the data sets of one robot type, wherever there are several.
-
-    Splits of one data set are never counted as data sets, nor are repeats of it with another seed,
-    whose differences are averaged. Where one name stands for different data, there is no sum.
-    """
-    of_name = {one.name: one for one in comparisons}
-    for setting, names in grouped(
-        of_name, lambda one: (family_of(one), one.protocol, one.condition, one.seed)
-    ).items():
-        group = [of_name[name] for name in names]
-        datasets = [*grouped(group, lambda one: dataset_of(one.name)).values()]
-        if len(datasets) < 2 or len({one.name.dataset for one in group}) < len(group):
-            continue
-        rows = [[one.row(NORM) for one in repeats] for repeats in datasets]
-        differences = [float(np.mean([row.difference for row in of_one])) for of_one in rows]
-        verdicts = [{row.verdict for row in of_one} for of_one in rows]
-        enough = len(datasets) >= FEWEST_DATASETS
-        yield Across(
-            *setting,
-            verdicts=tuple(one.pop() if len(one) == 1 else "open" for one in verdicts),
-            of_fits=not all(one.over_splits for one in group),
-            mean_difference=float(np.mean(differences)),
-            p_value=wilcoxon_signed_rank(differences) if enough else None,
-            selects_on_test=any(one.selects_on_test for one in group),
-        )
-
-
-@dataclass(frozen=True)
 class ModelComparison:
     """Two models wherever both were run.
 
     Attributes:
         a, b: names.
         comparisons: one a case; at least one.
-        across: over data sets of one robot type.
         where: all places and who is better there, if there is one case.
         notes: what could not be compared, and what was left out.
         provenance: which stiffbench made the results.
@@ -298,7 +224,6 @@ class ModelComparison:
     b: str
     question: Question
     comparisons: tuple[Comparison, ...]
-    across: tuple[Across, ...]
     where: tuple[Place, ...]
     notes: tuple[str, ...]
     provenance: tuple[str, ...]
@@ -361,7 +286,6 @@ def compare_folder(
         b=b,
         question=question,
         comparisons=tuple(comparisons),
-        across=tuple(across_datasets(comparisons)),
         where=tuple(where),
         notes=(
             *notes,

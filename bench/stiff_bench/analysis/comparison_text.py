@@ -11,14 +11,18 @@ from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
+import numpy as np
+
 from stiff_bench.analysis.collected import split_sizes
-from stiff_bench.analysis.comparison import NORM, Across, Comparison, ModelComparison, Row
+from stiff_bench.analysis.comparison import NORM, Comparison, ModelComparison, Row
+from stiff_bench.analysis.scored_case import dataset_of, family_of
 from stiff_bench.analysis.verdict import Estimate, Question, Verdict, decide
 from stiff_bench.analysis.where import Place, telling
-from stiff_bench.store.names import label_parts, labels
+from stiff_bench.store.names import grouped, label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
 from stiff_bench.tables.table import ALL_BUT_CSV, Column, Entry, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
+from stiff_protocols.scoring.paired import wilcoxon_signed_rank
 
 VERDICTS: dict[Verdict, str] = {
     "a": "A better",
@@ -28,14 +32,16 @@ VERDICTS: dict[Verdict, str] = {
 }
 SELECTS_ON_TEST = "selects on the test part"
 """Stands beside a case whose protocol lets models do so."""
+FEWEST_DATASETS = 5
+"""With fewer data sets no p value over them is given."""
 
 
 def comparison_tables(report: ModelComparison) -> list[Table]:
     """Return the tables; csv has the estimates alone, json all tables and all notes."""
     if len(report.comparisons) > 1:
         named = {"cases": _cases(report)}
-        if report.across:
-            named["over datasets"] = _over_datasets(report)
+        if (over_datasets := _over_datasets(report)).rows:
+            named["over datasets"] = over_datasets
     else:
         named = {"errors": _errors(report)}
         if report.where:
@@ -68,19 +74,13 @@ def _among_all(report: ModelComparison) -> str:
         return ""
     is_usual = report.question == Question(seed=report.question.seed)  # theirs
     source = ", as leaderboard and report page show" * is_usual
-    if len(report.comparisons) == 1:
-        ((one, verdict),) = verdicts
-        n = one.n_models
-        better = {"a": f"{report.a} is better", "b": f"{report.b} is better"}
-        return (
-            f"Among all {n} models here{source} (p corrected for {n * (n - 1) // 2} pairs, Holm): "
-            f"{better.get(verdict, VERDICTS[verdict])}."
-        )
     count = Counter(verdict for _, verdict in verdicts)
-    return (
-        f"Among all models of each comparison{source} (p corrected for all pairs, Holm): "
-        f"{_numbers_of(report, count)}."
-    )
+    place, said = "of each comparison", _numbers_of(report, count)
+    if len(report.comparisons) == 1:
+        (verdict,) = count
+        better = {"a": f"{report.a} is better", "b": f"{report.b} is better"}
+        place, said = "here", better.get(verdict, VERDICTS[verdict])
+    return f"Among all models {place}{source} (p corrected for all pairs, Holm): {said}."
 
 
 def _of_the_pair(report: ModelComparison) -> str:
@@ -91,20 +91,19 @@ def _of_the_pair(report: ModelComparison) -> str:
     over_splits = [one for one in fair if one.over_splits]
     of_fits = [one for one in fair if not one.over_splits]
     parts = []
-    if over_splits:
-        parts.append(_counts(report, over_splits, " over several splits" if of_fits else ""))
-    if of_fits:
-        parts.append(_counts(report, of_fits, " on one split or pooled splits (these fits)"))
+    for found, kind in (
+        (over_splits, " over several splits" if of_fits else ""),
+        (of_fits, " on one split or pooled splits (these fits)"),
+    ):
+        if found:
+            count = Counter(one.row(NORM).verdict for one in found)
+            number = counted(len(found), "comparison")
+            parts.append(f"Of {number}{kind}: {_numbers_of(report, count)}.")
     if n_unfair := len(report.comparisons) - len(fair):
         parts.append(
             f"Not counted: {counted(n_unfair, 'comparison')} whose protocol {SELECTS_ON_TEST}."
         )
     return " ".join(parts)
-
-
-def _counts(report: ModelComparison, found: Sequence[Comparison], kind: str) -> str:
-    count = Counter(one.row(NORM).verdict for one in found)
-    return f"Of {counted(len(found), 'comparison')}{kind}: {_numbers_of(report, count)}."
 
 
 def _numbers_of(report: ModelComparison, count: Counter[Verdict]) -> str:
@@ -288,24 +287,46 @@ def _places(report: ModelComparison, places: Sequence[Place]) -> Table:
 
 
 def _over_datasets(report: ModelComparison) -> Table:
-    def count(verdict: Verdict) -> Column:
-        return Column(VERDICTS[verdict], value=lambda one: one.verdicts.count(verdict))
+    """Sum up over the data sets of one robot type, wherever there are several.
 
-    return Table.of(
+    Splits of one data set are never counted as data sets, nor are repeats of it with another seed:
+    their differences are averaged, and where they disagree, the verdict is open. Where one name
+    stands for different data, there is no sum.
+    """
+    rows: list[list[Entry]] = []
+    of_name = {one.name: one for one in report.comparisons}
+    groups = grouped(of_name, lambda one: (family_of(one), one.protocol, one.condition, one.seed))
+    alike = Counter(place[:3] for place, names in groups.items() if len(names) > 1)
+    for (*place, seed), names in groups.items():
+        group = [of_name[name] for name in names]
+        datasets = [*grouped(group, lambda one: dataset_of(one.name)).values()]
+        if len(datasets) < 2 or len({name.dataset for name in names}) < len(names):
+            continue
+        each = [[one.row(NORM) for one in repeats] for repeats in datasets]
+        differences = [float(np.mean([row.difference for row in of_one])) for of_one in each]
+        verdicts = [{row.verdict for row in of_one} for of_one in each]
+        count = Counter(one.pop() if len(one) == 1 else "open" for one in verdicts)
+        fits = "" if all(one.over_splits for one in group) else "these fits"
+        repeated = f"seed {seed}" if alike[tuple(place)] > 1 else ""
+        selects = any(one.selects_on_test for one in group)
+        rows.append(
+            [
+                Name(_joined(*place, repeated, fits), SELECTS_ON_TEST * selects),
+                len(datasets),
+                *(count[verdict] for verdict in VERDICTS),
+                MM * float(np.mean(differences)),
+                wilcoxon_signed_rank(differences) if len(datasets) >= FEWEST_DATASETS else None,
+            ]
+        )
+    return Table(
         "Over data sets | mean 3-D error, mm",
         [
-            _text_column(
-                "over data sets of one robot type", lambda one: _across_name(one, report.across)
-            ),
-            Column("data sets", value=lambda one: len(one.verdicts)),
-            *map(count, VERDICTS),
-            Column(
-                *("mean A - B", "number", _UNIT, _DIFFERENCE),
-                value=lambda one: MM * one.mean_difference,
-            ),
-            Column("p over data sets", format=_p_text, value=lambda one: one.p_value),
+            Column("over data sets of one robot type", "text"),
+            *map(Column, ("data sets", *VERDICTS.values())),
+            Column("mean A - B", unit=_UNIT, format=_DIFFERENCE),
+            Column("p over data sets", format=_p_text),
         ],
-        report.across,
+        rows,
         unit=_UNIT,
     )
 
@@ -359,15 +380,6 @@ def _shown_verdict(row: Row, report: ModelComparison) -> str:
         return _verdict(row)
     of_splits = decide([row.over_splits], report.question.confidence)
     return f"{_verdict(row)}{' (poses)' if of_splits in ('a', 'b') else ''}"
-
-
-def _across_name(one: Across, among: Sequence[Across]) -> Name:
-    alike = [(other.family, other.protocol, other.condition) for other in among]
-    repeated = alike.count((one.family, one.protocol, one.condition)) > 1
-    seed = f"seed {one.seed}" if repeated else ""
-    fits = "these fits" if one.of_fits else ""
-    text = _joined(one.family, one.protocol, one.condition, seed, fits)
-    return Name(text, SELECTS_ON_TEST if one.selects_on_test else "")
 
 
 def place_text(place: Place) -> str:

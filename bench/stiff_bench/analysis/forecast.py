@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import timedelta
@@ -55,17 +55,17 @@ def untimed_fits(tasks: Iterable[CellTask], output: Path, *, rerun: Rerun) -> li
     It is the missing one that learns from the fewest rows. Each model comes once before any comes
     with its second data set.
     """
-    statuses, means = stored_statuses(output), mean_seconds(output)
-    smallest: dict[tuple[str, str], CellTask] = {}
-    for task in tasks:
-        place = task.shown.model, task.shown.dataset
-        is_cached = statuses.get(task.cell.key) in COUNTING[rerun]
-        if is_cached or task.shown.model in means:
-            continue
-        if place not in smallest or len(task.split.train) < len(smallest[place].split.train):
-            smallest[place] = task
-    of_models = grouped(smallest.values(), lambda task: task.shown.model).values()
+    means = mean_seconds(output)
+    untimed = [task for task in _missing(tasks, output, rerun) if task.shown.model not in means]
+    of_places = grouped(untimed, lambda task: (task.shown.model, task.shown.dataset)).values()
+    smallest = [min(place, key=lambda task: len(task.split.train)) for place in of_places]
+    of_models = grouped(smallest, lambda task: task.shown.model).values()
     return [task for row in zip_longest(*of_models) for task in row if task is not None]
+
+
+def _missing(tasks: Iterable[CellTask], output: Path, rerun: Rerun) -> list[CellTask]:
+    statuses = stored_statuses(output)
+    return [task for task in tasks if statuses.get(task.cell.key) not in COUNTING[rerun]]
 
 
 def time_fits(tasks: Sequence[CellTask], execution: Execution) -> list[CellResult]:
@@ -76,11 +76,8 @@ def time_fits(tasks: Sequence[CellTask], execution: Execution) -> list[CellResul
         execution: stops each after `LONGEST_FIT_S`.
     """
     end = time.monotonic() + LONGEST_S
-
-    def started() -> Iterator[CellTask]:
-        yield from takewhile(lambda _: time.monotonic() < end, tasks)
-
-    with closing(execution.results(started(), "plan", Display())) as ended:
+    started = takewhile(lambda _: time.monotonic() < end, tasks)
+    with closing(execution.results(started, "plan", Display())) as ended:
         return list(ended)
 
 
@@ -103,53 +100,38 @@ def forecast(
     Raises:
         StiffBenchError: a data set cannot be loaded or divided, or the stored results not read.
     """
-    statuses, means = stored_statuses(output), mean_seconds(output)
-    cached = {key for key, status in statuses.items() if status in COUNTING[rerun]}
-    is_cached: dict[str, dict[str, list[bool]]] = {}
-    for task in tasks:
-        of_model = is_cached.setdefault(task.shown.model, {})
-        of_model.setdefault(task.shown.dataset, []).append(task.cell.key in cached)
-    forecasts = [
-        _of_model(
-            model,
-            of_datasets,
-            means.get(model),
-            [result for result in timed if result.shown.model == model],
+    tasks, means = list(tasks), mean_seconds(output)
+    missing = grouped(_missing(tasks, output, rerun), lambda task: task.shown.model)
+    found = []
+    for model, of_model in grouped(tasks, lambda task: task.shown.model).items():
+        to_compute = missing.get(model, [])
+        of_fits = {one.shown.dataset: one for one in timed if one.shown.model == model}
+        taken = {data: s for data, one in of_fits.items() if (s := _taken_s(one)) is not None}
+        is_known, usual_s = model in means or bool(taken), 0.0
+        if is_known:
+            usual_s = means[model] if model in means else sum(taken.values()) / len(taken)
+        found.append(
+            Forecast(
+                model,
+                n_cells=len(of_model),
+                n_cached=len(of_model) - len(to_compute),
+                n_unknown=0 if is_known else len(to_compute),
+                seconds=sum(taken.get(task.shown.dataset, usual_s) for task in to_compute),
+                n_timed=len(to_compute) if taken else 0,
+                is_lower_bound=any(one.cause == TIMED_OUT for one in of_fits.values()),
+                failure=next((one.why_none for d, one in of_fits.items() if d not in taken), ""),
+            )
         )
-        for model, of_datasets in is_cached.items()
-    ]
     total = Forecast(
         "all",
-        n_cells=sum(model.n_cells for model in forecasts),
-        n_cached=sum(model.n_cached for model in forecasts),
-        n_unknown=sum(model.n_unknown for model in forecasts),
-        seconds=sum(model.seconds for model in forecasts),
-        n_timed=sum(model.n_timed for model in forecasts),
-        is_lower_bound=any(model.is_lower_bound for model in forecasts),
+        n_cells=sum(model.n_cells for model in found),
+        n_cached=sum(model.n_cached for model in found),
+        n_unknown=sum(model.n_unknown for model in found),
+        seconds=sum(model.seconds for model in found),
+        n_timed=sum(model.n_timed for model in found),
+        is_lower_bound=any(model.is_lower_bound for model in found),
     )
-    return [*forecasts, total]
-
-
-def _of_model(
-    model: str,
-    of_datasets: Mapping[str, Sequence[bool]],
-    mean_s: float | None,
-    timed: Sequence[CellResult],
-) -> Forecast:
-    """Return what is missing of one model on each data set, and how long that takes."""
-    n_missing = {dataset: list(cached).count(False) for dataset, cached in of_datasets.items()}
-    n_cells, total = sum(map(len, of_datasets.values())), sum(n_missing.values())
-    counts = model, n_cells, n_cells - total
-    if mean_s is not None:
-        return Forecast(*counts, 0, total * mean_s)
-    taken = {one.shown.dataset: s for one in timed if (s := _taken_s(one)) is not None}
-    failure = next((one.why_none for one in timed if one.shown.dataset not in taken), "")
-    if not taken:
-        return Forecast(*counts, total, 0.0, failure=failure)
-    usual_s = sum(taken.values()) / len(taken)
-    seconds = sum(n * taken.get(dataset, usual_s) for dataset, n in n_missing.items())
-    was_stopped = any(one.cause == TIMED_OUT for one in timed)
-    return Forecast(*counts, 0, seconds, total, was_stopped, failure)
+    return [*found, total]
 
 
 def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:

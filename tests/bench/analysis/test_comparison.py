@@ -54,6 +54,13 @@ def shown(report, fmt="github"):
     return render(comparison_tables(report), fmt, "bench compare a b", text=sentence(report))
 
 
+def over_datasets(report):
+    """The only row of the table over data sets."""
+    tables = {table.about["table"]: table for table in comparison_tables(report)}
+    (row,) = tables["over datasets"].rows
+    return row
+
+
 def csv_lines(report):
     return [*csv.DictReader(io.StringIO(shown(report, "csv")))]
 
@@ -184,12 +191,12 @@ def test_splits_that_one_of_them_lacks_are_left_out_and_named(tmp_path):
 
 def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
     store_specimens(tmp_path, 5)
-    (across,) = report_on(tmp_path).across
-    assert across.family == "made" and across.verdicts == ("a",) * 5
-    assert across.p_value == pytest.approx(2 * 0.5**5)  # of 5 data sets, not of 25 splits
-    assert across.mean_difference == pytest.approx(-1.06e-4)
+    name, *counts, difference, p_value = over_datasets(report_on(tmp_path))
+    assert str(name) == "made, kfold" and counts == [5, 5, 0, 0, 0]  # all of A
+    assert p_value == pytest.approx(2 * 0.5**5)  # of 5 data sets, not of 25 splits
+    assert difference == pytest.approx(-0.106)
     four = report_on(tmp_path, datasets=tuple(f"made@specimen={k}" for k in range(4)))
-    assert len(four.comparisons) == 4 and four.across[0].p_value is None
+    assert len(four.comparisons) == 4 and over_datasets(four)[-1] is None
 
 
 def test_what_must_stand_beside_the_names_stands_there(tmp_path):
