@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from operator import itemgetter
 from typing import Any
 
@@ -21,7 +21,7 @@ from stiff_bench.analysis.where import Place, telling
 from stiff_bench.store.names import grouped, label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
 from stiff_bench.tables.table import ALL_BUT_CSV, Column, Entry, Name, Quantity, Table, text_columns
-from stiff_bench.tables.units import MM, PRINTED, counted, marked, percent
+from stiff_bench.tables.units import MM, PRINTED, counted, percent
 from stiff_protocols.scoring.paired import wilcoxon_signed_rank
 
 VERDICTS: dict[Verdict, str] = {
@@ -228,12 +228,10 @@ def _text_column(name: str, value: Callable[[Any], Entry], hidden: bool = False)
 def _errors(report: ModelComparison) -> Table:
     (found,) = report.comparisons
     name = found.name
-    a, b = (marked(shown.model, mark_of(shown)) for shown in (found.a, found.b))
+    a, b = (Name(shown.model, mark_of(shown)) for shown in (found.a, found.b))
     where = setting(found.a, name.condition, found.n_splits, name.seed)
     over_poses = Column(
-        "interval over poses",
-        unit=_UNIT,
-        format=_DIFFERENCE,
+        *("interval over poses", "number", _UNIT, _DIFFERENCE),
         value=lambda row: _interval(row.over_poses),
     )
     return Table.of(
@@ -337,9 +335,8 @@ def _estimates(report: ModelComparison) -> Table:
     for one in report.comparisons:
         name, (n_train, n_test) = one.name, split_sizes(one.results[0])
         about = {
-            **{"dataset": name.dataset, "protocol": name.protocol, "condition": name.condition},
-            **{"seed": name.seed, "splits": one.n_splits, "data_sha256": name.data_sha256},
-            **{"source_sha256": name.source_sha256, "selects_on_test": one.selects_on_test},
+            **asdict(name),
+            **{"splits": one.n_splits, "selects_on_test": one.selects_on_test},
             **{"mark_a": mark_of(one.a), "mark_b": mark_of(one.b)},
             **{"n_train": n_train, "n_test": n_test, "n_poses": one.n_poses},
         }

@@ -71,9 +71,7 @@ def _missing(tasks: Iterable[CellTask], output: Path, rerun: Rerun) -> list[Cell
 def time_fits(tasks: Sequence[CellTask], execution: Execution) -> list[CellResult]:
     """Return what became of some fits, of as many as `LONGEST_S` allow; nothing is stored.
 
-    Args:
-        tasks: to be timed.
-        execution: stops each after `LONGEST_FIT_S`.
+    The execution stops each after `LONGEST_FIT_S`.
     """
     end = time.monotonic() + LONGEST_S
     started = takewhile(lambda _: time.monotonic() < end, tasks)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import astuple, fields, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -84,11 +84,6 @@ class Model(NamedTuple):
         value: Any = ranked.at[self.name, column] if self.name in ranked.index else np.nan
         return None if np.isnan(value) else value.item()
 
-    def ranked_interval(self) -> Quantity | None:
-        """Return the bounds of the mean rank."""
-        low, high = self.ranked("low"), self.ranked("high")
-        return None if low is None else Quantity(low=low, high=high)
-
     def share(self, number: float | None) -> Quantity | None:
         """Return a number of cases of all of them."""
         n_cases = len(self.section.cases)
@@ -99,7 +94,11 @@ RANKS = (
     Column("model", "text", value=lambda model: model.marked),
     Column("place", value=lambda model: model.ranked("place")),
     Column("mean rank", format=".2f", value=lambda model: model.ranked("mean_rank")),
-    Column(f"{percent(1.0 - LEVEL)} interval", format=".2f", value=Model.ranked_interval),
+    Column(
+        f"{percent(1.0 - LEVEL)} interval",
+        format=".2f",
+        value=lambda model: Quantity(low=model.ranked("low"), high=model.ranked("high")),
+    ),
     Column("won", value=lambda model: model.ranked("won")),
     Column("tied with best", value=lambda model: model.share(model.ranked("like_best"))),
     Column("results", value=lambda model: model.share(model.section.n_results(model.name))),
@@ -261,17 +260,16 @@ def _mean_scores(cases: Sequence[ScoredCase], key: SortKey) -> dict[str, Quantit
     times = times_like_best(cases, complete) if complete else None
     found = {}
     for model in run:
-        failed = max(one.failed(model) for one in cases)
-        value = float(mean[model]) if count[model] else None
-        deviation = float(spread[model]) if count[model] > 1 else None
-        if count[model] < len(scores):
-            share = (int(count[model]), len(scores)) if count[model] else None
-            found[model] = Quantity(value, deviation, share=share, status=failed)
-            continue
+        n, n_all = int(count[model]), len(scores)
         like = times is not None and times[model] > 0.5 * len(cases)
         is_best = model in complete and key.sign * mean[model] == best
-        mark = BEST if is_best else LIKE_BEST if like else ""
-        found[model] = Quantity(value, deviation, mark=mark)
+        found[model] = Quantity(
+            float(mean[model]) if n else None,
+            float(spread[model]) if n > 1 else None,
+            share=(n, n_all) if 0 < n < n_all else None,
+            mark=BEST if is_best else LIKE_BEST if like else "",
+            status=max(one.failed(model) for one in cases),
+        )
     return found
 
 
@@ -341,23 +339,24 @@ COSTS = (
 def _scores(section: Section, board: Leaderboard) -> Table:
     """Return each model's score in each case, or why it has none."""
     unit, factor = PRINTED[board.key.metric.unit]
-    rows: list[list[Entry]] = []
-    for case in section.cases:
-        name = case.name
-        place = (
-            *(name.dataset, name.data_sha256, name.source_sha256, name.protocol, name.condition),
-            *(name.seed, len(case.slots), case.left_out),
-        )
-        for model in section.models:
-            marked = Name(model, section.mark_under(model, name.protocol))
-            missing = Quantity(status=case.missing.get(model, ""))
-            score = factor * case.mean(model) if model in case.scores else missing
-            rows.append([marked, *place, score])
+    rows: list[list[Entry]] = [
+        [
+            Name(model, section.mark_under(model, case.name.protocol)),
+            *astuple(case.name),
+            *(len(case.slots), case.left_out),
+            factor * case.mean(model)
+            if model in case.scores
+            else Quantity(status=case.missing.get(model, "")),
+        ]
+        for case in section.cases
+        for model in section.models
+    ]
     return Table(
         f"Scores | {board.key.text}",
         [
-            *text_columns("model", "dataset", "data_sha256", "source_sha256", "protocol"),
-            *text_columns("condition", "seed", "splits", "splits left out"),
+            *text_columns(
+                "model", *(one.name for one in fields(CaseName)), "splits", "splits left out"
+            ),
             Column(board.key.text, unit=unit, format=number_format(board.key.metric)),
         ],
         rows,

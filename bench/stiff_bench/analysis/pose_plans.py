@@ -63,11 +63,6 @@ WORKSPACE_POSES = 500
 """Random loads that stand for all that the robot can reach."""
 FEWEST_FOR_PROCESS = 10
 """Poses; the length scales of a kernel that was fitted to fewer mean nothing."""
-LEAST_LEFT = 0.1
-"""Share of the variance; where less is left, every plan removes nearly all, as random ones do."""
-LEAST_EXPLAINED = 0.5
-"""Share of the squared deflection that joint springs explain of a file of the robot named."""
-
 DRAWS, SIZES = 10, 6
 SMALLEST_SIZE, FEWEST_FOR_CURVE = 5, 15
 """Poses that are learned from at least; and those that there must be for a learning curve."""
@@ -100,14 +95,12 @@ class PosePlan:
         gain: over random ones, as numbers.
         table: the same for people.
         findings: sentences beneath.
-        rest: sentences that stand behind all others.
     """
 
     plan: MeasurementPlan
     gain: PlanGain | VarianceGain
     table: Table
     findings: list[str]
-    rest: Sequence[str] = ()
 
     def report(
         self,
@@ -117,14 +110,9 @@ class PosePlan:
         measured: Measured | None = None,
         curve: Sequence[str] = (),
     ) -> str:
-        """Return what the plan gains, and what to do with its file.
+        """Return what the plan gains, and what to do with the `file` that holds it.
 
-        Args:
-            file: that holds the plan.
-            robot: that will be measured.
-            robot_words: options of a command that name the robot.
-            measured: what the plan goes on from; None: nothing is measured.
-            curve: lines of the learning curve.
+        `robot_words` are options of a command that name the robot.
         """
         size = np.linalg.norm(self.plan.wrench[0, :3])
         after = f" after those of {measured.file}" if measured else ""
@@ -141,7 +129,6 @@ class PosePlan:
             "checked: shape of links and tool, surroundings. Approach each pose slowly.",
             "Replace the suggested wrench by the actual one and fill in dx_mm, dy_mm, dz_mm; "
             f"{append}then: bench data validate {measured.file if measured else file}{robot_words}",
-            *self.rest,
         ]
         return "\n".join(lines)
 
@@ -149,10 +136,7 @@ class PosePlan:
 def first_plan(robot: Robot, how: PlanOptions, *, is_papers: bool = False) -> PosePlan:
     """Return a plan for a robot of which nothing is measured.
 
-    Args:
-        robot: that will be measured.
-        how: the poses are chosen.
-        is_papers: it is the source paper's KR10, whose plan and stiffnesses are known.
+    With `is_papers` it is the source paper's KR10, whose plan and stiffnesses are known.
 
     Raises:
         ConfigError: an argument is out of range.
@@ -187,14 +171,14 @@ def first_plan(robot: Robot, how: PlanOptions, *, is_papers: bool = False) -> Po
         errors = (100.0 * each.worst_error for each in judged)
         rows.insert(1, ["worst joint's standard error [%]", *errors])
     names = (name, f"mean of {N_RANDOM} random", "best random")
-    finding = (
+    worse = ": worse than random poses" * (gain.efficiency < 1.0)
+    findings = [
         f"D-efficiency {gain.efficiency:.2f} relative to the mean random plan, "
-        f"{gain.efficiency_over_best:.2f} relative to the best one"
-    )
-    finding += "." if gain.efficiency >= 1.0 else ": worse than random poses."
-    unseen = [joint for joint in robot.joint_names if joint not in gain.joints]
-    rest = [f"Not identifiable with this TCP: {', '.join(unseen)}."] if unseen else []
-    return PosePlan(plan, gain, _table(names, rows, ".2f"), [finding], rest)
+        f"{gain.efficiency_over_best:.2f} relative to the best one{worse}."
+    ]
+    if unseen := [joint for joint in robot.joint_names if joint not in gain.joints]:
+        findings.append(f"Not identifiable with this TCP: {', '.join(unseen)}.")
+    return PosePlan(plan, gain, _table(names, rows, ".2f"), findings)
 
 
 def _table(names: Sequence[str], rows: Sequence[Sequence[Entry]], spec: str) -> Table:
@@ -229,23 +213,12 @@ class Measured:
 
     @cached_property
     def springs(self) -> Any:
-        """The reference model, joint springs, fitted to the samples.
-
-        Raises:
-            DataError: the samples identify no spring.
-        """
+        """The reference model, joint springs, fitted to the samples; DataError: none shows."""
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with warnings.catch_warnings(action="ignore"):
                 return fitted_physics("vjm", self.samples, self.robot)
         except StiffBenchError as error:
             raise DataError(f"{self.file}: {error}") from error
-
-    @cached_property
-    def unexplained(self) -> float:
-        """Sum of the squared deflection [m²] that joint springs leave."""
-        predicted = self.springs.predict(self.samples.q, self.samples.wrench)
-        return float(((self.samples.deflection - predicted) ** 2).sum())
 
     def design(
         self, pool: MeasurementPlan, workspace: Loads, criterion: Criterion, seed: int
@@ -255,13 +228,14 @@ class Measured:
         if self.is_process:
             model, _ = whole_fit(self.model, samples, robot, seed=seed)
             return ProcessDesign(model, pool, workspace)
+        left = samples.deflection - self.springs.predict(samples.q, samples.wrench)
         free = max(samples.deflection.size - robot.n_joints, 1)
         return SpringDesign(
             regressor(robot, pool.q, pool.wrench),
             criterion,
             regressor(robot, workspace.q, workspace.wrench),
             regressor(robot, samples.q, samples.wrench),
-            max(self.unexplained / free, DEFLECTION_NOISE**2),
+            max(float((left**2).sum()) / free, DEFLECTION_NOISE**2),
         )
 
 
@@ -270,11 +244,8 @@ def next_plan(
 ) -> PosePlan:
     """Return a plan that goes on where a measurement ended.
 
-    Args:
-        measured: what there is.
-        how: the next poses are chosen.
-        workspace: file of poses and wrenches where predictions are to be good; None: all that the
-            robot can reach.
+    `workspace` is a file of poses and wrenches where predictions are to be good; None: all that the
+    robot can reach.
 
     Raises:
         ConfigError: an argument is wrong, or the criterion is not one of the model.
@@ -324,21 +295,14 @@ def next_plan(
 
 
 def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
-    """Return what a plan gains where, a sentence a line, and what is odd in the measurement."""
+    """Return what a plan gains where, a sentence a line."""
     springs, model = not measured.is_process, measured.model
     predicting = REFERENCE_MODEL if springs else model.name
     lines = [f"Predictions of {predicting}, an axis, over the workspace: {place}."]
-    if min(gain.plan, gain.random_mean) > LEAST_LEFT * gain.before:
-        lowered = 1.0 - gain.plan / gain.before
+    if np.isfinite(gain.before):
         lines.append(
-            f"The plan lowers their mean variance by {lowered:.0%}, {gain.ratio:.2f} times as much "
-            "as random poses."
-        )
-    elif np.isfinite(gain.random_mean):
-        by_plan, by_random = MM * np.sqrt([gain.plan, gain.random_mean])
-        lines.append(
-            f"The plan leaves a standard error of {by_plan:.4f} mm, random poses "
-            f"{by_random:.4f} mm."
+            f"The plan lowers their mean variance by {1.0 - gain.plan / gain.before:.0%}, "
+            f"{gain.ratio:.2f} times as much as random poses."
         )
     if springs and (unknown := measured.springs.springs_.unidentifiable):
         lines.append(f"Not identifiable from the measured poses: {', '.join(unknown)}.")
@@ -346,12 +310,6 @@ def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
         lines.append(
             f"{model.name} does not say what it would learn from a pose: the poses are chosen for "
             "joint springs."
-        )
-    share = 1.0 - measured.unexplained / max(float((measured.samples.deflection**2).sum()), 1e-30)
-    if share < LEAST_EXPLAINED:
-        lines.append(
-            f"warning: joint springs of {measured.robot.name} explain {share:.0%} of the squared "
-            f"deflection in {measured.file}: is it this robot's, with this TCP?"
         )
     return lines
 

@@ -112,8 +112,8 @@ class ScoredCase:
         """Return a model's mean over the splits, in the metric's unit."""
         return float(self.scores[model].mean())
 
-    def like_best(self, models: Sequence[str]) -> dict[str, bool] | None:
-        """Return of each of these models whether it is not found worse than the best of them.
+    def like_best(self, models: Sequence[str]) -> set[str] | None:
+        """Return which of these models are not found worse than the best of them.
 
         None: no test applies. All of them take part.
         """
@@ -122,7 +122,7 @@ class ScoredCase:
         verdicts = self.verdicts([(best, other) for other in others])
         if verdicts is None:
             return None
-        return {best: True} | {one: of != "a" for one, of in zip(others, verdicts, strict=True)}
+        return {best} | {one for one, of in zip(others, verdicts, strict=True) if of != "a"}
 
     def failed(self, model: str) -> str:
         """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
@@ -148,15 +148,9 @@ def shared_errors(
 ) -> SharedErrors:
     """Return the errors of models on the same splits, a column each.
 
-    A pose of the data set that is not tested has no rows, so that cases with different test poses
-    of one data set are drawn together.
-
-    Args:
-        key: what the errors are of; without poses where it is no mean over rows.
-        results: of each model on J splits.
-        scores: of each model the (J,) values of the key; one value of splits scored together.
-        data: the samples of the data set.
-        seed: of the draws of poses.
+    `scores` are the (J,) values of the key on J splits, or one of splits scored together. A pose of
+    the data set that is not tested has no rows, so that cases with different test poses of one data
+    set are drawn together.
 
     Raises:
         DataError: the models were not tested on the same rows.
@@ -266,7 +260,7 @@ def correction_text(cases: Sequence[ScoredCase]) -> str:
 
 def times_like_best(cases: Sequence[ScoredCase], models: Sequence[str]) -> Counter[str] | None:
     """Return in how many cases each of the models is like the best; None: see `like_best`."""
-    found = [like for case in cases if (like := case.like_best(models)) is not None]
-    if len(found) < len(cases):
+    found = [case.like_best(models) for case in cases]
+    if None in found:
         return None
-    return Counter(model for like in found for model, is_like in like.items() if is_like)
+    return Counter(model for like in found if like for model in like)

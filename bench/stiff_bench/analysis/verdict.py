@@ -64,12 +64,8 @@ class Estimate:
 def decide(results: Sequence[Estimate], confidence: float) -> Verdict:
     """Return the verdict on a difference, A less B.
 
-    Equivalent: every result gives the ROPE at least the probability `confidence`. Better: the
-    first result's p-value lies below 1 - confidence, and no interval reaches zero.
-
-    Args:
-        results: at least one, on the same difference.
-        confidence: that a verdict needs (0..1).
+    Equivalent: every result gives the ROPE at least the probability `confidence` (0..1). Better:
+    the first result's p-value lies below 1 - confidence, and no interval reaches zero.
     """
     if all(result.posterior.equivalent >= confidence for result in results):
         return "equivalent"
@@ -122,20 +118,20 @@ def estimates(
 
     First the corrected t test over splits, where there are several; then, with the fitted models
     held fixed, the tested poses: Wilcoxon's p-value, percentiles of the draws, and as probabilities
-    the shares of the draws.
-
-    Args:
-        errors: of the columns.
-        pairs: columns of A and of B.
-        question: what is asked of each pair.
-        all_p_values: Wilcoxon's also where the splits decide; else it is NaN there, because among
-            thousands of pairs it would take longer than all the rest.
+    the shares of the draws. Wilcoxon's is NaN where the splits decide, because among thousands of
+    pairs it would take longer than all the rest; with `all_p_values` it is there, too.
     """
     a, b = [one for one, _ in pairs], [other for _, other in pairs]
     found: list[list[Estimate]] = []
     if errors.of_splits is not None:
         differences = errors.of_splits[:, a] - errors.of_splits[:, b]  # (J, k)
-        found.append([_over_splits(one, errors.test_share, question) for one in differences.T])
+        tests = [corrected_t(one, errors.test_share) for one in differences.T]
+        found.append(
+            [
+                Estimate(*t.interval(question.confidence), t.p_value, t.posterior(question.rope))
+                for t in tests
+            ]
+        )
     if errors.of_poses is not None and errors.drawn is not None:
         drawn = errors.drawn[np.isfinite(errors.drawn[:, 0])]  # a tested pose is in it
         needed = all_p_values or not found
@@ -147,12 +143,6 @@ def estimates(
     return found
 
 
-def _over_splits(differences: FloatArray, test_share: float, question: Question) -> Estimate:
-    found = corrected_t(differences, test_share)
-    interval, posterior = found.interval(question.confidence), found.posterior(question.rope)
-    return Estimate(*interval, found.p_value, posterior)
-
-
 def _over_poses(drawn: FloatArray, p_values: Sequence[float], question: Question) -> list[Estimate]:
     """Return an estimate for each column of the (B, k) differences on the draws, m."""
     tail = 0.5 * (1.0 - question.confidence)
@@ -162,9 +152,7 @@ def _over_poses(drawn: FloatArray, p_values: Sequence[float], question: Question
     equivalent = np.maximum(0.0, 1.0 - a_better - b_better)
     return [
         Estimate(
-            low=float(low[k]),
-            high=float(high[k]),
-            p_value=p_value,
+            *(float(low[k]), float(high[k]), p_value),
             posterior=Posterior(float(a_better[k]), float(equivalent[k]), float(b_better[k])),
         )
         for k, p_value in enumerate(p_values)
@@ -179,12 +167,8 @@ def decide_pairs(
 ) -> list[Verdict] | None:
     """Return the verdicts on k pairs; None where no test applies: one value, no poses behind it.
 
-    Args:
-        errors: of the columns.
-        pairs: columns of A and of B.
-        question: what is asked of each pair.
-        p_values: k corrected ones of the first test; None: p is not corrected. The draws are
-            not corrected: among many models Holm would ask for rarer events than they hold.
+    `p_values` are k corrected ones of the first test; None: p is not corrected. The draws are not
+    corrected: among many models Holm would ask for rarer events than they hold.
     """
     results = estimates(errors, pairs, question)
     if not results:

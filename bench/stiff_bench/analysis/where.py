@@ -89,11 +89,7 @@ def where_better(
 ) -> list[Place]:
     """Return all places, with the verdict on the mean length of the error in each.
 
-    Args:
-        a: results of A on some splits.
-        b: those of B on the same splits.
-        data: the samples, their loads and TCP positions.
-        question: what is asked of each place.
+    `a` and `b` are results on the same splits.
     """
     of_a, of_b = map(pooled_prediction, (a, b))
     lengths = np.column_stack([norm_errors(of_a), norm_errors(of_b)])  # (n, 2) m

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from stiff_bench.api.tables import Tables, Text
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.tables.render import plain_text
-from stiff_bench.tables.table import Column, Entry, Table
-from stiff_bench.tables.units import PRINTED, marked
+from stiff_bench.tables.table import Column, Entry, Name, Table
+from stiff_bench.tables.units import PRINTED
 from stiff_protocols.contract.plugin import (
     DatasetInfo,
     Grid,
@@ -100,7 +100,7 @@ _KEY = ("key", "what it is")
 
 
 def _rows(known: Mapping[str, PluginInfo]) -> list[list[Entry]]:
-    return [[info.key, marked(info.summary, info.missing())] for info in known.values()]
+    return [[info.key, str(Name(info.summary, info.missing()))] for info in known.values()]
 
 
 class _List(Tables):

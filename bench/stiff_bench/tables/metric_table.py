@@ -40,7 +40,10 @@ def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> li
     Models on different data, pre-training data, splits or coverage stand in tables of their own.
     Where no metrics are asked for, they are the usual ones, or those of tool paths.
     """
-    groups = grouped(results, _shared_setting)
+    groups = grouped(
+        results,
+        lambda one: (one.shown.dataset, one.shown.protocol, one.cell.condition, one.cell.seed),
+    )
     return [
         _table(dict(models), tuple(metrics))
         for group in groups.values()
@@ -49,11 +52,6 @@ def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> li
             lambda model: _tested_on(model[1]),
         ).values()
     ]
-
-
-def _shared_setting(result: CellResult) -> tuple[str, str, str, int]:
-    """Return what the results of a table share."""
-    return result.shown.dataset, result.shown.protocol, result.cell.condition, result.cell.seed
 
 
 def _tested_on(results: Sequence[CellResult]) -> frozenset[object]:

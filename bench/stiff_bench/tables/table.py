@@ -11,8 +11,6 @@ from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import Any, Literal, Self
 
-from stiff_bench.tables.units import marked
-
 
 @dataclass(frozen=True)
 class Name:
@@ -23,7 +21,7 @@ class Name:
 
     def __str__(self) -> str:
         """Return the name with its mark, for people."""
-        return marked(self.text, self.mark)
+        return f"{self.text} [{self.mark}]" if self.mark else self.text
 
 
 @dataclass(frozen=True)

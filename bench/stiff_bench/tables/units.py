@@ -41,8 +41,3 @@ def first_few(names: Sequence[str], most: int = 3) -> str:
     """
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return f"{', '.join(names[:most])}{more}"
-
-
-def marked(name: str, mark: str) -> str:
-    """Return a name with what must stand beside it; "" for nothing."""
-    return f"{name} [{mark}]" if mark else name

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from helpers.made_results import MadeResults, damage, forget
+from helpers.made_results import MadeResults, forget
 from stiff_bench.analysis.collected import Case, StoredResults, left_out_notes
-from stiff_bench.store.database import FILE, ResultStore
+from stiff_bench.store.database import ResultStore
 from stiff_bench.store.names import Variant, without_options
-from stiff_protocols.contract.errors import StoreError
 
 
 @pytest.fixture()
@@ -84,13 +83,6 @@ def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
     made.add_run("2", made.add("a", failed=[0], run_id="2"))
     found = only(made).competitors["a"]
     assert {slot[0] for slot in found.done} == {0, 1} and not found.failures
-
-
-def test_damage_is_refused_with_what_to_do_about_it(made):
-    (key,) = made.add("a", [1.0])
-    damage(made.folder, key)
-    with pytest.raises(StoreError, match=rf"{FILE}: corrupt: cell {key}: .*bench run"):
-        StoredResults.read(made.folder)
 
 
 @pytest.mark.parametrize(("newest", "n_asked"), [(slice(0, 2), 2), (slice(2, 3), 5)])

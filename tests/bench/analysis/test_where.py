@@ -9,9 +9,8 @@ from helpers.compared_results import N_POSES, case_in, made_data, spread, store_
 from stiff_bench.analysis.comparison import paired_results
 from stiff_bench.analysis.comparison_text import place_text
 from stiff_bench.analysis.verdict import Question
-from stiff_bench.analysis.where import factors, telling, where_better
+from stiff_bench.analysis.where import telling, where_better
 from stiff_bench.store.samples import data_content, stored_data
-from stiff_protocols.contract.types import BenchmarkData
 
 ALL = [np.arange(N_POSES)]
 APART = {"a": spread(1e-4, 1e-5, 1), "b": spread(2e-4, 1e-5, 2)}
@@ -52,6 +51,7 @@ def test_of_each_kind_the_division_that_explains_most_is_shown(tmp_path):
     high = data.samples.group == "far"
     b = worse_where((torque > np.quantile(torque, 2 / 3)) + 1.0 * high)
     found, stored = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=b)
+    np.testing.assert_array_equal(stored.tcp, data.robot.tcp_position(data.samples.q))
     shown = {place.factor.kind: place.factor.name for place in telling(found)}
     assert shown["joint torque"] == f"torque on {stored.robot.joint_names[3]}"
     assert shown["pose region"] == "part of the plan"
@@ -89,13 +89,3 @@ def test_a_sample_that_several_splits_test_counts_once(tmp_path):
     once, thrice = (found_in(tmp_path / str(times), ALL * times, **APART)[0] for times in (1, 3))
     assert [p.n_samples for p in once] == [p.n_samples for p in thrice]
     assert [p.estimate.p_value for p in once] == pytest.approx([p.estimate.p_value for p in thrice])
-
-
-def test_stored_data_hold_where_the_tcp_is_and_units_of_the_torques():
-    data = made_data()
-    back = stored_data(data_content(data))
-    np.testing.assert_array_equal(back.tcp, data.robot.tcp_position(data.samples.q))
-    assert back.torque_units == ("Nm",) * 6
-    assert isinstance(data, BenchmarkData)
-    reach = next(factor for factor in factors(back) if factor.name.startswith("TCP reach"))
-    np.testing.assert_allclose(reach.values, np.linalg.norm(back.tcp[:, :2], axis=1))
