@@ -131,11 +131,12 @@ def build_leaderboard(
     """
     cases = selection.cases_of(stored.cases)
     data_of = stored.data_of
-    usable = [case for case in of_newest_data(cases) if not case.shown.reports_training]
+    newest = sorted(of_newest_data(cases), key=in_order)
+    usable = [case for case in newest if not case.shown.reports_training]
     names = selection.models_of(usable)
     n_run = {case: sum(name in case.competitors for name in names) for case in usable}
-    shown = sorted((case for case in usable if n_run[case] > 1), key=in_order)
-    lonely = sorted((case for case in usable if n_run[case] == 1), key=in_order)
+    shown = [case for case in usable if n_run[case] > 1]
+    lonely = [case for case in usable if n_run[case] == 1]
     notes = list(_data_notes(cases, data_of))
     if lonely:
         first = labels(case.name for case in usable)[lonely[0].name] + and_more(lonely)
@@ -228,19 +229,16 @@ def _rank_interval(
     poses than the data, so that close models change places more often in them and ranks draw
     nearer to the middle: bounds are widened to hold the mean rank itself.
     """
-    ranks = [
-        rankdata(drawn[:, [case.models.index(model) for model in models]], axis=1)  # (B, m)
-        for case in cases
-        if (drawn := case.errors.drawn) is not None
+    drawn = [
+        one.errors.drawn[:, [one.models.index(model) for model in models]]
+        for one in cases
+        if one.errors.drawn is not None
     ]
-    if not ranks:
+    if not drawn:
         return mean_ranks * np.nan, mean_ranks * np.nan
-    total, counts = np.zeros((2, *ranks[0].shape))
-    for of_case in ranks:
-        total += np.nan_to_num(of_case)
-        counts += np.isfinite(of_case)
-    drew_some = counts.all(axis=1)
+    ranks = rankdata(drawn, axis=-1)  # (cases, B, m)
+    drew_some = np.isfinite(ranks).any(axis=0).all(axis=1)
     low, high = np.quantile(
-        total[drew_some] / counts[drew_some], [0.5 * LEVEL, 1.0 - 0.5 * LEVEL], axis=0
+        np.nanmean(ranks[:, drew_some], axis=0), [0.5 * LEVEL, 1.0 - 0.5 * LEVEL], axis=0
     )
     return mean_ranks.clip(upper=low), mean_ranks.clip(lower=high)
