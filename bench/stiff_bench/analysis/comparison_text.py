@@ -295,7 +295,8 @@ def _over_datasets(report: ModelComparison) -> Table:
     of_name = {one.name: one for one in report.comparisons}
     groups = grouped(of_name, lambda one: (family_of(one), one.protocol, one.condition, one.seed))
     alike = Counter(place[:3] for place, names in groups.items() if len(names) > 1)
-    for (*place, seed), names in groups.items():
+    for (*_, seed), names in groups.items():
+        place = family_of(names[0]), names[0].protocol, names[0].condition
         group = [of_name[name] for name in names]
         datasets = [*grouped(group, lambda one: dataset_of(one.name)).values()]
         if len(datasets) < 2 or len({name.dataset for name in names}) < len(names):
@@ -305,7 +306,7 @@ def _over_datasets(report: ModelComparison) -> Table:
         verdicts = [{row.verdict for row in of_one} for of_one in each]
         count = Counter(one.pop() if len(one) == 1 else "open" for one in verdicts)
         fits = "" if all(one.over_splits for one in group) else "these fits"
-        repeated = f"seed {seed}" if alike[tuple(place)] > 1 else ""
+        repeated = f"seed {seed}" if alike[place] > 1 else ""
         selects = any(one.selects_on_test for one in group)
         rows.append(
             [

@@ -237,7 +237,7 @@ def _rank_interval(
     if not drawn:
         return mean_ranks * np.nan, mean_ranks * np.nan
     ranks = rankdata(drawn, axis=-1)  # (cases, B, m)
-    drew_some = np.isfinite(ranks).any(axis=0).all(axis=1)
+    drew_some = np.all(np.any(np.isfinite(ranks), axis=0), axis=1)
     low, high = np.quantile(
         np.nanmean(ranks[:, drew_some], axis=0), [0.5 * LEVEL, 1.0 - 0.5 * LEVEL], axis=0
     )
