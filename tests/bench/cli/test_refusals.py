@@ -108,7 +108,6 @@ REFUSED = {
     f"{CORRECT} --figure path.csv": ["path.csv"],
     HOLD: ["--hold", "to_cart [mm]", "to_a6 [deg]", "hold 1, not 0"],
     f"{HOLD} --hold 1=5 --hold J3=0": ["hold 1, not 2"],
-    f"{HOLD} --hold 1=5 --hold to_cart=0": ["--hold 1, to_cart", "once"],
     f"{HOLD} --hold to_cart": ["--hold to_cart", "mm"],
     f"{HOLD} --hold to_cart=5000": ["--hold to_cart=5000", "0..4000 mm"],
     f"{HOLD} --hold to_crt=5": ["'to_crt'", "did you mean 'to_cart'"],
