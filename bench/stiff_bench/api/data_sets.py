@@ -207,15 +207,11 @@ def check_dataset(data: object) -> None:
     """
     if isinstance(data, Dataset | BenchmarkData):
         return
-    robot = "robot: read_robot(urdf, tcp=...) or load_robot(name)"
-    hints = {
-        "DataFrame": f"Dataset.from_frame(frame, robot) makes one; {robot}",
-        "Samples": f"Dataset.from_samples(samples, robot) makes one; {robot}",
-        "str": f"load_dataset({data!r}) loads a shipped one, read_samples(file, ...) a file",
-    }
-    kind = type(data).__name__
-    hint = hints.get(kind, "load_dataset, read_samples and Dataset.from_frame make one")
-    raise ConfigError(f"{kind} is not a data set: {hint}")
+    raise ConfigError(
+        f"{type(data).__name__} is not a data set: load_dataset(name), read_samples(file, "
+        "robot=...), Dataset.from_frame(frame, robot) and Dataset.from_samples(samples, robot) "
+        "make one"
+    )
 
 
 def load_dataset(name: str, **options: Any) -> Dataset:

@@ -1,11 +1,11 @@
-"""Fitting and testing of models under protocols: a run, from a notebook or a command line."""
+"""Fitting and testing of models under protocols: runs, and studies with their pages."""
 
 from __future__ import annotations
 
 import shutil
 import tempfile
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,14 +26,15 @@ from stiff_bench.api.registered import registry
 from stiff_bench.api.stored_results import Results
 from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
+from stiff_bench.paper.study_file import Study, find_study, read_study
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
 from stiff_bench.run.execution import Execution
-from stiff_bench.run.machine import pinned
+from stiff_bench.run.machine import pinned, usable_cores
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
-from stiff_bench.store.database import ResultStore
+from stiff_bench.store.database import ResultStore, stored_statuses
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelInfo
@@ -212,16 +213,11 @@ def evaluate(
         raise ConfigError(f"splits={splits}: give 1 or more, or None for the protocol's own number")
     asked = [model_choice(one, {}) for one in _listed(models)]
     local = [one for one in asked if one.cls.__module__ == "__main__"]
-    if local and output is not None:
+    if local and (output is not None or jobs > 1):
         raise ConfigError(
-            f"{local[0].info.key}: a class of a script or notebook, whose results cannot be kept; "
-            "leave out output=..., or define it in a file and call use_plugin(file)"
-        )
-    if local and jobs > 1:
-        raise ConfigError(
-            f"jobs={jobs}: {local[0].info.key} is a class of a script or notebook, which other "
-            "processes cannot import; leave out jobs=..., or define it in a file and call "
-            "use_plugin(file)"
+            f"{local[0].info.key}: a class of a script or notebook, whose results cannot be kept, "
+            "and which other processes cannot import; leave out output=... and jobs=..., or define "
+            "it in a file and call use_plugin(file)"
         )
     for dataset in (data := _listed(datasets)):
         if not isinstance(dataset, str):
@@ -250,3 +246,71 @@ def evaluate(
 
 def _listed(given: Any) -> list[Any]:
     return list(given) if isinstance(given, list | tuple) else [given]
+
+
+@dataclass(frozen=True)
+class Reproduction(Run):
+    """A study, and the page that is written of it.
+
+    Attributes:
+        study: what is run, and what stands on the page.
+        output: folder of the study's folder, which takes page and results.
+    """
+
+    study: Study
+    output: Path
+
+    def compute(self) -> Results:
+        """Say how long it takes, and compute what is missing.
+
+        Raises:
+            StiffBenchError: the data cannot be loaded or divided, or the output not written.
+        """
+        ResultStore(self.plans[0].output)  # a folder that cannot be written is said before all else
+        say(self.forecast().text)
+        return super().compute()
+
+    def write(self) -> Iterator[Path]:
+        """Write what the results allow, and yield each file.
+
+        Raises:
+            StoreError: a file cannot be written, or a stored one is corrupt.
+        """
+        from stiff_bench.paper.study_page import write_page
+
+        stored = stored_statuses(self.plans[0].output)
+        n_missing = sum(task.cell.key not in stored for task in self.tasks)
+        return write_page(self.study, self.output, self.plans[0].command, n_missing)
+
+
+def run_of_study(file: Path, *, output: Path, command: str, **how: Any) -> Run:
+    """Return the runs of a study's file; `how` is of `chosen_execution`.
+
+    Raises:
+        ConfigError: the file cannot be read, or a key or value of it is wrong.
+    """
+    plans = read_study(file).plans(registry(), output=output, command=command)
+    return Run(plans, chosen_execution(plans[0], registry(), **how))
+
+
+def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reproduction:
+    """Return a study that is shipped, or that a file describes.
+
+    Args:
+        name: of the study, or of a file that ends in .toml.
+        output: folder of the folder of the study's name.
+        command: for the record.
+        how: the options of `chosen_execution`; as many jobs as there are cores by default.
+
+    Raises:
+        ConfigError: there is no study of this name, or its file is wrong.
+    """
+    from stiff_bench.paper.study_page import check_names
+
+    study = find_study(name)
+    check_names(study)
+    if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:
+        how["jobs"] = usable_cores()
+    plans = study.plans(registry(), output=output / study.name / "runs", command=command)
+    execution = chosen_execution(plans[0], registry(), **how)
+    return Reproduction(plans, execution, study, output)

@@ -12,14 +12,7 @@ import numpy as np
 
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
-from stiff_bench.api.robots import (
-    as_robot,
-    load_robot,
-    payload_of,
-    read_robot,
-    robot_words,
-    shipped_name,
-)
+from stiff_bench.api.robots import as_robot, payload_of, robot_words, shipped_name
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.options import measured_file
@@ -27,7 +20,7 @@ from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
 from stiff_datasets.measured import kr10_measured
 from stiff_datasets.measured import validation_report as validation
-from stiff_datasets.measured.file_options import POSE_TOLERANCE, FileOptions
+from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_datasets.planning.design import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
@@ -96,19 +89,12 @@ def plan_poses(
     output, arm = Path(output), as_robot(robot)
     check_plan_file(output)
     options = FileOptions(no_torque, sheet, pose_tolerance)
-    if after is None:
-        given = {
-            "model": model,
-            "workspace": workspace,
-            "no-torque": no_torque or None,
-            "sheet": sheet,
-            "pose-tolerance": None if pose_tolerance == POSE_TOLERANCE else pose_tolerance,
-        }
-        for name, value in given.items():
-            if value is not None:
-                raise ConfigError(
-                    "describes what comes after a measurement; give --after too", name
-                )
+    if after is None and (model or workspace or options != DEFAULTS):
+        raise ConfigError(
+            "model, workspace, no_torque, sheet and pose_tolerance describe what comes after a "
+            "measurement; give it too",
+            "after",
+        )
     payload = payload_of(arm) if payload is None else payload
     if payload is None:
         raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")
@@ -251,10 +237,7 @@ def register(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StiffBenchWarning)
         place = kr10_measured.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
-    robot = load_robot(tcp=tcp) if urdf is None else read_robot(urdf, tcp=tcp, tip=tip)
-    report = validate(csv, robot=robot, **stated)
     read = [str(warning.message).removeprefix(f"{csv.absolute()}: ") for warning in caught]
-    messages = dict.fromkeys([*read, *(finding.message for finding in report.warnings)])
-    odd = [f"warning: {message}" for message in messages]
+    odd = [f"warning: {message}" for message in dict.fromkeys(read)]
     done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
     return "\n".join([*odd, done])

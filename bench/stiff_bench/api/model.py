@@ -367,18 +367,6 @@ class Model:
         return f"Model {self.name} ({state})"
 
 
-def coverage_of_each_axis(coverage_3d: float) -> float:
-    """Return the coverage with which X, Y and Z lie inside at once with `coverage_3d` (0..1).
-
-    Bonferroni's bound, whichever way the errors of the axes go together: 0.967 for 0.9.
-
-    Raises:
-        ConfigError: it is not between 0 and 1.
-    """
-    check_coverage(coverage_3d)
-    return 1.0 - (1.0 - coverage_3d) / len(AXES)
-
-
 def model_choice(model: str | type | Model, options: dict[str, Any]) -> Choice[ModelInfo]:
     """Return what a name, a class or a model stands for."""
     if isinstance(model, Model):

@@ -7,12 +7,10 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from helpers.command_line import BENCH, bench_here
 from stiff_bench.store.database import ResultStore, read_manifests, read_results
-from stiff_models.transfer.pretrained_mlp import MlpPretrained
 from stiff_protocols.contract.errors import ConfigError
 
 
@@ -80,24 +78,6 @@ def test_help_loads_nothing_heavy(tmp_path):
 def test_debug_shows_the_traceback(tmp_path):
     with pytest.raises(ConfigError, match="nothing"):
         bench_here("run", "--model", "nothing", "--debug", cwd=tmp_path)
-
-
-@pytest.mark.usefixtures("small_source")
-def test_the_cache_is_counted_and_emptied(tmp_path, twin):
-    cache = {"STIFFBENCH_CACHE": str(tmp_path / "cache")}
-
-    def cache_says(what: str) -> str:
-        return bench_here("cache", what, cwd=tmp_path, env=cache).stdout
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(*next(iter(cache.items())))
-        train = twin.samples.take(np.arange(60))
-        MlpPretrained(width=8, pretrain_steps=2, source_poses="data").fit(train, robot=twin.robot)
-    assert cache_says("info").startswith("1 training, 0.")
-    assert cache_says("clear").startswith("deleted: 1 training, 0.")
-    assert cache_says("info").startswith("0 trainings, 0.0 MiB, in ")
-    cache["STIFFBENCH_CACHE"] = "off"
-    assert "switched off" in cache_says("info")
 
 
 @pytest.mark.slow

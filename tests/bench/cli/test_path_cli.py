@@ -47,7 +47,7 @@ def vjm(twin):
 @pytest.fixture(scope="module")
 def square(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("paths") / "square.csv"
-    example_path("square", path, points=41, load=(0.0, 20.0, -60.0, 0.0, 0.0, 1.0))
+    example_path("square", path, points=13, load=(0.0, 20.0, -60.0, 0.0, 0.0, 1.0))
     return path
 
 
@@ -228,7 +228,7 @@ def test_a_path_in_parquet_gets_the_commands_of_its_csv_with_remarks(square, vjm
     tables = []
     for ending, read in ((".csv", CSV), (".parquet", pd.read_parquet)):
         output = tmp_path / f"c{ending}"
-        with pytest.warns(UserWarning, match="extrapolation in 39 of 41 rows: q6 8"):
+        with pytest.warns(UserWarning, match="extrapolation in 13 of 13 rows: q6 8"):
             compensate_path(vjm, tmp_path / f"p{ending}", output)
         tables.append(read(output))
     pd.testing.assert_frame_equal(*tables, atol=1e-7, rtol=0.0)
