@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -57,20 +57,13 @@ class Run:
 
     @cached_property
     def tasks(self) -> list[CellTask]:
-        """Every cell of the plans.
-
-        Raises:
-            StiffBenchError: the data cannot be loaded or divided.
-        """
+        """Every cell of the plans."""
         return list(cell_tasks(*self.plans))
 
     def forecast(self) -> Tables:
         """Return what would be computed of each model, and how long all takes, in a sentence.
 
         One fit is timed of each model and data set whose model has no stored fit, not on a cluster.
-
-        Raises:
-            StiffBenchError: the data cannot be loaded or divided.
         """
         plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
         untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
@@ -90,11 +83,7 @@ class Run:
         return Tables(tables, plan.command, forecast_line(forecasts[-1], jobs))
 
     def compute(self) -> Results:
-        """Compute what is missing; return the results of all.
-
-        Raises:
-            StiffBenchError: the data cannot be loaded or divided, or the output not written.
-        """
+        """Compute what is missing; return the results of all."""
         plan, tasks = self.plans[0], self.tasks
         store = ResultStore(plan.output)
         for warning in dict.fromkeys(task.shown.warning for task in tasks if task.shown.warning):
@@ -111,33 +100,15 @@ def prepare_run(
     protocols: Sequence[str],
     *,
     settings: Sequence[str] = (),
-    metrics: Sequence[str] = (),
-    coverage: float | None = None,
-    splits: int | None = None,
-    seed: int = 0,
-    device: str = "auto",
-    output: Path,
-    command: str,
-    **how: Any,
+    how: Mapping[str, Any],
+    **planned: Any,
 ) -> Run:
     """Return a run that is checked; `settings` are of the words among the first three arguments.
 
-    The other arguments are those of `evaluate`; `how` is of `chosen_execution`.
-
-    Raises:
-        ConfigError: a name, an option or a value is wrong.
+    `how` is of `chosen_execution`, the other arguments are those of `plan_run`.
     """
-    plan = plan_run(
-        with_reference(_asked(models, datasets, protocols, settings), registry()),
-        registry(),
-        output=output,
-        metrics=metrics,
-        splits=splits,
-        seed=seed,
-        device=device,
-        command=command,
-        coverage=coverage,
-    )
+    asked = with_reference(_asked(models, datasets, protocols, settings), registry())
+    plan = plan_run(asked, registry(), **planned)
     return Run([plan], chosen_execution(plan, registry(), **how))
 
 
@@ -160,11 +131,7 @@ def model_and_data(
     settings: Sequence[str] = (),
     device: str = "auto",
 ) -> tuple[Model, Dataset]:
-    """Return the model and the data set of `bench fit`, checked as those of a run.
-
-    Raises:
-        ConfigError: an option or a value is wrong, or there are several of one kind.
-    """
+    """Return the model and the data set of `bench fit`, checked as those of a run."""
     if len(datasets) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
     asked = _asked(models, datasets, (), settings)
@@ -234,9 +201,7 @@ def evaluate(
         device=device,
         output=folder,
         command="stiffbench.evaluate(...)",
-        threads=pinned(),
-        jobs=jobs,
-        isolate=False if local else None,
+        how={"threads": pinned(), "jobs": jobs, "isolate": False if local else None},
     )
     results = run.compute()
     if output is None:
@@ -261,21 +226,13 @@ class Reproduction(Run):
     output: Path
 
     def compute(self) -> Results:
-        """Say how long it takes, and compute what is missing.
-
-        Raises:
-            StiffBenchError: the data cannot be loaded or divided, or the output not written.
-        """
+        """Say how long it takes, and compute what is missing."""
         ResultStore(self.plans[0].output)  # a folder that cannot be written is said before all else
         say(self.forecast().text)
         return super().compute()
 
     def write(self) -> Iterator[Path]:
-        """Write what the results allow, and yield each file.
-
-        Raises:
-            StoreError: a file cannot be written, or a stored one is corrupt.
-        """
+        """Write what the results allow, and yield each file."""
         from stiff_bench.paper.study_page import write_page
 
         stored = stored_statuses(self.plans[0].output)
@@ -284,11 +241,7 @@ class Reproduction(Run):
 
 
 def run_of_study(file: Path, *, output: Path, command: str, **how: Any) -> Run:
-    """Return the runs of a study's file; `how` is of `chosen_execution`.
-
-    Raises:
-        ConfigError: the file cannot be read, or a key or value of it is wrong.
-    """
+    """Return the runs of a study's file; `how` is of `chosen_execution`."""
     plans = read_study(file).plans(registry(), output=output, command=command)
     return Run(plans, chosen_execution(plans[0], registry(), **how))
 
@@ -301,9 +254,6 @@ def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reprod
         output: folder of the folder of the study's name.
         command: for the record.
         how: the options of `chosen_execution`; as many jobs as there are cores by default.
-
-    Raises:
-        ConfigError: there is no study of this name, or its file is wrong.
     """
     from stiff_bench.paper.study_page import check_names
 

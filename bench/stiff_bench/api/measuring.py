@@ -20,7 +20,7 @@ from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
 from stiff_datasets.measured import kr10_measured
 from stiff_datasets.measured import validation_report as validation
-from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
+from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.planning.design import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
@@ -53,9 +53,7 @@ def plan_poses(
     after: Path | str | None = None,
     model: str | None = None,
     workspace: Path | str | None = None,
-    no_torque: bool = False,
-    sheet: str | None = None,
-    pose_tolerance: float = POSE_TOLERANCE,
+    **file_options: Any,
 ) -> Text:
     """Write a measurement plan to fill in, and return what it gains over random plans.
 
@@ -76,10 +74,7 @@ def plan_poses(
             for its predictions if it is a Gaussian process, else for those of joint springs.
         workspace: file of poses and wrenches where predictions are to be good, with `after`; None:
             all that the robot can reach.
-        no_torque: no torques were measured in `after`.
-        sheet: of `after`, an Excel file; None: the only one that holds a table.
-        pose_tolerance: rows of `after` without `pose_id` whose joint positions differ by no more
-            are of one pose, deg and mm.
+        file_options: `no_torque`, `sheet` and `pose_tolerance` of `after`, see `read_samples`.
 
     Raises:
         ConfigError: an argument is wrong, or the payload is unknown.
@@ -88,7 +83,7 @@ def plan_poses(
     """
     output, arm = Path(output), as_robot(robot)
     check_plan_file(output)
-    options = FileOptions(no_torque, sheet, pose_tolerance)
+    options = FileOptions(**file_options)
     if after is None and (model or workspace or options != DEFAULTS):
         raise ConfigError(
             "model, workspace, no_torque, sheet and pose_tolerance describe what comes after a "
@@ -118,19 +113,14 @@ def validate(
     file: Path | str,
     *,
     robot: str | Robot | None = None,
-    no_torque: bool = False,
-    sheet: str | None = None,
-    pose_tolerance: float = POSE_TOLERANCE,
+    **file_options: Any,
 ) -> validation.ValidationReport:
     """Check a measured file and name the likeliest mistake in it.
 
     Args:
         file: CSV, Excel or Parquet.
         robot: that was measured: the name of a shipped one, or a `Robot`; None: the KR10.
-        no_torque: no torques were measured: their columns may be missing, or zero.
-        sheet: of an Excel file; None: the only one that holds a table.
-        pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one
-            pose, deg and mm; poses of two names that differ by no more are suspicious.
+        file_options: `no_torque`, `sheet` and `pose_tolerance`, see `read_samples`.
 
     Returns:
         A report that prints itself; its `verdict` is "ok", "suspicious" or "invalid".
@@ -138,7 +128,7 @@ def validate(
     Raises:
         ConfigError: there is no robot of this name.
     """
-    options = FileOptions(no_torque, sheet, pose_tolerance)
+    options = FileOptions(**file_options)
     return validation.validate(Path(file), as_robot(robot), options, _left_out_errors)
 
 
@@ -226,9 +216,6 @@ def register(
     """Register a measurement and return what is odd in it and what to do with it.
 
     `stated` is of `FileOptions`.
-
-    Raises:
-        ConfigError: there is a tip and no URDF, or it cannot be registered.
     """
     if urdf is None and tip is not None:
         raise ConfigError(f"{tip}: names a link of a URDF; give --urdf too", "tip")

@@ -257,21 +257,12 @@ class Model:
         )
 
     def check_fitted(self) -> None:
-        """See that it is fitted.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-        """
+        """See that it is fitted."""
         if self.fitted is None:
             raise NotFittedError(f"{self.name}: call fit first")
 
     def check_coverage(self, coverage: float | None) -> None:
-        """See that the model has intervals of this coverage, where some are asked for.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ConfigError: it is no probability, or the model's poses are too few for it.
-        """
+        """See that the model has intervals of this coverage, where some are asked for."""
         if coverage is None:
             return
         check_coverage(coverage)
@@ -415,11 +406,7 @@ def load_model(file: Path | str) -> Model:
 
 @contextmanager
 def blamed_on(model_file: Path | None, but: tuple[()] | type[Exception] = ()) -> Iterator[None]:
-    """Make one clear error of whatever a model from a crafted file raises, `but` for some.
-
-    Raises:
-        DataError: it raised something; the message names the file.
-    """
+    """Make one clear error of whatever a model from a crafted file raises, `but` for some."""
     try:
         yield
     except but:

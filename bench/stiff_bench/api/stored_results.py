@@ -218,7 +218,7 @@ class Results:
         Args:
             file: the page; an older one is replaced.
             metric: to rank by; a key.
-            axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
+            axis: see `leaderboard`.
             seed: of the resampling of poses.
             others: results that stand on the same page, each by itself.
 

@@ -260,12 +260,7 @@ def _driven(
     start: Sequence[float] | None,
     near: FloatArray,
 ) -> tuple[FloatArray, Followed]:
-    """Return the held joints as of `held_positions`, and joint positions along the path.
-
-    Raises:
-        ConfigError: a held joint or `start` is wrong, or says again what the path's own joint
-            positions do.
-    """
+    """Return the held joints as of `held_positions`, and joint positions along the path."""
     if table.q is None:
         begin = _start_positions(robot, start)
         held = held_positions(robot, hold, begin)

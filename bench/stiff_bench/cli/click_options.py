@@ -258,13 +258,6 @@ ranking_options = together(
     ),
     seed_option,
 )
-tcp_option = click.option(
-    "--tcp",
-    type=Numbers("three finite lengths in m, x,y,z", 3),
-    metavar="X,Y,Z",
-    help="Tool centre point in the frame of the last link, in m.  [default: the shipped robot's, "
-    "or 0,0,0 with --urdf]",
-)
 urdf_options = together(
     click.option("--urdf", type=FILE, metavar="FILE.urdf", help="URDF of your own robot."),
     click.option(
@@ -273,7 +266,13 @@ urdf_options = together(
         help="Last link of the robot in the URDF.  [default: the end of the longest chain, without "
         "fingers]",
     ),
-    tcp_option,
+    click.option(
+        "--tcp",
+        type=Numbers("three finite lengths in m, x,y,z", 3),
+        metavar="X,Y,Z",
+        help="Tool centre point in the frame of the last link, in m.  [default: the shipped "
+        "robot's, or 0,0,0 with --urdf]",
+    ),
 )
 
 

@@ -29,8 +29,7 @@ from stiff_bench.cli.click_options import (
 )
 from stiff_bench.console import print_text, say
 
-COMMANDLINE = ParameterSource.COMMANDLINE
-HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun", "output")
+HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
 """Options that a study leaves to the command line."""
 
 
@@ -87,7 +86,7 @@ def run(
     plan_only: bool,
     verbose: bool,
     models: tuple[str, ...],
-    datasets: tuple[str, ...],
+    datasets: Sequence[str | api.data_sets.Dataset],
     protocols: tuple[str, ...],
     data: Sequence[api.data_sets.Dataset],
     **words: Any,
@@ -97,22 +96,19 @@ def run(
     A fit is one model, trained and tested on one split. The VJM is fitted beside every model.
     Each result is stored in --output at once; the same command again computes what is missing.
     """
+    how, output = {name: words.pop(name) for name in HOW}, words.pop("output")
     if study is None:
+        datasets = [*datasets, *data] or [api.evaluation.DEFAULT_DATASET]
         asked = api.evaluation.prepare_run(
-            models,
-            [*datasets, *data] or [api.evaluation.DEFAULT_DATASET],
-            protocols,
-            command=command_line(),
-            **words,
+            models, datasets, protocols, how=how, output=output, command=command_line(), **words
         )
     else:
+        left = {*HOW, "output", "study", "plugin", "fmt", "plan_only", "verbose"}
         for option in ctx.command.params:
             name = option.name or ""
-            left = {*HOW, "study", "plugin", "fmt", "plan_only", "verbose"}
-            if name not in left and ctx.get_parameter_source(name) == COMMANDLINE:
+            if name not in left and ctx.get_parameter_source(name) == ParameterSource.COMMANDLINE:
                 raise click.UsageError(f"{option.opts[0]}: leave it out, or write it in {study}")
-        how = {name: words[name] for name in HOW}
-        asked = api.evaluation.run_of_study(study, command=command_line(), **how)
+        asked = api.evaluation.run_of_study(study, output=output, command=command_line(), **how)
     return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
 
 

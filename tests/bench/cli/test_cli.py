@@ -48,13 +48,6 @@ def test_the_reference_model_is_stored_once_beside_what_is_asked_for(tmp_path):
     assert done.stdout.count("| vjm ") == 1
 
 
-def test_paper_holdout_warns_and_marks_its_rows(tmp_path):
-    words = ["--model", "mlp@epochs=5@training=best", "--protocol", "paper-holdout"]
-    done = bench_here("run", *words, "--splits", "1", cwd=tmp_path)
-    assert "warning: paper-holdout" in done.stderr
-    assert "| mlp@epochs=5@training=best [epoch picked on test part] |" in done.stdout
-
-
 def test_list_and_show_answer(tmp_path):
     for kind, part in (("models", "ft-mlp"), ("datasets", "simulated"), ("protocols", "leave-one")):
         assert part in bench_here("list", kind, cwd=tmp_path).stdout

@@ -119,19 +119,11 @@ def test_what_is_odd_is_predicted_with_a_warning(predict):
     assert "outside of its limits, the first: row 3, column q1_deg" in said
 
 
-@pytest.mark.parametrize(
-    ("lines", "parts"),
-    [
-        ([HEADER, ROW.replace("-80", "much")], ["row 2, column fz_N: 'much'"]),
-        ([HEADER, ROW, ROW.replace("40", "", 1)], ["row 3, column q5_deg: ''"]),
-    ],
-)
-def test_a_bad_value_is_named_with_file_row_and_column(lines, parts, vjm_file, tmp_path):
+def test_a_bad_value_is_named_with_file_row_and_column(vjm_file, tmp_path):
     path = tmp_path / "poses.csv"
-    path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(DataError) as refused:
+    path.write_text("\n".join([HEADER, ROW, ROW.replace("-80", "much")]))
+    with pytest.raises(DataError, match=r"poses\.csv: row 3, column fz_N: 'much'"):
         load_model(vjm_file).predict_file(path, tmp_path / "out.csv")
-    assert all(part in str(refused.value) for part in ("poses.csv: ", *parts))
 
 
 def test_rows_beyond_the_training_range_are_marked_and_one_warning_has_the_numbers(

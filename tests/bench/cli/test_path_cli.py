@@ -26,7 +26,6 @@ from stiff_protocols.contract.errors import (
     StoreError,
 )
 from stiff_protocols.paths.inverse import follow
-from stiff_protocols.paths.path import SHAPES
 
 pytestmark = pytest.mark.filterwarnings("ignore:extrapolation")
 
@@ -204,7 +203,7 @@ def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, c
 @pytest.mark.parametrize("robot", shipped_robots())
 def test_every_shipped_robot_has_examples_that_it_can_drive(robot, tmp_path):
     arm, load = shipped_robots()[robot].robot(), (0.0, 0.0, -9.0, 0.0, 0.0, 0.0)
-    for shape in SHAPES:
+    for shape in ("square", "iso9283"):  # the others lie inside of these
         example_path(shape, tmp_path / f"{shape}.csv", robot=robot, load=load)
         found = read_path(tmp_path / f"{shape}.csv", arm, tool_of(arm, None))
         assert (found.path.wrench[:, 2] == -9.0).all()
