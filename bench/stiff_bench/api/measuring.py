@@ -84,7 +84,7 @@ def plan_poses(
     output, arm = Path(output), as_robot(robot)
     check_plan_file(output)
     options = FileOptions(**file_options)
-    if after is None and (model or workspace or options != DEFAULTS):
+    if after is None and (model, workspace, options) != (None, None, DEFAULTS):
         raise ConfigError(
             "model, workspace, no_torque, sheet and pose_tolerance describe what comes after a "
             "measurement; give it too",
@@ -213,7 +213,7 @@ def register(
     tip: str | None,
     **stated: Any,
 ) -> str:
-    """Register a measurement and return what is odd in it and what to do with it.
+    """Register a measurement and return what to do with it; a warning says what is odd.
 
     `stated` is of `FileOptions`.
     """
@@ -221,10 +221,5 @@ def register(
         raise ConfigError(f"{tip}: names a link of a URDF; give --urdf too", "tip")
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
     x, y, z = default if tcp is None else tcp
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", StiffBenchWarning)
-        place = kr10_measured.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
-    read = [str(warning.message).removeprefix(f"{csv.absolute()}: ") for warning in caught]
-    odd = [f"warning: {message}" for message in dict.fromkeys(read)]
-    done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
-    return "\n".join([*odd, done])
+    place = kr10_measured.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
+    return f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"

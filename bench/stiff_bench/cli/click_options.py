@@ -124,15 +124,6 @@ def coverage_option(text: str) -> Callable[[Command], Command]:
     return click.option("--coverage", type=PROBABILITY, help=text)
 
 
-def picture(_: click.Context, __: click.Parameter, file: Path | None) -> Path | None:
-    """Refuse a file whose suffix names no picture's format."""
-    if file is not None:
-        from stiff_bench.tables.picture_file import check_suffix
-
-        check_suffix(file)
-    return file
-
-
 several_keys = partial(click.option, multiple=True, metavar="KEY")
 
 

@@ -22,7 +22,7 @@ from stiff_bench.cli.click_options import (
     urdf_options,
 )
 from stiff_bench.cli.refusals import Commands
-from stiff_bench.console import print_text
+from stiff_bench.console import print_text, warnings_said
 from stiff_datasets.measured.file_options import FileOptions
 
 if TYPE_CHECKING:
@@ -187,4 +187,6 @@ def register(key: str, file: Path, **words: Any) -> None:
 
     KEY is kr10-measured; without --urdf the robot is the shipped KR10.
     """
-    print_text(api.measuring.register(key, file, **words))
+    with warnings_said():
+        done = api.measuring.register(key, file, **words)
+    print_text(done)

@@ -16,7 +16,6 @@ from stiff_bench.cli.click_options import (
     WholeRange,
     coverage_option,
     output_option,
-    picture,
     plugin_option,
     robot_options,
     sheet_option,
@@ -148,7 +147,6 @@ def example(**words: Any) -> None:
 @click.option(
     "--figure",
     type=FILE,
-    callback=picture,
     metavar="FILE.png",
     help="Draw the path and its errors.",
 )

@@ -17,7 +17,6 @@ from stiff_bench.cli.click_options import (
     command_line,
     format_option,
     output_option,
-    picture,
     ranking_options,
     results_option,
     seed_option,
@@ -124,7 +123,6 @@ def report(folders: tuple[Path, ...], output: Path, selection: Selection, **rank
 @click.option(
     "--output",
     type=FILE,
-    callback=picture,
     metavar="FILE.pdf",
     help="File to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )

@@ -335,17 +335,6 @@ def test_a_plugins_file_is_named_after_use_plugin(plugin_file, twin):
     registered.registry.cache_clear()
 
 
-def test_robots_come_from_descriptions_and_by_name(kr10):
-    from importlib.resources import as_file, files
-
-    with as_file(files("stiff_datasets.robots") / "kr10_r1100_2.urdf") as urdf:
-        robot = sb.read_robot(urdf, tcp=(0.06, 0.0, 0.08))
-    shipped = sb.load_robot("kr10-r1100-2")
-    np.testing.assert_array_equal(robot.tcp, shipped.tcp)
-    np.testing.assert_array_equal(robot.placements, kr10.placements)
-    assert isinstance(robot, sb.Robot) and isinstance(shipped, sb.Robot)
-
-
 def test_every_figure_is_listed_with_what_it_shows():
     rows = {row[0]: row[1] for row in sb.list_figures().tables[0].rows}
     assert rows.keys() == {*FIGURES, *PAPERS} and all(rows.values())

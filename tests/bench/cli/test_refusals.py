@@ -65,7 +65,6 @@ REFUSED = {
     "reproduce mine.toml": ["mine.toml: cannot be read"],
     "run --study mine.toml --model gp": ["--model: leave it out"],
     "figure regresion": ["did you mean 'regression'"],
-    "figure 4 --output a.jpg": ["'.jpg'"],
     "figure 4 --results runs": ["results runs", "figure 4"],
     "data info bytes": ["bytes: no file of samples", ".csv"],
     "data info bytes.xlsx --robot ur5": ["bytes.xlsx: not an Excel table"],
