@@ -86,16 +86,14 @@ def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
     load-gap. There a prediction is a guess.
     """
     found = api.model.load_model(model)
-    if str(output) == "-":
-        with TemporaryDirectory() as folder:
-            rows_file = Path(folder) / "rows.csv"
-            with warnings_said():
-                found.predict_file(loads, rows_file, **words)
-            print_text(rows_file.read_text(encoding="utf-8").removesuffix("\n"))
-        return
-    with warnings_said():
-        rows = found.predict_file(loads, output, **words)
-    number = "1 row" if rows == 1 else f"{rows} rows"
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "rows.csv" if str(output) == "-" else output
+        with warnings_said():
+            n_rows = found.predict_file(loads, file, **words)
+        if file != output:
+            print_text(file.read_text(encoding="utf-8").removesuffix("\n"))
+            return
+    number = "1 row" if n_rows == 1 else f"{n_rows} rows"
     print_text(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
 
 

@@ -15,11 +15,7 @@ KINDS = ("models", "datasets", "protocols", "metrics", "figures")
 
 
 @click.command("list")
-@click.argument(
-    "kind",
-    metavar="KIND",
-    type=click.Choice(["models", "datasets", "protocols", "metrics", "figures"]),
-)
+@click.argument("kind", metavar="KIND", type=click.Choice(KINDS))
 @plugin_option
 @format_option
 def list_(kind: str, fmt: str) -> None:
