@@ -78,7 +78,6 @@ WRITE_BELOW_OUTPUT = (
     ("data plan --poses 5 --candidates 50 --output ../out/plan.csv",),
     ("data simulate --samples 100 --output ../out/some.parquet",),
     ("new model mine --output ../out",),
-    ("cache info", "cache clear"),
     ("table 3", "report --results ../results --output ../out/report.html"),
     ("figure regression --results ../results --output ../out/regression.svg",),
     ("merge ../results --output ../out/merged", "reproduce paper-quick --plan --output ../out"),

@@ -11,88 +11,64 @@ What is named here is imported when it is first used, so that `import stiffbench
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING, Any
 
+from stiff_bench import api
+
 if TYPE_CHECKING:
-    from stiff_bench.api.data_sets import Dataset, load_dataset, read_samples
-    from stiff_bench.api.evaluation import evaluate
-    from stiff_bench.api.measuring import plan_poses, simulate, validate
-    from stiff_bench.api.model import Model, coverage_of_each_axis, load_model, make_model
-    from stiff_bench.api.registered import (
-        check,
-        list_datasets,
-        list_figures,
-        list_metrics,
-        list_models,
-        list_protocols,
-        show,
-        use_plugin,
-    )
-    from stiff_bench.api.robots import load_robot, read_robot
-    from stiff_bench.api.stored_results import Results, figure, merge, open_results, paper_table
-    from stiff_bench.api.tables import Tables
-    from stiff_bench.api.tool_paths import compensate_path, example_path
-    from stiff_protocols.contract.types import Robot, Samples
+    from stiff_bench.api.data_sets import Dataset as Dataset
+    from stiff_bench.api.data_sets import load_dataset as load_dataset
+    from stiff_bench.api.data_sets import read_samples as read_samples
+    from stiff_bench.api.evaluation import evaluate as evaluate
+    from stiff_bench.api.measuring import plan_poses as plan_poses
+    from stiff_bench.api.measuring import simulate as simulate
+    from stiff_bench.api.measuring import validate as validate
+    from stiff_bench.api.model import Model as Model
+    from stiff_bench.api.model import load_model as load_model
+    from stiff_bench.api.model import make_model as make_model
+    from stiff_bench.api.registered import check as check
+    from stiff_bench.api.registered import list_datasets as list_datasets
+    from stiff_bench.api.registered import list_figures as list_figures
+    from stiff_bench.api.registered import list_metrics as list_metrics
+    from stiff_bench.api.registered import list_models as list_models
+    from stiff_bench.api.registered import list_protocols as list_protocols
+    from stiff_bench.api.registered import show as show
+    from stiff_bench.api.registered import use_plugin as use_plugin
+    from stiff_bench.api.robots import load_robot as load_robot
+    from stiff_bench.api.robots import read_robot as read_robot
+    from stiff_bench.api.stored_results import Results as Results
+    from stiff_bench.api.stored_results import figure as figure
+    from stiff_bench.api.stored_results import merge as merge
+    from stiff_bench.api.stored_results import open_results as open_results
+    from stiff_bench.api.stored_results import paper_table as paper_table
+    from stiff_bench.api.tables import Tables as Tables
+    from stiff_bench.api.tool_paths import compensate_path as compensate_path
+    from stiff_bench.api.tool_paths import example_path as example_path
+    from stiff_protocols.contract.types import Robot as Robot
+    from stiff_protocols.contract.types import Samples as Samples
 
 _PLACES = {
-    "stiff_bench.api.registered": (
+    "data_sets": ("Dataset", "Robot", "Samples", "load_dataset", "read_samples"),
+    "evaluation": ("evaluate",),
+    "measuring": ("plan_poses", "simulate", "validate"),
+    "model": ("Model", "load_model", "make_model"),
+    "registered": (
         *("check", "list_datasets", "list_figures", "list_metrics"),
-        *("list_models", "list_protocols"),
-        *("show", "use_plugin"),
+        *("list_models", "list_protocols", "show", "use_plugin"),
     ),
-    "stiff_bench.api.data_sets": ("Dataset", "load_dataset", "read_samples"),
-    "stiff_bench.api.evaluation": ("evaluate",),
-    "stiff_bench.api.measuring": ("plan_poses", "simulate", "validate"),
-    "stiff_bench.api.model": ("Model", "coverage_of_each_axis", "load_model", "make_model"),
-    "stiff_bench.api.tool_paths": ("compensate_path", "example_path"),
-    "stiff_bench.api.stored_results": ("Results", "figure", "merge", "open_results", "paper_table"),
-    "stiff_bench.api.robots": ("load_robot", "read_robot"),
-    "stiff_bench.api.tables": ("Tables",),
-    "stiff_protocols.contract.types": ("Robot", "Samples"),
+    "robots": ("load_robot", "read_robot"),
+    "stored_results": ("Results", "figure", "merge", "open_results", "paper_table"),
+    "tables": ("Tables",),
+    "tool_paths": ("compensate_path", "example_path"),
 }
 _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}
-
-__all__ = [
-    "Dataset",
-    "Model",
-    "Results",
-    "Robot",
-    "Samples",
-    "Tables",
-    "check",
-    "compensate_path",
-    "coverage_of_each_axis",
-    "evaluate",
-    "example_path",
-    "figure",
-    "list_datasets",
-    "list_figures",
-    "list_metrics",
-    "list_models",
-    "list_protocols",
-    "load_dataset",
-    "load_model",
-    "load_robot",
-    "make_model",
-    "merge",
-    "open_results",
-    "paper_table",
-    "plan_poses",
-    "read_robot",
-    "read_samples",
-    "show",
-    "simulate",
-    "use_plugin",
-    "validate",
-]
 
 
 def __getattr__(name: str) -> Any:
     if name not in _PLACE_OF:
         raise AttributeError(f"module 'stiffbench' has no attribute {name!r}")
-    return getattr(importlib.import_module(_PLACE_OF[name]), name)
+    return getattr(getattr(api, _PLACE_OF[name]), name)
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return [*_PLACE_OF]

@@ -1,9 +1,29 @@
 """What `import stiffbench` offers, and all that the commands call."""
 
+import importlib
 from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from stiff_datasets.measured.file_options import LARGEST_POSE_TOLERANCE as LARGEST_POSE_TOLERANCE
 from stiff_datasets.measured.file_options import POSE_TOLERANCE as POSE_TOLERANCE
 
+if TYPE_CHECKING:
+    from stiff_bench.api import data_sets as data_sets
+    from stiff_bench.api import evaluation as evaluation
+    from stiff_bench.api import measuring as measuring
+    from stiff_bench.api import model as model
+    from stiff_bench.api import registered as registered
+    from stiff_bench.api import robots as robots
+    from stiff_bench.api import stored_results as stored_results
+    from stiff_bench.api import tool_paths as tool_paths
+
 RESULTS = Path("results/runs")
 """Where `bench run` stores results, and others read them, unless the user says otherwise."""
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Import a module of this package where it is first used: help answers without them."""
+    if name.startswith("__"):
+        raise AttributeError(name)
+    return importlib.import_module(f"stiff_bench.api.{name}")

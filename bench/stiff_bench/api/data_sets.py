@@ -36,11 +36,7 @@ if TYPE_CHECKING:
 
 
 def choice_of(kind: Kind, word: str, options: Mapping[str, Any]) -> Choice[Any]:
-    """Return what a word of the command line stands for, with more options.
-
-    Raises:
-        ConfigError: the word or an option is unknown, or a value is wrong.
-    """
+    """Return what a word of the command line stands for, with more options."""
     choice = chosen({kind: (word,)}, (), registry())[kind][0]
     parsed = {
         name: parse_option(f"{name}={value!r}", choice.info.key, choice.cls, name, value)
@@ -61,11 +57,7 @@ class Dataset:
 
     @classmethod
     def of_file(cls, file: Path | str, robot: str | Robot | None, options: FileOptions) -> Dataset:
-        """Return the data set of a file, which is read when it is needed; see `read_samples`.
-
-        Raises:
-            ConfigError: no robot is named, or there is none of this name.
-        """
+        """Return the data set of a file, which is read when it is needed; see `read_samples`."""
         if robot is None:
             raise ConfigError(f"{file}: needs its robot too: --urdf FILE.urdf or --robot NAME")
         return cls(measured_file(Path(file), as_robot(robot), options))
@@ -110,7 +102,7 @@ class Dataset:
             frame: the table.
             robot: that was measured.
             name: of the data set in tables.
-            no_torque: no torques were measured: their columns may be missing, or zero.
+            no_torque: see `read_samples`.
             pose_tolerance: see `read_samples`.
 
         Raises:
@@ -200,22 +192,14 @@ def _slice_text(rows: slice) -> str:
 
 
 def check_dataset(data: object) -> None:
-    """See that something is a data set.
-
-    Raises:
-        ConfigError: it is a table, samples or a name; the message says how a data set is made.
-    """
+    """See that something is a data set."""
     if isinstance(data, Dataset | BenchmarkData):
         return
-    robot = "robot: read_robot(urdf, tcp=...) or load_robot(name)"
-    hints = {
-        "DataFrame": f"Dataset.from_frame(frame, robot) makes one; {robot}",
-        "Samples": f"Dataset.from_samples(samples, robot) makes one; {robot}",
-        "str": f"load_dataset({data!r}) loads a shipped one, read_samples(file, ...) a file",
-    }
-    kind = type(data).__name__
-    hint = hints.get(kind, "load_dataset, read_samples and Dataset.from_frame make one")
-    raise ConfigError(f"{kind} is not a data set: {hint}")
+    raise ConfigError(
+        f"{type(data).__name__} is not a data set: load_dataset(name), read_samples(file, "
+        "robot=...), Dataset.from_frame(frame, robot) and Dataset.from_samples(samples, robot) "
+        "make one"
+    )
 
 
 def load_dataset(name: str, **options: Any) -> Dataset:
@@ -266,11 +250,7 @@ def read_samples(
 def dataset_of_word(
     word: str, robot: Robot | None, options: FileOptions, settings: Sequence[str]
 ) -> Dataset:
-    """Return the data set of a key or of a file, as `bench data info` names it.
-
-    Raises:
-        ConfigError: the key or an option is unknown, or the robot of the file is not named.
-    """
+    """Return the data set of a key or of a file, as `bench data info` names it."""
     path = Path(word)
     if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
         if settings:

@@ -1,11 +1,11 @@
-"""Fitting and testing of models under protocols: a run, from a notebook or a command line."""
+"""Fitting and testing of models under protocols: runs, and studies with their pages."""
 
 from __future__ import annotations
 
 import shutil
 import tempfile
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,14 +26,15 @@ from stiff_bench.api.registered import registry
 from stiff_bench.api.stored_results import Results
 from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
+from stiff_bench.paper.study_file import Study, find_study, read_study
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
 from stiff_bench.run.execution import Execution
-from stiff_bench.run.machine import pinned
+from stiff_bench.run.machine import pinned, usable_cores
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
-from stiff_bench.store.database import ResultStore
+from stiff_bench.store.database import ResultStore, stored_statuses
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelInfo
@@ -56,20 +57,13 @@ class Run:
 
     @cached_property
     def tasks(self) -> list[CellTask]:
-        """Every cell of the plans.
-
-        Raises:
-            StiffBenchError: the data cannot be loaded or divided.
-        """
+        """Every cell of the plans."""
         return list(cell_tasks(*self.plans))
 
     def forecast(self) -> Tables:
         """Return what would be computed of each model, and how long all takes, in a sentence.
 
         One fit is timed of each model and data set whose model has no stored fit, not on a cluster.
-
-        Raises:
-            StiffBenchError: the data cannot be loaded or divided.
         """
         plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
         untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
@@ -89,11 +83,7 @@ class Run:
         return Tables(tables, plan.command, forecast_line(forecasts[-1], jobs))
 
     def compute(self) -> Results:
-        """Compute what is missing; return the results of all.
-
-        Raises:
-            StiffBenchError: the data cannot be loaded or divided, or the output not written.
-        """
+        """Compute what is missing; return the results of all."""
         plan, tasks = self.plans[0], self.tasks
         store = ResultStore(plan.output)
         for warning in dict.fromkeys(task.shown.warning for task in tasks if task.shown.warning):
@@ -110,33 +100,15 @@ def prepare_run(
     protocols: Sequence[str],
     *,
     settings: Sequence[str] = (),
-    metrics: Sequence[str] = (),
-    coverage: float | None = None,
-    splits: int | None = None,
-    seed: int = 0,
-    device: str = "auto",
-    output: Path,
-    command: str,
-    **how: Any,
+    how: Mapping[str, Any],
+    **planned: Any,
 ) -> Run:
     """Return a run that is checked; `settings` are of the words among the first three arguments.
 
-    The other arguments are those of `evaluate`; `how` is of `chosen_execution`.
-
-    Raises:
-        ConfigError: a name, an option or a value is wrong.
+    `how` is of `chosen_execution`, the other arguments are those of `plan_run`.
     """
-    plan = plan_run(
-        with_reference(_asked(models, datasets, protocols, settings), registry()),
-        registry(),
-        output=output,
-        metrics=metrics,
-        splits=splits,
-        seed=seed,
-        device=device,
-        command=command,
-        coverage=coverage,
-    )
+    asked = with_reference(_asked(models, datasets, protocols, settings), registry())
+    plan = plan_run(asked, registry(), **planned)
     return Run([plan], chosen_execution(plan, registry(), **how))
 
 
@@ -159,11 +131,7 @@ def model_and_data(
     settings: Sequence[str] = (),
     device: str = "auto",
 ) -> tuple[Model, Dataset]:
-    """Return the model and the data set of `bench fit`, checked as those of a run.
-
-    Raises:
-        ConfigError: an option or a value is wrong, or there are several of one kind.
-    """
+    """Return the model and the data set of `bench fit`, checked as those of a run."""
     if len(datasets) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
     asked = _asked(models, datasets, (), settings)
@@ -212,16 +180,11 @@ def evaluate(
         raise ConfigError(f"splits={splits}: give 1 or more, or None for the protocol's own number")
     asked = [model_choice(one, {}) for one in _listed(models)]
     local = [one for one in asked if one.cls.__module__ == "__main__"]
-    if local and output is not None:
+    if local and (output is not None or jobs > 1):
         raise ConfigError(
-            f"{local[0].info.key}: a class of a script or notebook, whose results cannot be kept; "
-            "leave out output=..., or define it in a file and call use_plugin(file)"
-        )
-    if local and jobs > 1:
-        raise ConfigError(
-            f"jobs={jobs}: {local[0].info.key} is a class of a script or notebook, which other "
-            "processes cannot import; leave out jobs=..., or define it in a file and call "
-            "use_plugin(file)"
+            f"{local[0].info.key}: a class of a script or notebook, whose results cannot be kept, "
+            "and which other processes cannot import; leave out output=... and jobs=..., or define "
+            "it in a file and call use_plugin(file)"
         )
     for dataset in (data := _listed(datasets)):
         if not isinstance(dataset, str):
@@ -238,9 +201,7 @@ def evaluate(
         device=device,
         output=folder,
         command="stiffbench.evaluate(...)",
-        threads=pinned(),
-        jobs=jobs,
-        isolate=False if local else None,
+        how={"threads": pinned(), "jobs": jobs, "isolate": False if local else None},
     )
     results = run.compute()
     if output is None:
@@ -250,3 +211,56 @@ def evaluate(
 
 def _listed(given: Any) -> list[Any]:
     return list(given) if isinstance(given, list | tuple) else [given]
+
+
+@dataclass(frozen=True)
+class Reproduction(Run):
+    """A study, and the page that is written of it.
+
+    Attributes:
+        study: what is run, and what stands on the page.
+        output: folder of the study's folder, which takes page and results.
+    """
+
+    study: Study
+    output: Path
+
+    def compute(self) -> Results:
+        """Say how long it takes, and compute what is missing."""
+        ResultStore(self.plans[0].output)  # a folder that cannot be written is said before all else
+        say(self.forecast().text)
+        return super().compute()
+
+    def write(self) -> Iterator[Path]:
+        """Write what the results allow, and yield each file."""
+        from stiff_bench.paper.study_page import write_page
+
+        stored = stored_statuses(self.plans[0].output)
+        n_missing = sum(task.cell.key not in stored for task in self.tasks)
+        return write_page(self.study, self.output, self.plans[0].command, n_missing)
+
+
+def run_of_study(file: Path, *, output: Path, command: str, **how: Any) -> Run:
+    """Return the runs of a study's file; `how` is of `chosen_execution`."""
+    plans = read_study(file).plans(registry(), output=output, command=command)
+    return Run(plans, chosen_execution(plans[0], registry(), **how))
+
+
+def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reproduction:
+    """Return a study that is shipped, or that a file describes.
+
+    Args:
+        name: of the study, or of a file that ends in .toml.
+        output: folder of the folder of the study's name.
+        command: for the record.
+        how: the options of `chosen_execution`; as many jobs as there are cores by default.
+    """
+    from stiff_bench.paper.study_page import check_names
+
+    study = find_study(name)
+    check_names(study)
+    if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:
+        how["jobs"] = usable_cores()
+    plans = study.plans(registry(), output=output / study.name / "runs", command=command)
+    execution = chosen_execution(plans[0], registry(), **how)
+    return Reproduction(plans, execution, study, output)

@@ -12,14 +12,7 @@ import numpy as np
 
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
-from stiff_bench.api.robots import (
-    as_robot,
-    load_robot,
-    payload_of,
-    read_robot,
-    robot_words,
-    shipped_name,
-)
+from stiff_bench.api.robots import as_robot, payload_of, robot_words, shipped_name
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.options import measured_file
@@ -27,7 +20,7 @@ from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
 from stiff_datasets.measured import kr10_measured
 from stiff_datasets.measured import validation_report as validation
-from stiff_datasets.measured.file_options import POSE_TOLERANCE, FileOptions
+from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.planning.design import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
@@ -60,9 +53,7 @@ def plan_poses(
     after: Path | str | None = None,
     model: str | None = None,
     workspace: Path | str | None = None,
-    no_torque: bool = False,
-    sheet: str | None = None,
-    pose_tolerance: float = POSE_TOLERANCE,
+    **file_options: Any,
 ) -> Text:
     """Write a measurement plan to fill in, and return what it gains over random plans.
 
@@ -83,10 +74,7 @@ def plan_poses(
             for its predictions if it is a Gaussian process, else for those of joint springs.
         workspace: file of poses and wrenches where predictions are to be good, with `after`; None:
             all that the robot can reach.
-        no_torque: no torques were measured in `after`.
-        sheet: of `after`, an Excel file; None: the only one that holds a table.
-        pose_tolerance: rows of `after` without `pose_id` whose joint positions differ by no more
-            are of one pose, deg and mm.
+        file_options: `no_torque`, `sheet` and `pose_tolerance` of `after`, see `read_samples`.
 
     Raises:
         ConfigError: an argument is wrong, or the payload is unknown.
@@ -95,20 +83,13 @@ def plan_poses(
     """
     output, arm = Path(output), as_robot(robot)
     check_plan_file(output)
-    options = FileOptions(no_torque, sheet, pose_tolerance)
-    if after is None:
-        given = {
-            "model": model,
-            "workspace": workspace,
-            "no-torque": no_torque or None,
-            "sheet": sheet,
-            "pose-tolerance": None if pose_tolerance == POSE_TOLERANCE else pose_tolerance,
-        }
-        for name, value in given.items():
-            if value is not None:
-                raise ConfigError(
-                    "describes what comes after a measurement; give --after too", name
-                )
+    options = FileOptions(**file_options)
+    if after is None and (model, workspace, options) != (None, None, DEFAULTS):
+        raise ConfigError(
+            "model, workspace, no_torque, sheet and pose_tolerance describe what comes after a "
+            "measurement; give it too",
+            "after",
+        )
     payload = payload_of(arm) if payload is None else payload
     if payload is None:
         raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")
@@ -132,19 +113,14 @@ def validate(
     file: Path | str,
     *,
     robot: str | Robot | None = None,
-    no_torque: bool = False,
-    sheet: str | None = None,
-    pose_tolerance: float = POSE_TOLERANCE,
+    **file_options: Any,
 ) -> validation.ValidationReport:
     """Check a measured file and name the likeliest mistake in it.
 
     Args:
         file: CSV, Excel or Parquet.
         robot: that was measured: the name of a shipped one, or a `Robot`; None: the KR10.
-        no_torque: no torques were measured: their columns may be missing, or zero.
-        sheet: of an Excel file; None: the only one that holds a table.
-        pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one
-            pose, deg and mm; poses of two names that differ by no more are suspicious.
+        file_options: `no_torque`, `sheet` and `pose_tolerance`, see `read_samples`.
 
     Returns:
         A report that prints itself; its `verdict` is "ok", "suspicious" or "invalid".
@@ -152,7 +128,7 @@ def validate(
     Raises:
         ConfigError: there is no robot of this name.
     """
-    options = FileOptions(no_torque, sheet, pose_tolerance)
+    options = FileOptions(**file_options)
     return validation.validate(Path(file), as_robot(robot), options, _left_out_errors)
 
 
@@ -237,24 +213,13 @@ def register(
     tip: str | None,
     **stated: Any,
 ) -> str:
-    """Register a measurement and return what is odd in it and what to do with it.
+    """Register a measurement and return what to do with it; a warning says what is odd.
 
     `stated` is of `FileOptions`.
-
-    Raises:
-        ConfigError: there is a tip and no URDF, or it cannot be registered.
     """
     if urdf is None and tip is not None:
         raise ConfigError(f"{tip}: names a link of a URDF; give --urdf too", "tip")
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
     x, y, z = default if tcp is None else tcp
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", StiffBenchWarning)
-        place = kr10_measured.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
-    robot = load_robot(tcp=tcp) if urdf is None else read_robot(urdf, tcp=tcp, tip=tip)
-    report = validate(csv, robot=robot, **stated)
-    read = [str(warning.message).removeprefix(f"{csv.absolute()}: ") for warning in caught]
-    messages = dict.fromkeys([*read, *(finding.message for finding in report.warnings)])
-    odd = [f"warning: {message}" for message in messages]
-    done = f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"
-    return "\n".join([*odd, done])
+    place = kr10_measured.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
+    return f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"

@@ -257,21 +257,12 @@ class Model:
         )
 
     def check_fitted(self) -> None:
-        """See that it is fitted.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-        """
+        """See that it is fitted."""
         if self.fitted is None:
             raise NotFittedError(f"{self.name}: call fit first")
 
     def check_coverage(self, coverage: float | None) -> None:
-        """See that the model has intervals of this coverage, where some are asked for.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-            ConfigError: it is no probability, or the model's poses are too few for it.
-        """
+        """See that the model has intervals of this coverage, where some are asked for."""
         if coverage is None:
             return
         check_coverage(coverage)
@@ -367,18 +358,6 @@ class Model:
         return f"Model {self.name} ({state})"
 
 
-def coverage_of_each_axis(coverage_3d: float) -> float:
-    """Return the coverage with which X, Y and Z lie inside at once with `coverage_3d` (0..1).
-
-    Bonferroni's bound, whichever way the errors of the axes go together: 0.967 for 0.9.
-
-    Raises:
-        ConfigError: it is not between 0 and 1.
-    """
-    check_coverage(coverage_3d)
-    return 1.0 - (1.0 - coverage_3d) / len(AXES)
-
-
 def model_choice(model: str | type | Model, options: dict[str, Any]) -> Choice[ModelInfo]:
     """Return what a name, a class or a model stands for."""
     if isinstance(model, Model):
@@ -427,11 +406,7 @@ def load_model(file: Path | str) -> Model:
 
 @contextmanager
 def blamed_on(model_file: Path | None, but: tuple[()] | type[Exception] = ()) -> Iterator[None]:
-    """Make one clear error of whatever a model from a crafted file raises, `but` for some.
-
-    Raises:
-        DataError: it raised something; the message names the file.
-    """
+    """Make one clear error of whatever a model from a crafted file raises, `but` for some."""
     try:
         yield
     except but:

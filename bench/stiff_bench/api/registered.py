@@ -45,11 +45,7 @@ def use_plugin(file: Path | str) -> None:
 
 
 def use_only(plugins: Iterable[Path]) -> None:
-    """Forget the plugins of other files, and use these.
-
-    Raises:
-        ConfigError: one cannot be imported, or a key is taken.
-    """
+    """Forget the plugins of other files, and use these."""
     registry.cache_clear()
     for file in plugins:
         use_plugin(file)

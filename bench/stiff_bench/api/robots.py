@@ -49,11 +49,7 @@ def read_robot(
 
 
 def as_robot(robot: str | Robot | None) -> Robot:
-    """Return a robot that is named, a robot itself, or the KR10 for None.
-
-    Raises:
-        ConfigError: there is no robot of this name.
-    """
+    """Return a robot that is named, a robot itself, or the KR10 for None."""
     return robot if isinstance(robot, Robot) else load_robot(robot or DEFAULT_ROBOT)
 
 

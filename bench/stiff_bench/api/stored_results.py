@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.selection import EVERYTHING, Selection
+from stiff_bench.analysis.selection import EVERYTHING
+from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
 from stiff_bench.api.tables import Tables
 from stiff_bench.store.database import read_results
@@ -217,7 +218,7 @@ class Results:
         Args:
             file: the page; an older one is replaced.
             metric: to rank by; a key.
-            axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
+            axis: see `leaderboard`.
             seed: of the resampling of poses.
             others: results that stand on the same page, each by itself.
 

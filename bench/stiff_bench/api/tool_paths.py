@@ -4,30 +4,84 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from stiff_bench.api.model import Model
-from stiff_bench.api.path_correction import (
-    CorrectedPath,
-    Correction,
-    held_along,
-    held_positions,
-    start_positions,
-)
+import numpy as np
+
+from stiff_bench.api.model import Model, blamed_on
 from stiff_bench.api.robots import as_robot, payload_of
 from stiff_bench.console import say
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
-from stiff_datasets.measured.path_file import LoadFrame, read_path, tool_of, write_path
-from stiff_datasets.measured.sample_columns import MM_PER_M
+from stiff_datasets.measured.path_file import (
+    LoadFrame,
+    PathTable,
+    corrected_table,
+    path_problems,
+    read_path,
+    tool_of,
+    write_path,
+)
+from stiff_datasets.measured.row_checks import Problem, problems_error
+from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
+from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
 from stiff_datasets.measured.sheet_files import write_table
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning, unknown_name
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    ModelError,
+    StiffBenchWarning,
+    unknown_name,
+)
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY, Robot
-from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M
+from stiff_protocols.contract.stiffness_model import interval_at_tcp, offers, optional
+from stiff_protocols.contract.types import FloatArray, Interval
+from stiff_protocols.paths.compensation import (
+    MAX_ITERATIONS,
+    TOLERANCE_M,
+    Compensation,
+    compensate,
+)
 from stiff_protocols.paths.example import drivable_path
+from stiff_protocols.paths.inverse import Followed, follow, joint_number, judged
 from stiff_protocols.paths.path import SHAPES
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedPath:
+    """A path and the commands that put the loaded tool on it; its file has more columns.
+
+    Attributes:
+        name: of the path.
+        found: points, commands and predicted deflections.
+        interval: of the deflections at the commands; None where none was asked for.
+    """
+
+    name: str
+    found: Compensation
+    interval: Interval | None
+
+    @property
+    def error_before(self) -> FloatArray:
+        """(n,) predicted distance from the path without correction, m."""
+        return np.asarray(np.linalg.norm(self.found.before, axis=1))
+
+    @property
+    def error_after(self) -> FloatArray:
+        """(n,) predicted distance from the path with the commands, m."""
+        return np.asarray(np.linalg.norm(self.found.after, axis=1))
+
+    def __repr__(self) -> str:
+        """Return how many points were corrected, and the predicted errors."""
+        before, after = MM_PER_M * self.error_before, MM_PER_M * self.error_after
+        done = int(self.found.converged.sum())
+        return (
+            f"{done} of {len(before)} points corrected; predicted path error before "
+            f"{before.mean():.4g} mm mean, {before.max():.4g} mm largest, after "
+            f"{after.mean():.2g} mm mean, {after.max():.2g} mm largest"
+        )
 
 
 def example_path(
@@ -130,15 +184,14 @@ def compensate_path(
     ):
         if word not in valid:
             raise unknown_name(kind, word, valid)
-    file, output, hold = Path(path), Path(output), hold or {}
+    file, output, fitted = Path(path), Path(output), model.fitted
     model.check_fitted()
     check_new_file(output)
     if figure is not None:
         check_suffix(Path(figure))
         check_new_file(Path(figure))
     model.check_coverage(coverage)
-    arm = model.fitted.robot_
-    seed = start_positions(arm, start)
+    arm: Robot = fitted.robot_
     table = read_path(
         file,
         arm,
@@ -150,24 +203,147 @@ def compensate_path(
     )
     for oddity in table.oddities:
         say(f"warning: {oddity}")
-    correction = Correction(
-        *(file, model, table, seed),
-        held=held_along(arm, hold, seed, table),
-        tolerance=tolerance,
-        iterations=iterations,
-        stops=on_failure == "stop",
-        coverage=coverage,
-    )
+    known, wrench = model.training_range, table.path.wrench
+
+    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        with blamed_on(model.file):
+            return np.asarray(optional(fitted, "predict_at_tcp")(q, wrench))
+
     with display():
-        write_table(output, correction.tables())
-    corrected = correction.corrected()
-    for oddity in correction.oddities():
-        say(f"warning: {oddity}")
-    for warning in correction.warnings(corrected.found):
-        warnings.warn(warning, StiffBenchWarning, stacklevel=2)
+        held, driven = _driven(table, arm, hold or {}, start, 0.5 * (known.lower + known.upper))
+        if problems := path_problems(table, arm, driven):
+            raise problems_error(file, problems)
+        found = compensate(
+            predict,
+            arm,
+            table.path,
+            driven.q,
+            held=held,
+            tolerance_m=tolerance / MM_PER_M,
+            max_iterations=iterations,
+        )
+        failures = _failures(file, table, arm, found, f"{tolerance:g} mm within {iterations}")
+        if failures and on_failure == "stop":
+            raise ModelError(f"{failures}; on-failure keep leaves such points uncorrected")
+        interval = None
+        if coverage is not None:
+            with blamed_on(model.file):
+                interval = model.predict_interval(found.q, wrench, coverage)
+                interval = interval_at_tcp(fitted, interval, found.q, wrench)
+        extrapolates = known.extrapolates(found.q, wrench)
+        write_table(output, [corrected_table(table, arm, found, extrapolates, interval)])
+    if not wrench.any():
+        say(f"warning: {file}: every load is zero, so there is nothing to correct")
+    carried = np.abs(predict(found.q, wrench) - fitted.predict(found.q, wrench)).max()
+    if offers(fitted, "predict_at_tcp") and carried:
+        say(
+            f"warning: {file}: the model was fitted to another point of the tool than the TCP; the "
+            f"rotation of the tool, which was not measured, changes the deflections by up to "
+            f"{MM_PER_M * carried:.3g} mm on the way to the TCP"
+        )
+    beyond = extrapolation_warning(known, arm, found.q, wrench, extrapolates)
+    for warning, column in ((failures, "uncorrected"), (beyond, "extrapolates")):
+        if warning:
+            text = f"{warning}; see the column {column}"
+            warnings.warn(text, StiffBenchWarning, stacklevel=2)
     if figure is not None:
         from stiff_bench.figures.corrected_path import path_picture
 
-        picture = path_picture(corrected.name, corrected.found, corrected.interval)
-        picture.save(Path(figure))
-    return corrected
+        path_picture(table.path.name, found, interval).save(Path(figure))
+    return CorrectedPath(table.path.name, found, interval)
+
+
+def _driven(
+    table: PathTable,
+    robot: Robot,
+    hold: Mapping[str, float | None],
+    start: Sequence[float] | None,
+    near: FloatArray,
+) -> tuple[FloatArray, Followed]:
+    """Return the held joints as of `held_positions`, and joint positions along the path."""
+    if table.q is None:
+        begin = _start_positions(robot, start)
+        held = held_positions(robot, hold, begin)
+        position, rotation = table.path.position, table.path.rotation
+        return held, follow(robot, position, rotation, begin, near=near, held=held)
+    if start is not None:
+        raise ConfigError("the path has joint angles, which choose the configuration", "start")
+    for name, value in hold.items():
+        if value is not None:
+            raise ConfigError(
+                f"{name}={value:g}: the path has joint angles, which say where the joint is held "
+                f"(valid: {name} without a value)",
+                "hold",
+            )
+    held = held_positions(robot, hold, table.q[0])
+    return held, judged(robot, table.q, held)
+
+
+def _failures(file: Path, table: PathTable, robot: Robot, found: Compensation, valid: str) -> str:
+    """Say how many points were not corrected, and why not the first; "" where all were."""
+    if found.converged.all():
+        return ""
+    first = np.argmin(found.converged)
+    problem = Problem(
+        f"{found.problem[first]} after {found.iterations[first]} iterations, contraction "
+        f"{found.contraction[first]:.3g}",
+        f"below 1, and {valid} iterations",
+        int(table.lines[first]),
+        table.pose_columns,
+    )
+    points = f"{(~found.converged).sum()} of {len(table.lines)} points"
+    text = f"{file}: {points} cannot be corrected, first {problem}"
+    if robot.n_joints < 6:
+        text += f"; {robot.name} has {robot.n_joints} joints, too few for every pose of a tool"
+    return text
+
+
+def held_positions(
+    robot: Robot, hold: Mapping[str, float | None], own: FloatArray | None = None
+) -> FloatArray:
+    """Return (n_joints,) rad or m at which joints are held along a path, NaN for the others.
+
+    Args:
+        robot: whose joints these are.
+        hold: joint by name or number -> deg or mm; None: where `own` has it.
+        own: (n_joints,) rad or m.
+
+    Raises:
+        ConfigError: other than six joints of a larger robot are left, a joint is unknown, or a
+            value is missing or beyond the joint's limits.
+    """
+    held, factors = np.full(robot.n_joints, np.nan), file_units(robot)
+    units = ["deg" if turns else "mm" for turns in robot.turns]
+    numbers = {name: joint_number(robot, name) for name in hold}
+    spare = max(robot.n_joints - 6, 0)
+    if not len({*numbers.values()}) == len(hold) == spare:
+        pairs = zip(robot.joint_names, units, strict=True)
+        joints = ", ".join(f"{name} [{unit}]" for name, unit in pairs)
+        raise ConfigError(
+            f"{', '.join(hold)}: of {robot.name} hold {spare}, not {len(hold)}, each by "
+            f"JOINT=VALUE and once; a pose of the tool determines the other joints of {joints}",
+            "hold",
+        )
+    for name, number in numbers.items():
+        value, unit = hold[name], units[number]
+        low, high = factors[number] * robot.lower[number], factors[number] * robot.upper[number]
+        if value is not None:
+            if not low <= value <= high:
+                raise ConfigError(f"{name}={value:g} (valid: {low:g}..{high:g} {unit})", "hold")
+            held[number] = value / factors[number]
+        elif own is not None:
+            held[number] = own[number]
+        else:
+            raise ConfigError(f"{name}: at which value? {name}=VALUE, in {unit}", "hold")
+    return held
+
+
+def _start_positions(robot: Robot, start: Sequence[float] | None) -> FloatArray | None:
+    """Return the (n_joints,) joint positions, rad or m, that a user gave to begin with."""
+    if start is None:
+        return None
+    if len(start) != robot.n_joints:
+        raise ConfigError(
+            f"{len(start)} joint positions (valid: the {robot.n_joints} of {robot.name})", "start"
+        )
+    return np.asarray(start) / file_units(robot)

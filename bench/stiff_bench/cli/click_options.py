@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import shlex
 import sys
@@ -12,8 +13,10 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from stiff_bench import api
 from stiff_bench.api import LARGEST_POSE_TOLERANCE, POSE_TOLERANCE, RESULTS
 from stiff_bench.run.machine import pinned
+from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -50,21 +53,8 @@ class Bounded(click.ParamType[float]):
                 return number
         except click.BadParameter:
             pass
-        self.fail(f"{value!r} (valid: {self.kind} {self.bounds})", param, ctx)
-
-    @property
-    def bounds(self) -> str:
-        """In words: "from 1 to 10", "above 0 and below 1" or "of at least 0"."""
-        low, high, open_low, open_high = (
-            getattr(self, name) for name in ("min", "max", "min_open", "max_open")
-        )
-        if None not in (low, high) and not open_low and not open_high:
-            return f"from {low} to {high}"
-        ends = (
-            "" if low is None else f"{'above' if open_low else 'of at least'} {low:g}",
-            "" if high is None else f"{'below' if open_high else 'of at most'} {high:g}",
-        )
-        return " and ".join(filter(None, ends))
+        bounds = self._describe_range()  # type: ignore[attr-defined]
+        self.fail(f"{value!r} (valid: {self.kind}, {bounds})", param, ctx)
 
 
 class WholeRange(Bounded, click.IntRange):
@@ -81,7 +71,7 @@ class Millimetres(FiniteRange):
     """A length within bounds, such as 0.01 or 0.01mm."""
 
     name = unit = "mm"
-    kind = "a length such as 0.01mm or 0.01,"
+    kind = "a length such as 0.01mm or 0.01"
 
 
 class Numbers(click.ParamType[tuple[float, ...]]):
@@ -129,43 +119,9 @@ class Size(click.ParamType[int]):
 PROBABILITY = FiniteRange(0, 1, min_open=True, max_open=True)
 
 
-def coverage_options(text: str) -> Callable[[Command], Command]:
-    """Add --coverage, and --coverage-3d, which says the same of all three axes at once."""
-
-    def decorated(command: Command) -> Command:
-        @click.option("--coverage", type=PROBABILITY, help=text)
-        @click.option(
-            "--coverage-3d",
-            type=PROBABILITY,
-            help="In place of --coverage: that of X, Y and Z at once, a box.",
-        )
-        @wraps(command)
-        def call(*, coverage: float | None, coverage_3d: float | None, **words: Any) -> Any:
-            if coverage_3d is not None:
-                from stiff_bench.api.model import coverage_of_each_axis
-
-                if coverage is not None:
-                    raise click.UsageError("give one of --coverage and --coverage-3d")
-                coverage = coverage_of_each_axis(coverage_3d)
-            try:
-                return command(coverage=coverage, **words)
-            except ConfigError as error:
-                if coverage_3d is not None and error.argument == "coverage":
-                    error.argument = f"coverage-3d {coverage_3d:g}, of each axis"  # what was typed
-                raise
-
-        return cast(Command, call)
-
-    return decorated
-
-
-def picture(_: click.Context, __: click.Parameter, file: Path | None) -> Path | None:
-    """Refuse a file whose suffix names no picture's format."""
-    if file is not None:
-        from stiff_bench.tables.picture_file import check_suffix
-
-        check_suffix(file)
-    return file
+def coverage_option(text: str) -> Callable[[Command], Command]:
+    """Return the option of the coverage of prediction intervals."""
+    return click.option("--coverage", type=PROBABILITY, help=text)
 
 
 several_keys = partial(click.option, multiple=True, metavar="KEY")
@@ -204,17 +160,11 @@ file_options = together(
 )
 
 
-def _used(_: click.Context, __: click.Parameter, files: tuple[Path, ...]) -> None:
-    from stiff_bench.api.registered import use_only
-
-    use_only(files)
-
-
 plugin_option = click.option(
     "--plugin",
     multiple=True,
     expose_value=False,
-    callback=_used,
+    callback=lambda _, __, files: api.registered.use_only(files),
     type=FILE,
     metavar="FILE.py",
     help="Python file that defines MODELS, DATASETS or PROTOCOLS; may be repeated.",
@@ -251,32 +201,44 @@ format_option = click.option(
 )
 
 
-def selection_options(command: Command, *, of_models: bool = True) -> Command:
-    """Add the options that choose among stored results; the command gets a `Selection`."""
-    text = "A {}, or a key for all its variants; may be repeated."
+def gathered(
+    name: str, make: Callable[..., Any], *options: Callable[[Any], Any]
+) -> Callable[[Command], Command]:
+    """Return a decorator that adds options; `make` gets them, the command its result as `name`."""
+    own = inspect.signature(make).parameters
 
-    @several_keys("--dataset", "datasets", help=text.format("data set"))
-    @several_keys("--protocol", "protocols", help=text.format("protocol"))
-    @several_keys("--condition", "conditions", help='Condition of a protocol: "n = 40".')
-    @wraps(command)
-    def call(
-        *,
-        datasets: tuple[str, ...],
-        protocols: tuple[str, ...],
-        conditions: tuple[str, ...],
-        models: tuple[str, ...] = (),
-        **words: Any,
-    ) -> Any:
-        from stiff_bench.analysis.selection import Selection
+    def decorated(command: Command) -> Command:
+        @wraps(command)
+        def call(**words: Any) -> Any:
+            given = {key: words.pop(key) for key in own if key in words}
+            return command(**{name: make(**given)}, **words)
 
-        return command(selection=Selection(models, datasets, protocols, conditions), **words)
+        return cast(Command, together(*options)(call))
 
-    models = several_keys("--model", "models", help=text.format("model"))
-    return cast(Command, models(call) if of_models else call)
+    return decorated
 
 
-case_options = partial(selection_options, of_models=False)
-"""The same without the models, of a command that names them itself."""
+def _selection(
+    datasets: tuple[str, ...],
+    protocols: tuple[str, ...],
+    conditions: tuple[str, ...],
+    models: tuple[str, ...] = (),
+) -> api.stored_results.Selection:
+    return api.stored_results.Selection(models, datasets, protocols, conditions)
+
+
+_VARIANTS = "A {}, or a key for all its variants; may be repeated."
+case_options = gathered(
+    "selection",
+    _selection,
+    several_keys("--dataset", "datasets", help=_VARIANTS.format("data set")),
+    several_keys("--protocol", "protocols", help=_VARIANTS.format("protocol")),
+    several_keys("--condition", "conditions", help='Condition of a protocol: "n = 40".'),
+)
+"""Options that choose among stored results, of a command that names its models itself."""
+selection_options = together(
+    several_keys("--model", "models", help=_VARIANTS.format("model")), case_options
+)
 ranking_options = together(
     selection_options,
     click.option("--metric", default="norm", metavar="KEY", help="Metric to rank by."),
@@ -287,13 +249,6 @@ ranking_options = together(
     ),
     seed_option,
 )
-tcp_option = click.option(
-    "--tcp",
-    type=Numbers("three finite lengths in m, x,y,z", 3),
-    metavar="X,Y,Z",
-    help="Tool centre point in the frame of the last link, in m.  [default: the shipped robot's, "
-    "or 0,0,0 with --urdf]",
-)
 urdf_options = together(
     click.option("--urdf", type=FILE, metavar="FILE.urdf", help="URDF of your own robot."),
     click.option(
@@ -302,94 +257,89 @@ urdf_options = together(
         help="Last link of the robot in the URDF.  [default: the end of the longest chain, without "
         "fingers]",
     ),
-    tcp_option,
+    click.option(
+        "--tcp",
+        type=Numbers("three finite lengths in m, x,y,z", 3),
+        metavar="X,Y,Z",
+        help="Tool centre point in the frame of the last link, in m.  [default: the shipped "
+        "robot's, or 0,0,0 with --urdf]",
+    ),
 )
 
 
-def robot_options(command: Command, *, has_default: bool = True) -> Command:
-    """Add the options that name a robot; the command gets it as `robot`, None without any.
-
-    Without a default, --tcp alone is of no robot.
-    """
-
-    @click.option(
-        "--robot",
-        metavar="NAME",
-        help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic "
-        "or an arm of `arm-family` such as gp12.",
-    )
-    @urdf_options
-    @wraps(command)
-    def call(
-        *,
-        robot: str | None,
-        urdf: Path | None,
-        tip: str | None,
-        tcp: tuple[float, ...] | None,
-        **words: Any,
-    ) -> Any:
-        from stiff_bench.api.robots import DEFAULT_ROBOT, load_robot, read_robot
-
-        if urdf is not None and robot is not None:
-            raise ConfigError(f"{robot} and urdf {urdf}: give one of them", "robot")
-        if urdf is None and tip is not None:
-            raise ConfigError(f"{tip}: names a link of a URDF; give --urdf too", "tip")
-        found = None
-        if urdf is not None:
-            found = read_robot(urdf, tcp=tcp, tip=tip)
-        elif robot is not None or (tcp is not None and has_default):
-            found = load_robot(DEFAULT_ROBOT if robot is None else robot, tcp=tcp)
-        elif tcp is not None:
-            raise ConfigError(f"{tcp}: of which robot? Give --urdf or --robot too", "tcp")
-        return command(robot=found, **words)
-
-    return cast(Command, call)
+def _robot_of_data(
+    robot: str | None, urdf: Path | None, tip: str | None, tcp: tuple[float, ...] | None
+) -> Robot | None:
+    """Return the robot that is named; None without any option."""
+    if urdf is not None and robot is not None:
+        raise ConfigError(f"{robot} and urdf {urdf}: give one of them", "robot")
+    if urdf is not None:
+        return api.robots.read_robot(urdf, tcp=tcp, tip=tip)
+    if tip is not None:
+        raise ConfigError(f"{tip}: names a link of a URDF; give --urdf too", "tip")
+    if robot is not None:
+        return api.robots.load_robot(robot, tcp=tcp)
+    if tcp is not None:
+        raise ConfigError(f"{tcp}: of which robot? Give --urdf or --robot too", "tcp")
+    return None
 
 
-robot_of_data = partial(robot_options, has_default=False)
+def _robot(
+    robot: str | None, urdf: Path | None, tip: str | None, tcp: tuple[float, ...] | None
+) -> Robot | None:
+    """The same of a command with a default robot, whose TCP may be another one."""
+    if urdf is None and tcp is not None:
+        robot = robot or api.robots.DEFAULT_ROBOT
+    return _robot_of_data(robot, urdf, tip, tcp)
+
+
+_robot_option = click.option(
+    "--robot",
+    metavar="NAME",
+    help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic "
+    "or an arm of `arm-family` such as gp12.",
+)
+robot_options = gathered("robot", _robot, _robot_option, urdf_options)
+robot_of_data = gathered("robot", _robot_of_data, _robot_option, urdf_options)
 """The same of a file of samples, whose robot must be named."""
 
 
-def data_options(command: Command) -> Command:
-    """Add the options that name files of samples; the command gets data sets as `data`."""
+def _data(
+    data: tuple[Path, ...],
+    robot: Robot | None,
+    no_torque: bool,
+    sheet: str | None,
+    pose_tolerance: float,
+) -> list[api.data_sets.Dataset]:
+    """Return the data sets of files."""
+    options = FileOptions(no_torque, sheet, pose_tolerance)
+    if not data and (robot is not None or options != DEFAULTS):
+        raise ConfigError(
+            "--robot, --urdf, --no-torque, --sheet and --pose-tolerance are of a measured file; "
+            "give --data too"
+        )
+    return [api.data_sets.Dataset.of_file(file, robot, options) for file in data]
 
-    @click.option(
+
+data_options = gathered(
+    "data",
+    _data,
+    click.option(
         "--data",
         type=FILE,
         multiple=True,
         metavar="FILE",
         help="Your own measurement (.csv, .xlsx or .parquet), with --urdf or --robot; may be "
         "repeated.",
-    )
-    @file_options
-    @robot_of_data
-    @wraps(command)
-    def call(*, data: tuple[Path, ...], robot: Robot | None, **words: Any) -> Any:
-        from stiff_bench.api.data_sets import Dataset
-        from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
-
-        names = ("no_torque", "sheet", "pose_tolerance")
-        options = FileOptions(**{name: words.pop(name) for name in names})
-        if not data and robot is not None:
-            raise ConfigError("--robot and --urdf name the robot of --data; give it too")
-        if not data and options != DEFAULTS:
-            raise ConfigError(
-                "--no-torque, --sheet and --pose-tolerance are of a measured file; give --data too"
-            )
-        files = [Dataset.of_file(file, robot, options) for file in data]
-        return command(data=files, **words)
-
-    return cast(Command, call)
+    ),
+    file_options,
+    robot_of_data,
+)
 
 
 def command_line() -> str:
     """Return what the user typed, for the record."""
     return shlex.join(["bench", *sys.argv[1:]])
-
-
-def _pinned(_: click.Context, __: click.Parameter, number: int | None) -> int:
-    """Give the number to the libraries, which read it when they are loaded: before that."""
-    return pinned(number)
 
 
 def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
@@ -421,7 +371,7 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
         click.option(
             "--threads",
             type=WholeRange(1, 1024),
-            callback=_pinned,
+            callback=lambda _, __, number: pinned(number),  # before a library reads it
             help="Threads of each fit.  [default: OMP_NUM_THREADS, or 1]",
         ),
         click.option(

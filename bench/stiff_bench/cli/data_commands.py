@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from stiff_bench import api
 from stiff_bench.cli.click_options import (
     FILE,
     FiniteRange,
@@ -21,7 +22,8 @@ from stiff_bench.cli.click_options import (
     urdf_options,
 )
 from stiff_bench.cli.refusals import Commands
-from stiff_bench.console import print_text
+from stiff_bench.console import print_text, warnings_said
+from stiff_datasets.measured.file_options import FileOptions
 
 if TYPE_CHECKING:
     from stiff_protocols.contract.types import Robot
@@ -52,10 +54,7 @@ def info(
 
     KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
     """
-    from stiff_bench.api.data_sets import dataset_of_word
-    from stiff_datasets.measured.file_options import FileOptions
-
-    dataset = dataset_of_word(key, robot, FileOptions(**stated), settings)
+    dataset = api.data_sets.dataset_of_word(key, robot, FileOptions(**stated), settings)
     print_text(dataset.describe(output))
 
 
@@ -119,9 +118,7 @@ def plan(**words: Any) -> None:
 
     With --after it goes on from a measurement and says what more poses would gain.
     """
-    from stiff_bench.api.measuring import plan_poses
-
-    print_text(plan_poses(**words))
+    print_text(api.measuring.plan_poses(**words))
 
 
 @data.command()
@@ -133,12 +130,10 @@ def validate(file: Path, robot: Robot | None, **stated: Any) -> int:
 
     Exit status: 0 ok; 1 suspicious, the report says why; 2 invalid, no command can use the file.
     """
-    from stiff_bench.api import measuring
-
-    report = measuring.validate(file, robot=robot, **stated)
+    report = api.measuring.validate(file, robot=robot, **stated)
     print_text(repr(report))
     if robot is None:
-        print_text(f"Robot: {measuring.DEFAULT_ROBOT}, the default (--robot, --urdf).")
+        print_text(f"Robot: {api.measuring.DEFAULT_ROBOT}, the default (--robot, --urdf).")
     return ("ok", "suspicious", "invalid").index(report.verdict)
 
 
@@ -179,9 +174,7 @@ def validate(file: Path, robot: Robot | None, **stated: Any) -> int:
 @output_option("FILE.csv|FILE.parquet")
 def simulate(**words: Any) -> None:
     """Write a simulated data set of any size."""
-    from stiff_bench.api import measuring
-
-    print_text(measuring.simulate(**words))
+    print_text(api.measuring.simulate(**words))
 
 
 @data.command()
@@ -194,6 +187,6 @@ def register(key: str, file: Path, **words: Any) -> None:
 
     KEY is kr10-measured; without --urdf the robot is the shipped KR10.
     """
-    from stiff_bench.api import measuring
-
-    print_text(measuring.register(key, file, **words))
+    with warnings_said():
+        done = api.measuring.register(key, file, **words)
+    print_text(done)

@@ -11,7 +11,7 @@ import sys
 import click
 
 from stiff_bench.cli.data_commands import data
-from stiff_bench.cli.model_commands import cache, export, fit, predict
+from stiff_bench.cli.model_commands import export, fit, predict
 from stiff_bench.cli.path_commands import path
 from stiff_bench.cli.plugin_commands import check, list_, new, show
 from stiff_bench.cli.refusals import Commands, refusal
@@ -86,8 +86,8 @@ def bench() -> None:
 
 
 for command in (
-    *(cache, check, compare, data, export, figure, fit, leaderboard, list_, merge, new),
-    *(path, predict, report, reproduce, run, show, table),
+    *(check, compare, data, export, figure, fit, leaderboard, list_, merge, new, path),
+    *(predict, report, reproduce, run, show, table),
 ):
     bench.add_command(command)
 

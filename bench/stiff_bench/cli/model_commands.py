@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from stiff_bench import api
 from stiff_bench.cli.click_options import (
     FILE,
-    coverage_options,
+    coverage_option,
     data_options,
     device_option,
     output_option,
@@ -21,11 +22,8 @@ from stiff_bench.cli.click_options import (
     several_keys,
     sheet_option,
 )
-from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import print_text, warnings_said
-
-if TYPE_CHECKING:
-    from stiff_bench.api.data_sets import Dataset
+from stiff_protocols.contract.files import check_new_file
 
 model_file_option = click.option(
     "--model", type=FILE, required=True, metavar="FILE", help="Model file of `bench fit`."
@@ -47,7 +45,7 @@ def fit(
     device: str,
     models: tuple[str, ...],
     datasets: tuple[str, ...],
-    data: Sequence[Dataset],
+    data: Sequence[api.data_sets.Dataset],
     settings: tuple[str, ...],
 ) -> None:
     """Fit a model to all samples of a data set and save it.
@@ -55,10 +53,9 @@ def fit(
     As in `bench run`, a network finds its number of epochs by cross-validation and then learns
     from every sample; with `training=best`, a fifth of the poses chooses the epoch instead.
     """
-    from stiff_bench.api.evaluation import model_and_data
-    from stiff_protocols.contract.files import check_new_file
-
-    model, samples = model_and_data(models, [*datasets, *data], settings=settings, device=device)
+    model, samples = api.evaluation.model_and_data(
+        models, [*datasets, *data], settings=settings, device=device
+    )
     check_new_file(output)
     with warnings_said():
         model.fit(samples, seed=seed)
@@ -79,7 +76,7 @@ def fit(
 @output_option(
     "FILE.csv", "New file: the same rows with dx_mm, dy_mm, dz_mm; - for standard output."
 )
-@coverage_options("Add prediction intervals of this coverage, of each axis.")
+@coverage_option("Add prediction intervals of this coverage, of each axis.")
 @sheet_option
 @plugin_option
 def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
@@ -88,19 +85,15 @@ def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
     The column extrapolates names what is unlike the training samples: joints, pose-gap, load or
     load-gap. There a prediction is a guess.
     """
-    from stiff_bench.api.model import load_model
-
-    found = load_model(model)
-    if str(output) == "-":
-        with TemporaryDirectory() as folder:
-            rows_file = Path(folder) / "rows.csv"
-            with warnings_said():
-                found.predict_file(loads, rows_file, **words)
-            print_text(rows_file.read_text(encoding="utf-8").removesuffix("\n"))
-        return
-    with warnings_said():
-        rows = found.predict_file(loads, output, **words)
-    number = "1 row" if rows == 1 else f"{rows} rows"
+    found = api.model.load_model(model)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "rows.csv" if str(output) == "-" else output
+        with warnings_said():
+            n_rows = found.predict_file(loads, file, **words)
+        if file != output:
+            print_text(file.read_text(encoding="utf-8").removesuffix("\n"))
+            return
+    number = "1 row" if n_rows == 1 else f"{n_rows} rows"
     print_text(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
 
 
@@ -109,28 +102,4 @@ def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
 @output_option("FILE.onnx")
 def export(model: Path, output: Path) -> None:
     """Write a saved network as ONNX."""
-    from stiff_bench.api.model import load_model
-
-    print_text(load_model(model).export(output))
-
-
-@click.group(cls=Commands)
-def cache() -> None:
-    """Show or empty the cache of pre-trained networks."""
-
-
-@cache.command()
-def info() -> None:
-    """Print folder and content of the cache."""
-    from stiff_models.io.training_cache import cache_info
-
-    print_text(str(cache_info()))
-
-
-@cache.command()
-def clear() -> None:
-    """Delete every pre-trained network; the next run trains anew."""
-    from stiff_models.io.training_cache import clear_cache
-
-    deleted = clear_cache()
-    print_text(f"deleted: {deleted}" if deleted.entries else f"nothing to delete: {deleted}")
+    print_text(api.model.load_model(model).export(output))

@@ -8,14 +8,14 @@ from typing import Any
 
 import click
 
+from stiff_bench import api
 from stiff_bench.cli.click_options import (
     FILE,
     Millimetres,
     Numbers,
     WholeRange,
-    coverage_options,
+    coverage_option,
     output_option,
-    picture,
     plugin_option,
     robot_options,
     sheet_option,
@@ -89,9 +89,7 @@ def example(**words: Any) -> None:
 
     Without --load, a quarter of the robot's payload pulls downwards.
     """
-    from stiff_bench.api.tool_paths import example_path
-
-    print_text(example_path(**words))
+    print_text(api.tool_paths.example_path(**words))
 
 
 @path.command()
@@ -145,11 +143,10 @@ def example(**words: Any) -> None:
     default="stop",
     help="At a point that cannot be corrected: stop, or keep it uncorrected and name it.",
 )
-@coverage_options("Add prediction intervals of this coverage, of each axis.")
+@coverage_option("Add prediction intervals of this coverage, of each axis.")
 @click.option(
     "--figure",
     type=FILE,
-    callback=picture,
     metavar="FILE.png",
     help="Draw the path and its errors.",
 )
@@ -160,10 +157,7 @@ def compensate(model: Path, points: Path, output: Path, **words: Any) -> None:
     The predicted deflection is subtracted at the pose that is commanded, until the loaded tool is
     predicted to be on the path; its orientation is held.
     """
-    from stiff_bench.api.model import load_model
-    from stiff_bench.api.tool_paths import compensate_path
-
-    found = load_model(model)
+    found = api.model.load_model(model)
     with warnings_said():
-        corrected = compensate_path(found, points, output, **words)
+        corrected = api.tool_paths.compensate_path(found, points, output, **words)
     print_text(f"{output}: {corrected!r} ({found.name}, robot {found.fitted.robot_.name})")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from stiff_bench import api
 from stiff_bench.cli.click_options import FILE, format_option, plugin_option, settings_option
 from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import print_text
@@ -14,11 +15,7 @@ KINDS = ("models", "datasets", "protocols", "metrics", "figures")
 
 
 @click.command("list")
-@click.argument(
-    "kind",
-    metavar="KIND",
-    type=click.Choice(["models", "datasets", "protocols", "metrics", "figures"]),
-)
+@click.argument("kind", metavar="KIND", type=click.Choice(KINDS))
 @plugin_option
 @format_option
 def list_(kind: str, fmt: str) -> None:
@@ -26,9 +23,7 @@ def list_(kind: str, fmt: str) -> None:
 
     KIND is models, datasets, protocols, metrics or figures.
     """
-    from stiff_bench.api import registered
-
-    print_text(getattr(registered, f"list_{kind}")().text_as(fmt))
+    print_text(getattr(api.registered, f"list_{kind}")().text_as(fmt))
 
 
 @click.command()
@@ -36,9 +31,7 @@ def list_(kind: str, fmt: str) -> None:
 @plugin_option
 def show(key: str) -> None:
     """Explain a model, data set or protocol, with its options."""
-    from stiff_bench.api import registered
-
-    print_text(registered.show(key))
+    print_text(api.registered.show(key))
 
 
 @click.command()
@@ -56,9 +49,7 @@ def check(key: str, dataset: str, settings: tuple[str, ...]) -> int:
 
     Exit status: 0 nothing failed, 1 a check failed, 2 it cannot be checked.
     """
-    from stiff_bench.api import registered
-
-    checked = registered.check(key, dataset=dataset, settings=settings)
+    checked = api.registered.check(key, dataset=dataset, settings=settings)
     print_text(repr(checked))
     return 0 if checked.kept else 1
 
@@ -73,6 +64,4 @@ def new() -> None:
 @click.option("--output", type=FILE, default=Path(), metavar="DIR", help="Folder to write to.")
 def model(name: str, output: Path) -> None:
     """Write a small working model and its test."""
-    from stiff_bench.api.registered import new_model
-
-    print_text(new_model(name, output))
+    print_text(api.registered.new_model(name, output))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from stiff_bench import api
 from stiff_bench.api import RESULTS
 from stiff_bench.cli.click_options import (
     FILE,
@@ -16,7 +17,6 @@ from stiff_bench.cli.click_options import (
     command_line,
     format_option,
     output_option,
-    picture,
     ranking_options,
     results_option,
     seed_option,
@@ -26,7 +26,6 @@ from stiff_bench.console import print_text, say
 
 if TYPE_CHECKING:
     from stiff_bench.analysis.selection import Selection
-    from stiff_bench.api.stored_results import Results
 
 
 @click.command()
@@ -64,10 +63,8 @@ def compare(a: str, b: str, results: Path, selection: Selection, fmt: str, **que
     print_text(_stored(results, selection).compare(a, b, **question).text_as(fmt))
 
 
-def _stored(folder: Path, selection: Selection) -> Results:
-    from stiff_bench.api.stored_results import Results
-
-    return Results(folder, command=command_line(), selection=selection)
+def _stored(folder: Path, selection: Selection) -> api.stored_results.Results:
+    return api.stored_results.Results(folder, command=command_line(), selection=selection)
 
 
 @click.command()
@@ -89,9 +86,7 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     by depth and by activation; 8: unfrozen layers; 9: last epoch against best epoch; 10: VJM,
     FT-MLP and DT-CNN, read on the test part, on all samples and by an honest holdout.
     """
-    from stiff_bench.api.stored_results import paper_table
-
-    print_text(paper_table(number, results, command=command_line()).text_as(fmt))
+    print_text(api.stored_results.paper_table(number, results, command=command_line()).text_as(fmt))
 
 
 @click.command()
@@ -128,7 +123,6 @@ def report(folders: tuple[Path, ...], output: Path, selection: Selection, **rank
 @click.option(
     "--output",
     type=FILE,
-    callback=picture,
     metavar="FILE.pdf",
     help="File to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )
@@ -139,10 +133,8 @@ def figure(name: str, results: Path | None, output: Path | None, selection: Sele
     NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: `bench list figures`. The
     caption names the data set and protocol that are shown.
     """
-    from stiff_bench.api.stored_results import Results, figure
-
-    stored = Results(results or RESULTS, selection=selection) if selection.options else results
-    prepared = figure(name, stored)
+    stored = _stored(results or RESULTS, selection) if selection.options else results
+    prepared = api.stored_results.figure(name, stored)
     target = output or Path(f"figure-{name}.png")
     prepared.save(target)
     print_text(f"{target}: {prepared.title}. {prepared.caption}")
@@ -156,7 +148,5 @@ def merge(folders: tuple[Path, ...], output: Path) -> None:
 
     Folders that have different numbers of one fit are refused. The given folders are not changed.
     """
-    from stiff_bench.api.stored_results import merge
-
-    for line in merge(folders, output).report:
+    for line in api.stored_results.merge(folders, output).report:
         say(line)

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
 
+from stiff_bench import api
 from stiff_bench.api import RESULTS
 from stiff_bench.cli.click_options import (
     FILE,
     FORMATS,
     WholeRange,
     command_line,
-    coverage_options,
+    coverage_option,
     data_options,
     device_option,
     execution_options,
@@ -28,13 +29,7 @@ from stiff_bench.cli.click_options import (
 )
 from stiff_bench.console import print_text, say
 
-if TYPE_CHECKING:
-    from stiff_bench.api.data_sets import Dataset
-    from stiff_bench.api.evaluation import Run
-    from stiff_bench.api.stored_results import Results
-
-COMMANDLINE = ParameterSource.COMMANDLINE
-HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun", "output")
+HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
 """Options that a study leaves to the command line."""
 
 
@@ -61,7 +56,7 @@ HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun", "outp
     help="A metric of `bench list metrics`; may be repeated.  [default: mae, stde, me; of tool "
     "paths norm, norm-p95, norm-max, removed]",
 )
-@coverage_options("Coverage of prediction intervals, of each axis.  [default: 0.9]")
+@coverage_option("Coverage of prediction intervals, of each axis.  [default: 0.9]")
 @click.option(
     "--splits", type=WholeRange(1, 10_000), help="Number of splits.  [default: the protocol's]"
 )
@@ -91,9 +86,9 @@ def run(
     plan_only: bool,
     verbose: bool,
     models: tuple[str, ...],
-    datasets: tuple[str, ...],
+    datasets: Sequence[str | api.data_sets.Dataset],
     protocols: tuple[str, ...],
-    data: Sequence[Dataset],
+    data: Sequence[api.data_sets.Dataset],
     **words: Any,
 ) -> int:
     """Fit and test models; print a table per data set and protocol.
@@ -101,41 +96,31 @@ def run(
     A fit is one model, trained and tested on one split. The VJM is fitted beside every model.
     Each result is stored in --output at once; the same command again computes what is missing.
     """
-    from stiff_bench.api.evaluation import DEFAULT_DATASET, prepare_run
-    from stiff_bench.api.reproduction import run_of_study
-
+    how, output = {name: words.pop(name) for name in HOW}, words.pop("output")
     if study is None:
-        asked = prepare_run(
-            models,
-            [*datasets, *data] or [DEFAULT_DATASET],
-            protocols,
-            command=command_line(),
-            **words,
+        datasets = [*datasets, *data] or [api.evaluation.DEFAULT_DATASET]
+        asked = api.evaluation.prepare_run(
+            models, datasets, protocols, how=how, output=output, command=command_line(), **words
         )
     else:
+        left = {*HOW, "output", "study", "plugin", "fmt", "plan_only", "verbose"}
         for option in ctx.command.params:
             name = option.name or ""
-            left = {*HOW, "study", "plugin", "fmt", "plan_only", "verbose"}
-            if name not in left and ctx.get_parameter_source(name) == COMMANDLINE:
+            if name not in left and ctx.get_parameter_source(name) == ParameterSource.COMMANDLINE:
                 raise click.UsageError(f"{option.opts[0]}: leave it out, or write it in {study}")
-        how = {name: words[name] for name in HOW}
-        asked = run_of_study(study, command=command_line(), **how)
+        asked = api.evaluation.run_of_study(study, output=output, command=command_line(), **how)
     return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
 
 
-def execute(run: Run, fmt: str, *, verbose: bool = False) -> int:
-    """Compute a run, print its tables, and return the exit status: 1 if a cell failed or skipped.
-
-    Raises:
-        StiffBenchError: the data cannot be loaded or divided, or the output not written.
-    """
+def execute(run: api.evaluation.Run, fmt: str, *, verbose: bool = False) -> int:
+    """Compute a run and print its tables; return 1 if a cell failed or was skipped, else 0."""
     results = run.compute()
     print_text(results.table(verbose=verbose).text_as(fmt))
     say_summary(results)
     return 0 if all(result.status == "ok" for result in results.cells) else 1
 
 
-def say_summary(results: Results) -> None:
+def say_summary(results: api.stored_results.Results) -> None:
     """Say what became of the cells, where results are, and how old failures are computed again."""
     finished = results.finished
     assert finished is not None
@@ -145,12 +130,8 @@ def say_summary(results: Results) -> None:
         say(f"{old} of the failures are of earlier runs; --rerun failed computes them again")
 
 
-def show_plan(run: Run, fmt: str) -> int:
-    """Print what a run would compute, and compute nothing.
-
-    Raises:
-        StiffBenchError: the data cannot be loaded or divided.
-    """
+def show_plan(run: api.evaluation.Run, fmt: str) -> int:
+    """Print what a run would compute, and compute nothing."""
     found = run.forecast()
     print_text(replace(found, text="").text_as(fmt))
     say(found.text)
@@ -181,9 +162,7 @@ def reproduce(
     hours), intervals, anchored, anchored-steps. Stored results are not computed again: an
     interrupted command can be repeated.
     """
-    from stiff_bench.api.reproduction import reproduction
-
-    asked = reproduction(name, output=output, command=command_line(), **how)
+    asked = api.evaluation.reproduction(name, output=output, command=command_line(), **how)
     if plan_only:
         return show_plan(asked, fmt)
     status = 0

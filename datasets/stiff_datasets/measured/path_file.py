@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -46,7 +46,7 @@ from stiff_datasets.measured.sheet_files import Sheet, read_sheet, write_table
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot, frozen_array
 from stiff_protocols.paths.compensation import Compensation
-from stiff_protocols.paths.inverse import COMPARED_AT, SINGULAR, Followed
+from stiff_protocols.paths.inverse import SINGULAR, Followed
 from stiff_protocols.paths.path import ToolPath
 
 POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
@@ -65,7 +65,7 @@ QUATERNION_SLACK = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PathTable:
-    """The points of a file, or some of them, checked.
+    """The points of a file, checked.
 
     Attributes:
         path: poses and loads, base frame, SI.
@@ -87,22 +87,6 @@ class PathTable:
     columns: pd.DataFrame
     lines: IntArray
     oddities: tuple[str, ...]
-
-    @property
-    def some(self) -> ToolPath:
-        """Points about evenly spread over the rows of the file, at which configurations differ."""
-        even = np.linspace(self.lines[0], self.lines[-1], COMPARED_AT)
-        return self.path.take(np.unique(np.searchsorted(self.lines, even)))
-
-    def take(self, rows: IntArray) -> PathTable:
-        """Return some of the points."""
-        return replace(
-            self,
-            path=self.path.take(rows),
-            q=None if self.q is None else self.q[rows],
-            columns=self.columns.iloc[rows].reset_index(drop=True),
-            lines=self.lines[rows],
-        )
 
     @property
     def pose_columns(self) -> str:

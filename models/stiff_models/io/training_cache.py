@@ -11,7 +11,6 @@ import os
 import stat
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -29,22 +28,6 @@ VARIABLE = "STIFFBENCH_CACHE"
 """Environment variable that names another folder, or `OFF`."""
 OFF = "off"
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
-
-
-@dataclass(frozen=True)
-class CacheInfo:
-    """How many trainings the cache holds in which folder; None when it is switched off."""
-
-    folder: Path | None
-    entries: int
-    size_bytes: int
-
-    def __str__(self) -> str:
-        """Return a line for people."""
-        if self.folder is None:
-            return f"the cache is switched off ({VARIABLE}={OFF})"
-        trainings = "1 training" if self.entries == 1 else f"{self.entries} trainings"
-        return f"{trainings}, {self.size_bytes / 2**20:.1f} MiB, in {self.folder}"
 
 
 def cache_folder() -> Path | None:
@@ -112,28 +95,6 @@ def remembered(shaped_by: object, compute: Callable[[], Training]) -> Training:
 def _trained(shaped_by: object, compute: Callable[[], Training]) -> Training:
     """Joblib keeps the result by `shaped_by` alone."""
     return compute()
-
-
-def cache_info() -> CacheInfo:
-    """Return what the cache holds."""
-    folder = cache_folder()
-    if folder is None or not folder.is_dir():
-        return CacheInfo(folder, 0, 0)
-    items = _memory(folder).store_backend.get_items()
-    return CacheInfo(folder, len(items), sum(item.size for item in items))
-
-
-def clear_cache() -> CacheInfo:
-    """Delete every training and return what was there; StoreError where that cannot be done."""
-    before = cache_info()
-    if before.entries:
-        try:
-            _memory(before.folder).clear(warn=False)
-        except OSError as error:
-            raise StoreError(
-                f"{before.folder}: cannot be emptied: {error.strerror or error}"
-            ) from error
-    return before
 
 
 def _memory(folder: Path | None) -> joblib.Memory:

@@ -7,7 +7,7 @@ changes over its own length, so each step is about a hundredth of the one before
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,13 +48,6 @@ class Compensation:
     iterations: IntArray
     contraction: FloatArray
     problem: TextArray
-
-    @classmethod
-    def joined(cls, parts: list[Compensation]) -> Compensation:
-        """Return the rows of several, in this order; the list is emptied, to need less memory."""
-        columns = {each.name: [getattr(one, each.name) for one in parts] for each in fields(cls)}
-        parts.clear()
-        return cls(**{name: np.concatenate(columns.pop(name)) for name in [*columns]})
 
     @property
     def after(self) -> FloatArray:

@@ -8,7 +8,7 @@ interpolates the joint positions between them.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
 from stiff_protocols.contract.errors import DataError, unknown_name
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.kinematics.serial_chain import LENGTH
-from stiff_protocols.paths.path import ToolPath
 
 STRIDE_M, STRIDE_RAD = 0.05, 0.2
 """One step along the path is so long at most."""
@@ -72,10 +71,6 @@ class Followed:
         """(n,) whether the row can be driven."""
         return self.reached & ~self.beyond.any(axis=1) & ~self.singular & ~self.flips
 
-    def take(self, rows: slice) -> Followed:
-        """Return some rows."""
-        return Followed(*(getattr(self, each.name)[rows] for each in fields(self)))
-
 
 def free_joints(robot: Robot, held: FloatArray | None = None) -> BoolArray:
     """Return (n_joints,) which joints move along a path, where a pose of the tool determines them.
@@ -109,48 +104,6 @@ def joint_number(robot: Robot, name: str) -> int:
     if number is None or int(number[1]) > robot.n_joints:
         raise unknown_name("joint", name, robot.joint_names)
     return int(number[1]) - 1
-
-
-@dataclass
-class Branch:
-    """Joint positions along a path that comes in blocks, on one continuous branch.
-
-    Attributes:
-        robot: of any number of joints.
-        held: see `free_joints`.
-        q: (n_joints,) joint positions near the next point, rad or m; None: nothing is known yet.
-        last: position and rotation of the last point, (1, 3) and (1, 3, 3); None: there is none.
-    """
-
-    robot: Robot
-    held: FloatArray | None = None
-    q: FloatArray | None = None
-    last: tuple[FloatArray, FloatArray] | None = None
-
-    @classmethod
-    def along(
-        cls, robot: Robot, some: ToolPath, near: FloatArray | None, held: FloatArray | None = None
-    ) -> Branch:
-        """Return the one that `follow` chooses by some points of the whole path."""
-        begin = follow(robot, some.position, some.rotation, near=near, held=held).q[0]
-        return cls(robot, held, begin)
-
-    def driven(self, path: ToolPath, q: FloatArray | None = None) -> Followed:
-        """Return the next points' joint positions, by `judged` where `q` has them, else `follow`.
-
-        Each block begins with the last point before it, to see a flip between the two.
-        """
-        position, rotation, before = path.position, path.rotation, self.last is not None
-        if self.last is not None and self.q is not None:
-            position = np.concatenate([self.last[0], position])
-            rotation = np.concatenate([self.last[1], rotation])
-            q = None if q is None else np.vstack([self.q, q])
-        if q is None:
-            found = follow(self.robot, position, rotation, self.q, held=self.held)
-        else:
-            found = judged(self.robot, q, self.held)
-        self.q, self.last = found.q[-1], (position[-1:], rotation[-1:])
-        return found.take(slice(int(before), None))
 
 
 def is_singular(robot: Robot, q: FloatArray, free: BoolArray) -> BoolArray:

@@ -143,7 +143,7 @@ def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measure
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of few poses
 @pytest.mark.slow
-@pytest.mark.parametrize("case", planned_poses.CASES, ids=str)
+@pytest.mark.parametrize("case", [planned_poses.CASES[0], planned_poses.CASES[-1]], ids=str)
 def test_planned_poses_tell_a_fifth_more_than_random_ones_on_twins(case):
     """docs/how-to/own-robot.md states the ratios.
 

@@ -7,12 +7,10 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from helpers.command_line import BENCH, bench_here
 from stiff_bench.store.database import ResultStore, read_manifests, read_results
-from stiff_models.transfer.pretrained_mlp import MlpPretrained
 from stiff_protocols.contract.errors import ConfigError
 
 
@@ -50,13 +48,6 @@ def test_the_reference_model_is_stored_once_beside_what_is_asked_for(tmp_path):
     assert done.stdout.count("| vjm ") == 1
 
 
-def test_paper_holdout_warns_and_marks_its_rows(tmp_path):
-    words = ["--model", "mlp@epochs=5@training=best", "--protocol", "paper-holdout"]
-    done = bench_here("run", *words, "--splits", "1", cwd=tmp_path)
-    assert "warning: paper-holdout" in done.stderr
-    assert "| mlp@epochs=5@training=best [epoch picked on test part] |" in done.stdout
-
-
 def test_list_and_show_answer(tmp_path):
     for kind, part in (("models", "ft-mlp"), ("datasets", "simulated"), ("protocols", "leave-one")):
         assert part in bench_here("list", kind, cwd=tmp_path).stdout
@@ -80,24 +71,6 @@ def test_help_loads_nothing_heavy(tmp_path):
 def test_debug_shows_the_traceback(tmp_path):
     with pytest.raises(ConfigError, match="nothing"):
         bench_here("run", "--model", "nothing", "--debug", cwd=tmp_path)
-
-
-@pytest.mark.usefixtures("small_source")
-def test_the_cache_is_counted_and_emptied(tmp_path, twin):
-    cache = {"STIFFBENCH_CACHE": str(tmp_path / "cache")}
-
-    def cache_says(what: str) -> str:
-        return bench_here("cache", what, cwd=tmp_path, env=cache).stdout
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(*next(iter(cache.items())))
-        train = twin.samples.take(np.arange(60))
-        MlpPretrained(width=8, pretrain_steps=2, source_poses="data").fit(train, robot=twin.robot)
-    assert cache_says("info").startswith("1 training, 0.")
-    assert cache_says("clear").startswith("deleted: 1 training, 0.")
-    assert cache_says("info").startswith("0 trainings, 0.0 MiB, in ")
-    cache["STIFFBENCH_CACHE"] = "off"
-    assert "switched off" in cache_says("info")
 
 
 @pytest.mark.slow

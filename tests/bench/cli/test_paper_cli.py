@@ -71,7 +71,7 @@ def test_a_plan_says_what_would_be_computed_and_writes_nothing(small, tmp_path):
 def test_a_study_is_run_once_and_its_page_written_of_what_is_stored(small, plugin_file, tmp_path):
     runs, plugin = str(tmp_path / "small" / "runs"), str(plugin_file("mine"))
     status, out, err = called(run, "--study", small, "--plugin", plugin, "--output", runs)
-    assert status == 0 and "bench: 6 ok; " in err
+    assert status == 0 and "bench: 6 ok; " in err and "warning: paper-holdout" in err
     assert "| zero " in out and "paper-holdout, 2 splits" in out
     status, out, err = called(reproduce, small, "--no-isolate", "--output", str(tmp_path))
     assert status == 0 and "0 ok, 6 cached" in err

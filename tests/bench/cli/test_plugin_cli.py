@@ -114,13 +114,6 @@ def test_a_check_saves_a_plugins_model_as_fit_does(bench, held, mark):
     assert (bench(*fit, *option).returncode == 0) == (held == "numbers")
 
 
-@pytest.mark.parametrize("key", ["vjm", "fanuc-r2000ic", "holdout"])
-def test_a_shipped_model_a_data_set_and_a_protocol_pass(key):
-    checked = checklist(key, "fanuc-r2000ic", (), build_registry())
-    assert checked.kept, checked
-    assert checked.where.startswith(f"{key} (default options)")
-
-
 class NeedsFile(BaseEstimator):
     """Can be used once an option names a file."""
 
