@@ -166,9 +166,7 @@ def _words(folder: Path) -> Prepared:
 
 READERS: dict[str, Callable[[Path], Prepared]] = {
     "measured CSV": partial(_samples, name="samples.csv", hard=hard_cases.tables),
-    "measured Parquet": partial(
-        _samples, name="samples.parquet", hard=hard_cases.parquet_tables, damage=parquet_damaged
-    ),
+    "measured Parquet": partial(_samples, name="samples.parquet", damage=parquet_damaged),
     "loads CSV": partial(_samples, name="loads.csv", read=read_loads),
     "URDF": _urdf,
     "twin TOML": _twin,
