@@ -236,23 +236,13 @@ def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
-    from scipy.spatial.distance import cdist
 
-    reach = tolerance + LIMIT_SLACK
-    q_file = np.clip(np.nan_to_num(q_file), -LARGEST_NUMBER, LARGEST_NUMBER)  # others are refused
-    cells = pd.DataFrame(np.floor(q_file / reach))  # all rows of a cell are linked
-    cell = cells.groupby([*cells], sort=False).ngroup().to_numpy()
-    ends = np.cumsum(np.bincount(cell))
-    rows = np.split(np.argsort(cell, kind="stable"), ends[:-1])
-    beside = cKDTree(cells.drop_duplicates()).query_pairs(1.5, p=np.inf, output_type="ndarray")
-    linked = [
-        (a, b)
-        for a, b in beside.tolist()
-        if cdist(q_file[rows[a]], q_file[rows[b]], "chebyshev").min() <= reach
-    ]
-    a, b = np.array(linked, dtype=np.int64).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(rows), len(rows)))
-    return np.asarray(connected_components(graph, directed=False)[1][cell], dtype=np.int64)
+    rows = pd.DataFrame(np.clip(np.nan_to_num(q_file), -LARGEST_NUMBER, LARGEST_NUMBER))
+    place = rows.groupby([*rows], sort=False).ngroup().to_numpy()
+    places = cKDTree(rows.drop_duplicates())
+    pairs = places.query_pairs(tolerance + LIMIT_SLACK, p=np.inf, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(places.n, places.n))
+    return np.asarray(connected_components(graph, directed=False)[1][place], dtype=np.int64)
 
 
 def near_poses_text(pose_id: TextArray, near: IntArray, lines: IntArray, reach: str) -> str:
