@@ -63,8 +63,6 @@ SMALLEST_DEFLECTION_MM = 0.01
 SAME_POSITION = 0.2
 """Share by which positions of a tool may differ from the robot description's."""
 FEWEST_FOR_PLACE = 5
-FAR_FROM_ORIGIN = 5.0
-"""Mean of positions over their spread; deflections differ more in direction and size."""
 
 
 def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Samples:
@@ -184,7 +182,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     columns = all_columns(robot)
     sheet, columns = _with_positions(sheet, columns)
     optional = (*ID_COLUMNS, *(TORQUE_COLUMNS if options.no_torque else ()))
-    problems = table_problems(sheet, columns, optional) or [*_long_names(sheet)]
+    problems = table_problems(sheet, columns, optional)
     if problems:
         return CheckedSamples(sheet, problems)
     columns, n = columns[len(ID_COLUMNS) :], robot.n_joints
@@ -325,21 +323,18 @@ def _without_unfilled(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, Pr
     return sheet.take(~unfilled), problem
 
 
-def _long_names(sheet: Sheet) -> Iterator[Problem]:
-    for column in {*ID_COLUMNS}.intersection(sheet.cells):
-        for row in np.flatnonzero(sheet.cells[column].str.len() > LONGEST_CELL):
-            yield cell_problem(sheet, row, column, f"a name of at most {LONGEST_CELL} characters")
-
-
 def _id_problems(sheet: Sheet) -> Iterator[Problem]:
     for column in ID_COLUMNS:
         for row, name in enumerate(sheet.cells[column]):
+            valid = ""
             if not name or (column == "pose_id" and name.startswith("#")):
-                yield cell_problem(sheet, row, column, "a name")
+                valid = "a name"
+            elif len(name) > LONGEST_CELL:
+                valid = f"a name of at most {LONGEST_CELL} characters"
             elif name != name.strip() or not name.isprintable():
-                yield cell_problem(
-                    sheet, row, column, "a name that prints on one line, without invisible signs"
-                )
+                valid = "a name that prints on one line, without invisible signs"
+            if valid:
+                yield cell_problem(sheet, row, column, valid)
     pair = sheet.cells[["pose_id", "load_id"]]
     for again in np.flatnonzero(pair.duplicated() & (pair != "").all(axis=1)):
         yield Problem(
@@ -395,8 +390,7 @@ def _likely_units(size: FloatArray) -> str:
 def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:
     """Say if (n, 3) values, mm, are positions of the TCP, not deflections.
 
-    They are near (n, 3) `tcp`, mm in the base frame; or they are in another frame, as `tcp` turned
-    and shifted; or they are spread as `tcp` is, far from the origin.
+    They are near (n, 3) `tcp`, mm in the base frame; or as `tcp` turned and shifted.
     """
     from scipy.spatial.transform import Rotation
 
@@ -404,18 +398,11 @@ def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:
         return True
     if len(np.unique(tcp.round(), axis=0)) < FEWEST_FOR_PLACE:
         return False
-    middle = values.mean(axis=0)
-    about_middle, tcp_about_middle = values - middle, tcp - tcp.mean(axis=0)
+    about_middle, tcp_about_middle = values - values.mean(axis=0), tcp - tcp.mean(axis=0)
     with warnings.catch_warnings():  # of poses on one line
         warnings.simplefilter("ignore", UserWarning)
         _, distance = Rotation.align_vectors(about_middle, tcp_about_middle)
-    spread, tcp_spread = (
-        np.linalg.norm(offsets) / np.sqrt(len(offsets))
-        for offsets in (about_middle, tcp_about_middle)
-    )
-    is_far = np.linalg.norm(middle) > FAR_FROM_ORIGIN * spread
-    is_as_wide = 0.5 < spread / tcp_spread < 2.0
-    return bool(distance < SAME_POSITION * np.linalg.norm(tcp_about_middle) or is_far & is_as_wide)
+    return bool(distance < SAME_POSITION * np.linalg.norm(tcp_about_middle))
 
 
 def _pose_problems(
