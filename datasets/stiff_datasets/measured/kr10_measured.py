@@ -10,12 +10,12 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import platformdirs
 
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
-from stiff_protocols.contract.errors import ConfigError, DataError, StoreError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import make_folder, read_toml, written_whole
 
@@ -30,16 +30,9 @@ COMMAND = f"bench data register {KR10_MEASURED} FILE.csv"
 
 
 def home() -> Path:
-    """Return the folder of the user; it need not exist yet.
-
-    Raises:
-        DataError: the variable names a user who does not exist.
-    """
+    """Return the folder of the user; it need not exist yet."""
     named = os.environ.get(VARIABLE)
-    try:
-        return Path(named).expanduser() if named else platformdirs.user_data_path("stiffbench")
-    except RuntimeError as error:
-        raise DataError(f"{VARIABLE}={named}: {error}") from error
+    return Path(named).expanduser() if named else platformdirs.user_data_path("stiffbench")
 
 
 def registry_file() -> Path:
@@ -106,7 +99,7 @@ def register(
     from stiff_datasets.measured.sample_columns import SIMULATED_GROUP
 
     path = registry_file()
-    tables = _tables(path)
+    tables = read_toml(path) if path.exists() else {}
     entry = Registration(
         csv=str(csv.absolute()),
         tcp=tcp,
@@ -118,10 +111,7 @@ def register(
         raise DataError(
             f"{csv}: has rows of the group {SIMULATED_GROUP!r}, written by a simulation"
         )
-    try:
-        make_folder(path.parent)
-    except StoreError as error:
-        raise DataError(f"{error}; name another folder in the variable {VARIABLE}") from error
+    make_folder(path.parent)
     tables[key] = {name: value for name, value in asdict(entry).items() if value is not None}
     with written_whole(path) as temporary:
         temporary.write_bytes(tomli_w.dumps(tables).encode())
@@ -136,19 +126,14 @@ def registration() -> Registration:
             file is gone.
     """
     path = registry_file()
-    table = _tables(path).get(KR10_MEASURED)
+    table = read_toml(path).get(KR10_MEASURED) if path.exists() else None
     if table is None:
         raise DataError(f"no file registered: {COMMAND}")
-    from pydantic import TypeAdapter, ValidationError
-
     try:
-        entry = TypeAdapter(Registration).validate_python(table)
-    except (ValidationError, ConfigError) as error:
-        problems = error.errors() if isinstance(error, ValidationError) else []
-        wrong = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in problems)
-        raise DataError(
-            f"{path}: table [{KR10_MEASURED}]: {wrong or error}; register again: {COMMAND}"
-        ) from error
+        entry = Registration(**table)
+    except (TypeError, ConfigError) as error:
+        reason = f"{path}: table [{KR10_MEASURED}]: {error}; register again: {COMMAND}"
+        raise DataError(reason) from error
     for file in filter(None, (entry.csv, entry.urdf)):
         if not Path(file).is_file():
             raise DataError(f"{file}: the registered file is gone: {COMMAND}")
@@ -174,11 +159,3 @@ class Kr10Measured:
             DataError: nothing is registered, or the file is gone.
         """
         return registration().read()
-
-
-def _tables(path: Path) -> dict[str, Any]:
-    """Return every table of the file; none without a file."""
-    try:
-        return read_toml(path) if path.exists() else {}
-    except DataError as error:
-        raise DataError(f"{error}; correct or delete the file") from error

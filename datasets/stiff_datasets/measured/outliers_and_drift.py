@@ -52,8 +52,8 @@ settles what samples do not, and takes nothing from what they do."""
 CLEAR_CHANGE, CHANGE_GAIN = 16.0, 0.05
 """F statistic of a drift or a jump, and the share by which it must lower the RMS error of rows that
 are left out. Of the clean data that gained as much, from 20 poses on, the largest F was 12."""
-FEWEST_FOR_CHANGE, MOST_FOR_CHANGE, FEWEST_BESIDE_JUMP = 20, 5000, 5
-"""Rows; of a longer file rows at equal distances are compared."""
+FEWEST_FOR_CHANGE, FEWEST_BESIDE_JUMP = 20, 5
+"""Rows."""
 FEWEST_FOR_OUTLIERS = 10
 MOST_OUTLIERS = 0.2
 """Share of the rows; if more are far off, something is wrong with all of them."""
@@ -181,8 +181,7 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
     exceeds `CLEAR_CHANGE` and if the RMS error of rows that are left out falls by `CHANGE_GAIN`. Of
     the two, the better one is returned. The `odd` (n,) outliers are not looked at.
     """
-    every = len(lines) // MOST_FOR_CHANGE + 1
-    compared = np.flatnonzero(~odd)[::every]
+    compared = np.flatnonzero(~odd)
     if len(compared) < FEWEST_FOR_CHANGE:
         return None
     part, fitted = data.take(compared), np.ones(len(compared), dtype=bool)
@@ -190,7 +189,7 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
     given = _left_out(part, fitted, same[compared, None])
     jump = lines[compared[_likeliest_jump(part, given)]]
     first, last = lines[0], lines[-1]
-    jumped = f"jumped by {{}} mm {'near' if every > 1 else 'at'} row {jump} and stayed there"
+    jumped = f"jumped by {{}} mm at row {jump} and stayed there"
     drifted = f"drifted by {{}} mm from row {first} to row {last}"
     after = lines >= jump
     changes = []

@@ -25,13 +25,13 @@ from stiff_datasets.measured.row_checks import (
     LARGEST_NUMBER,
     NO_TORQUE,
     Problem,
+    bound_problems,
     cell_problem,
     filled,
     limit_problems,
     numbers_and_loads,
     problems_error,
     radian_problems,
-    range_problems,
     table_problems,
 )
 from stiff_datasets.measured.sample_columns import (
@@ -180,10 +180,9 @@ def read_path(
     sheet = read_sheet(file, sheet_name)
     sheet = sheet.recognised((*poses, *joints, *WRENCH_COLUMNS, FRAME_COLUMN))
     found = set(sheet.cells)
-    kinds = [kind for kind in (poses, joints) if found & {*kind}]
-    by_joints = kinds == [joints]
-    angles = QUATERNION_COLUMNS if found & {*QUATERNION_COLUMNS} else ANGLE_COLUMNS
-    if len(kinds) == 2 or (found >= {angles[0], ANGLE_COLUMNS[0]} and angles != ANGLE_COLUMNS):
+    turns = [some for some in (ANGLE_COLUMNS, QUATERNION_COLUMNS, joints) if found & {*some}]
+    by_joints = turns == [joints]
+    if len(turns) > 1 or (by_joints and found & {*POSITION_COLUMNS}):
         both = ", ".join(name for name in sheet.cells if name in {*poses, *joints})
         valid = f"{','.join(POSITION_COLUMNS)} with {','.join(ANGLE_COLUMNS)} or "
         valid += f"{','.join(QUATERNION_COLUMNS)}; or {','.join(joints)}"
@@ -194,6 +193,7 @@ def read_path(
             raise ConfigError(f"{number:g}: no load of a robot (valid: {valid})", "load")
     if load is not None and found & {*WRENCH_COLUMNS}:
         raise ConfigError(f"{file} has loads of its own (valid: one of both)", "load")
+    angles = turns[0] if turns else ANGLE_COLUMNS
     places = joints if by_joints else (*POSITION_COLUMNS, *angles)
     loads = () if load is not None else WRENCH_COLUMNS
     columns = (*places, *loads, FRAME_COLUMN)
@@ -235,7 +235,7 @@ def read_path(
         frame_name=frame_name,
         columns=written,
         lines=sheet.lines,
-        oddities=(*_oddities(sheet, numbers[:, 3:], () if by_joints else angles),),
+        oddities=(*_oddities(sheet, numbers[:, 3:], angles),),
     )
 
 
@@ -355,14 +355,9 @@ def _pose_problems(sheet: Sheet, numbers: FloatArray, angles: tuple[str, ...]) -
             "the columns x_mm.. are in mm, these look like metres",
             "",
         )
-    valid, ends = (
-        f"mm within +-{LARGEST_POSITION_MM:g}",
-        (-LARGEST_POSITION_MM, LARGEST_POSITION_MM),
-    )
-    yield from range_problems(sheet, POSITION_COLUMNS, position, *ends, [valid] * 3)
+    yield from bound_problems(sheet, POSITION_COLUMNS, position, LARGEST_POSITION_MM)
     if angles == ANGLE_COLUMNS:
-        ends, valid = (-LARGEST_ANGLE_DEG, LARGEST_ANGLE_DEG), f"deg within +-{LARGEST_ANGLE_DEG:g}"
-        yield from range_problems(sheet, ANGLE_COLUMNS, turn, *ends, [valid] * 3)
+        yield from bound_problems(sheet, ANGLE_COLUMNS, turn, LARGEST_ANGLE_DEG)
     if angles == QUATERNION_COLUMNS:
         lengths = np.linalg.norm(turn, axis=1)
         for row in np.flatnonzero(np.abs(lengths - 1.0) > QUATERNION_SLACK):

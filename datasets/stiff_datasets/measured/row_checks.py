@@ -85,29 +85,23 @@ def table_problems(
         columns: every column that a file may have, in the usual order.
         optional: those that may be missing.
     """
-    file_columns = list(sheet.cells.columns)
+    names = list(sheet.cells.columns)
     numbers = [name for name in sheet.unused if NUMBER.fullmatch(name.replace(",", "."))]
     if len(numbers) > len(columns) / 2:
         return [Problem("no header: the first row holds numbers", ",".join(columns))]
-    missing = [name for name in columns if name not in (*file_columns, *optional)]
-    repeated = sorted({name for name in file_columns if file_columns.count(name) > 1})
-    parts = [f"missing {', '.join(missing)}"] if missing else []
-    parts += [f"repeated {', '.join(repeated)}"] if repeated else []
-    if parts:
-        parts += [
-            f"unit of {name!r} (valid: {', '.join(units)})"
-            for name, units in sheet.odd_units.items()
-        ]
-        unused = [name for name in sheet.unused if name not in sheet.odd_units]
-        parts += [f"columns not used: {', '.join(unused)}"] if missing and unused else []
-        may_miss = f"; optional: {', '.join(optional)}" if optional else ""
-        if missing and set(missing) <= set(TORQUE_COLUMNS):
-            may_miss = "; say no-torque if none were measured"
+    missing = [name for name in columns if name not in (*names, *optional)]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    named = {"missing": missing, "repeated": repeated}
+    if missing:
+        named["columns not used:"] = list(sheet.unused)
+    parts = [f"{what} {', '.join(some)}" for what, some in named.items() if some]
+    if missing or repeated:
+        valid = ",".join(columns) + (f"; optional: {', '.join(optional)}" if optional else "")
+        if missing and {*missing} <= {*TORQUE_COLUMNS}:
+            valid = f"{','.join(columns)}; say no-torque if none were measured"
         elif {*DEFLECTION_COLUMNS} <= {*missing}:
-            may_miss += f"; in place of dx_mm..: {POSITIONS_TEXT}"
-        return [
-            Problem(shortened(f"header: {'; '.join(parts)}", 500), ",".join(columns) + may_miss)
-        ]
+            valid += f"; in place of dx_mm..: {POSITIONS_TEXT}"
+        return [Problem(shortened(f"header: {'; '.join(parts)}", 500), valid)]
     return [Problem("no data rows below the header", "")] if sheet.cells.empty else []
 
 
@@ -146,7 +140,7 @@ def numbers_and_loads(
     problems = [
         *number_problems(sheet, columns, numbers),
         *number_problems(sheet, WRENCH_COLUMNS, wrench),
-        *wrench_problems(sheet, wrench),
+        *bound_problems(sheet, WRENCH_COLUMNS, wrench, LARGEST_NUMBER),
     ]
     return numbers, wrench, problems
 
@@ -164,11 +158,13 @@ def range_problems(
         yield cell_problem(sheet, row, columns[i], valid[i])
 
 
-def wrench_problems(sheet: Sheet, wrench: FloatArray) -> Iterator[Problem]:
-    """Yield the components of (n, 6) `wrench` that no robot bears, N and N m."""
-    valid = f"a load within +-{LARGEST_NUMBER:g}; is the file in another unit?"
-    ends = -LARGEST_NUMBER, LARGEST_NUMBER
-    return range_problems(sheet, WRENCH_COLUMNS, wrench, *ends, [valid] * 6)
+def bound_problems(
+    sheet: Sheet, columns: Sequence[str], values: FloatArray, most: float
+) -> Iterator[Problem]:
+    """Yield the cells whose (n, n_columns) `values`, in their columns' units, exceed +-`most`."""
+    units = [column.rpartition("_")[2] for column in columns]
+    valid = [f"{unit} within +-{most:g}; is the file in another unit?" for unit in units]
+    return range_problems(sheet, columns, values, -most, most, valid)
 
 
 def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:

@@ -16,9 +16,11 @@ import pandas as pd
 from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.row_checks import (
+    LARGEST_NUMBER,
     NO_TORQUE,
     POSITIONS_TEXT,
     Problem,
+    bound_problems,
     cell_problem,
     filled,
     limit_problems,
@@ -28,11 +30,9 @@ from stiff_datasets.measured.row_checks import (
     pose_reach,
     problems_error,
     radian_problems,
-    range_problems,
     row_ranges,
     shortened,
     table_problems,
-    wrench_problems,
 )
 from stiff_datasets.measured.sample_columns import (
     DECIMALS,
@@ -199,7 +199,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     sheet, deflection_mm = _deflections(sheet, measured_mm)
     problems = [
         *unreadable,
-        *wrench_problems(sheet, wrench),
+        *bound_problems(sheet, WRENCH_COLUMNS, wrench, LARGEST_NUMBER),
         *radian_problems(q_file, robot),
         *limit_problems(sheet, q_file, robot),
         *_deflection_problems(sheet, deflection_mm, q_file, robot),
@@ -367,9 +367,7 @@ def _deflection_problems(
             "",
         )
         return
-    valid = f"mm within +-{LARGEST_DEFLECTION_MM:g}; is the file in another unit?"
-    ends = 0.0, LARGEST_DEFLECTION_MM
-    yield from range_problems(sheet, DEFLECTION_COLUMNS, size, *ends, [valid] * 3)
+    yield from bound_problems(sheet, DEFLECTION_COLUMNS, deflection_mm, LARGEST_DEFLECTION_MM)
     if size.max() < SMALLEST_DEFLECTION_MM:  # not so where a cell is no number
         yield Problem(
             f"no deflection exceeds {SMALLEST_DEFLECTION_MM:g} mm (largest {size.max():g}); the "

@@ -76,7 +76,6 @@ class Sheet:
         factors: column -> factor from its unit in the file to ours, where that is another.
         headers: column -> its name in the file, where that is another.
         unused: names of columns that are not ours.
-        odd_units: those of them that are ours but for their unit -> the units that are valid.
         notes: how the file was understood, where that is not plain from its header.
     """
 
@@ -87,7 +86,6 @@ class Sheet:
     factors: Mapping[str, float] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
-    odd_units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
@@ -142,16 +140,12 @@ class Sheet:
         usual = {split_header(column)[0]: column for column in columns}
         kept: dict[int, str] = {}
         factors: dict[str, float] = {}
-        odd_units: dict[str, tuple[str, ...]] = {}
         for i, header in enumerate(self.cells.columns):
             name, unit = split_header(header)
             column = usual.get(name, "")
             ours = column.rpartition("_")[2]
             ours = ours if ours in UNITS else ""
             factor = UNITS[ours].get(unit) if ours and unit else 1.0
-            if factor is None:
-                others = (one for one in UNITS[ours] if one.isascii() and one != ours.lower())
-                odd_units[header] = (ours, *others)
             if not column or factor is None or (unit and not ours):
                 continue
             kept[i] = column
@@ -164,7 +158,6 @@ class Sheet:
             factors=factors,
             headers={column: found[i] for i, column in kept.items()},
             unused=tuple(name for i, name in enumerate(found) if i not in kept),
-            odd_units=odd_units,
         )
 
 

@@ -116,7 +116,11 @@ def test_a_row_of_units_below_the_header_is_used(tmp_path, kr10, table, units, n
     ("units", "names", "message"),
     [
         ([*["-"] * 3, *DEG_N_NM, "um", "um", "um"], None, r"row 2: unit 'um' of .*'dx_mm'"),
-        ([*["-"] * 3, *DEG_N_NM, "um", "um", "inch"], BARE, r"unit of 'dz \[inch\]' \(valid: mm"),
+        (
+            [*["-"] * 3, *DEG_N_NM, "um", "um", "inch"],
+            BARE,
+            r"missing dz_mm; columns not used: dz \[inch\]",
+        ),
     ],
     ids=["another than the name's", "unknown"],
 )
