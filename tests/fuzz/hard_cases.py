@@ -96,7 +96,7 @@ def models(valid: list[bytes]) -> tuple[bytes, ...]:
                 model = {**content["model"], "params": {**params, name: 4096}}
                 found.append(skops.io.dumps({**content, "model": model}))
     parts = members(valid[0])  # the archive is checked alike for every model
-    arrays = [name for name in parts if name.endswith(".npy")][:2]
+    arrays = [name for name in parts if name.endswith(".npy")][:1]
     bombs = [(name, npy_header((2**27,), "|u1") + bytes(2**27)) for name in arrays]
     for name, bomb in (*bombs, ("schema.json", b"[" * 2**27)):
         found.append(archived(parts | {name: bomb}, zipfile.ZIP_DEFLATED))

@@ -134,8 +134,8 @@ class Sheet:
     def recognised(self, columns: tuple[str, ...]) -> Sheet:
         """Return the sheet with columns named as in `columns`, the others set apart.
 
-        A column is recognised in any case, under the `ALIASES`, with another unit of `UNITS`
-        behind its name or with none: ``A1``, ``q1 [rad]``, ``Fx[kN]``, ``dx_um``.
+        A column is recognised in any case, under names that people use, with another unit of
+        `UNITS` behind its name or with none: ``A1``, ``q1 [rad]``, ``Fx[kN]``, ``dx_um``.
         """
         usual = {split_header(column)[0]: column for column in columns}
         kept: dict[int, str] = {}

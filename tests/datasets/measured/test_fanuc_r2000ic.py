@@ -168,24 +168,22 @@ def eighteen_rotational_springs(moves, torques, train):
     return moves * torques[:, None, :]
 
 
-def two_segments_a_joint(moves, torques, train):
-    """The angle's slope changes where |torque| passes the training part's 25 % quantile."""
-    move, torque = moves[:, :, 2::3], torques[:, 2::3]
-    return two_segments(move, torque, 0.0, train)
+def two_segments_a_joint(moves, torques, train, weight=0.0):
+    """The angle's slope changes where |torque| passes the training part's 25 % quantile.
 
-
-def two_segments_a_joint_and_weight(moves, torques, train):
-    """The same, of the weight's and the load's torque together; what the weight does is no part."""
-    return two_segments(moves[:, :, 2::3], torques[:, 2::3], weight_of_the_samples(), train)
-
-
-def two_segments(move, load, weight, train):
-    loaded, parts = weight + load, 0.0
+    With a weight, of its and the load's torque together; what the weight does is no part.
+    """
+    move, load, parts = moves[:, :, 2::3], torques[:, 2::3], 0.0
+    loaded = weight + load
     bend = np.quantile(np.abs(loaded[train]), 0.25, axis=0)
     for torque, sign in ((loaded, 1.0), (weight, -1.0)):
         soft = np.clip(torque, -bend, bend)
         parts = parts + sign * np.concatenate([soft, torque - soft], axis=-1)
     return np.concatenate([move, move], axis=2) * parts[:, None]
+
+
+def two_segments_a_joint_and_weight(moves, torques, train):
+    return two_segments_a_joint(moves, torques, train, weight_of_the_samples())
 
 
 @pytest.mark.parametrize(

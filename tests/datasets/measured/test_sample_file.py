@@ -102,29 +102,31 @@ def test_an_excel_file_is_read_and_its_rows_are_counted_as_excel_does(tmp_path, 
         read_samples(tmp_path / "my.xlsx", kr10)
 
 
-@pytest.mark.parametrize("lines", [GERMAN, [HEADER, GOOD]])
-def test_thousands_are_read_where_decimals_follow_them(tmp_path, kr10, lines):
-    german = lines is GERMAN
-    load = "-1.080,5" if german else '"-1,080.5"'
-    samples = read_samples(write(tmp_path, lines[0], lines[1].replace("-80", load)), kr10)
+@pytest.mark.parametrize(
+    ("header", "row", "load"),
+    [(*GERMAN, "-1.080,5"), (HEADER, GOOD, '"-1,080.5"')],
+)
+def test_thousands_are_read_where_decimals_follow_them(tmp_path, kr10, header, row, load):
+    samples = read_samples(write(tmp_path, header, row.replace("-80", load)), kr10)
     assert samples.wrench[0, 2] == -1080.5
 
 
-def test_a_number_that_may_have_decimals_or_thousands_is_refused(tmp_path, kr10):
-    other = GERMAN[1].replace("P1", "P2").replace("-80", "1.080")
-    path = write(tmp_path, GERMAN[0], GERMAN[1].replace("-80", "-80,5"), other)
-    with pytest.raises(DataError, match=r"row 3, column fz_N: '1\.080', .* decimals or thousands"):
-        read_samples(path, kr10)
+POINTS = [text.replace(",", ";") for text in (HEADER, GOOD)]
 
 
-@pytest.mark.parametrize(("lines", "load"), [(GERMAN, "1.080"), ([HEADER, GOOD], "1,080")])
-def test_a_column_of_possible_thousands_is_refused_if_another_column_shows_the_decimals(
-    tmp_path, kr10, lines, load
-):
-    header, row = (text.replace(",", ";") if lines is not GERMAN else text for text in lines)
-    path = write(tmp_path, header, row.replace("-80", load))
-    with pytest.raises(DataError, match=rf"row 2, column fz_N: '{load}', .*or thousands"):
-        read_samples(path, kr10)
+@pytest.mark.parametrize(
+    ("lines", "load"),
+    [
+        ([GERMAN[0], GERMAN[1].replace("-80", "1.080")], "1.080"),
+        ([POINTS[0], POINTS[1].replace("-80", "1,080")], "1,080"),
+        ([*GERMAN, GERMAN[1].replace("P1", "P2").replace("-80", "1.080")], "1.080"),
+    ],
+    ids=["points beside commas", "commas beside points", "rows of one column"],
+)
+def test_a_number_that_may_have_decimals_or_thousands_is_refused(tmp_path, kr10, lines, load):
+    message = rf"row {len(lines)}, column fz_N: '{load}', .* decimals or thousands"
+    with pytest.raises(DataError, match=message):
+        read_samples(write(tmp_path, *lines), kr10)
 
 
 @pytest.mark.parametrize("sign", ["\ufeff", "\u200b", "\u202e", "\u00ad", "\u00a0"])
