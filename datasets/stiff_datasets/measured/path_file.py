@@ -247,17 +247,16 @@ def path_problems(table: PathTable, robot: Robot, found: Followed) -> list[Probl
         robot: that shall drive it.
         found: joint positions of its rows.
     """
-    problems, factors = [], file_units(robot)
-    in_frame = (table.path.position - table.frame[:3, 3]) @ table.frame[:3, :3]
+    problems, units = [], file_units(robot)
+    in_frame = (table.path.position - table.frame[:3, 3]) @ table.frame[:3, :3] * MM_PER_M
     for row in np.flatnonzero(~found.ok):
         joint = int(np.argmax(found.beyond[row]))
         if not found.reached[row]:
-            value = ",".join(f"{each:.6g}" for each in in_frame[row] * MM_PER_M)
+            value = ",".join(f"{each:.6g}" for each in in_frame[row])
             valid = f"a pose that {robot.name} reaches in this configuration"
         elif found.beyond[row, joint]:
-            low, high, at = (
-                each[joint] * factors[joint] for each in (robot.lower, robot.upper, found.q[row])
-            )
+            ends = robot.lower[joint], robot.upper[joint], found.q[row, joint]
+            low, high, at = (each * units[joint] for each in ends)
             value = f"joint {robot.joint_names[joint]} at {at:.6g}"
             unit = joint_columns(robot)[joint].rpartition("_")[2]
             valid = f"{low:g}..{high:g} {unit}, its limits"
@@ -278,9 +277,6 @@ def write_path(path: Path, sketch: ToolPath, tool: FloatArray) -> None:
         path: Parquet if it ends in .parquet, else CSV.
         sketch: what is written.
         tool: (4, 4) in the last joint's frame, m.
-
-    Raises:
-        StoreError: the file cannot be written.
     """
     numbers = dict(zip(POSITION_COLUMNS, sketch.position.T * MM_PER_M, strict=True))
     numbers |= _angles(sketch.rotation @ tool[:3, :3])
@@ -374,22 +370,18 @@ def _oddities(sheet: Sheet, turn: FloatArray, angles: tuple[str, ...]) -> Iterat
         )
 
 
-def _frame_name(sheet: Sheet, frame: Sequence[float] | None) -> tuple[str, Iterator[Problem]]:
+def _frame_name(sheet: Sheet, frame: Sequence[float] | None) -> tuple[str, list[Problem]]:
     """Return the name of the one frame of a file, and rows with another."""
     usual = BASE if frame is None else "workpiece"
     if FRAME_COLUMN not in sheet.cells:
-        return usual, iter(())
+        return usual, []
     names = sheet.cells[FRAME_COLUMN].astype(str)
     names = names.where(names != "", usual)
     first = names.iloc[0]
-    if first == BASE and frame is not None:
-        raise ConfigError(f"{sheet.path} is in the frame {BASE!r}, which is known", "frame")
-    if first != BASE and frame is None:
-        raise ConfigError(
-            f"{sheet.path} is in the frame {first!r}; say where that is in the base frame "
-            "(valid: x,y,z,a,b,c in mm and deg)",
-            "frame",
-        )
+    if (first == BASE) != (frame is None):
+        where = "say where that is in the base frame (valid: x,y,z,a,b,c in mm and deg)"
+        hint = "which is known" if first == BASE else where
+        raise ConfigError(f"{sheet.path} is in the frame {first!r}; {hint}", "frame")
     others = np.flatnonzero((names != first).to_numpy())
     valid = f"{first!r}, the frame of the first row"
-    return first, iter([cell_problem(sheet, row, FRAME_COLUMN, valid) for row in others])
+    return first, [cell_problem(sheet, row, FRAME_COLUMN, valid) for row in others]

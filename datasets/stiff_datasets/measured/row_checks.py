@@ -181,9 +181,8 @@ def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
 
 def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
     """Yield the joint positions (n, n_joints), deg or mm, outside of the robot's limits."""
-    columns = joint_columns(robot)
-    lower = np.maximum(robot.lower * file_units(robot), -LARGEST_NUMBER)
-    upper = np.minimum(robot.upper * file_units(robot), LARGEST_NUMBER)
+    columns, ends = joint_columns(robot), np.stack([robot.lower, robot.upper]) * file_units(robot)
+    lower, upper = np.clip(ends, -LARGEST_NUMBER, LARGEST_NUMBER)
     valid = [
         f"{low:g}..{high:g} {column.rpartition('_')[2]}, the limits of joint {name} of {robot.name}"
         for low, high, column, name in zip(lower, upper, columns, robot.joint_names, strict=True)
@@ -219,8 +218,7 @@ def pose_reach(robot: Robot, tolerance: float) -> str:
 def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
     """Number the poses of rows: linked are two that differ by the tolerance at most in each joint.
 
-    Rows are of one pose where a chain of linked rows connects them. This does not depend on the
-    order of the rows, and no grid has an edge between them.
+    Rows are of one pose where a chain of linked rows connects them, in any order.
 
     Args:
         q_file: (n, n_joints) joint positions, deg, and mm of prismatic joints.
@@ -242,16 +240,13 @@ def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
 
 
 def near_poses_text(pose_id: TextArray, near: IntArray, lines: IntArray, reach: str) -> str:
-    """Describe poses that lie within the tolerance of each other under different names.
+    """Describe poses that lie within the tolerance `reach` under different names; "" for none.
 
     Args:
         pose_id: (n,) names.
         near: (n,) numbers of `linked_rows`.
         lines: (n,) row numbers, for the message.
         reach: the tolerance with its units.
-
-    Returns:
-        One line with an example and what to do; "" where there are none.
     """
     named = pd.DataFrame({"name": pose_id, "near": near, "line": lines})
     named = named.drop_duplicates(["name", "near"])

@@ -69,8 +69,7 @@ def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> S
     """Read and check a file of measured samples.
 
     A `StiffBenchWarning` each names the columns that are not used, the number of poses that rows
-    without `pose_id` were grouped into, and poses that have two names. The instrument's
-    noise is what a data card FILE.md beside the file states.
+    without `pose_id` were grouped into, and poses that have two names.
 
     Args:
         path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
@@ -81,7 +80,7 @@ def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> S
         ConfigError: the file has no such sheet, or several with tables and none is asked for.
         DataError: the file is unreadable, empty or wrongly headed, or a value cannot be; the
             message names file, row (1 is the header of a CSV file), column, value and what is
-            valid, and how many problems there are beside the first. Or the card's noise is none.
+            valid, and how many further problems there are. Or its data card cannot be read.
     """
     checked = check_sheet(read_sheet(path, options.sheet), robot, options)
     samples = _samples(checked, "bench data validate lists them")
@@ -224,8 +223,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
 def _with_positions(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, tuple[str, ...]]:
     """Return the recognised sheet and its columns.
 
-    The columns are both positions of the TCP in place of `DEFLECTION_COLUMNS`, where the file has
-    loaded positions and no deflections.
+    Loaded and unloaded positions of the TCP may stand in place of `DEFLECTION_COLUMNS`.
     """
     positions = (*UNLOADED_COLUMNS, *LOADED_COLUMNS)
     file_columns = {*sheet.recognised((*columns, *positions)).cells}
@@ -237,9 +235,7 @@ def _with_positions(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, tupl
 def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArray]:
     """Return the sheet with deflections, and (n, 3) these in mm.
 
-    Args:
-        sheet: the cells.
-        measured_mm: (n, 3) deflections, or (n, 6) unloaded and loaded positions of the TCP.
+    `measured_mm` are (n, 3) deflections, or (n, 6) unloaded and loaded positions of the TCP.
     """
     if measured_mm.shape[1] == len(DEFLECTION_COLUMNS):
         return sheet, measured_mm
@@ -259,10 +255,7 @@ def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArr
 def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
     """Return the sheet with names of poses, loads and groups, where a file has none.
 
-    Args:
-        sheet: the cells.
-        near: (n,) the pose of each row.
-        reach: the tolerance of poses with its units.
+    `near` (n,) numbers the pose of each row, within the tolerance `reach` (with its units).
     """
     cells, notes = sheet.cells, sheet.notes
     if "pose_id" not in cells:

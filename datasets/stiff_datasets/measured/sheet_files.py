@@ -100,11 +100,7 @@ class Sheet:
         return replace(self, cells=cells, lines=self.lines[rows])
 
     def numbers(self, columns: tuple[str, ...]) -> FloatArray:
-        """Return (n, len(columns)) the cells in our units, NaN where a cell is no finite number.
-
-        Text is read as Python reads it, to the nearest floating point number; not every version
-        of pandas promises that.
-        """
+        """Return (n, len(columns)) the cells in our units, NaN where a cell is no finite number."""
         doubtful = self._doubtful_signs
         values = [
             [_number(cell, self.decimal, doubtful) for cell in self.cells[column]]
@@ -118,15 +114,11 @@ class Sheet:
         """Signs that may mark decimals or thousands in this file, as in 1.234 where 0,5 is, too."""
         if self.decimal != ",":
             return ""
-        names = [*ID_COLUMNS, "frame"]
-        columns = [cells for name, cells in self.cells.items() if name not in names]
-        texts = [cell for cells in columns for cell in cells if isinstance(cell, str)]
+        cells = self.cells.drop(columns=[*ID_COLUMNS, "frame"], errors="ignore")
+        texts = [cell for cell in cells.to_numpy().ravel() if isinstance(cell, str)]
         texts = [text for text in texts if NUMBER.fullmatch(text.replace(",", "."))]
-        clear = {
-            sign
-            for sign in ".,"
-            if any(sign in text and not MAYBE_GROUPED.fullmatch(text) for text in texts)
-        }
+        plain = "".join(text for text in texts if not MAYBE_GROUPED.fullmatch(text))
+        clear = {*plain} & {*".,"}
         has_comma = any("," in text for text in texts)
         doubtful = "." if "," in clear or (has_comma and not clear) else ""
         return doubtful + ("," if clear == {"."} else "")
@@ -194,13 +186,9 @@ def sheet_of(path: Path, table: pd.DataFrame) -> Sheet:
 def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
     """Return the samples as a table in the units of files (deg, N, N m, mm).
 
-    Every number is the plainest one that `sample_file.read_samples` turns into the sample's SI
-    number again: rounded to ten decimals, else as it is, else one of its neighbours
-    in floating point. One of these exists for every number that was read from a file (a division
-    and a multiplication each err by less than half a unit in the last place, so their product
-    lands on the number or next to it). Of arbitrary SI numbers, 9 % of the angles and 4 % of the
-    lengths are the image of no number in deg or mm; the nearest one is taken, which reads back
-    as the neighbour of the SI number (1e-16 of it).
+    Every number is the plainest one that reads back as the sample's SI number (`in_file_units`).
+    That of 9 % of arbitrary angles and 4 % of lengths does not exist: the nearest is taken, which
+    reads back as the neighbour of the SI number (1e-16 of it).
 
     Raises:
         DataError: samples and robot have different numbers of joints.
@@ -333,11 +321,7 @@ def _units_row(cells: Sequence[Any]) -> list[str] | None:
 
 
 def _with_units(path: Path, names: list[str], units: list[str], number: int) -> list[str]:
-    """Return the names of columns with the units of row `number`, where they state none.
-
-    Raises:
-        DataError: a name states another unit than the row.
-    """
+    """Return the names of columns with the units of row `number`, where they state none."""
     result = []
     for name, unit in zip(names, units, strict=True):
         usual, stated = split_header(name)
@@ -383,21 +367,13 @@ def _excel_rows(cells: pd.DataFrame) -> Iterator[_Row]:
 def _table_sheet(
     path: Path, tables: Mapping[str, list[_Row]], sheet: str | None
 ) -> tuple[str, int]:
-    """Return the name of the sheet to read, and where its header is.
-
-    The sheet is `sheet`, else the only one with a table.
-
-    Raises:
-        ConfigError: the file has another sheet, or none is asked for and several hold a table.
-        DataError: the sheet is empty.
-    """
+    """Return the name of the sheet to read, `sheet` or the only table, and where its header is."""
     if sheet is not None and sheet not in tables:
         valid = ", ".join(map(repr, tables))
         raise ConfigError(f"{sheet!r}: no sheet of {path} (valid: {valid})", "sheet")
     filled = {title: rows for title, rows in tables.items() if rows and sheet in (None, title)}
     if not filled:
-        which = "every sheet" if sheet is None else f"the sheet {sheet!r}"
-        raise DataError(f"{path}: {which} is empty")
+        raise DataError(f"{path}: {'every sheet' if sheet is None else repr(sheet)} is empty")
     headers = {title: _header([*map(str, row)] for _, row in filled[title]) for title in filled}
     with_header = [title for title, first in headers.items() if first is not None]
     if len(with_header) > 1:
@@ -448,10 +424,7 @@ def _header(rows: Iterable[Sequence[str]]) -> int | None:
 def _number(cell: object, decimal: str, doubtful: str) -> float:
     """Return the number in a cell; NaN where it is none, or no finite one.
 
-    Args:
-        cell: text, or whatever an Excel or Parquet file holds.
-        decimal: sign that marks decimals in text.
-        doubtful: signs that may mark decimals or thousands, as in 1.234.
+    `decimal` marks decimals in text; `doubtful` signs may mark decimals or thousands, as in 1.234.
     """
     number = np.nan
     if isinstance(cell, str):
