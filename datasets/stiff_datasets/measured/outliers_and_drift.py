@@ -30,11 +30,7 @@ MODEL_ERROR = 0.7
 """Share of a deflection by which its prediction may miss it where nothing is wrong: the most in
 the FANUC measurement is 0.55, in shipped twins and arms 0.35. A reading of the wrong sign misses by
 2, one with the decimal point misplaced to the right by 9."""
-FACTORS = {
-    "ten times too large": 10.0,
-    "ten times too small": 0.1,
-    "of the opposite sign": -1.0,
-}
+FACTORS = {"ten times too large": 10.0, "ten times too small": 0.1, "of the opposite sign": -1.0}
 SLIPS = {
     **{what: np.full(3, factor) for what, factor in FACTORS.items()},
     **{
@@ -99,13 +95,12 @@ class Outliers:
 def find_outliers(data: Reading) -> Outliers:
     """Find the rows whose deflection is far from what springs fitted to the other rows predict.
 
-    The springs are those of the joints, three about the axes of every joint's frame, and the lost
-    motion of every joint. An error is divided by its standard error, relative to the noise, and by
-    the size of the deflection, because a model's error grows with the load. A row is an outlier if
-    this share lies `OUTLIER` robust standard deviations above the median, and if it is more than
-    `MODEL_ERROR` or one of `SLIPS` leaves a usual share. The springs are first fitted without the
-    fifth of the rows that joint springs explain worst, then without the outliers until they stay
-    the same: a gross outlier does not hide others.
+    The springs are those of `_effects`. An error is divided by its standard error, relative to the
+    noise, and by the size of the deflection, because a model's error grows with the load. A row is
+    an outlier if this share lies `OUTLIER` robust standard deviations above the median, and if it
+    is more than `MODEL_ERROR` or one of `SLIPS` leaves a usual share. The springs are first fitted
+    without the fifth of the rows that joint springs explain worst, then without the outliers until
+    they stay the same: a gross outlier does not hide others.
     """
     n = len(data.q)
     given_mm = data.deflection * MM_PER_M

@@ -84,9 +84,7 @@ def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> S
     """
     checked = check_sheet(read_sheet(path, options.sheet), robot, options)
     samples = _samples(checked, "bench data validate lists them")
-    if noise := read_card(path).instrument_noise:  # else the arrays would be copied for nothing
-        samples = replace(samples, instrument_noise=noise)
-    return samples
+    return replace(samples, instrument_noise=read_card(path).instrument_noise)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -117,11 +115,8 @@ def samples_of(
 ) -> Samples:
     """Return the samples of a table with the columns of a file, once it is checked.
 
-    Warnings are those of `read_samples`.
-
-    Raises:
-        DataError: see `read_samples`; it names `path`, and `hint` stands behind the first of
-            several problems.
+    Warnings and errors are those of `read_samples`; errors name `path`, and `hint` follows the
+    first of several problems.
     """
     return _samples(check_sheet(sheet_of(path, table), robot, options), hint)
 

@@ -18,7 +18,6 @@ from planted_faults import (
     added,
     clean,
     outcome,
-    scaled,
 )
 from stiff_datasets.measured.mistakes import reading
 from stiff_datasets.measured.outliers_and_drift import find_change, find_outliers
@@ -118,11 +117,3 @@ def test_a_mistake_that_makes_a_file_invalid_is_named_beside_its_errors(tmp_path
     assert report.verdict == "invalid"
     assert "the limits of joint A3" in report.errors[0].message
     assert "joint A3 looks as if it were +90 deg off" in report.errors[-1].message
-
-
-def test_units_that_differ_by_one_factor_in_force_and_torque_are_told_by_the_stiffness(tmp_path):
-    data = clean("kr10-twin", 1)
-    in_newton_mm = data.report(tmp_path / "my.csv", scaled(TORQUE, 1000.0)(data)).warnings
-    in_kilonewton = data.report(tmp_path / "my.csv", scaled(FORCE, 0.001)(data)).warnings
-    assert any("torques look as if they were in N mm:" in each.message for each in in_newton_mm)
-    assert any("forces look as if they were in kN:" in each.message for each in in_kilonewton)

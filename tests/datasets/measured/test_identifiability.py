@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from helpers.made_robots import planar_arm
 from stiff_datasets.measured.identifiability import DEFLECTION_NOISE, identifiability, regressor
 from stiff_datasets.planning.design import SpringDesign
 from stiff_datasets.planning.plan_gain import plan_gain
@@ -15,7 +12,6 @@ from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_protocols.contract.errors import DataError
 
 KR10_JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")
-L1, L2 = 0.7, 0.4  # m
 
 
 def random_samples(robot, n, rng, *, a5=None):
@@ -33,26 +29,7 @@ def kr10_regressors(kr10, rng):
     return regressor(kr10, *random_samples(kr10, 60, rng))
 
 
-def planar_robot():
-    """Two links in the x-y plane, both axes along z."""
-    arm = planar_arm(2, (0.0, 0.0, 1.0))
-    placements = arm.placements.copy()
-    placements[1, 0, 3] = L1
-    return replace(arm, placements=placements, tcp=np.array([L2, 0.0, 0.0]))
-
-
 # ---- identifiability -------------------------------------------------------------------------
-
-
-def test_one_joint_has_its_closed_form():
-    n, force, noise, compliance = 4, 50.0, DEFLECTION_NOISE, 2e-5
-    across = np.tile([0.0, force, 0, 0, 0, 0], (n, 1))  # force across the stretched arm
-    first = regressor(planar_robot(), np.zeros((n, 2)), across)[:, :, :1]
-    found = identifiability(first, ("a",), reference_compliance=compliance)
-    deflection = (L1 + L2) ** 2 * force * compliance
-    assert found.relative_standard_error[0] == pytest.approx(noise / deflection / np.sqrt(n))
-    assert found.log_det == pytest.approx(np.log(n * (deflection / noise) ** 2))
-    assert (found.condition, found.unidentifiable) == (pytest.approx(1.0), ())
 
 
 def test_the_standard_error_is_the_scatter_of_least_squares(kr10_regressors, rng):

@@ -56,21 +56,16 @@ def test_a_registered_file_is_read_with_the_shipped_robot_and_its_tcp(csv, kr10)
     assert tomllib.loads(path.read_text()) == {KEY: table}
 
 
-def test_a_urdf_of_ones_own_replaces_the_shipped_robot(csv, tmp_path):
+def test_a_urdf_of_ones_own_replaces_the_shipped_robot_and_other_tables_stay(csv, tmp_path):
+    damaged('[other]\ncsv = "x.csv"\n\n[kr10-measured]\nurdf = "old.urdf"\n')
     urdf = tmp_path / "mine.urdf"
     shipped = (files("stiff_datasets.robots") / "kr10_r1100_2.urdf").read_text()
     urdf.write_text(shipped.replace('name="kr10_r1100_2"', 'name="mine"'))
     register(KEY, csv, urdf, TCP)
     assert Kr10Measured().load().robot.name == "mine"
-
-
-def test_registering_keeps_other_tables_and_replaces_its_own(csv, tmp_path):
-    damaged('[other]\ncsv = "x.csv"\n\n[kr10-measured]\nurdf = "old.urdf"\n')
-    register(KEY, csv, None, TCP)
     tables = tomllib.loads(registry_file().read_text())
     assert tables["other"] == {"csv": "x.csv"}
-    assert "urdf" not in tables[KEY]
-    assert len(Kr10Measured().load().samples) == 1
+    assert tables[KEY]["urdf"] == str(urdf)
 
 
 @pytest.mark.parametrize(

@@ -82,14 +82,6 @@ def test_a_parquet_file_holds_numbers_as_they_are_and_counts_rows_from_one(
         read_samples(path, kr10)
 
 
-def test_a_parquet_file_that_is_none_is_refused(tmp_path, kr10):
-    (tmp_path / "my.parquet").write_text("pose_id")
-    with pytest.raises(DataError, match=r"my\.parquet: not a Parquet table"):
-        read_samples(tmp_path / "my.parquet", kr10)
-    with pytest.raises(DataError, match=r"absent\.parquet: cannot be read: No such file"):
-        read_samples(tmp_path / "absent.parquet", kr10)
-
-
 @pytest.mark.parametrize("name", ["", " P1", "P\n1", "P1\x85", "\ud800", "#1"])
 def test_names_that_would_not_come_back_from_a_file_are_refused(tmp_path, kr10, table, name):
     names = pd.Series([name, "P2", "P3"], dtype=object)
