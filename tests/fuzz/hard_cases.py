@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import zipfile
 
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import skops.io
 
 from helpers.model_files import archived, members
@@ -17,41 +13,15 @@ LONG = 500_000
 
 
 def tables(valid: bytes) -> tuple[bytes, ...]:
-    """CSV: no bytes, wide, long names, NULs, unclosed quotes."""
+    """CSV: no bytes, long names, NULs, unclosed quotes."""
     header, first, *rest = valid.split(b"\n")
     pose, *cells = first.split(b",")
     return (
         *(b"", b"\n" * LONG, b"," * LONG, b"\x00" * LONG, b'"' * LONG),
-        header + b"\n" + b"," * LONG,
         b"\n".join([header, b",".join([pose * 20_000, *cells]), *rest * 1000]),
         header + b'\n"' + b"a" * LONG,
         header + b"\n" + first.replace(b".", b"." + b"0" * LONG, 1),
-        b",".join(b"c%d" % i for i in range(50_000)) + b"\n" + b"1," * 50_000,
     )
-
-
-def parquet_tables(valid: bytes) -> tuple[bytes, ...]:
-    """Parquet: a row repeated 50 million times, a long name in many rows, many columns."""
-    names = pq.read_table(io.BytesIO(valid)).column_names
-    return (
-        *(b"", b"PAR1" * 100),
-        _parquet({"pose_id": _repeated("a", 50_000_000)}),
-        _parquet({name: _repeated("1", 2_000_000) for name in names}),
-        _parquet(
-            {name: _repeated("a" * LONG if name == "pose_id" else "1", 5000) for name in names}
-        ),
-        _parquet({f"c{i}": pa.array([1.0]) for i in range(5000)}),
-    )
-
-
-def _repeated(text: str, n: int) -> pa.Array:
-    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(n, dtype=np.int8)), [text])
-
-
-def _parquet(columns: dict[str, pa.Array]) -> bytes:
-    file = io.BytesIO()
-    pq.write_table(pa.table(columns), file)
-    return file.getvalue()
 
 
 def tomls(valid: bytes) -> tuple[bytes, ...]:
@@ -81,8 +51,8 @@ def urdfs(valid: bytes) -> tuple[bytes, ...]:
     rotated = valid.replace(b'<axis xyz="', b'<axis xyz="%s" was="')
     return (
         b"",
-        b"<robot>" + b"<a>" * 100_000 + b"</a>" * 100_000 + b"</robot>",
-        _robot([(f"L{i}", f"L{i + 1}") for i in range(20_000)]),
+        b"<robot>" + b"<a>" * 10_000 + b"</a>" * 10_000 + b"</robot>",
+        _robot([(f"L{i}", f"L{i + 1}") for i in range(3000)]),
         _robot([("root", "A"), ("A", "A")]),
         _robot([("A", "B"), ("B", "A")]),
         _robot([("root", "A"), ("root", "B"), ("A", "C"), ("B", "C")]),
@@ -126,7 +96,7 @@ def models(valid: list[bytes]) -> tuple[bytes, ...]:
                 model = {**content["model"], "params": {**params, name: 4096}}
                 found.append(skops.io.dumps({**content, "model": model}))
     parts = members(valid[0])  # the archive is checked alike for every model
-    arrays = [name for name in parts if name.endswith(".npy")][:2]
+    arrays = [name for name in parts if name.endswith(".npy")][:1]
     bombs = [(name, npy_header((2**27,), "|u1") + bytes(2**27)) for name in arrays]
     for name, bomb in (*bombs, ("schema.json", b"[" * 2**27)):
         found.append(archived(parts | {name: bomb}, zipfile.ZIP_DEFLATED))

@@ -65,14 +65,12 @@ def lines_damaged(text: str, rng: Random) -> str:
     """Remove, repeat, move or empty a line, or end all lines otherwise."""
     lines = text.split("\n")
     at = rng.randrange(len(lines))
-    match rng.randrange(5):
+    match rng.randrange(4):
         case 0:
-            del lines[at]
+            lines[at : at + 1] = [lines[at]] * rng.choice((0, 2, 100))
         case 1:
-            lines[at:at] = [lines[at]] * rng.choice((1, 100))
-        case 2:
             rng.shuffle(lines)
-        case 3:
+        case 2:
             lines[at] = rng.choice(("", lines[at] + rng.choice(WORDS)))
         case _:
             return rng.choice(("\r", "\r\n", "\n\n", "\x0b")).join(lines)
@@ -82,14 +80,13 @@ def lines_damaged(text: str, rng: Random) -> str:
 def text_damaged(data: bytes, rng: Random) -> bytes:
     """Damage UTF-8 text in tokens, lines, bytes or its encoding."""
     text = data.decode()
-    match rng.randrange(10):
-        case 0 | 1:
-            return bytes_damaged(data, rng)
-        case 2:
-            return text.encode(rng.choice(ENCODINGS))
-        case 3 | 4 | 5:
-            text = lines_damaged(text, rng)
-    return tokens_replaced(text, rng).encode()
+    damages = (
+        *(lambda: bytes_damaged(data, rng), lambda: text.encode(rng.choice(ENCODINGS))),
+        lambda: tokens_replaced(lines_damaged(text, rng), rng).encode(),
+        lambda: tokens_replaced(text, rng).encode(),
+    )
+    (damage,) = rng.choices(damages, (2, 1, 3, 4))
+    return damage()
 
 
 def tree_damaged(tree: Any, rng: Random) -> Any:
@@ -100,20 +97,14 @@ def tree_damaged(tree: Any, rng: Random) -> Any:
         if not places:
             return copy.deepcopy(rng.choice(JSON_NONSENSE))
         parent, key = rng.choice(places)
-        match rng.randrange(6):
-            case 0 | 1:
-                parent[key] = copy.deepcopy(rng.choice(JSON_NONSENSE))
-            case 2:
-                other, its_key = rng.choice(places)
-                parent[key] = copy.deepcopy(other[its_key])
-            case 3:
-                del parent[key]
-            case 4 if isinstance(parent, list):
-                parent.extend([parent[key]] * rng.choice((1, 100)))
-            case 4:
-                parent[rng.choice(WORDS)] = parent[key]
-            case _:
-                parent[key] = [parent[key]] if rng.random() < 0.5 else {"type": parent[key]}
+        other, its_key = rng.choice(places)
+        node, some = parent[key], rng.choice(JSON_NONSENSE)
+        if rng.random() < 0.2:
+            del parent[key]
+        else:
+            parent[key] = copy.deepcopy(
+                rng.choice((some, other[its_key], [node], [node] * 100, {"type": node}))
+            )
     return tree
 
 

@@ -39,7 +39,7 @@ class Prepared:
         read: the reader.
         hard: inputs that are tried first.
         damage: what is done to the valid ones.
-        also_named: what a refusal may name in place of the file.
+        also_named: files that a refusal may name, too.
     """
 
     path: Path
@@ -139,36 +139,9 @@ def _models(folder: Path) -> Prepared:
     return Prepared(path, tuple(valid), read, hard, model_damaged, named)
 
 
-WORDS = (
-    b"mlp@learning_rate=1e-3@width=64\nkr10-twin@specimen=3\nholdout\nmlp.width=128",
-    b"sklearn:ensemble.RandomForestRegressor@n_estimators=10\nkr10-twin\nkfold@folds=5\n"
-    b"kr10-twin.torques=hook",
-    b"vjm\nkr10-twin\ncross-robot@source=ur5-twin@@seed=1\nkr10-twin.seed=0\n",
-)
-
-
-def _words(folder: Path) -> Prepared:
-    registry = build_registry()
-
-    def read(path: Path) -> object:
-        text = path.read_bytes().decode(errors="surrogateescape")
-        model, dataset, protocol, setting, *_ = [*text.split("\n"), *[""] * 4]
-        return planned(
-            registry,
-            models=(model,),
-            datasets=(dataset,),
-            protocols=(protocol,),
-            settings=(setting,) if setting else (),
-        )
-
-    return Prepared(folder / "words.txt", WORDS, read, also_named=("",))
-
-
 READERS: dict[str, Callable[[Path], Prepared]] = {
     "measured CSV": partial(_samples, name="samples.csv", hard=hard_cases.tables),
-    "measured Parquet": partial(
-        _samples, name="samples.parquet", hard=hard_cases.parquet_tables, damage=parquet_damaged
-    ),
+    "measured Parquet": partial(_samples, name="samples.parquet", damage=parquet_damaged),
     "loads CSV": partial(_samples, name="loads.csv", read=read_loads),
     "URDF": _urdf,
     "twin TOML": _twin,
@@ -176,5 +149,4 @@ READERS: dict[str, Callable[[Path], Prepared]] = {
     "study TOML": _study,
     "results": _results,
     "model files": _models,
-    "command words": _words,
 }

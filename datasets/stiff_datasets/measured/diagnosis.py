@@ -253,8 +253,8 @@ def _clearly_better(fit: Fit, given: Fit, pose: IntArray) -> bool:
     return bool(clear and fit.score < given.rms)
 
 
-def _squares(data: Reading, fold: IntArray) -> FloatArray:
-    """Return (n,) the squared length of each residual when its fold (n,) is left out."""
+def _fit(text: str, data: Reading, fold: IntArray, must_gain: float = 0.0) -> Fit:
+    """Cross-validate the samples as a hypothesis reads them; `fold` (n,) numbers the folds."""
     matrix = data.regressor()
     parts = [normal_equations(matrix[fold == i], data.deflection[fold == i]) for i in range(FOLDS)]
     grams, rights = (np.array(each) for each in zip(*parts, strict=True))
@@ -262,11 +262,7 @@ def _squares(data: Reading, fold: IntArray) -> FloatArray:
         solve_nonnegative(grams.sum(0) - grams[i], rights.sum(0) - rights[i]) for i in range(FOLDS)
     ]
     predicted = (matrix @ np.array(found)[fold][:, :, None])[:, :, 0]
-    return np.asarray(((data.deflection - predicted) ** 2).sum(axis=1))
-
-
-def _fit(text: str, data: Reading, fold: IntArray, must_gain: float = 0.0) -> Fit:
-    return Fit(text, _squares(data, fold), data, must_gain)
+    return Fit(text, ((data.deflection - predicted) ** 2).sum(axis=1), data, must_gain)
 
 
 def _fit_free(hypothesis: Fitted, numbers: FloatArray, data: Reading, fold: IntArray) -> Fit:

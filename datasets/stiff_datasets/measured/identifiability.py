@@ -34,10 +34,8 @@ class Identifiability:
         condition: condition number of the regressor with columns scaled to unit length; infinite
             where a joint cannot be identified.
         log_det: natural logarithm of the determinant of the information matrix of the *relative*
-            compliances c_i / c_ref,i, which has no unit; -inf where a joint cannot be identified.
-            The scale is the same for all samples: scaled by the plan's own columns it would not
-            see how strongly a plan excites the joints. Between two plans of one robot the
-            difference depends neither on the reference nor on the noise.
+            compliances c_i / c_ref,i; -inf where a joint cannot be identified. Between two plans of
+            one robot the difference depends neither on the reference nor on the noise.
         relative_standard_error: (n_joints,) standard error of the least squares compliance over
             c_ref,i; infinite where it cannot be identified. It is proportional to the noise and
             to 1 / c_ref,i.

@@ -16,7 +16,6 @@ import numpy as np
 import pandas as pd
 
 from stiff_datasets.measured.row_checks import (
-    Problem,
     limit_problems,
     numbers_and_loads,
     problems_error,
@@ -85,7 +84,10 @@ def read_loads(path: Path, robot: Robot, sheet_name: str | None = None) -> LoadT
     q_file, wrench, problems = numbers_and_loads(sheet, joints)
     if problems:
         raise problems_error(path, problems)
-    outside = list(limit_problems(sheet, q_file, robot))
+    odd = [*map(str, radian_problems(q_file, robot))]
+    if outside := [*limit_problems(sheet, q_file, robot)]:
+        rows = counted(len({problem.row for problem in outside}), "row")
+        odd.append(f"{rows} with a joint outside of its limits, the first: {outside[0]}")
     names = [name for name in ID_COLUMNS if name in sheet.cells]
     columns: dict[str, object] = {name: sheet.cells[name].to_numpy(dtype=object) for name in names}
     columns |= dict(zip(joints, q_file.T, strict=True))
@@ -94,17 +96,8 @@ def read_loads(path: Path, robot: Robot, sheet_name: str | None = None) -> LoadT
         q=q_file / file_units(robot),
         wrench=wrench,
         columns=pd.DataFrame(columns),
-        oddities=(
-            *sheet.oddities,
-            *(f"{path}: {problem}" for problem in radian_problems(q_file, robot)),
-            *([_outside(path, outside)] if outside else []),
-        ),
+        oddities=(*sheet.oddities, *(f"{path}: {oddity}" for oddity in odd)),
     )
-
-
-def _outside(path: Path, problems: list[Problem]) -> str:
-    rows = counted(len({problem.row for problem in problems}), "row")
-    return f"{path}: {rows} with a joint outside of its limits, the first: {problems[0]}"
 
 
 def write_predictions(
@@ -122,10 +115,6 @@ def write_predictions(
         deflection: (n, 3) m, base frame; ``dx_mm, dy_mm, dz_mm``.
         extrapolates: (n,) what of a row lies beyond the training range, such as "joints load".
         interval: of the same rows; ``dx_lower_mm, dx_upper_mm, ...``.
-
-    Raises:
-        StoreError: the file cannot be written.
-        ConfigError: Parquet is asked for and pyarrow is not installed.
     """
     columns = dict(zip(DEFLECTION_COLUMNS, deflection.T, strict=True))
     if interval is not None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from stiff_datasets.measured.sample_columns import DEG_PER_RAD
+from stiff_datasets.measured.sample_columns import DEG_PER_RAD, MM_PER_M
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, IntArray, Robot
 from stiff_protocols.kinematics.serial_chain import unit_deflections
@@ -136,19 +136,24 @@ class Fitted:
     Attributes:
         text: with places for them in a unit that a user knows.
         change: what (n_free,) of them, SI, make of the samples.
-        n_free: how many.
         must_gain: share by which it must lower the RMS residual; more than without free numbers,
             which also take up what joint springs leave of data without a mistake.
         unit: factor from SI to the unit of the text.
         positive: the first of them is.
+        n_unnamed: how many have no place in the text.
     """
 
     text: str
     change: Callable[[Reading, FloatArray], Reading]
-    n_free: int
     must_gain: float
     unit: float = 1.0
     positive: bool = False
+    n_unnamed: int = 0
+
+    @property
+    def n_free(self) -> int:
+        """Number of free numbers."""
+        return self.text.count("{") + self.n_unnamed
 
 
 def readings(data: Reading, joints_only: bool = False) -> list[tuple[str, Reading, float]]:
@@ -156,13 +161,11 @@ def readings(data: Reading, joints_only: bool = False) -> list[tuple[str, Readin
 
     The likeliest come first.
     """
-    kinds = [(_joints, GAIN)]
-    if not joints_only:
-        kinds = [(_points, POINT_GAIN), (_wrenches, GAIN), (_units, RARE_GAIN), *kinds]
-        kinds += [(_axes, GAIN), (_rows, GAIN)]
+    kinds = [(_points, POINT_GAIN), (_wrenches, GAIN), (_units, RARE_GAIN), (_joints, GAIN)]
+    kinds += [(_axes, GAIN), (_rows, GAIN)]
     return [
         (text, each, RARE_GAIN if "taken from" in text else gain)  # an odd order of axes
-        for made, gain in kinds
+        for made, gain in ([(_joints, GAIN)] if joints_only else kinds)
         for text, each in made(data).items()
     ]
 
@@ -336,7 +339,6 @@ FITTED = (
     Fitted(
         "the forces look as if the weight of a tool of {:.2g} kg were in them (not tared)",
         lambda data, weight: replace(data, force=data.force + weight * UP),
-        n_free=1,
         must_gain=WEIGHT_GAIN,
         unit=1.0 / STANDARD_GRAVITY,
         positive=True,
@@ -344,7 +346,7 @@ FITTED = (
     Fitted(
         "the wrench looks as if the weight of a tool of {:.2g} kg were in it (not tared)",
         _weight_removed,
-        n_free=4,
+        n_unnamed=3,
         must_gain=OFFSET_GAIN,
         unit=1.0 / STANDARD_GRAVITY,
         positive=True,
@@ -352,35 +354,30 @@ FITTED = (
     Fitted(
         "the forces look as if they had a constant offset of ({:.2g}, {:.2g}, {:.2g}) N",
         lambda data, offset: replace(data, force=data.force - offset),
-        n_free=3,
         must_gain=OFFSET_GAIN,
     ),
     Fitted(
         "the force sensor looks as if it had an offset of ({:.2g}, {:.2g}, {:.2g}) N in the flange "
         "frame",
         lambda data, offset: replace(data, force=data.force - data.flange @ offset),
-        n_free=3,
         must_gain=OFFSET_GAIN,
     ),
     Fitted(
         "the torques look as if they had a constant offset of ({:.2g}, {:.2g}, {:.2g}) N m",
         lambda data, offset: replace(data, torque=data.torque - offset),
-        n_free=3,
         must_gain=OFFSET_GAIN,
     ),
     Fitted(
         "the TCP looks as if it lay ({:.0f}, {:.0f}, {:.0f}) mm from the given one, in the flange "
         "frame",
         _moved_tcp,
-        n_free=3,
         must_gain=TCP_GAIN,
-        unit=1000.0,
+        unit=MM_PER_M,
     ),
     *(
         Fitted(
             f"{what} had to be read turned by {{:+.0f}} deg about z",
             functools.partial(_about_z, names=names),
-            n_free=1,
             must_gain=TURN_GAIN,
             unit=DEG_PER_RAD,
         )
@@ -393,21 +390,14 @@ FITTED = (
 )
 
 
-ELSEWHERE = (
+ELSEWHERE = tuple(
     Fitted(
-        "measured and loaded ({:.0f}, {:.0f}, {:.0f}) mm from the TCP",
-        _moved_tcp,
-        n_free=3,
+        f"{what} ({{:.0f}}, {{:.0f}}, {{:.0f}}) mm from the TCP",
+        change,
         must_gain=TCP_GAIN,
-        unit=1000.0,
-    ),
-    Fitted(
-        "loaded ({:.0f}, {:.0f}, {:.0f}) mm from the TCP",
-        _moved_force,
-        n_free=3,
-        must_gain=TCP_GAIN,
-        unit=1000.0,
-    ),
+        unit=MM_PER_M,
+    )
+    for what, change in (("measured and loaded", _moved_tcp), ("loaded", _moved_force))
 )
 """Where else the tool was measured or loaded, flange frame: compared with joints that tilt, which
 explain more of sound data than joint springs. The FANUC measurement gains 0.23 and 0.14."""

@@ -152,11 +152,7 @@ def external_axis_findings(
 ) -> Iterator[Finding]:
     """Find columns that look like an axis that moved and that the robot does not have.
 
-    Args:
-        sheet: the file as it was read.
-        unused: names of its columns that are not used.
-        robot: that was measured.
-        lines: (n,) row numbers of the samples.
+    `unused` are names of the sheet's columns, and `lines` (n,) the row numbers of the samples.
     """
     rows, names = np.isin(sheet.lines, lines), [*sheet.cells.columns]
     for column in unused:
@@ -176,25 +172,23 @@ def repeat_findings(samples: Samples, robot: Robot, lines: IntArray) -> Iterator
     groups = repeated_rows(samples, robot)
     if not groups:
         return
-    spread_mm = np.array([_spread(samples.deflection[rows]) for rows in groups]) * MM_PER_M
+    readings = [samples.deflection[rows] * MM_PER_M for rows in groups]
+    spread_mm = np.array(
+        [np.linalg.norm(each - each.mean(axis=0), axis=1).max() for each in readings]
+    )
     yield fact(
         "repeats",
         f"{len(groups)} loads measured again, deflection within {np.median(spread_mm):.3f} mm of "
         f"their mean (median), {spread_mm.max():.3f} mm (largest)",
     )
-    far = np.flatnonzero(far_off(spread_mm) & (spread_mm > NOISE_MM))
+    middle, deviation = middle_and_deviation(spread_mm)
+    far = np.flatnonzero(spread_mm > max(middle + FAR_OFF * deviation, NOISE_MM))
     if len(groups) >= FEWEST_REPEATS and len(far):
         yield warning(
             f"repeats of a load differ far more than elsewhere, by up to {spread_mm[far].max():.3g}"
             " mm from their mean",
             lines[np.concatenate([groups[i] for i in far])],
         )
-
-
-def far_off(values: FloatArray) -> BoolArray:
-    """Return which values lie far above the median, on the scale of the median deviation."""
-    middle, deviation = middle_and_deviation(values)
-    return np.asarray(values > middle + FAR_OFF * deviation)
 
 
 def middle_and_deviation(values: FloatArray) -> tuple[float, float]:
@@ -223,10 +217,6 @@ def _alike(wrenches: FloatArray, wrench: FloatArray) -> BoolArray:
     return np.asarray(
         (np.abs(wrenches - wrench) <= np.maximum(SAME_LOAD * size, SENSOR_NOISE)).all(axis=1)
     )
-
-
-def _spread(deflection: FloatArray) -> float:
-    return float(np.linalg.norm(deflection - deflection.mean(axis=0), axis=1).max())
 
 
 def _repeats_of_earlier_rows(table: FloatArray) -> IntArray:

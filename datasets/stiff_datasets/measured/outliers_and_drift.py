@@ -30,11 +30,7 @@ MODEL_ERROR = 0.7
 """Share of a deflection by which its prediction may miss it where nothing is wrong: the most in
 the FANUC measurement is 0.55, in shipped twins and arms 0.35. A reading of the wrong sign misses by
 2, one with the decimal point misplaced to the right by 9."""
-FACTORS = {
-    "ten times too large": 10.0,
-    "ten times too small": 0.1,
-    "of the opposite sign": -1.0,
-}
+FACTORS = {"ten times too large": 10.0, "ten times too small": 0.1, "of the opposite sign": -1.0}
 SLIPS = {
     **{what: np.full(3, factor) for what, factor in FACTORS.items()},
     **{
@@ -52,8 +48,8 @@ settles what samples do not, and takes nothing from what they do."""
 CLEAR_CHANGE, CHANGE_GAIN = 16.0, 0.05
 """F statistic of a drift or a jump, and the share by which it must lower the RMS error of rows that
 are left out. Of the clean data that gained as much, from 20 poses on, the largest F was 12."""
-FEWEST_FOR_CHANGE, MOST_FOR_CHANGE, FEWEST_BESIDE_JUMP = 20, 5000, 5
-"""Rows; of a longer file rows at equal distances are compared."""
+FEWEST_FOR_CHANGE, FEWEST_BESIDE_JUMP = 20, 5
+"""Rows."""
 FEWEST_FOR_OUTLIERS = 10
 MOST_OUTLIERS = 0.2
 """Share of the rows; if more are far off, something is wrong with all of them."""
@@ -99,13 +95,12 @@ class Outliers:
 def find_outliers(data: Reading) -> Outliers:
     """Find the rows whose deflection is far from what springs fitted to the other rows predict.
 
-    The springs are those of the joints, three about the axes of every joint's frame, and the lost
-    motion of every joint. An error is divided by its standard error, relative to the noise, and by
-    the size of the deflection, because a model's error grows with the load. A row is an outlier if
-    this share lies `OUTLIER` robust standard deviations above the median, and if it is more than
-    `MODEL_ERROR` or one of `SLIPS` leaves a usual share. The springs are first fitted without the
-    fifth of the rows that joint springs explain worst, then without the outliers until they stay
-    the same: a gross outlier does not hide others.
+    The springs are those of `_effects`. An error is divided by its standard error, relative to the
+    noise, and by the size of the deflection, because a model's error grows with the load. A row is
+    an outlier if this share lies `OUTLIER` robust standard deviations above the median, and if it
+    is more than `MODEL_ERROR` or one of `SLIPS` leaves a usual share. The springs are first fitted
+    without the fifth of the rows that joint springs explain worst, then without the outliers until
+    they stay the same: a gross outlier does not hide others.
     """
     n = len(data.q)
     given_mm = data.deflection * MM_PER_M
@@ -181,8 +176,7 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
     exceeds `CLEAR_CHANGE` and if the RMS error of rows that are left out falls by `CHANGE_GAIN`. Of
     the two, the better one is returned. The `odd` (n,) outliers are not looked at.
     """
-    every = len(lines) // MOST_FOR_CHANGE + 1
-    compared = np.flatnonzero(~odd)[::every]
+    compared = np.flatnonzero(~odd)
     if len(compared) < FEWEST_FOR_CHANGE:
         return None
     part, fitted = data.take(compared), np.ones(len(compared), dtype=bool)
@@ -190,7 +184,7 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
     given = _left_out(part, fitted, same[compared, None])
     jump = lines[compared[_likeliest_jump(part, given)]]
     first, last = lines[0], lines[-1]
-    jumped = f"jumped by {{}} mm {'near' if every > 1 else 'at'} row {jump} and stayed there"
+    jumped = f"jumped by {{}} mm at row {jump} and stayed there"
     drifted = f"drifted by {{}} mm from row {first} to row {last}"
     after = lines >= jump
     changes = []

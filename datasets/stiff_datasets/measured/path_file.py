@@ -25,13 +25,13 @@ from stiff_datasets.measured.row_checks import (
     LARGEST_NUMBER,
     NO_TORQUE,
     Problem,
+    bound_problems,
     cell_problem,
     filled,
     limit_problems,
     numbers_and_loads,
     problems_error,
     radian_problems,
-    range_problems,
     table_problems,
 )
 from stiff_datasets.measured.sample_columns import (
@@ -164,10 +164,9 @@ def read_path(
     sheet = read_sheet(file, sheet_name)
     sheet = sheet.recognised((*poses, *joints, *WRENCH_COLUMNS, FRAME_COLUMN))
     found = set(sheet.cells)
-    kinds = [kind for kind in (poses, joints) if found & {*kind}]
-    by_joints = kinds == [joints]
-    angles = QUATERNION_COLUMNS if found & {*QUATERNION_COLUMNS} else ANGLE_COLUMNS
-    if len(kinds) == 2 or (found >= {angles[0], ANGLE_COLUMNS[0]} and angles != ANGLE_COLUMNS):
+    turns = [some for some in (ANGLE_COLUMNS, QUATERNION_COLUMNS, joints) if found & {*some}]
+    by_joints = turns == [joints]
+    if len(turns) > 1 or (by_joints and found & {*POSITION_COLUMNS}):
         both = ", ".join(name for name in sheet.cells if name in {*poses, *joints})
         valid = f"{','.join(POSITION_COLUMNS)} with {','.join(ANGLE_COLUMNS)} or "
         valid += f"{','.join(QUATERNION_COLUMNS)}; or {','.join(joints)}"
@@ -178,6 +177,7 @@ def read_path(
             raise ConfigError(f"{number:g}: no load of a robot (valid: {valid})", "load")
     if load is not None and found & {*WRENCH_COLUMNS}:
         raise ConfigError(f"{file} has loads of its own (valid: one of both)", "load")
+    angles = turns[0] if turns else ANGLE_COLUMNS
     places = joints if by_joints else (*POSITION_COLUMNS, *angles)
     loads = () if load is not None else WRENCH_COLUMNS
     columns = (*places, *loads, FRAME_COLUMN)
@@ -219,7 +219,7 @@ def read_path(
         frame_name=frame_name,
         columns=written,
         lines=sheet.lines,
-        oddities=(*_oddities(sheet, numbers[:, 3:], () if by_joints else angles),),
+        oddities=(*_oddities(sheet, numbers[:, 3:], angles),),
     )
 
 
@@ -231,17 +231,16 @@ def path_problems(table: PathTable, robot: Robot, found: Followed) -> list[Probl
         robot: that shall drive it.
         found: joint positions of its rows.
     """
-    problems, factors = [], file_units(robot)
-    in_frame = (table.path.position - table.frame[:3, 3]) @ table.frame[:3, :3]
+    problems, units = [], file_units(robot)
+    in_frame = (table.path.position - table.frame[:3, 3]) @ table.frame[:3, :3] * MM_PER_M
     for row in np.flatnonzero(~found.ok):
         joint = int(np.argmax(found.beyond[row]))
         if not found.reached[row]:
-            value = ",".join(f"{each:.6g}" for each in in_frame[row] * MM_PER_M)
+            value = ",".join(f"{each:.6g}" for each in in_frame[row])
             valid = f"a pose that {robot.name} reaches in this configuration"
         elif found.beyond[row, joint]:
-            low, high, at = (
-                each[joint] * factors[joint] for each in (robot.lower, robot.upper, found.q[row])
-            )
+            ends = robot.lower[joint], robot.upper[joint], found.q[row, joint]
+            low, high, at = (each * units[joint] for each in ends)
             value = f"joint {robot.joint_names[joint]} at {at:.6g}"
             unit = joint_columns(robot)[joint].rpartition("_")[2]
             valid = f"{low:g}..{high:g} {unit}, its limits"
@@ -262,9 +261,6 @@ def write_path(path: Path, sketch: ToolPath, tool: FloatArray) -> None:
         path: Parquet if it ends in .parquet, else CSV.
         sketch: what is written.
         tool: (4, 4) in the last joint's frame, m.
-
-    Raises:
-        StoreError: the file cannot be written.
     """
     numbers = dict(zip(POSITION_COLUMNS, sketch.position.T * MM_PER_M, strict=True))
     numbers |= _angles(sketch.rotation @ tool[:3, :3])
@@ -339,14 +335,9 @@ def _pose_problems(sheet: Sheet, numbers: FloatArray, angles: tuple[str, ...]) -
             "the columns x_mm.. are in mm, these look like metres",
             "",
         )
-    valid, ends = (
-        f"mm within +-{LARGEST_POSITION_MM:g}",
-        (-LARGEST_POSITION_MM, LARGEST_POSITION_MM),
-    )
-    yield from range_problems(sheet, POSITION_COLUMNS, position, *ends, [valid] * 3)
+    yield from bound_problems(sheet, POSITION_COLUMNS, position, LARGEST_POSITION_MM)
     if angles == ANGLE_COLUMNS:
-        ends, valid = (-LARGEST_ANGLE_DEG, LARGEST_ANGLE_DEG), f"deg within +-{LARGEST_ANGLE_DEG:g}"
-        yield from range_problems(sheet, ANGLE_COLUMNS, turn, *ends, [valid] * 3)
+        yield from bound_problems(sheet, ANGLE_COLUMNS, turn, LARGEST_ANGLE_DEG)
     if angles == QUATERNION_COLUMNS:
         lengths = np.linalg.norm(turn, axis=1)
         for row in np.flatnonzero(np.abs(lengths - 1.0) > QUATERNION_SLACK):
@@ -363,22 +354,18 @@ def _oddities(sheet: Sheet, turn: FloatArray, angles: tuple[str, ...]) -> Iterat
         )
 
 
-def _frame_name(sheet: Sheet, frame: Sequence[float] | None) -> tuple[str, Iterator[Problem]]:
+def _frame_name(sheet: Sheet, frame: Sequence[float] | None) -> tuple[str, list[Problem]]:
     """Return the name of the one frame of a file, and rows with another."""
     usual = BASE if frame is None else "workpiece"
     if FRAME_COLUMN not in sheet.cells:
-        return usual, iter(())
+        return usual, []
     names = sheet.cells[FRAME_COLUMN].astype(str)
     names = names.where(names != "", usual)
     first = names.iloc[0]
-    if first == BASE and frame is not None:
-        raise ConfigError(f"{sheet.path} is in the frame {BASE!r}, which is known", "frame")
-    if first != BASE and frame is None:
-        raise ConfigError(
-            f"{sheet.path} is in the frame {first!r}; say where that is in the base frame "
-            "(valid: x,y,z,a,b,c in mm and deg)",
-            "frame",
-        )
+    if (first == BASE) != (frame is None):
+        where = "say where that is in the base frame (valid: x,y,z,a,b,c in mm and deg)"
+        hint = "which is known" if first == BASE else where
+        raise ConfigError(f"{sheet.path} is in the frame {first!r}; {hint}", "frame")
     others = np.flatnonzero((names != first).to_numpy())
     valid = f"{first!r}, the frame of the first row"
-    return first, iter([cell_problem(sheet, row, FRAME_COLUMN, valid) for row in others])
+    return first, [cell_problem(sheet, row, FRAME_COLUMN, valid) for row in others]

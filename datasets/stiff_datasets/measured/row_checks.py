@@ -85,29 +85,23 @@ def table_problems(
         columns: every column that a file may have, in the usual order.
         optional: those that may be missing.
     """
-    file_columns = list(sheet.cells.columns)
+    names = list(sheet.cells.columns)
     numbers = [name for name in sheet.unused if NUMBER.fullmatch(name.replace(",", "."))]
     if len(numbers) > len(columns) / 2:
         return [Problem("no header: the first row holds numbers", ",".join(columns))]
-    missing = [name for name in columns if name not in (*file_columns, *optional)]
-    repeated = sorted({name for name in file_columns if file_columns.count(name) > 1})
-    parts = [f"missing {', '.join(missing)}"] if missing else []
-    parts += [f"repeated {', '.join(repeated)}"] if repeated else []
-    if parts:
-        parts += [
-            f"unit of {name!r} (valid: {', '.join(units)})"
-            for name, units in sheet.odd_units.items()
-        ]
-        unused = [name for name in sheet.unused if name not in sheet.odd_units]
-        parts += [f"columns not used: {', '.join(unused)}"] if missing and unused else []
-        may_miss = f"; optional: {', '.join(optional)}" if optional else ""
-        if missing and set(missing) <= set(TORQUE_COLUMNS):
-            may_miss = "; say no-torque if none were measured"
+    missing = [name for name in columns if name not in (*names, *optional)]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    named = {"missing": missing, "repeated": repeated}
+    if missing:
+        named["columns not used:"] = list(sheet.unused)
+    parts = [f"{what} {', '.join(some)}" for what, some in named.items() if some]
+    if missing or repeated:
+        valid = ",".join(columns) + (f"; optional: {', '.join(optional)}" if optional else "")
+        if missing and {*missing} <= {*TORQUE_COLUMNS}:
+            valid = f"{','.join(columns)}; say no-torque if none were measured"
         elif {*DEFLECTION_COLUMNS} <= {*missing}:
-            may_miss += f"; in place of dx_mm..: {POSITIONS_TEXT}"
-        return [
-            Problem(shortened(f"header: {'; '.join(parts)}", 500), ",".join(columns) + may_miss)
-        ]
+            valid += f"; in place of dx_mm..: {POSITIONS_TEXT}"
+        return [Problem(shortened(f"header: {'; '.join(parts)}", 500), valid)]
     return [Problem("no data rows below the header", "")] if sheet.cells.empty else []
 
 
@@ -146,7 +140,7 @@ def numbers_and_loads(
     problems = [
         *number_problems(sheet, columns, numbers),
         *number_problems(sheet, WRENCH_COLUMNS, wrench),
-        *wrench_problems(sheet, wrench),
+        *bound_problems(sheet, WRENCH_COLUMNS, wrench, LARGEST_NUMBER),
     ]
     return numbers, wrench, problems
 
@@ -164,11 +158,13 @@ def range_problems(
         yield cell_problem(sheet, row, columns[i], valid[i])
 
 
-def wrench_problems(sheet: Sheet, wrench: FloatArray) -> Iterator[Problem]:
-    """Yield the components of (n, 6) `wrench` that no robot bears, N and N m."""
-    valid = f"a load within +-{LARGEST_NUMBER:g}; is the file in another unit?"
-    ends = -LARGEST_NUMBER, LARGEST_NUMBER
-    return range_problems(sheet, WRENCH_COLUMNS, wrench, *ends, [valid] * 6)
+def bound_problems(
+    sheet: Sheet, columns: Sequence[str], values: FloatArray, most: float
+) -> Iterator[Problem]:
+    """Yield the cells whose (n, n_columns) `values`, in their columns' units, exceed +-`most`."""
+    units = [column.rpartition("_")[2] for column in columns]
+    valid = [f"{unit} within +-{most:g}; is the file in another unit?" for unit in units]
+    return range_problems(sheet, columns, values, -most, most, valid)
 
 
 def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
@@ -185,9 +181,8 @@ def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
 
 def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
     """Yield the joint positions (n, n_joints), deg or mm, outside of the robot's limits."""
-    columns = joint_columns(robot)
-    lower = np.maximum(robot.lower * file_units(robot), -LARGEST_NUMBER)
-    upper = np.minimum(robot.upper * file_units(robot), LARGEST_NUMBER)
+    columns, ends = joint_columns(robot), np.stack([robot.lower, robot.upper]) * file_units(robot)
+    lower, upper = np.clip(ends, -LARGEST_NUMBER, LARGEST_NUMBER)
     valid = [
         f"{low:g}..{high:g} {column.rpartition('_')[2]}, the limits of joint {name} of {robot.name}"
         for low, high, column, name in zip(lower, upper, columns, robot.joint_names, strict=True)
@@ -223,8 +218,7 @@ def pose_reach(robot: Robot, tolerance: float) -> str:
 def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
     """Number the poses of rows: linked are two that differ by the tolerance at most in each joint.
 
-    Rows are of one pose where a chain of linked rows connects them. This does not depend on the
-    order of the rows, and no grid has an edge between them.
+    Rows are of one pose where a chain of linked rows connects them, in any order.
 
     Args:
         q_file: (n, n_joints) joint positions, deg, and mm of prismatic joints.
@@ -236,36 +230,23 @@ def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
-    from scipy.spatial.distance import cdist
 
-    reach = tolerance + LIMIT_SLACK
-    q_file = np.clip(np.nan_to_num(q_file), -LARGEST_NUMBER, LARGEST_NUMBER)  # others are refused
-    cells = pd.DataFrame(np.floor(q_file / reach))  # all rows of a cell are linked
-    cell = cells.groupby([*cells], sort=False).ngroup().to_numpy()
-    ends = np.cumsum(np.bincount(cell))
-    rows = np.split(np.argsort(cell, kind="stable"), ends[:-1])
-    beside = cKDTree(cells.drop_duplicates()).query_pairs(1.5, p=np.inf, output_type="ndarray")
-    linked = [
-        (a, b)
-        for a, b in beside.tolist()
-        if cdist(q_file[rows[a]], q_file[rows[b]], "chebyshev").min() <= reach
-    ]
-    a, b = np.array(linked, dtype=np.int64).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(rows), len(rows)))
-    return np.asarray(connected_components(graph, directed=False)[1][cell], dtype=np.int64)
+    rows = pd.DataFrame(np.clip(np.nan_to_num(q_file), -LARGEST_NUMBER, LARGEST_NUMBER))
+    place = rows.groupby([*rows], sort=False).ngroup().to_numpy()
+    places = cKDTree(rows.drop_duplicates())
+    pairs = places.query_pairs(tolerance + LIMIT_SLACK, p=np.inf, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(places.n, places.n))
+    return np.asarray(connected_components(graph, directed=False)[1][place], dtype=np.int64)
 
 
 def near_poses_text(pose_id: TextArray, near: IntArray, lines: IntArray, reach: str) -> str:
-    """Describe poses that lie within the tolerance of each other under different names.
+    """Describe poses that lie within the tolerance `reach` under different names; "" for none.
 
     Args:
         pose_id: (n,) names.
         near: (n,) numbers of `linked_rows`.
         lines: (n,) row numbers, for the message.
         reach: the tolerance with its units.
-
-    Returns:
-        One line with an example and what to do; "" where there are none.
     """
     named = pd.DataFrame({"name": pose_id, "near": near, "line": lines})
     named = named.drop_duplicates(["name", "near"])

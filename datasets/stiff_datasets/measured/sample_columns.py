@@ -30,49 +30,27 @@ DECIMALS = 10
 """Numbers are written with so few decimals where that reads back as the same SI number."""
 
 _JOINT_WORDS = (
-    *("joint", "jointangle", "jointposition", "axis", "axisangle", "angle"),
-    *("gelenk", "gelenkwinkel", "achse", "achswinkel", "achsenwinkel", "achsstellung", "winkel"),
+    "joint|jointangle|jointposition|axis|axisangle|angle|"
+    "gelenk|gelenkwinkel|achse|achswinkel|achsenwinkel|achsstellung|winkel"
 )
-_FORCE_WORDS = ("force", "kraft")
-_TORQUE_WORDS = ("torque", "moment", "drehmoment")
-_DEFLECTION_WORDS = (
-    *("deflection", "displacement", "deformation"),
-    *("auslenkung", "verformung", "verschiebung", "verlagerung"),
+_VECTORS = (  # our letter, others, and words
+    ("f", "f", "force|kraft"),
+    ("t", "[tm]", "torque|moment|drehmoment"),
+    (
+        *("d", "[duδ]|delta"),
+        "deflection|displacement|deformation|auslenkung|verformung|verschiebung|verlagerung",
+    ),
 )
-ALIASES = {
-    "pose": "pose_id",
-    "poseid": "pose_id",
-    "load": "load_id",
-    "loadid": "load_id",
-    **{
-        f"{name}{i}": f"q{i}"
-        for word in ("", *_JOINT_WORDS)
-        for name in (word, *(f"{word}{letter}" for letter in ("a", "j", "q", "theta", "θ")))
-        if name not in ("", "q")
-        for i in range(1, 10)
-    },
-    **{
-        f"{name}{axis}": f"{kind}{axis}"
-        for kind, letters, words in (
-            ("f", ("f",), _FORCE_WORDS),
-            ("t", ("t", "m"), _TORQUE_WORDS),
-            ("d", ("d", "u", "delta", "δ"), _DEFLECTION_WORDS),
-        )
-        for name in (*letters, *words, *(f"{word}{letter}" for word in words for letter in letters))
-        if name != kind
-        for axis in "xyz"
-    },
-    **{
-        name: f"{axis}{number}"
-        for number, words in enumerate(
-            (("unloaded", "unbelastet", "ohnelast"), ("loaded", "belastet", "mitlast"))
-        )
-        for word in words
-        for axis in "xyz"
-        for name in (f"{axis}{word}", f"{word}{axis}")
-    },
-}
-"""What people call a column, in lower case, without its unit, blanks, hyphens and underscores."""
+_POSITIONS = (("0", "unloaded|unbelastet|ohnelast"), ("1", "loaded|belastet|mitlast"))
+_ALIASES = (
+    ("{}_id", "(pose|load)(?:id)?"),
+    ("q{}", f"(?:{_JOINT_WORDS}|(?:{_JOINT_WORDS})?(?:[ajq]|theta|θ))([1-9])"),
+    *((f"{d}{{}}", f"(?:{words}|(?:{words})?(?:{ds}))([xyz])") for d, ds, words in _VECTORS),
+    *((f"{{}}{number}", f"(?:{words})([xyz])") for number, words in _POSITIONS),
+    *((f"{{}}{number}", f"([xyz])(?:{words})") for number, words in _POSITIONS),
+)
+"""Our name of a column -> a pattern of what people call it, in lower case, without its unit,
+blanks, hyphens and underscores."""
 NAMES = {
     *ID_COLUMNS,
     *(f"{kind}{axis}" for kind in "ftd" for axis in "xyz"),
@@ -100,7 +78,10 @@ def split_header(header: str) -> tuple[str, str]:
     match = _HEADER.fullmatch(text)
     name, bracketed, bare = match.groups() if match else (text, None, None)
     plain = re.sub(r"[\s_-]", "", name)
-    return ALIASES.get(plain, plain), bracketed or bare or ""
+    for usual, pattern in _ALIASES:
+        if alias := re.fullmatch(pattern, plain):
+            plain = usual.format(alias[1])
+    return plain, bracketed or bare or ""
 
 
 def joint_columns(robot: Robot) -> tuple[str, ...]:

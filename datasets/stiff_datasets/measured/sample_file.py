@@ -16,9 +16,11 @@ import pandas as pd
 from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.row_checks import (
+    LARGEST_NUMBER,
     NO_TORQUE,
     POSITIONS_TEXT,
     Problem,
+    bound_problems,
     cell_problem,
     filled,
     limit_problems,
@@ -28,11 +30,9 @@ from stiff_datasets.measured.row_checks import (
     pose_reach,
     problems_error,
     radian_problems,
-    range_problems,
     row_ranges,
     shortened,
     table_problems,
-    wrench_problems,
 )
 from stiff_datasets.measured.sample_columns import (
     DECIMALS,
@@ -63,16 +63,13 @@ SMALLEST_DEFLECTION_MM = 0.01
 SAME_POSITION = 0.2
 """Share by which positions of a tool may differ from the robot description's."""
 FEWEST_FOR_PLACE = 5
-FAR_FROM_ORIGIN = 5.0
-"""Mean of positions over their spread; deflections differ more in direction and size."""
 
 
 def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Samples:
     """Read and check a file of measured samples.
 
     A `StiffBenchWarning` each names the columns that are not used, the number of poses that rows
-    without `pose_id` were grouped into, and poses that have two names. The instrument's
-    noise is what a data card FILE.md beside the file states.
+    without `pose_id` were grouped into, and poses that have two names.
 
     Args:
         path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
@@ -83,13 +80,11 @@ def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> S
         ConfigError: the file has no such sheet, or several with tables and none is asked for.
         DataError: the file is unreadable, empty or wrongly headed, or a value cannot be; the
             message names file, row (1 is the header of a CSV file), column, value and what is
-            valid, and how many problems there are beside the first. Or the card's noise is none.
+            valid, and how many further problems there are. Or its data card cannot be read.
     """
     checked = check_sheet(read_sheet(path, options.sheet), robot, options)
     samples = _samples(checked, "bench data validate lists them")
-    if noise := read_card(path).instrument_noise:  # else the arrays would be copied for nothing
-        samples = replace(samples, instrument_noise=noise)
-    return samples
+    return replace(samples, instrument_noise=read_card(path).instrument_noise)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -120,11 +115,8 @@ def samples_of(
 ) -> Samples:
     """Return the samples of a table with the columns of a file, once it is checked.
 
-    Warnings are those of `read_samples`.
-
-    Raises:
-        DataError: see `read_samples`; it names `path`, and `hint` stands behind the first of
-            several problems.
+    Warnings and errors are those of `read_samples`; errors name `path`, and `hint` follows the
+    first of several problems.
     """
     return _samples(check_sheet(sheet_of(path, table), robot, options), hint)
 
@@ -184,7 +176,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     columns = all_columns(robot)
     sheet, columns = _with_positions(sheet, columns)
     optional = (*ID_COLUMNS, *(TORQUE_COLUMNS if options.no_torque else ()))
-    problems = table_problems(sheet, columns, optional) or [*_long_names(sheet)]
+    problems = table_problems(sheet, columns, optional)
     if problems:
         return CheckedSamples(sheet, problems)
     columns, n = columns[len(ID_COLUMNS) :], robot.n_joints
@@ -201,7 +193,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     sheet, deflection_mm = _deflections(sheet, measured_mm)
     problems = [
         *unreadable,
-        *wrench_problems(sheet, wrench),
+        *bound_problems(sheet, WRENCH_COLUMNS, wrench, LARGEST_NUMBER),
         *radian_problems(q_file, robot),
         *limit_problems(sheet, q_file, robot),
         *_deflection_problems(sheet, deflection_mm, q_file, robot),
@@ -226,8 +218,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
 def _with_positions(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, tuple[str, ...]]:
     """Return the recognised sheet and its columns.
 
-    The columns are both positions of the TCP in place of `DEFLECTION_COLUMNS`, where the file has
-    loaded positions and no deflections.
+    Loaded and unloaded positions of the TCP may stand in place of `DEFLECTION_COLUMNS`.
     """
     positions = (*UNLOADED_COLUMNS, *LOADED_COLUMNS)
     file_columns = {*sheet.recognised((*columns, *positions)).cells}
@@ -239,9 +230,7 @@ def _with_positions(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, tupl
 def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArray]:
     """Return the sheet with deflections, and (n, 3) these in mm.
 
-    Args:
-        sheet: the cells.
-        measured_mm: (n, 3) deflections, or (n, 6) unloaded and loaded positions of the TCP.
+    `measured_mm` are (n, 3) deflections, or (n, 6) unloaded and loaded positions of the TCP.
     """
     if measured_mm.shape[1] == len(DEFLECTION_COLUMNS):
         return sheet, measured_mm
@@ -261,10 +250,7 @@ def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArr
 def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
     """Return the sheet with names of poses, loads and groups, where a file has none.
 
-    Args:
-        sheet: the cells.
-        near: (n,) the pose of each row.
-        reach: the tolerance of poses with its units.
+    `near` (n,) numbers the pose of each row, within the tolerance `reach` (with its units).
     """
     cells, notes = sheet.cells, sheet.notes
     if "pose_id" not in cells:
@@ -325,21 +311,18 @@ def _without_unfilled(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, Pr
     return sheet.take(~unfilled), problem
 
 
-def _long_names(sheet: Sheet) -> Iterator[Problem]:
-    for column in {*ID_COLUMNS}.intersection(sheet.cells):
-        for row in np.flatnonzero(sheet.cells[column].str.len() > LONGEST_CELL):
-            yield cell_problem(sheet, row, column, f"a name of at most {LONGEST_CELL} characters")
-
-
 def _id_problems(sheet: Sheet) -> Iterator[Problem]:
     for column in ID_COLUMNS:
         for row, name in enumerate(sheet.cells[column]):
+            valid = ""
             if not name or (column == "pose_id" and name.startswith("#")):
-                yield cell_problem(sheet, row, column, "a name")
+                valid = "a name"
+            elif len(name) > LONGEST_CELL:
+                valid = f"a name of at most {LONGEST_CELL} characters"
             elif name != name.strip() or not name.isprintable():
-                yield cell_problem(
-                    sheet, row, column, "a name that prints on one line, without invisible signs"
-                )
+                valid = "a name that prints on one line, without invisible signs"
+            if valid:
+                yield cell_problem(sheet, row, column, valid)
     pair = sheet.cells[["pose_id", "load_id"]]
     for again in np.flatnonzero(pair.duplicated() & (pair != "").all(axis=1)):
         yield Problem(
@@ -372,9 +355,7 @@ def _deflection_problems(
             "",
         )
         return
-    valid = f"mm within +-{LARGEST_DEFLECTION_MM:g}; is the file in another unit?"
-    ends = 0.0, LARGEST_DEFLECTION_MM
-    yield from range_problems(sheet, DEFLECTION_COLUMNS, size, *ends, [valid] * 3)
+    yield from bound_problems(sheet, DEFLECTION_COLUMNS, deflection_mm, LARGEST_DEFLECTION_MM)
     if size.max() < SMALLEST_DEFLECTION_MM:  # not so where a cell is no number
         yield Problem(
             f"no deflection exceeds {SMALLEST_DEFLECTION_MM:g} mm (largest {size.max():g}); the "
@@ -395,8 +376,7 @@ def _likely_units(size: FloatArray) -> str:
 def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:
     """Say if (n, 3) values, mm, are positions of the TCP, not deflections.
 
-    They are near (n, 3) `tcp`, mm in the base frame; or they are in another frame, as `tcp` turned
-    and shifted; or they are spread as `tcp` is, far from the origin.
+    They are near (n, 3) `tcp`, mm in the base frame; or as `tcp` turned and shifted.
     """
     from scipy.spatial.transform import Rotation
 
@@ -404,18 +384,11 @@ def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:
         return True
     if len(np.unique(tcp.round(), axis=0)) < FEWEST_FOR_PLACE:
         return False
-    middle = values.mean(axis=0)
-    about_middle, tcp_about_middle = values - middle, tcp - tcp.mean(axis=0)
+    about_middle, tcp_about_middle = values - values.mean(axis=0), tcp - tcp.mean(axis=0)
     with warnings.catch_warnings():  # of poses on one line
         warnings.simplefilter("ignore", UserWarning)
         _, distance = Rotation.align_vectors(about_middle, tcp_about_middle)
-    spread, tcp_spread = (
-        np.linalg.norm(offsets) / np.sqrt(len(offsets))
-        for offsets in (about_middle, tcp_about_middle)
-    )
-    is_far = np.linalg.norm(middle) > FAR_FROM_ORIGIN * spread
-    is_as_wide = 0.5 < spread / tcp_spread < 2.0
-    return bool(distance < SAME_POSITION * np.linalg.norm(tcp_about_middle) or is_far & is_as_wide)
+    return bool(distance < SAME_POSITION * np.linalg.norm(tcp_about_middle))
 
 
 def _pose_problems(

@@ -13,7 +13,6 @@ import io
 import itertools
 import math
 import re
-import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -49,14 +48,8 @@ from stiff_protocols.contract.types import (
 
 PARQUET, EXCEL = ".parquet", ".xlsx"
 """The endings of Parquet and Excel files; every other file is CSV."""
-LARGEST_EXCEL, MOST_EXCEL_ROWS = 2**27, 2**20
-"""Bytes, unpacked; rows of a sheet, as Excel has it."""
-MOST_COLUMNS = 100
-"""Of a Parquet file; more than any robot's joints need."""
 LONGEST_CELL = 100
 """Characters of a name or a number; an array of names is as wide as its longest."""
-LONGEST_LINE = 20_000
-"""Characters; a line of 500,000 commas takes pandas seconds."""
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+", re.ASCII)
@@ -83,7 +76,6 @@ class Sheet:
         factors: column -> factor from its unit in the file to ours, where that is another.
         headers: column -> its name in the file, where that is another.
         unused: names of columns that are not ours.
-        odd_units: those of them that are ours but for their unit -> the units that are valid.
         notes: how the file was understood, where that is not plain from its header.
     """
 
@@ -94,7 +86,6 @@ class Sheet:
     factors: Mapping[str, float] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
-    odd_units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
@@ -109,11 +100,7 @@ class Sheet:
         return replace(self, cells=cells, lines=self.lines[rows])
 
     def numbers(self, columns: tuple[str, ...]) -> FloatArray:
-        """Return (n, len(columns)) the cells in our units, NaN where a cell is no finite number.
-
-        Text is read as Python reads it, to the nearest floating point number; not every version
-        of pandas promises that.
-        """
+        """Return (n, len(columns)) the cells in our units, NaN where a cell is no finite number."""
         doubtful = self._doubtful_signs
         values = [
             [_number(cell, self.decimal, doubtful) for cell in self.cells[column]]
@@ -127,15 +114,11 @@ class Sheet:
         """Signs that may mark decimals or thousands in this file, as in 1.234 where 0,5 is, too."""
         if self.decimal != ",":
             return ""
-        names = [*ID_COLUMNS, "frame"]
-        columns = [cells for name, cells in self.cells.items() if name not in names]
-        texts = [cell for cells in columns for cell in cells if isinstance(cell, str)]
+        cells = self.cells.drop(columns=[*ID_COLUMNS, "frame"], errors="ignore")
+        texts = [cell for cell in cells.to_numpy().ravel() if isinstance(cell, str)]
         texts = [text for text in texts if NUMBER.fullmatch(text.replace(",", "."))]
-        clear = {
-            sign
-            for sign in ".,"
-            if any(sign in text and not MAYBE_GROUPED.fullmatch(text) for text in texts)
-        }
+        plain = "".join(text for text in texts if not MAYBE_GROUPED.fullmatch(text))
+        clear = {*plain} & {*".,"}
         has_comma = any("," in text for text in texts)
         doubtful = "." if "," in clear or (has_comma and not clear) else ""
         return doubtful + ("," if clear == {"."} else "")
@@ -143,22 +126,18 @@ class Sheet:
     def recognised(self, columns: tuple[str, ...]) -> Sheet:
         """Return the sheet with columns named as in `columns`, the others set apart.
 
-        A column is recognised in any case, under the `ALIASES`, with another unit of `UNITS`
-        behind its name or with none: ``A1``, ``q1 [rad]``, ``Fx[kN]``, ``dx_um``.
+        A column is recognised in any case, under names that people use, with another unit of
+        `UNITS` behind its name or with none: ``A1``, ``q1 [rad]``, ``Fx[kN]``, ``dx_um``.
         """
         usual = {split_header(column)[0]: column for column in columns}
         kept: dict[int, str] = {}
         factors: dict[str, float] = {}
-        odd_units: dict[str, tuple[str, ...]] = {}
         for i, header in enumerate(self.cells.columns):
             name, unit = split_header(header)
             column = usual.get(name, "")
             ours = column.rpartition("_")[2]
             ours = ours if ours in UNITS else ""
             factor = UNITS[ours].get(unit) if ours and unit else 1.0
-            if factor is None:
-                others = (one for one in UNITS[ours] if one.isascii() and one != ours.lower())
-                odd_units[header] = (ours, *others)
             if not column or factor is None or (unit and not ours):
                 continue
             kept[i] = column
@@ -171,7 +150,6 @@ class Sheet:
             factors=factors,
             headers={column: found[i] for i, column in kept.items()},
             unused=tuple(name for i, name in enumerate(found) if i not in kept),
-            odd_units=odd_units,
         )
 
 
@@ -208,13 +186,9 @@ def sheet_of(path: Path, table: pd.DataFrame) -> Sheet:
 def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
     """Return the samples as a table in the units of files (deg, N, N m, mm).
 
-    Every number is the plainest one that `sample_file.read_samples` turns into the sample's SI
-    number again: rounded to ten decimals, else as it is, else one of its neighbours
-    in floating point. One of these exists for every number that was read from a file (a division
-    and a multiplication each err by less than half a unit in the last place, so their product
-    lands on the number or next to it). Of arbitrary SI numbers, 9 % of the angles and 4 % of the
-    lengths are the image of no number in deg or mm; the nearest one is taken, which reads back
-    as the neighbour of the SI number (1e-16 of it).
+    Every number is the plainest one that reads back as the sample's SI number (`in_file_units`).
+    That of 9 % of arbitrary angles and 4 % of lengths does not exist: the nearest is taken, which
+    reads back as the neighbour of the SI number (1e-16 of it).
 
     Raises:
         DataError: samples and robot have different numbers of joints.
@@ -278,7 +252,9 @@ def _read_csv(path: Path) -> Sheet:
         raise DataError(
             f"{path}: no text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
         ) from error
-    lines = [*_filled_lines(path, io.StringIO(text, newline=None))]
+    if "\0" in text:
+        raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: it has NUL characters")
+    lines = [*_filled_lines(io.StringIO(text, newline=None))]
     stated = re.fullmatch(r"sep=([,;\t])", lines[0][1].strip(" \ufeff")) if lines else None
     lines = lines[1:] if stated else lines  # Excel states its separator
     if not lines:
@@ -289,40 +265,31 @@ def _read_csv(path: Path) -> Sheet:
     return _sheet_of_rows(path, rows, "." if separator == "," else ",")
 
 
-def _filled_lines(path: Path, text: Iterable[str]) -> Iterator[tuple[int, str]]:
+def _filled_lines(text: Iterable[str]) -> Iterator[tuple[int, str]]:
     """Yield the lines that hold more than separators or a remark, with their numbers."""
     for number, line in enumerate(text, start=1):
-        if "\0" in line:
-            raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: it has NUL characters")
-        if len(line) > LONGEST_LINE:
-            raise DataError(f"{path}: a line of {len(line)} characters (valid: {LONGEST_LINE})")
         if line.strip(' ,;\t\n"') and not line.lstrip().startswith("#"):
             yield number, line.rstrip("\n")
 
 
 def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Iterator[_Row]:
     """Yield the rows, all as wide as the first; a cell in quotes may have several lines."""
+    numbers, texts = zip(*lines, strict=True)
+    reader = csv.reader(texts, delimiter=separator, skipinitialspace=True, strict=True)
     begun = width = 0
-
-    def texts() -> Iterator[str]:
-        nonlocal begun
-        for number, line in lines:
-            begun = begun or number
-            yield line
-        if begun:
-            raise csv.Error(f"a cell of row {begun} has a quotation mark that is not closed")
-
     try:
-        for cells in csv.reader(texts(), delimiter=separator, skipinitialspace=True):
-            number, begun, width = begun, 0, width or len(cells)
+        for cells in reader:
+            number, begun, width = numbers[begun], reader.line_num, width or len(cells)
             if len(cells) > width:
                 hint = "; decimal commas need semicolons between columns" * (separator == ",")
-                raise csv.Error(f"row {number} has {len(cells)} cells, the header {width}{hint}")
+                reason = f"row {number} has {len(cells)} cells, the header {width}{hint}"
+                raise DataError(f"{path}: not a CSV table: {reason}")
             cells = [cell.strip() for cell in cells]
             if any(cells):
                 yield number, cells + [""] * (width - len(cells))
     except csv.Error as error:
-        raise DataError(f"{path}: not a CSV table: {error}") from error
+        reason = f"row {numbers[begun]}: {error} (a quotation mark that is not closed?)"
+        raise DataError(f"{path}: not a CSV table: {reason}") from error
 
 
 def _sheet_of_rows(path: Path, rows: list[_Row], decimal: str) -> Sheet:
@@ -354,11 +321,7 @@ def _units_row(cells: Sequence[Any]) -> list[str] | None:
 
 
 def _with_units(path: Path, names: list[str], units: list[str], number: int) -> list[str]:
-    """Return the names of columns with the units of row `number`, where they state none.
-
-    Raises:
-        DataError: a name states another unit than the row.
-    """
+    """Return the names of columns with the units of row `number`, where they state none."""
     result = []
     for name, unit in zip(names, units, strict=True):
         usual, stated = split_header(name)
@@ -373,26 +336,19 @@ def _with_units(path: Path, names: list[str], units: list[str], number: int) -> 
 def _read_excel(path: Path, sheet: str | None) -> Sheet:
     require(f"{path}: Excel", "openpyxl")
     try:
-        with zipfile.ZipFile(path) as parts:
-            size = sum(part.file_size for part in parts.infolist())
-        if size > LARGEST_EXCEL:
-            raise ValueError(f"{size} bytes unpacked (valid: at most {LARGEST_EXCEL})")
         found = pd.read_excel(
             path,
             engine="openpyxl",
             sheet_name=None,  # all of them
             header=None,
-            nrows=MOST_EXCEL_ROWS,
             dtype=object,
             na_filter=False,
         )
-    except OSError:
+    except FileNotFoundError:
         raise
-    except zipfile.BadZipFile as error:
-        raise DataError(f"{path}: not an Excel table (valid: .xlsx, or 'CSV UTF-8')") from error
     except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
         reason = " ".join(str(error).split())
-        raise DataError(f"{path}: not an Excel table: {reason}") from error
+        raise DataError(f"{path}: not an Excel table (.xlsx): {reason}") from error
     tables = {title: [*_excel_rows(cells)] for title, cells in found.items()}
     title, first = _table_sheet(path, tables, sheet)
     notes = (f"sheet {title!r} read",) if sheet is None and title != next(iter(tables)) else ()
@@ -411,21 +367,13 @@ def _excel_rows(cells: pd.DataFrame) -> Iterator[_Row]:
 def _table_sheet(
     path: Path, tables: Mapping[str, list[_Row]], sheet: str | None
 ) -> tuple[str, int]:
-    """Return the name of the sheet to read, and where its header is.
-
-    The sheet is `sheet`, else the only one with a table.
-
-    Raises:
-        ConfigError: the file has another sheet, or none is asked for and several hold a table.
-        DataError: the sheet is empty.
-    """
+    """Return the name of the sheet to read, `sheet` or the only table, and where its header is."""
     if sheet is not None and sheet not in tables:
         valid = ", ".join(map(repr, tables))
         raise ConfigError(f"{sheet!r}: no sheet of {path} (valid: {valid})", "sheet")
     filled = {title: rows for title, rows in tables.items() if rows and sheet in (None, title)}
     if not filled:
-        which = "every sheet" if sheet is None else f"the sheet {sheet!r}"
-        raise DataError(f"{path}: {which} is empty")
+        raise DataError(f"{path}: {'every sheet' if sheet is None else repr(sheet)} is empty")
     headers = {title: _header([*map(str, row)] for _, row in filled[title]) for title in filled}
     with_header = [title for title, first in headers.items() if first is not None]
     if len(with_header) > 1:
@@ -441,20 +389,10 @@ def _read_parquet(path: Path) -> Sheet:
     import pyarrow as pa
     from pyarrow.parquet import ParquetFile
 
-    size = path.stat().st_size
     try:
-        about = ParquetFile(path).metadata
-        if about.num_columns > MOST_COLUMNS:
-            raise ValueError(f"{about.num_columns} columns (valid: at most {MOST_COLUMNS})")
-        if about.num_rows > size:  # a measured row takes dozens of bytes, one repeated takes none
-            raise ValueError(f"{about.num_rows} rows in {size} bytes")
-        # as a dictionary, a long text in many rows is kept once
-        texts = [about.schema.column(i).path for i in range(about.num_columns)]
-        table = ParquetFile(path, read_dictionary=texts).read()
-        cells = table.to_pandas(ignore_metadata=True).astype(object).rename(columns=str)
-        return sheet_of(path, _named(cells))
-    except pa.ArrowInvalid as error:
-        raise DataError(f"{path}: not a Parquet table, or a damaged one") from error
+        with path.open("rb") as file:
+            cells = ParquetFile(file).read().to_pandas(ignore_metadata=True)
+        return sheet_of(path, _named(cells.astype(object).rename(columns=str)))
     except (ValueError, KeyError, pa.ArrowException) as error:
         reason = " ".join(str(error).split())
         raise DataError(f"{path}: not a Parquet table: {reason}") from error
@@ -486,10 +424,7 @@ def _header(rows: Iterable[Sequence[str]]) -> int | None:
 def _number(cell: object, decimal: str, doubtful: str) -> float:
     """Return the number in a cell; NaN where it is none, or no finite one.
 
-    Args:
-        cell: text, or whatever an Excel or Parquet file holds.
-        decimal: sign that marks decimals in text.
-        doubtful: signs that may mark decimals or thousands, as in 1.234.
+    `decimal` marks decimals in text; `doubtful` signs may mark decimals or thousands, as in 1.234.
     """
     number = np.nan
     if isinstance(cell, str):

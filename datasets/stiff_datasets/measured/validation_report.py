@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_datasets.measured.data_card import DataCard, read_card
+from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.diagnosis import (
     CLEARLY,
     UNUSUAL,
@@ -158,13 +158,14 @@ def validate(
         diagnosis = Diagnosis(diagnosis.given)  # that is mistake enough
     pose = np.asarray(np.unique(samples.pose_id, return_inverse=True)[1])
     unused = ", ".join(checked.sheet.unused)
+    noise = f"{card.instrument_noise * MM_PER_M:.3g} mm a deflection, as the data card states"
     found = [
         *unfilled,
         *(fact("read as", note) for note in checked.sheet.notes),
         *([fact("columns not used", unused)] if unused else []),
         *external_axis_findings(sheet, checked.sheet.unused, robot, lines),
         *_content_findings(samples, robot, no_torque),
-        *_noise_findings(card),
+        *([fact("instrument noise", noise)] if card.instrument_noise else []),
         *duplicate_findings(samples, checked.near_poses, lines),
         *range_findings(samples, lines),
         *repeat_findings(samples, robot, lines),
@@ -174,11 +175,10 @@ def validate(
     is_affordable = FEWEST_CURVE_POSES <= len(np.unique(pose)) and len(pose) <= MOST_CURVE_SAMPLES
     if left_out_errors and is_affordable and not diagnosis.best and data.regressor().any():
         found.extend(_curve_facts(samples, left_out_errors(samples, robot), lines))
-    return ValidationReport(
-        path,
-        warnings=tuple(each for each in found if each.level == "warning"),
-        facts=tuple(each for each in found if each.level == "fact"),
+    warnings, facts = (
+        tuple(each for each in found if each.level == level) for level in ("warning", "fact")
     )
+    return ValidationReport(path, warnings=warnings, facts=facts)
 
 
 def _likely_cause(checked: CheckedSamples, robot: Robot) -> str:
@@ -227,9 +227,8 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
     tcp = ", ".join(f"{length:g}" for length in robot.tcp_on_flange)
     yield fact("robot", f"{robot.name}, TCP ({tcp}) m in the frame of its last link")
     n_poses, n = len(set(samples.pose_id)), len(samples)
-    loads = f"{n_poses} poses, " + (
-        "one load per pose" if n_poses == n else f"{n / n_poses:.3g} loads per pose on average"
-    )
+    loads = "one load" if n_poses == n else f"{n / n_poses:.3g} loads"
+    loads = f"{n_poses} poses, {loads} per pose" + " on average" * (n_poses < n)
     groups, counts = np.unique(samples.group, return_counts=True)
     few = f"; fewer than {FEWEST_SAMPLES} hardly tell methods apart" if n < FEWEST_SAMPLES else ""
     yield fact("samples", f"{n}, {loads}{few}")
@@ -253,12 +252,6 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
         limits = f"{robot.lower[i] * units[i]:.4g} to {robot.upper[i] * units[i]:.4g}"
         used = f"{q[:, i].min():.4g} to {q[:, i].max():.4g} {unit}"
         yield fact(f"joint {robot.joint_names[i]}", f"{used} (limits {limits})")
-
-
-def _noise_findings(card: DataCard) -> Iterator[Finding]:
-    if card.instrument_noise:
-        noise = f"{card.instrument_noise * MM_PER_M:.3g} mm a deflection, as the data card states"
-        yield fact("instrument noise", noise)
 
 
 def _identified(data: Reading, pose: IntArray) -> Identified:
@@ -290,7 +283,7 @@ def _spring_findings(
     )
     names = data.robot.joint_names
     identified = _identified(data, pose)
-    unknown = [name for name, known in zip(names, identified.known, strict=True) if not known]
+    unknown = [*compress(names, ~identified.known)]
     condition = "" if unknown else f", condition number {identified.condition:.3g}"
     yield fact("identifiable", f"rank {identified.rank} of {len(names)} joint springs{condition}")
     outliers = find_outliers(data)
@@ -298,16 +291,14 @@ def _spring_findings(
     if not best:  # else every row is wrong
         usual, usual_pose = data.take(~outliers.odd), pose[~outliers.odd]
     residual = data.deflection - data.regressor() @ compliances(usual)
-    residual_mm = np.linalg.norm(residual, axis=1) * MM_PER_M
     compliance = _identified(usual, usual_pose).compliance
-    stiffness = {
-        name: f"{name} {1.0 / each:.2g}" if each else f"{name} inf"
+    stiffness = [
+        f"{name} {1.0 / each:.2g}" if each else f"{name} inf"
         for name, each in zip(names, compliance, strict=True)
-    }
-    known = [stiffness[name] for name in names if name not in unknown]
-    yield fact("k [Nm/rad, N/m]", ", ".join(known) or "none")
+    ]
+    yield fact("k [Nm/rad, N/m]", ", ".join(compress(stiffness, identified.known)) or "none")
     if unknown:
-        yield fact("k of the prior", ", ".join(stiffness[name] for name in unknown))
+        yield fact("k of the prior", ", ".join(compress(stiffness, ~identified.known)))
     if not best:  # else these would be its effects
         rigid = clearly_negative(usual) & (compliances(usual) == 0.0)
         vague = [*compress(names, ~identified.known & ~rigid)]
@@ -321,9 +312,7 @@ def _spring_findings(
             yield warning(f"infinite or negative stiffness: {', '.join(compress(names, rigid))}")
         if message := _unit_message(data, compliance):
             yield warning(message)
-    worst = np.argsort(-residual_mm)[:LARGEST_SHOWN]
-    listed = ", ".join(f"row {lines[i]} {residual_mm[i]:.3g}" for i in worst)
-    yield fact("largest residuals", f"{listed} mm (median {np.median(residual_mm):.3g})")
+    yield fact("largest residuals", _largest(residual, lines))
     if not best:
         yield from outlier_findings(lines, outliers)
 
@@ -334,16 +323,22 @@ def _curve_facts(samples: Samples, errors: FloatArray, lines: IntArray) -> list[
         return []
     size = np.linalg.norm(errors, axis=1)  # m
     explained = 1.0 - float((size**2).sum() / (samples.deflection**2).sum())
-    worst = np.argsort(-size)[:LARGEST_SHOWN]
-    listed = ", ".join(f"row {lines[i]} {size[i] * MM_PER_M:.3g}" for i in worst)
-    rms, median = (MM_PER_M * float(each) for each in (np.sqrt(np.mean(size**2)), np.median(size)))
+    rms = float(np.sqrt(np.mean(size**2))) * MM_PER_M
     return [
         fact(
             "springs with curves",
             f"{explained:.1%} explained, cross-validated (gp-springs); residual {rms:.3g} mm RMS",
         ),
-        fact("their largest residuals", f"{listed} mm (median {median:.3g})"),
+        fact("their largest residuals", _largest(errors, lines)),
     ]
+
+
+def _largest(residual: FloatArray, lines: IntArray) -> str:
+    """Return the rows of the longest of (n, 3) residuals, m."""
+    size_mm = np.linalg.norm(residual, axis=1) * MM_PER_M
+    worst = np.argsort(-size_mm)[:LARGEST_SHOWN]
+    listed = ", ".join(f"row {lines[i]} {size_mm[i]:.3g}" for i in worst)
+    return f"{listed} mm (median {np.median(size_mm):.3g})"
 
 
 def _explains_little(given: Fit) -> bool:

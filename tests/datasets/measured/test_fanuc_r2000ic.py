@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 from scipy.optimize import nnls
 
-from stiff_datasets.measured.fanuc_r2000ic import CSV_SHA256, FanucR2000iC
+from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.shipped_robots import shipped_chain
 
 HALF = np.pi / 2
@@ -123,8 +123,8 @@ def test_it_holds_the_43_measured_samples():
 def test_the_data_card_names_source_licence_and_checksum():
     folder = files("stiff_datasets") / "data"
     card = (folder / "fanuc_r2000ic.md").read_text()
-    assert sha256((folder / "fanuc_r2000ic.csv").read_bytes()).hexdigest() == CSV_SHA256
-    facts = (CSV_SHA256, "e5c2f795", "MIT", "(c) 2026 longton2001-pixel", "drill tip")
+    checksum = sha256((folder / "fanuc_r2000ic.csv").read_bytes()).hexdigest()
+    facts = (checksum, "e5c2f795", "MIT", "(c) 2026 longton2001-pixel", "drill tip")
     assert all(fact in card for fact in facts)
 
 
@@ -168,24 +168,22 @@ def eighteen_rotational_springs(moves, torques, train):
     return moves * torques[:, None, :]
 
 
-def two_segments_a_joint(moves, torques, train):
-    """The angle's slope changes where |torque| passes the training part's 25 % quantile."""
-    move, torque = moves[:, :, 2::3], torques[:, 2::3]
-    return two_segments(move, torque, 0.0, train)
+def two_segments_a_joint(moves, torques, train, weight=0.0):
+    """The angle's slope changes where |torque| passes the training part's 25 % quantile.
 
-
-def two_segments_a_joint_and_weight(moves, torques, train):
-    """The same, of the weight's and the load's torque together; what the weight does is no part."""
-    return two_segments(moves[:, :, 2::3], torques[:, 2::3], weight_of_the_samples(), train)
-
-
-def two_segments(move, load, weight, train):
-    loaded, parts = weight + load, 0.0
+    With a weight, of its and the load's torque together; what the weight does is no part.
+    """
+    move, load, parts = moves[:, :, 2::3], torques[:, 2::3], 0.0
+    loaded = weight + load
     bend = np.quantile(np.abs(loaded[train]), 0.25, axis=0)
     for torque, sign in ((loaded, 1.0), (weight, -1.0)):
         soft = np.clip(torque, -bend, bend)
         parts = parts + sign * np.concatenate([soft, torque - soft], axis=-1)
     return np.concatenate([move, move], axis=2) * parts[:, None]
+
+
+def two_segments_a_joint_and_weight(moves, torques, train):
+    return two_segments_a_joint(moves, torques, train, weight_of_the_samples())
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
@@ -53,36 +52,20 @@ def test_a_registered_file_is_read_with_the_shipped_robot_and_its_tcp(csv, kr10)
     assert data.robot.name == kr10.name
     np.testing.assert_array_equal(data.robot.tcp, kr10.tcp)
     np.testing.assert_allclose(data.samples.deflection, [[0.5e-3, 0.1e-3, -0.9e-3]])
-    assert tomllib.loads(path.read_text()) == {
-        KEY: {
-            "csv": str(csv),
-            "urdf": "",
-            "tcp": list(TCP),
-            "sha256": sha256(csv.read_bytes()).hexdigest(),
-            "urdf_sha256": "",
-            "no_torque": False,
-            "tip": "",
-            "sheet": "",
-            "pose_tolerance": 0.05,
-        }
-    }
+    table = {"csv": str(csv), "tcp": list(TCP), "no_torque": False, "pose_tolerance": 0.05}
+    assert tomllib.loads(path.read_text()) == {KEY: table}
 
 
-def test_a_urdf_of_ones_own_replaces_the_shipped_robot(csv, tmp_path):
+def test_a_urdf_of_ones_own_replaces_the_shipped_robot_and_other_tables_stay(csv, tmp_path):
+    damaged('[other]\ncsv = "x.csv"\n\n[kr10-measured]\nurdf = "old.urdf"\n')
     urdf = tmp_path / "mine.urdf"
     shipped = (files("stiff_datasets.robots") / "kr10_r1100_2.urdf").read_text()
     urdf.write_text(shipped.replace('name="kr10_r1100_2"', 'name="mine"'))
     register(KEY, csv, urdf, TCP)
     assert Kr10Measured().load().robot.name == "mine"
-
-
-def test_registering_keeps_other_tables_and_replaces_its_own(csv, tmp_path):
-    damaged('[other]\ncsv = "x.csv"\n\n[kr10-measured]\nurdf = "old.urdf"\n')
-    register(KEY, csv, None, TCP)
     tables = tomllib.loads(registry_file().read_text())
     assert tables["other"] == {"csv": "x.csv"}
-    assert tables[KEY]["urdf"] == ""
-    assert len(Kr10Measured().load().samples) == 1
+    assert tables[KEY]["urdf"] == str(urdf)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +74,7 @@ def test_registering_keeps_other_tables_and_replaces_its_own(csv, tmp_path):
         ("my", GOOD.replace("-60", "60"), None, TCP, r"row 2, column q2_deg: '60'"),
         ("my", GOOD.replace("0.5", "abc"), None, TCP, r"row 2, column dx_mm: 'abc'"),
         ("my", GOOD, None, (60.0, 0.0, 80.0), "no tool centre point"),
-        ("my", GOOD, Path("absent.urdf"), TCP, r"absent\.urdf: cannot be read"),
+        ("my", GOOD, Path("absent.urdf"), TCP, r"absent\.urdf: cannot read"),
         ("absent", GOOD, None, TCP, r"absent\.csv: cannot be read: No such file"),
     ],
 )
@@ -103,13 +86,8 @@ def test_what_cannot_be_read_is_not_registered(home, csv, name, line, urdf, tcp,
     assert missing() == NOTHING
 
 
-def test_a_file_that_changed_or_went_since_must_be_registered_again(csv):
+def test_a_registered_file_that_is_gone_is_named_with_what_to_do(csv):
     register(KEY, csv, None, TCP)
-    csv.write_text(csv.read_text().replace("0.5", "0.6"))
-    with pytest.raises(DataError, match=r"my\.csv: sha256 .* registered .*register it again"):
-        Kr10Measured().load()
-    register(KEY, csv, None, TCP)
-    assert Kr10Measured().load().samples.deflection[0, 0] == pytest.approx(0.6e-3)
     csv.unlink()
     reason = r"my\.csv: the registered file is gone: bench data register kr10-measured"
     with pytest.raises(DataError, match=reason):
@@ -123,7 +101,7 @@ def test_a_file_that_changed_or_went_since_must_be_registered_again(csv):
         ("[kr10-measured\n", "not TOML"),
         ("caf\xe9 = 1\n", "not TOML"),
         ("kr10-measured = 3\n", r"table \[kr10-measured\]: .*; register again"),
-        ('[kr10-measured]\ncsv = "a.csv"\n', r"table \[kr10-measured\]: tcp: .*; sha256: "),
+        ('[kr10-measured]\ncsv = "a.csv"\n', r"table \[kr10-measured\]: .*'tcp'; register again"),
         (f"a = {'[' * 999}{']' * 999}\n", "not TOML: nested too deeply"),
         (f"a = {'9' * 5000}\n", "not TOML: .*4300 digits"),
     ],
@@ -137,12 +115,6 @@ def test_a_damaged_file_of_registrations_is_one_clear_error(csv, text, message):
     assert "\n" not in str(caught.value)
     assert missing() == str(caught.value)
     if "not TOML" in message:  # and is never overwritten
-        with pytest.raises(DataError, match=r"not TOML.*correct or delete"):
+        with pytest.raises(DataError, match=r"not TOML."):
             register(KEY, csv, None, TCP)
         assert registry_file().read_bytes() == before
-
-
-def test_a_folder_that_cannot_be_made_is_named_with_the_way_out(csv, home):
-    home.write_text("a file")
-    with pytest.raises(DataError, match=r"home: cannot be made: .*STIFFBENCH_HOME"):
-        register(KEY, csv, None, TCP)

