@@ -209,7 +209,7 @@ class SerialChain(ChainGeometry):
         """Return (n_results, n): a formula of joint positions."""
         q = self.checked_positions(q)
         program = _program(formula, self, self.n_joints)
-        results = np.empty((program.n_results, len(q)))
+        results = np.empty((len(program.results), len(q)))
         program.run([q], results)
         return results
 
