@@ -298,8 +298,12 @@ def _turned(vector: Vector, motion: tuple[Component, Component]) -> Vector:
 
 
 def _turned_back(vector: Vector, motion: tuple[Component, Component]) -> Vector:
-    cosine, sine = motion
-    return _turned(vector, (cosine, -sine))
+    (cosine, sine), (x, y, z) = motion, vector
+    return (
+        _sum(_times(cosine, x), _times(sine, y)),
+        _less(_times(cosine, y), _times(sine, x)),
+        z,
+    )
 
 
 def _out_of(axes: Sequence[Vector], vector: Vector) -> Vector:

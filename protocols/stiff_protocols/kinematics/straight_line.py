@@ -1,8 +1,8 @@
 """Straight-line programs: a formula written once on symbols, then run on columns of numbers.
 
 Arithmetic on a `Symbol` computes nothing but writes a step of a program. A step is written once
-however often the formula asks for it, and a change of sign waits for the sum that it belongs to. A
-program runs on NumPy arrays in chunks that fit the cache, in buffers that later steps use again.
+however often the formula asks for it. A program runs on NumPy arrays in chunks that fit the cache,
+in buffers that later steps use again.
 """
 
 from __future__ import annotations
@@ -45,48 +45,32 @@ class Tape:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Symbol:
-    """A value of a program, or its opposite."""
+    """A value of a program; arithmetic on it writes a step."""
 
     tape: Tape
     number: int
-    negative: bool = False
 
     def __neg__(self) -> Symbol:
-        """Write no step: the sign waits."""
-        return Symbol(self.tape, self.number, not self.negative)
+        return self.tape.value(np.negative, self.number)
 
     def __add__(self, other: Symbol | float) -> Symbol:
-        """Write a sum, or the difference that it is."""
-        operand, negative = _operand(other)
-        if self.negative and negative:
-            return -self.tape.value(np.add, self.number, operand)
-        if self.negative:
-            return self.tape.value(np.subtract, operand, self.number)
-        return self.tape.value(np.subtract if negative else np.add, self.number, operand)
+        return self.tape.value(np.add, self.number, _operand(other))
 
     __radd__ = __add__
 
     def __sub__(self, other: Symbol | float) -> Symbol:
-        """Write a difference."""
-        return self + -other
+        return self.tape.value(np.subtract, self.number, _operand(other))
 
     def __rsub__(self, other: float) -> Symbol:
-        """Write a difference."""
-        return -self + other
+        return self.tape.value(np.subtract, _operand(other), self.number)
 
     def __mul__(self, other: Symbol | float) -> Symbol:
-        """Write a product of the values without their signs."""
-        operand, negative = _operand(other)
-        product = self.tape.value(np.multiply, self.number, operand)
-        return product if negative == self.negative else -product
+        return self.tape.value(np.multiply, self.number, _operand(other))
 
     __rmul__ = __mul__
 
     def __rtruediv__(self, other: float) -> Symbol:
-        """Write a quotient."""
-        operand, negative = _operand(other)
-        quotient = self.tape.value(np.divide, operand, self.number)
-        return quotient if negative == self.negative else -quotient
+        return self.tape.value(np.divide, _operand(other), self.number)
 
 
 def tape_with(*sizes: int) -> tuple[Tape, list[list[Symbol]]]:
@@ -96,10 +80,8 @@ def tape_with(*sizes: int) -> tuple[Tape, list[list[Symbol]]]:
     return tape, [[Symbol(tape, next(numbers)) for _ in range(size)] for size in sizes]
 
 
-def _operand(value: Symbol | float) -> tuple[Operand, bool]:
-    if isinstance(value, Symbol):
-        return value.number, value.negative
-    return repr(abs(float(value))), value < 0.0
+def _operand(value: Symbol | float) -> Operand:
+    return value.number if isinstance(value, Symbol) else repr(float(value))
 
 
 def half_angle(angle: Symbol) -> tuple[Symbol, Symbol]:
@@ -110,8 +92,6 @@ def half_angle(angle: Symbol) -> tuple[Symbol, Symbol]:
     """
     half = 0.5 * angle
     tangent = half.tape.value(np.tan, half.number)
-    if half.negative:
-        tangent = -tangent
     double = 2.0 / (1.0 + tangent * tangent)
     return double - 1.0, tangent * double
 
@@ -124,13 +104,13 @@ class Program:
         n_inputs: number of inputs, which have the first places.
         others: contents of the other places: a constant's value, or None for an array.
         steps: function and numbers of the places.
-        results: place of each result, and whether its opposite is meant.
+        results: place of each result.
     """
 
     n_inputs: int
     others: tuple[float | None, ...]
     steps: tuple[tuple[np.ufunc, tuple[int, ...]], ...]
-    results: tuple[tuple[int, bool], ...]
+    results: tuple[int, ...]
 
     @classmethod
     def of(cls, tape: Tape, results: Sequence[Symbol | float]) -> Program:
@@ -150,7 +130,7 @@ class Program:
             return places[operand]
 
         wanted = [_operand(result) for result in results]
-        kept = {operand for operand, _ in wanted}
+        kept = set(wanted)
         needed = _needed(tape, kept)
         last = {operand: i for i, (_, (_, each)) in enumerate(needed) for operand in each}
         for i, (number, (function, operands)) in enumerate(needed):
@@ -160,7 +140,7 @@ class Program:
                     unread.append(places[operand])
             places[number] = unread.pop() if unread else new_place(None)
             steps.append((function, (*found, places[number])))
-        ends = tuple((place_of(operand), negative) for operand, negative in wanted)
+        ends = tuple(map(place_of, wanted))
         return cls(tape.n_inputs, tuple(others), tuple(steps), ends)
 
     def run(
@@ -185,8 +165,8 @@ class Program:
                 row += array.shape[1]
             for function, arguments in calls:
                 function(*arguments)
-            for result, (place, negative) in zip(out, self.results, strict=True):
-                (np.negative if negative else np.positive)(places[place], out=result[part])
+            for result, place in zip(out, self.results, strict=True):
+                result[part] = places[place]
 
     def _places(self, size: int, shared: Sequence[float]) -> tuple[FloatArray, list[FloatArray]]:
         """Return an array for the inputs (n_columns, size), and the contents of all places."""
