@@ -158,13 +158,13 @@ class ModelChecks(CheckedModel):
         first, other = self.fitted(), self.fitted("other", "loud")
         predicted = self.predict(other, self.other.q, self.other.wrench)
         times = _size(predicted) / max(_size(self.other.deflection), SMALLEST)
-        found = f"it predicts its training rows {times:.0f} times too large"
+        symptom = f"it predicts its training rows {times:.0f} times too large"
         if times <= GROWN and offers(first, "predict_interval"):
             times = self._width(other) / max(self._width(first), SMALLEST)
-            found = f"its intervals are {times:.0f} times as wide"
+            symptom = f"its intervals are {times:.0f} times as wide"
         if times > GROWN:
             raise Failed(
-                f"with validation deflections x {LOUD:g} {found}",
+                f"with validation deflections x {LOUD:g} {symptom}",
                 "let validation rows choose an epoch, and fit every number to train alone",
             )
         return "they choose an epoch"

@@ -134,12 +134,12 @@ class Program:
         needed = _needed(tape, kept)
         last = {operand: i for i, (_, (_, each)) in enumerate(needed) for operand in each}
         for i, (number, (function, operands)) in enumerate(needed):
-            found = [place_of(operand) for operand in operands]
+            read_places = [place_of(operand) for operand in operands]
             for operand in set(operands) - kept:
                 if last[operand] == i and isinstance(operand, int) and operand >= tape.n_inputs:
                     unread.append(places[operand])
             places[number] = unread.pop() if unread else new_place(None)
-            steps.append((function, (*found, places[number])))
+            steps.append((function, (*read_places, places[number])))
         ends = tuple(map(place_of, wanted))
         return cls(tape.n_inputs, tuple(others), tuple(steps), ends)
 
@@ -178,9 +178,9 @@ class Program:
 
 def _needed(tape: Tape, results: set[Operand]) -> list[tuple[int, Step]]:
     """Return the steps that these values depend on, with the numbers of their own values."""
-    wanted, found = set(results), []
+    wanted, needed_steps = set(results), []
     for step, number in reversed(tape.steps.items()):
         if number in wanted:
-            found.append((number, step))
+            needed_steps.append((number, step))
             wanted.update(step[1])
-    return found[::-1]
+    return needed_steps[::-1]

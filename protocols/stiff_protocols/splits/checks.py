@@ -39,9 +39,9 @@ def first_fault(
         if fault := next(faults, ""):
             return f"{named(split)} {fault}"
         numbers.setdefault(split.condition, []).append(split.index)
-    for condition, found in numbers.items():
-        if sorted(found) != list(range(len(found))):
-            return f"condition {condition!r} has splits of index {found}"
+    for condition, indices in numbers.items():
+        if sorted(indices) != list(range(len(indices))):
+            return f"condition {condition!r} has splits of index {indices}"
     return "" if numbers else "made no split of these samples"
 
 
