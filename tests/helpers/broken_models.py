@@ -172,6 +172,10 @@ class SeedsEverybody(Springs):
 LosesOption = broken("LosesOption", get_params=lambda self, deep=True: {})
 WritesIntoTrain = broken("WritesIntoTrain", learned=lambda self, train, *_: train.q.fill(0.0))
 NeedsValidation = broken("NeedsValidation", learned=lambda self, train, rows, seed: len(rows))
+ReturnsNothing = broken(
+    "ReturnsNothing",
+    fit=lambda self, train, **options: Springs.fit(self, train, **options) and None,
+)
 Talks = broken("Talks", learned=lambda *_: print("epoch 1"))
 LooksAtTheBatch = broken(
     "LooksAtTheBatch",
@@ -191,6 +195,7 @@ IgnoresSeed = finding(
     "IgnoresSeed",
     lambda model, *_: {"compliance_": model.compliance_ * np.random.default_rng().uniform(0.9)},
 )
+ChangesOption = finding("ChangesOption", lambda model, *_: {"scale": np.float64(model.scale)})
 NoNumber = finding("NoNumber", lambda *_: {"diagnostics_": {"rank": "full"}})
 
 
@@ -223,6 +228,8 @@ BROKEN = [
     (PredictsEarly, "predict before fit", "returned numbers"),
     (CannotFit, "fit learns", r"raised RuntimeError: no licence \(broken_models.py:\d+\)"),
     (WritesIntoTrain, "fit learns", "fit writes into the samples"),
+    (ReturnsNothing, "fit learns", "fit returned NoneType"),
+    (ChangesOption, "fit learns", r"fit changes scale from 1\.0 to np\.float64"),
     (WrongShape, "predict returns", r"shape \(10, 2\)"),
     (TakesLabels, "predictions come from", "the deflections of the test rows"),
     (ReplacesOurs, "fit and predict touch", r"replaces .*scoring\.metrics\.norm_errors"),

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from stiff_protocols.conformance.checks import Failed, stage
+from stiff_protocols.conformance.checks import Failed, remembered
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Interval, Samples
@@ -32,7 +32,7 @@ OURS = ("stiff_bench", "stiff_datasets", "stiff_models", "stiff_protocols", "sti
 
 
 class CheckedModel:
-    """A model and the rows it is checked on; each fit is made once, when it is first needed.
+    """A model and the rows it is checked on.
 
     Attributes:
         make: returns a new model.
@@ -41,15 +41,12 @@ class CheckedModel:
         measured: (n, 3) m, the deflections that the test rows have.
         other: as many samples as `train`, most of them others.
         uses_validation: the model is one that chooses an epoch.
-        own_validation: what the first fit gets.
+        parts: name -> samples of fits. "own" are the validation rows of the first fit, "loud" the
+            validation rows with deflections that are `LOUD` times as large.
         save, load: write a fitted model and read it, or None.
+        fit_faults: what fits so far changed of the options, or returned.
         side_effects: what the model did so far beside fitting and predicting.
-        options_before_fit: repr of each option before the first fit.
-        returned_by_fit: what the first fit returned.
     """
-
-    options_before_fit: dict[str, str]
-    returned_by_fit: object
 
     def __init__(
         self,
@@ -69,76 +66,52 @@ class CheckedModel:
         self.make, self.save, self.load, self.robot = make, save, load, data.robot
         rows = np.random.default_rng(0).permutation(evenly_spaced(len(data.samples), MOST_ROWS))
         ends = np.cumsum([int(len(rows) * share) for share in (TRAIN_SHARE, VALIDATION_SHARE)])
-        self.train, self.validation, test = map(data.samples.take, np.split(rows, ends))
+        self.train, validation, test = map(data.samples.take, np.split(rows, ends))
         self.measured = test.deflection
         bait = np.random.default_rng(1).normal(size=self.measured.shape)
         self.test = replace(test, deflection=max(float(self.measured.std()), SMALLEST) * bait)
         self.other = data.samples.take(rows[-len(self.train) :])
         self.uses_validation = uses_validation
-        self.own_validation = self.validation if uses_validation else None
+        self.parts: dict[str, Any] = {
+            **{"train": self.train, "other": self.other, "none": None, "validation": validation},
+            **{"own": validation if uses_validation else None, "loud": loud(validation)},
+        }
+        self.fit_faults: list[Failed] = []
         self.side_effects: list[Failed] = []
         self._ours = _our_functions()
 
-    @stage("the constructor")
+    @remembered
     def _made(self) -> StiffnessModel:
         return self.make()
 
     def new(self) -> StiffnessModel:
         """Return a new model."""
-        _ = self._made
+        self._made()  # a constructor that raises is one failure
         return self.make()
 
-    @stage("fit")
-    def fitted(self) -> StiffnessModel:
-        """The model after its first fit, on `train`."""
+    @remembered
+    def fitted(self, train: str = "train", validation: str = "own") -> StiffnessModel:
+        """Return a new model fitted to these `parts`; each fit is made once."""
         model = self.new()
-        self.options_before_fit = options(model)
-        self.returned_by_fit = self.fit(model, self.train, self.own_validation)
+        self.fit(model, self.parts[train], self.parts[validation])
         return model
 
-    @stage("predict")
-    def prediction(self) -> FloatArray:
-        """The (n, 3) prediction [m] of the test rows after the first fit."""
-        return self.predict_test(self.fitted)
+    @remembered
+    def predicted(self, train: str = "train", validation: str = "own") -> FloatArray:
+        """Return the (n, 3) prediction [m] of the test rows after a fit to these `parts`."""
+        return self.predict_test(self.fitted(train, validation))
 
-    @stage("the second fit")
-    def prediction_again(self) -> FloatArray:
-        """The (n, 3) prediction [m] of a new model fitted just as the first."""
-        if self.uses_validation:
-            return np.asarray(self.prediction_beside_validation)
-        return self.predict_test(self._new(self.train, None))
-
-    @stage("the fit with validation rows")
-    def prediction_beside_validation(self) -> FloatArray:
-        """The (n, 3) prediction [m] of a new model fitted to `train` with validation rows."""
-        return self.predict_test(self._new(self.train, self.validation))
-
-    @stage("the fit to other rows")
-    def fitted_elsewhere(self) -> StiffnessModel:
-        """A model fitted to `other` without validation rows."""
-        return self._new(self.other, None)
-
-    @stage("predict after the fit to other rows")
-    def prediction_elsewhere(self) -> FloatArray:
-        """The (n, 3) prediction [m] of the test rows by `fitted_elsewhere`, before a refit."""
-        return self.predict_test(self.fitted_elsewhere)
-
-    @stage("the fit with large validation deflections")
-    def fitted_beside_loud_validation(self) -> StiffnessModel:
-        """A model fitted to `other` with validation deflections that are `LOUD` times too large."""
-        return self._new(self.other, loud(self.validation))
-
-    def _new(self, train: Samples, validation: Samples | None) -> StiffnessModel:
-        model = self.new()
-        self.fit(model, train, validation)
-        return model
+    def predicted_again(self) -> FloatArray:
+        """Return the (n, 3) prediction [m] of a new model fitted just as the first."""
+        return self.predicted("train", "validation" if self.uses_validation else "none")
 
     def fit(
         self, model: StiffnessModel, train: Samples, validation: Samples | None, seed: int = 0
-    ) -> Any:
-        """Fit a model and return what `fit` returns."""
+    ) -> None:
+        """Fit a model."""
+        before = _options(model)
         try:
-            return self._watched(
+            returned = self._watched(
                 lambda: model.fit(train, robot=self.robot, validation=validation, seed=seed)
             )
         except ValueError as error:
@@ -148,26 +121,31 @@ class CheckedModel:
                 f"fit writes into the samples it was given ({error})",
                 "copy an array before you change it: q = train.q.copy()",
             ) from error
+        if returned is not model:
+            wrong = f"fit returned {type(returned).__name__}"
+            self.fit_faults.append(Failed(wrong, "end fit with: return self"))
+        after = _options(model)
+        for name, value in before.items():
+            if after.get(name) != value:
+                wrong = f"fit changes {name} from {value} to {after.get(name, 'nothing')}"
+                advice = "keep what fit makes of an option under another name, one that ends in _"
+                self.fit_faults.append(Failed(wrong, advice))
 
     def predict_test(self, model: StiffnessModel) -> FloatArray:
         """Return the checked (n, 3) prediction [m] of the test rows."""
-        return self.predict_checked(model, self.test.q, self.test.wrench)
-
-    def predict_checked(
-        self, model: StiffnessModel, q: FloatArray, wrench: FloatArray
-    ) -> FloatArray:
-        """Return the checked (n, 3) prediction [m]; see `predict`."""
-        predicted = self.predict(model, q, wrench)
-        check_prediction(predicted, len(q))
-        return predicted
+        return self.predict(model, self.test.q, self.test.wrench)
 
     def predict(self, model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return what the model predicts from writable copies, and note what it does to them."""
+        """Return the checked (n, 3) prediction [m] from writable copies.
+
+        What the model does to them is a side effect.
+        """
         before, given = {"q": q, "wrench": wrench}, {"q": q.copy(), "wrench": wrench.copy()}
         predicted = np.asarray(self._watched(lambda: model.predict(**given)))
         if written := [name for name in before if not np.array_equal(given[name], before[name])]:
             effect = f"predict writes into {' and '.join(written)}"
             self.side_effects.append(Failed(effect, "copy an array before you change it"))
+        check_prediction(predicted, len(q))
         return predicted
 
     def interval(
@@ -210,7 +188,7 @@ def loud(samples: Samples) -> Samples:
     return replace(samples, deflection=LOUD * samples.deflection)
 
 
-def options(model: StiffnessModel) -> dict[str, str]:
+def _options(model: StiffnessModel) -> dict[str, str]:
     """Return the repr of each option."""
     return {name: repr(value) for name, value in model.get_params(deep=False).items()}
 

@@ -1,23 +1,23 @@
-"""Run checks, and say what was found and how to fix it.
+"""Run checks, and report what was found and how to fix it.
 
-A check is a function of its subject. Its name is what must hold, its docstring how to fix what does
-not. It returns what there is to say, if anything; it raises NotApplicable, Failed, or whatever the
-checked code raises, which is a failure too.
+The checks of a subject are the public methods of its class, in their order. A method's name is what
+must hold, its docstring how to fix what does not. It returns what there is to report, if anything;
+it raises NotApplicable, Failed, or whatever the checked code raises, which is a failure too.
 """
 
 from __future__ import annotations
 
 import inspect
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from stiff_protocols.contract.errors import StiffBenchError
 
 Status = Literal["passed", "failed", "not applicable"]
-CheckFunction = Callable[[Any], str | None]
+Result = TypeVar("Result")
 
 
 class NotApplicable(Exception):
@@ -30,14 +30,6 @@ class Failed(Exception):
     def __init__(self, reason: str, advice: str = "") -> None:
         super().__init__(reason)
         self.advice = advice
-
-
-class StageFailed(Exception):
-    """A stage that several checks need ("fit", ...) failed with an error."""
-
-    def __init__(self, stage: str, error: BaseException) -> None:
-        super().__init__(f"{stage} failed")
-        self.stage, self.error = stage, error
 
 
 @dataclass(frozen=True)
@@ -61,50 +53,53 @@ class Check:
         return "; ".join(part for part in parts if part)
 
 
-def stage(name: str) -> Callable[[Callable[[Any], Any]], property]:
-    """Make a method a property that is computed once, and whose failure is kept."""
+def remembered(work: Callable[..., Result]) -> Callable[..., Result]:
+    """Compute a method once for each of its arguments; its error is raised again.
 
-    def kept(work: Callable[[Any], Any]) -> property:
-        def value(subject: Any) -> Any:
-            outcomes = vars(subject).setdefault("outcomes", {})
-            if name not in outcomes:
-                try:
-                    outcomes[name] = work(subject)
-                except StageFailed as failure:
-                    outcomes[name] = failure
-                except (Exception, SystemExit) as error:
-                    outcomes[name] = StageFailed(name, error)
-            if isinstance(outcomes[name], StageFailed):
-                raise outcomes[name]
-            return outcomes[name]
-
-        return property(value)
-
-    return kept
-
-
-def run_checks(checks: Sequence[CheckFunction], subject: object) -> list[Check]:
-    """Run checks in their order; what the checked code raises is a failure.
-
-    The first check that meets a failed stage reports it; to the others it is not applicable.
+    All arguments are given, or none.
     """
-    reported: set[str] = set()
+    defaults = getattr(work, "__defaults__", None) or ()
+
+    def outcome(subject: Any, *arguments: str) -> Result:
+        outcomes = vars(subject).setdefault("outcomes", {})
+        arguments = arguments or defaults
+        key = (work.__name__, *arguments)
+        if key not in outcomes:
+            try:
+                outcomes[key] = work(subject, *arguments), None
+            except (Exception, SystemExit) as error:
+                outcomes[key] = None, error
+        result: Result
+        result, problem = outcomes[key]
+        if problem is not None:
+            raise problem
+        return result
+
+    return outcome
+
+
+def run_checks(subject: object) -> list[Check]:
+    """Run the checks of a subject; what the checked code raises is a failure.
+
+    An error that several checks meet is reported by the first; the others are not applicable.
+    """
     results = []
-    for check in checks:
-        name = check.__name__.replace("_", " ")
-        advice = " ".join((inspect.getdoc(check) or "").split()).removesuffix(".")
+    first_check: dict[BaseException, str] = {}
+    for method, check in vars(type(subject)).items():
+        if method.startswith("_") or not inspect.isfunction(check):
+            continue
+        name = method.replace("_", " ")
         try:
             result = Check(name, "passed", check(subject) or "")
         except NotApplicable as answer:
             result = Check(name, "not applicable", str(answer))
-        except StageFailed as failure:
-            if failure.stage in reported:
-                result = Check(name, "not applicable", str(failure))
-            else:
-                reported.add(failure.stage)
-                result = _failed(name, failure.error, advice)
         except (Exception, SystemExit) as error:
-            result = _failed(name, error, advice)
+            first = first_check.setdefault(error, name)
+            if first == name:
+                advice = " ".join((inspect.getdoc(check) or "").split()).removesuffix(".")
+                result = _failed(name, error, advice)
+            else:
+                result = Check(name, "not applicable", f"see {first!r}")
         results.append(result)
     return results
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stiff_protocols.conformance.checks import Check, Failed, NotApplicable, run_checks, stage
+from stiff_protocols.conformance.checks import Check, Failed, NotApplicable, remembered, run_checks
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.protocol_base import completed
 from stiff_protocols.contract.types import (
@@ -27,184 +27,158 @@ SMALLEST_DEFLECTION, LARGEST_DEFLECTION = 1e-9, 1.0  # m
 
 def check_dataset(make: Callable[[], StiffnessDataset]) -> list[Check]:
     """Check what a data set loads, twice; `make` returns a new one with its options."""
-    return run_checks(DATASET_CHECKS, LoadedData(make))
+    return run_checks(DatasetChecks(make))
 
 
 def check_protocol(make: Callable[[], object], data: BenchmarkData) -> list[Check]:
     """Check how a protocol divides samples; `make` returns a new one with its options."""
-    return run_checks(PROTOCOL_CHECKS, DividedRows(make, data))
+    return run_checks(ProtocolChecks(make, data))
 
 
-class LoadedData:
-    """A data set, and what it loads."""
+class DatasetChecks:
+    """The checks of a data set, in their order."""
 
     def __init__(self, make: Callable[[], StiffnessDataset]) -> None:
         self._make = make
 
-    @stage("load")
-    def data(self) -> BenchmarkData:
-        """The first that it loaded."""
-        return self.again()
-
-    def again(self) -> BenchmarkData:
-        """Return what a new one loads."""
+    @remembered
+    def _loaded(self, time: str = "first") -> BenchmarkData:
+        """Return what a new data set loads."""
         data = self._make().load()
         if not isinstance(data, BenchmarkData):
             raise Failed(f"load returned {type(data).__name__}, expected BenchmarkData")
         return data
 
+    def loading_twice_gives_the_same_samples(self) -> str:
+        """Draw all chance from an option `seed`, and return BenchmarkData(samples, robot)."""
+        first, second = self._loaded(), self._loaded("second")
+        if first.sha256 != second.sha256:
+            raise Failed(f"sha256 {first.sha256[:12]} and {second.sha256[:12]}")
+        return f"{len(first.samples)} samples of {first.robot.name}, sha256 {first.sha256[:12]}"
 
-def loading_twice_gives_the_same_samples(loaded: LoadedData) -> str:
-    """Draw all chance from an option `seed`, and return BenchmarkData(samples, robot)."""
-    first, second = loaded.data, loaded.again()
-    if first.sha256 != second.sha256:
-        raise Failed(f"sha256 {first.sha256[:12]} and {second.sha256[:12]}")
-    return f"{len(first.samples)} samples of {first.robot.name}, sha256 {first.sha256[:12]}"
+    def values_are_in_rad_N_Nm_and_m(self) -> str:
+        """Convert units where the file is read."""
+        samples, turns = self._loaded().samples, self._loaded().robot.turns
+        angle, wrench, deflection = (
+            float(np.abs(values).max(initial=0.0))
+            for values in (samples.q[:, turns], samples.wrench, samples.deflection)
+        )
+        if angle > LARGEST_ANGLE:
+            raise Failed(f"a joint angle of {angle:g} rad; is it in deg?")
+        if wrench > LARGEST_WRENCH:
+            raise Failed(f"a wrench component of {wrench:g} N or N m")
+        if not SMALLEST_DEFLECTION <= deflection <= LARGEST_DEFLECTION:
+            raise Failed(f"the largest deflection is {deflection:g} m; is it in mm?")
+        return f"wrench up to {wrench:.3g} N or N m, deflection up to {1e3 * deflection:.3g} mm"
 
-
-def values_are_in_rad_N_Nm_and_m(loaded: LoadedData) -> str:
-    """Convert units where the file is read."""
-    data = loaded.data
-    angle = float(np.abs(data.samples.q[:, data.robot.turns]).max(initial=0.0))
-    wrench = float(np.abs(data.samples.wrench).max(initial=0.0))
-    deflection = float(np.abs(data.samples.deflection).max(initial=0.0))
-    if angle > LARGEST_ANGLE:
-        raise Failed(f"a joint angle of {angle:g} rad; is it in deg?")
-    if wrench > LARGEST_WRENCH:
-        raise Failed(f"a wrench component of {wrench:g} N or N m")
-    if not SMALLEST_DEFLECTION <= deflection <= LARGEST_DEFLECTION:
-        raise Failed(f"the largest deflection is {deflection:g} m; is it in mm?")
-    return f"wrench up to {wrench:.3g} N or N m, deflection up to {1e3 * deflection:.3g} mm"
-
-
-def a_robot_that_answers_new_poses_is_the_one_that_was_measured(loaded: LoadedData) -> str:
-    """Let under_load(q, wrench) return that robot's (n, 3) deflection [m], the same each time."""
-    data = loaded.data
-    if data.under_load is None:
-        raise NotApplicable("answers no new poses")
-    q, wrench, measured = data.samples.q, data.samples.wrench, data.samples.deflection
-    first, second = (np.asarray(data.under_load(q, wrench)) for _ in range(2))
-    if first.shape != measured.shape or not np.isfinite(first).all():
-        raise Failed(f"shape {first.shape}, expected {measured.shape} finite numbers")
-    if not np.array_equal(first, second):
-        raise Failed("the same poses gave other deflections")
-    share = float(np.sum((measured - first) ** 2) / np.sum(measured**2))
-    if share > MOST_UNEXPLAINED:
-        raise Failed(f"{share:.0%} of the squared deflection is not explained by its answers")
-    return f"{share:.1%} of the squared deflection is not in its answers"
+    def a_robot_that_answers_new_poses_is_the_one_that_was_measured(self) -> str:
+        """Let under_load(q, wrench) return that robot's (n, 3) deflection [m], always the same."""
+        samples, under_load = self._loaded().samples, self._loaded().under_load
+        if under_load is None:
+            raise NotApplicable("answers no new poses")
+        measured = samples.deflection
+        first, second = (np.asarray(under_load(samples.q, samples.wrench)) for _ in range(2))
+        if first.shape != measured.shape or not np.isfinite(first).all():
+            raise Failed(f"shape {first.shape}, expected {measured.shape} finite numbers")
+        if not np.array_equal(first, second):
+            raise Failed("the same poses gave other deflections")
+        share = float(np.sum((measured - first) ** 2) / np.sum(measured**2))
+        if share > MOST_UNEXPLAINED:
+            raise Failed(f"{share:.0%} of the squared deflection is not explained by its answers")
+        return f"{share:.1%} of the squared deflection is not in its answers"
 
 
-DATASET_CHECKS = (
-    loading_twice_gives_the_same_samples,
-    values_are_in_rad_N_Nm_and_m,
-    a_robot_that_answers_new_poses_is_the_one_that_was_measured,
-)
-
-
-class DividedRows:
-    """A protocol, and a small data set that it prepares and divides."""
+class ProtocolChecks:
+    """The checks of a protocol, in their order, on a small data set that it prepares."""
 
     def __init__(self, make: Callable[[], object], data: BenchmarkData) -> None:
-        self._data, self.protocol = data, completed(make())
+        self._data, self._protocol = data, completed(make())
 
-    @stage("prepared")
-    def samples(self) -> Samples:
-        """The samples that are divided, as the protocol prepared them."""
+    @remembered
+    def _samples(self) -> Samples:
+        """Return the samples that are divided, as the protocol prepared them."""
         try:
-            return self.protocol.prepared(self._data).samples
+            return self._protocol.prepared(self._data).samples
         except StiffBenchError as error:
             raise _other_data(error, "whose robot answers new poses") from error
 
-    @stage("splits")
-    def splits(self) -> Sequence[Split]:
-        """The divisions of these samples."""
-        return self.divide(self.samples)
+    @remembered
+    def _splits(self) -> Sequence[Split]:
+        return self._divide(self._samples())
 
-    def divide(self, samples: Samples) -> Sequence[Split]:
+    def _divide(self, samples: Samples) -> Sequence[Split]:
         """Return the divisions of these samples or others."""
         try:
-            return self.protocol.splits(samples, n_splits=None, seed=0)
+            return self._protocol.splits(samples, n_splits=None, seed=0)
         except StiffBenchError as error:
             raise _other_data(error, "that it can divide") from error
 
-    def hashes(self, samples: Samples) -> list[tuple[str, str]]:
+    def _hashes(self, samples: Samples) -> list[tuple[str, str]]:
         """Return condition and hash of each division of these samples."""
-        return [(split.condition, split.sha256) for split in self.divide(samples)]
+        self._splits()
+        return [(split.condition, split.sha256) for split in self._divide(samples)]
+
+    def splits_are_those_that_a_run_accepts(self) -> str:
+        """Return Split(index, train, validation, test) with disjoint arrays of row numbers.
+
+        Number the splits of each condition 0, 1, 2, ... Set selects_on_test = True if test rows
+        choose the epoch, reports_training = True if training rows are reported. Give wrench_error
+        the shape (n_test, 6), N and N m.
+        """
+        splits, protocol = self._splits(), self._protocol
+        if fault := first_fault(
+            splits,
+            len(self._samples()),
+            selects_on_test=protocol.selects_on_test,
+            reports_training=protocol.reports_training,
+        ):
+            raise Failed(fault)
+        return f"{len(splits)} splits of {len({split.condition for split in splits})} conditions"
+
+    def tool_paths_are_tested_and_never_learned_from(self) -> str:
+        """Give the rows of PATH_GROUP to the test part."""
+        splits, samples = self._splits(), self._samples()
+        points = np.flatnonzero(samples.group == PATH_GROUP)
+        if not len(points):
+            raise NotApplicable("adds no tool paths")
+        for split in splits:
+            if not np.array_equal(np.sort(split.reported), points):
+                raise Failed(
+                    f"{named(split)} reports other rows than the {len(points)} path points"
+                )
+        return f"{len(points)} points of {len(np.unique(samples.pose_id[points]))} paths"
+
+    def the_same_seed_gives_the_same_splits(self) -> None:
+        """Draw all chance from `seed`."""
+        if self._hashes(self._samples()) != self._hashes(self._samples()):
+            raise Failed("the same seed gave other splits")
+
+    def the_division_does_not_look_at_deflections(self) -> None:
+        """Divide by poses, loads and groups alone."""
+        samples = self._samples()
+        turned = replace(samples, deflection=samples.deflection[::-1])
+        if self._hashes(samples) != self._hashes(turned):
+            raise Failed("other deflections gave other splits")
+
+    def no_pose_is_parted(self) -> None:
+        """Divide by samples.pose_id."""
+        self._splits()
+        samples = self._samples()  # named as two loads a pose; points of tool paths keep theirs
+        pairs = np.array([f"P{row // 2}" for row in range(len(samples))])
+        pose_id = np.where(samples.group == PATH_GROUP, samples.pose_id, pairs)
+        splits = self._divide(replace(samples, pose_id=pose_id))
+        selects = self._protocol.selects_on_test  # its validation rows are test rows, as it says
+        learned = [s.train if selects else np.r_[s.train, s.validation] for s in splits]
+        parted = sum(
+            bool(np.isin(pose_id[rows], pose_id[split.test]).any())
+            for rows, split in zip(learned, splits, strict=True)
+        )
+        if parted:
+            raise NotApplicable(
+                f"warning: {parted} of {len(splits)} splits test a pose that was trained on; such "
+                "results are optimistic where a pose has several loads"
+            )
 
 
 def _other_data(error: StiffBenchError, needs: str) -> Failed:
     return Failed(str(error), f"check it on a data set {needs} (--dataset KEY)")
-
-
-def splits_are_those_that_a_run_accepts(divided: DividedRows) -> str:
-    """Return Split(index, train, validation, test) with disjoint arrays of row numbers.
-
-    Number the splits of each condition 0, 1, 2, ... Set selects_on_test = True if test rows choose
-    the epoch, reports_training = True if training rows are reported. Give wrench_error the shape
-    (n_test, 6), N and N m.
-    """
-    splits, protocol = divided.splits, divided.protocol
-    if fault := first_fault(
-        splits,
-        len(divided.samples),
-        selects_on_test=protocol.selects_on_test,
-        reports_training=protocol.reports_training,
-    ):
-        raise Failed(fault)
-    return f"{len(splits)} splits of {len({split.condition for split in splits})} conditions"
-
-
-def tool_paths_are_tested_and_never_learned_from(divided: DividedRows) -> str:
-    """Give the rows of PATH_GROUP to the test part."""
-    splits = divided.splits
-    points = np.flatnonzero(divided.samples.group == PATH_GROUP)
-    if not len(points):
-        raise NotApplicable("adds no tool paths")
-    for split in splits:
-        if not np.array_equal(np.sort(split.reported), points):
-            raise Failed(f"{named(split)} reports other rows than the {len(points)} path points")
-    return f"{len(points)} points of {len(np.unique(divided.samples.pose_id[points]))} paths"
-
-
-def the_same_seed_gives_the_same_splits(divided: DividedRows) -> None:
-    """Draw all chance from `seed`."""
-    _ = divided.splits
-    if divided.hashes(divided.samples) != divided.hashes(divided.samples):
-        raise Failed("the same seed gave other splits")
-
-
-def the_division_does_not_look_at_deflections(divided: DividedRows) -> None:
-    """Divide by poses, loads and groups alone."""
-    _ = divided.splits
-    turned = replace(divided.samples, deflection=divided.samples.deflection[::-1])
-    if divided.hashes(divided.samples) != divided.hashes(turned):
-        raise Failed("other deflections gave other splits")
-
-
-def no_pose_is_parted(divided: DividedRows) -> None:
-    """Divide by samples.pose_id."""
-    _ = divided.splits
-    samples = divided.samples  # named as two loads a pose; points of tool paths keep their path
-    pairs = np.array([f"P{row // 2}" for row in range(len(samples))])
-    pose_id = np.where(samples.group == PATH_GROUP, samples.pose_id, pairs)
-    splits = divided.divide(replace(samples, pose_id=pose_id))
-    selects = divided.protocol.selects_on_test  # its validation rows are test rows, as it says
-    learned = [s.train if selects else np.r_[s.train, s.validation] for s in splits]
-    parted = sum(
-        bool(np.isin(pose_id[rows], pose_id[split.test]).any())
-        for rows, split in zip(learned, splits, strict=True)
-    )
-    if parted:
-        raise NotApplicable(
-            f"warning: {parted} of {len(splits)} splits test a pose that was trained on; such "
-            "results are optimistic where a pose has several loads"
-        )
-
-
-PROTOCOL_CHECKS = (
-    splits_are_those_that_a_run_accepts,
-    tool_paths_are_tested_and_never_learned_from,
-    the_same_seed_gives_the_same_splits,
-    the_division_does_not_look_at_deflections,
-    no_pose_is_parted,
-)

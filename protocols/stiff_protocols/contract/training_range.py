@@ -187,20 +187,14 @@ class TrainingRange:
     def extrapolates(self, q: FloatArray, wrench: FloatArray) -> list[str]:
         """Say for each row what is unlike the training samples; "" where nothing is.
 
-        - "joints": a joint is beyond its smallest or largest training position by more than a
-          tenth of the span between them (at least 0.01 rad or m).
-        - "pose-gap": none is, but the nearest training pose is more than twice as far away
-          (Euclidean, over all joints, at least 0.2 rad or m) as nine in ten training poses are from
-          their nearest one.
-        - "load": the length of force or torque is more than a tenth above the largest in training
-          (at least 0.1 N or 0.01 N m).
-        - "load-gap": neither is, but the direction is unlike every training load's:
-          `load_distance` is more than twice what it is among nine in ten training loads (at least
-          0.25).
+        "joints": a joint is beyond its training positions by more than `MARGIN` of their span.
+        "pose-gap": none is, but the nearest training pose is more than `FAR` times as far away as
+        `usual_distances` says. "load" and "load-gap": the same of the lengths of force and torque,
+        and of `load_distance`. Each has a least margin or distance.
 
-        Of each pair, one word at most; a row can have two, such as "joints load-gap". Angles count
-        as they stand: 350 deg is not -10 deg, since not every model is periodic. Arguments as of
-        `quantities`; DataError: `q` has another number of joints.
+        A row can have a word of each pair. Angles count as they stand: 350 deg is not -10 deg,
+        since not every model is periodic. Arguments as of `quantities`; DataError: `q` has another
+        number of joints.
         """
         if q.shape[1] != len(self.lower):
             raise DataError(f"a training range of {len(self.lower)} joints, q has {q.shape[1]}")

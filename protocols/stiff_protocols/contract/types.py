@@ -14,37 +14,15 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from stiff_protocols.contract.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    TextArray,
-    freeze,
-    frozen_array,
-)
+from stiff_protocols.contract.arrays import BoolArray as BoolArray
+from stiff_protocols.contract.arrays import FloatArray as FloatArray
+from stiff_protocols.contract.arrays import IntArray as IntArray
+from stiff_protocols.contract.arrays import TextArray as TextArray
+from stiff_protocols.contract.arrays import freeze
+from stiff_protocols.contract.arrays import frozen_array as frozen_array
 from stiff_protocols.contract.errors import ConfigError, DataError
-from stiff_protocols.contract.robot import Robot
-from stiff_protocols.kinematics.chain_formulas import JointType
-
-__all__ = [
-    "AXES",
-    "COLUMNS",
-    "KNOWN",
-    "PATH_GROUP",
-    "BenchmarkData",
-    "BoolArray",
-    "FloatArray",
-    "IntArray",
-    "Interval",
-    "JointType",
-    "Prediction",
-    "Robot",
-    "Samples",
-    "Split",
-    "TextArray",
-    "check_coverage",
-    "frozen_array",
-]
+from stiff_protocols.contract.robot import Robot as Robot
+from stiff_protocols.kinematics.chain_formulas import JointType as JointType
 
 AXES = ("x", "y", "z")
 """Names of the three components of a deflection, robot base frame."""

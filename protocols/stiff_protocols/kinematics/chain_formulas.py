@@ -35,18 +35,7 @@ AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class ChainGeometry:
-    """Geometry and masses of a serial chain of n joints.
-
-    Attributes:
-        joint_types: "revolute" or "prismatic", one a joint.
-        placements: (n, 4, 4) pose of each joint frame in the previous joint's frame (the base for
-            the first) at zero joint position; lengths in m.
-        axes: (n, 3) unit axis of each joint in its own frame.
-        masses: (n,) mass of what each joint carries up to the next one, kg.
-        centres_of_mass: (n, 3) its centre of mass in the joint's frame, m.
-        tcp: (3,) tool centre point in the last joint's frame, m.
-        gravity: (3,) acceleration of gravity in the base frame, m/s2.
-    """
+    """Geometry and masses of a serial chain; `contract.robot.Robot` describes each attribute."""
 
     joint_types: tuple[JointType, ...]
     placements: FloatArray
@@ -309,8 +298,12 @@ def _turned(vector: Vector, motion: tuple[Component, Component]) -> Vector:
 
 
 def _turned_back(vector: Vector, motion: tuple[Component, Component]) -> Vector:
-    cosine, sine = motion
-    return _turned(vector, (cosine, -sine))
+    (cosine, sine), (x, y, z) = motion, vector
+    return (
+        _sum(_times(cosine, x), _times(sine, y)),
+        _less(_times(cosine, y), _times(sine, x)),
+        z,
+    )
 
 
 def _out_of(axes: Sequence[Vector], vector: Vector) -> Vector:

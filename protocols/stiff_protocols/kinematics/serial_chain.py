@@ -6,6 +6,7 @@ is no loop over samples.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -72,16 +73,12 @@ class SerialChain(ChainGeometry):
 
     def forward(self, q: FloatArray) -> ChainPoses:
         """Return the poses of the joints' frames and of the TCP."""
-        values, n = self._computed(Chain.poses, q), self.n_joints
-        points, rotations = values[: 3 * n + 3], values[3 * n + 3 :]
-        return ChainPoses(
-            points.reshape(n + 1, 3, -1).transpose(2, 0, 1),
-            rotations.reshape(n, 3, 3, -1).transpose(3, 0, 1, 2),
-        )
+        n = self.n_joints
+        return ChainPoses(*self._computed(Chain.poses, q, (n + 1, 3), (n, 3, 3)))
 
     def tcp_position(self, q: FloatArray) -> FloatArray:
         """Return the (n, 3) position of the TCP [m], base frame."""
-        return self._computed(Chain.tcp_position, q).T
+        return self._computed(Chain.tcp_position, q, (3,))[0]
 
     def jacobian(self, q: FloatArray) -> FloatArray:
         """Return the geometric Jacobian at the TCP, base frame.
@@ -89,8 +86,7 @@ class SerialChain(ChainGeometry):
         Returns:
             (n, 6, n_joints): rows 0..2 translation [m/rad or m/m], rows 3..5 rotation.
         """
-        rows = self._computed(Chain.jacobian, q)
-        return rows.reshape(6, self.n_joints, -1).transpose(2, 0, 1)
+        return self._computed(Chain.jacobian, q, (6, self.n_joints))[0]
 
     def virtual_jacobian(self, q: FloatArray) -> FloatArray:
         """Return how the TCP moves with six virtual joints at every joint, base frame.
@@ -103,8 +99,7 @@ class SerialChain(ChainGeometry):
             (n, 6, n_joints, 6): rows as of `jacobian`; the last index is the virtual joint: turns
             about x, y, z, then slides along x, y, z.
         """
-        rows = self._computed(Chain.virtual_jacobian, q)
-        return rows.reshape(6, self.n_joints, 6, -1).transpose(3, 0, 1, 2)
+        return self._computed(Chain.virtual_jacobian, q, (6, self.n_joints, 6))[0]
 
     def gravity_torque(self, q: FloatArray) -> FloatArray:
         """Return the (n, n_joints) torque [N m] (force [N]) of the links' weights on the joints.
@@ -112,15 +107,15 @@ class SerialChain(ChainGeometry):
         It has the sign of the loads' torque, and so the opposite one of the generalised gravity
         g(q) that drives must balance. Loads and tools that the robot carries are not part of it.
         """
-        return np.ascontiguousarray(self._computed(Chain.gravity_torque, q).T)
+        (torque,) = self._computed(Chain.gravity_torque, q, (self.n_joints,))
+        return np.ascontiguousarray(torque)
 
     def virtual_gravity_torque(self, q: FloatArray) -> FloatArray:
         """Return the (n, n_joints, 6) torque [N m] and force [N] of the weights on virtual joints.
 
         Signs as of `gravity_torque`, order as of `virtual_jacobian`.
         """
-        torque = self._computed(Chain.virtual_gravity_torque, q)
-        return torque.reshape(self.n_joints, 6, -1).transpose(2, 0, 1)
+        return self._computed(Chain.virtual_gravity_torque, q, (self.n_joints, 6))[0]
 
     def joint_deflection(
         self, compliance: FloatArray, q: FloatArray, wrench: FloatArray
@@ -172,7 +167,9 @@ class SerialChain(ChainGeometry):
         q, reached = np.array(seed, dtype=np.float64), np.zeros(len(seed), dtype=bool)
         rows, left = np.arange(len(q)), np.full((STEPS, len(q)), np.inf)
         for step in range(STEPS):
-            tcp, turned, jacobian = self._tool(q[rows])
+            tcp, turned, jacobian = self._computed(
+                Chain.tool, q[rows], (3,), (3, 3), (6, self.n_joints)
+            )
             turn = Rotation.from_matrix(rotation[rows] @ turned.transpose(0, 2, 1))
             error = np.hstack([position[rows] - tcp, turn.as_rotvec()])
             near = np.linalg.norm(error.reshape(-1, 2, 3), axis=2) <= (REACHED_M, REACHED_RAD)
@@ -196,22 +193,19 @@ class SerialChain(ChainGeometry):
             q[np.ix_(rows, free)] += move
         return q, reached
 
-    def _tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the TCP (n, 3), the last joint's rotation (n, 3, 3) and the `jacobian`."""
-        values = self._computed(Chain.tool, q)
-        return (
-            values[:3].T,
-            values[3:12].reshape(3, 3, -1).transpose(2, 0, 1),
-            values[12:].reshape(6, self.n_joints, -1).transpose(2, 0, 1),
-        )
-
-    def _computed(self, formula: Formula, q: FloatArray) -> FloatArray:
-        """Return (n_results, n): a formula of joint positions."""
+    def _computed(
+        self, formula: Formula, q: FloatArray, *shapes: tuple[int, ...]
+    ) -> list[FloatArray]:
+        """Return a formula of joint positions, in parts of these shapes, each (n, *shape)."""
         q = self.checked_positions(q)
         program = _program(formula, self, self.n_joints)
-        results = np.empty((program.n_results, len(q)))
+        results = np.empty((len(program.results), len(q)))
         program.run([q], results)
-        return results
+        parts = np.split(results, np.cumsum([math.prod(shape) for shape in shapes])[:-1])
+        return [
+            np.moveaxis(part.reshape(*shape, -1), -1, 0)
+            for part, shape in zip(parts, shapes, strict=True)
+        ]
 
 
 @lru_cache(PROGRAMS_KEPT)

@@ -1,15 +1,14 @@
 """Straight-line programs: a formula written once on symbols, then run on columns of numbers.
 
 Arithmetic on a `Symbol` computes nothing but writes a step of a program. A step is written once
-however often the formula asks for it, and a change of sign waits for the sum that it belongs to. A
-program runs on NumPy arrays in chunks that fit the cache, in buffers that later steps use again.
+however often the formula asks for it. A program runs on NumPy arrays in chunks that fit the cache,
+in buffers that later steps use again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -46,48 +45,32 @@ class Tape:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Symbol:
-    """A value of a program, or its opposite."""
+    """A value of a program; arithmetic on it writes a step."""
 
     tape: Tape
     number: int
-    negative: bool = False
 
     def __neg__(self) -> Symbol:
-        """Write no step: the sign waits."""
-        return Symbol(self.tape, self.number, not self.negative)
+        return self.tape.value(np.negative, self.number)
 
     def __add__(self, other: Symbol | float) -> Symbol:
-        """Write a sum, or the difference that it is."""
-        operand, negative = _operand(other)
-        if self.negative and negative:
-            return -self.tape.value(np.add, self.number, operand)
-        if self.negative:
-            return self.tape.value(np.subtract, operand, self.number)
-        return self.tape.value(np.subtract if negative else np.add, self.number, operand)
+        return self.tape.value(np.add, self.number, _operand(other))
 
     __radd__ = __add__
 
     def __sub__(self, other: Symbol | float) -> Symbol:
-        """Write a difference."""
-        return self + -other
+        return self.tape.value(np.subtract, self.number, _operand(other))
 
     def __rsub__(self, other: float) -> Symbol:
-        """Write a difference."""
-        return -self + other
+        return self.tape.value(np.subtract, _operand(other), self.number)
 
     def __mul__(self, other: Symbol | float) -> Symbol:
-        """Write a product of the values without their signs."""
-        operand, negative = _operand(other)
-        product = self.tape.value(np.multiply, self.number, operand)
-        return product if negative == self.negative else -product
+        return self.tape.value(np.multiply, self.number, _operand(other))
 
     __rmul__ = __mul__
 
     def __rtruediv__(self, other: float) -> Symbol:
-        """Write a quotient."""
-        operand, negative = _operand(other)
-        quotient = self.tape.value(np.divide, operand, self.number)
-        return quotient if negative == self.negative else -quotient
+        return self.tape.value(np.divide, _operand(other), self.number)
 
 
 def tape_with(*sizes: int) -> tuple[Tape, list[list[Symbol]]]:
@@ -97,10 +80,8 @@ def tape_with(*sizes: int) -> tuple[Tape, list[list[Symbol]]]:
     return tape, [[Symbol(tape, next(numbers)) for _ in range(size)] for size in sizes]
 
 
-def _operand(value: Symbol | float) -> tuple[Operand, bool]:
-    if isinstance(value, Symbol):
-        return value.number, value.negative
-    return repr(abs(float(value))), value < 0.0
+def _operand(value: Symbol | float) -> Operand:
+    return value.number if isinstance(value, Symbol) else repr(float(value))
 
 
 def half_angle(angle: Symbol) -> tuple[Symbol, Symbol]:
@@ -111,8 +92,6 @@ def half_angle(angle: Symbol) -> tuple[Symbol, Symbol]:
     """
     half = 0.5 * angle
     tangent = half.tape.value(np.tan, half.number)
-    if half.negative:
-        tangent = -tangent
     double = 2.0 / (1.0 + tangent * tangent)
     return double - 1.0, tangent * double
 
@@ -122,65 +101,47 @@ class Program:
     """Steps on arrays, with the places where each finds its operands and leaves its value.
 
     Attributes:
-        n_inputs: number of inputs.
-        n_results: number of results.
-        others: what lies in the places behind inputs and results: a constant's value, or None for
-            an array of values between.
+        n_inputs: number of inputs, which have the first places.
+        others: contents of the other places: a constant's value, or None for an array.
         steps: function and numbers of the places.
+        results: place of each result.
     """
 
     n_inputs: int
-    n_results: int
     others: tuple[float | None, ...]
     steps: tuple[tuple[np.ufunc, tuple[int, ...]], ...]
+    results: tuple[int, ...]
 
     @classmethod
     def of(cls, tape: Tape, results: Sequence[Symbol | float]) -> Program:
         """Arrange the steps that lead to `results`; arrays that no later step reads serve again."""
-        first_other = tape.n_inputs + len(results)
         places: dict[Operand, int] = {number: number for number in range(tape.n_inputs)}
         others: list[float | None] = []
         unread: list[int] = []
+        steps: list[tuple[np.ufunc, tuple[int, ...]]] = []
+
+        def new_place(content: float | None) -> int:
+            others.append(content)
+            return tape.n_inputs + len(others) - 1
 
         def place_of(operand: Operand) -> int:
             if operand not in places:  # a constant
-                places[operand] = first_other + len(others)
-                others.append(float(operand))
+                places[operand] = new_place(float(operand))
             return places[operand]
 
-        symbols = {
-            place: result
-            for place, result in enumerate(results, start=tape.n_inputs)
-            if isinstance(result, Symbol)
-        }
-        kept = {result.number for result in symbols.values()}
-        own = {  # what can be written straight to where the caller wants it
-            result.number: place
-            for place, result in symbols.items()
-            if not result.negative and result.number >= tape.n_inputs
-        }
+        wanted = [_operand(result) for result in results]
+        kept = set(wanted)
         needed = _needed(tape, kept)
         last = {operand: i for i, (_, (_, each)) in enumerate(needed) for operand in each}
-        steps: list[tuple[np.ufunc, tuple[int, ...]]] = []
         for i, (number, (function, operands)) in enumerate(needed):
-            found = [place_of(operand) for operand in operands]
+            read_places = [place_of(operand) for operand in operands]
             for operand in set(operands) - kept:
                 if last[operand] == i and isinstance(operand, int) and operand >= tape.n_inputs:
                     unread.append(places[operand])
-            if number in own:
-                places[number] = own[number]
-            elif unread:
-                places[number] = unread.pop()
-            else:
-                places[number] = first_other + len(others)
-                others.append(None)
-            steps.append((function, (*found, places[number])))
-        for place, result in enumerate(results, start=tape.n_inputs):
-            operand, negative = _operand(result)
-            if place_of(operand) != place:
-                function = np.negative if negative else np.positive
-                steps.append((function, (place_of(operand), place)))
-        return cls(tape.n_inputs, len(results), tuple(others), tuple(steps))
+            places[number] = unread.pop() if unread else new_place(None)
+            steps.append((function, (*read_places, places[number])))
+        ends = tuple(map(place_of, wanted))
+        return cls(tape.n_inputs, tuple(others), tuple(steps), ends)
 
     def run(
         self, columns: Sequence[FloatArray], out: FloatArray, shared: Sequence[float] = ()
@@ -196,33 +157,30 @@ class Program:
         for start in range(0, n, CHUNK):
             part = slice(start, start + CHUNK)
             if start == 0 or n - start < CHUNK:
-                inputs, results, calls = self._bound(min(CHUNK, n - start), shared)
+                inputs, places = self._places(min(CHUNK, n - start), shared)
+                calls = [(function, [places[k] for k in each]) for function, each in self.steps]
             row = 0
             for array in columns:
                 inputs[row : row + array.shape[1]] = array[part].T
                 row += array.shape[1]
             for function, arguments in calls:
                 function(*arguments)
-            out[:, part] = results
+            for result, place in zip(out, self.results, strict=True):
+                result[part] = places[place]
 
-    def _bound(
-        self, size: int, shared: Sequence[float]
-    ) -> tuple[FloatArray, FloatArray, list[tuple[Any, list[FloatArray]]]]:
-        """Return arrays for the inputs (n_columns, size) and the results, and the steps on them."""
+    def _places(self, size: int, shared: Sequence[float]) -> tuple[FloatArray, list[FloatArray]]:
+        """Return an array for the inputs (n_columns, size), and the contents of all places."""
         inputs = np.empty((self.n_inputs - len(shared), size))
-        results = np.empty((self.n_results, size))
         between = iter(np.empty((self.others.count(None), size)))
         others = [next(between) if value is None else np.asarray(value) for value in self.others]
-        places = [*inputs, *map(np.asarray, shared), *results, *others]
-        calls = [(function, [places[k] for k in numbers]) for function, numbers in self.steps]
-        return inputs, results, calls
+        return inputs, [*inputs, *map(np.asarray, shared), *others]
 
 
-def _needed(tape: Tape, results: set[int]) -> list[tuple[int, Step]]:
+def _needed(tape: Tape, results: set[Operand]) -> list[tuple[int, Step]]:
     """Return the steps that these values depend on, with the numbers of their own values."""
-    wanted, found = set(results), []
+    wanted, needed_steps = set(results), []
     for step, number in reversed(tape.steps.items()):
         if number in wanted:
-            found.append((number, step))
-            wanted.update(operand for operand in step[1] if isinstance(operand, int))
-    return found[::-1]
+            needed_steps.append((number, step))
+            wanted.update(step[1])
+    return needed_steps[::-1]

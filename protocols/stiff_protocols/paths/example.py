@@ -50,11 +50,7 @@ def drivable_path(
                 driven.append((float(np.abs(found.q[:, -1]).max()), path))
         if driven:
             return min(driven, key=lambda one: one[0])[1]
-    reason = (
-        "" if robot.n_joints >= 6 else f", with {robot.n_joints} joints of the six that it takes"
-    )
-    way_out = "a smaller size" + " or other values of the held joints" * (robot.n_joints > 6)
     raise DataError(
-        f"{robot.name} has no place for a {shape} of {1000.0 * size:g} mm in front of it{reason}; "
-        f"try {way_out}"
+        f"{robot.name} has no place for a {shape} of {1000.0 * size:g} mm in front of it; try a "
+        "smaller size or other values of held joints (a path takes six joints that move)"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,7 +74,7 @@ def shaped(
     """
     if not (np.isfinite(size) and size > 0.0):
         raise DataError(f"{shape}: size is {size:g}, expected m, above 0")
-    outline = SHAPES[shape](n_points)
+    outline = _outline(shape, n_points)
     n = len(outline)
     return ToolPath(
         shape,
@@ -84,54 +84,33 @@ def shaped(
     )
 
 
-def _square(n_points: int) -> FloatArray:
-    """From one corner round to it again."""
-    corners = 0.5 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]])
-    return _along(corners, n_points)
-
-
-def _circle(n_points: int) -> FloatArray:
-    """Closed."""
-    angle = np.linspace(0.0, 2.0 * np.pi, _enough(n_points, 4))
-    return 0.5 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
-
-
-def _line(n_points: int) -> FloatArray:
-    """Along the x axis."""
-    return _along(0.5 * np.array([[-1, 0, 0], [1, 0, 0]]), n_points)
-
-
-def _iso9283(n_points: int) -> FloatArray:
-    """Straight through the five test points of ISO 9283.
-
-    They lie in a diagonal plane of a cube along the axes of the base: P1 in the middle, P2 to P5 a
-    tenth of the plane's diagonal from its corners. The path is P1, P2, P3, P4, P5 and P1 again. The
-    standard's cycle has the same points; it drives from point to point.
-    """
-    x, yz = 0.4, 0.4
-    corners = [[x, -yz, -yz], [x, yz, yz], [-x, yz, yz], [-x, -yz, -yz]]
-    return _along(np.array([[0.0, 0.0, 0.0], *corners, [0.0, 0.0, 0.0]]), n_points)
-
-
-SHAPES: Mapping[str, Callable[[int], FloatArray]] = {
-    "square": _square,
-    "circle": _circle,
-    "line": _line,
-    "iso9283": _iso9283,
+SHAPES: Mapping[str, Sequence[Sequence[float]]] = {
+    "square": ((-0.5, -0.5, 0), (0.5, -0.5, 0), (0.5, 0.5, 0), (-0.5, 0.5, 0), (-0.5, -0.5, 0)),
+    "circle": (),
+    "line": ((-0.5, 0, 0), (0.5, 0, 0)),
+    "iso9283": (
+        *((0, 0, 0), (0.4, -0.4, -0.4), (0.4, 0.4, 0.4)),
+        *((-0.4, 0.4, 0.4), (-0.4, -0.4, -0.4), (0, 0, 0)),
+    ),
 }
-"""Name of a shape -> its (n_points, 3) outline of size 1."""
+"""Name of a shape -> its corners at size 1; none of a circle.
+
+iso9283 passes the five test points of ISO 9283, which lie in a diagonal plane of a cube along the
+axes of the base: P1 in the middle, P2 to P5 a tenth of the plane's diagonal from its corners. The
+path is P1, P2, P3, P4, P5 and P1 again; the standard's cycle drives from point to point.
+"""
 
 
-def _enough(n_points: int, least: int) -> int:
+def _outline(shape: str, n_points: int) -> FloatArray:
+    """Return the (n_points, 3) outline of size 1; straight from corner to corner."""
+    corners = np.array(SHAPES[shape], dtype=np.float64)
+    least = len(corners) or 4
     if n_points < least:
         raise DataError(f"{n_points} points, expected at least {least} of this shape")
-    return n_points
-
-
-def _along(corners: FloatArray, n_points: int) -> FloatArray:
-    """Return (n_points, 3) straight from corner to corner, each of which is a point."""
+    if not len(corners):
+        angle = np.linspace(0.0, 2.0 * np.pi, n_points)
+        return 0.5 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     reached = np.r_[0.0, np.cumsum(lengths)] / lengths.sum()
-    at = np.rint(reached * (_enough(n_points, len(corners)) - 1))  # number of each corner's point
-    points = np.arange(n_points)
-    return np.stack([np.interp(points, at, axis) for axis in corners.T], axis=1)
+    at = np.rint(reached * (n_points - 1))  # number of each corner's point
+    return np.stack([np.interp(np.arange(n_points), at, axis) for axis in corners.T], axis=1)

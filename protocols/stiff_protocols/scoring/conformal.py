@@ -34,7 +34,8 @@ from stiff_protocols.contract.types import (
 from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.generators import inner_validation
 
-SHARE = 0.25  # of the training side's poses
+SHARE = 0.25
+"""Of the training poses that are calibrated on; more where the coverage needs more, up to half."""
 ROUNDING = 1e-12
 """1 - 0.9 is a little less than 0.1 in floating point, which would cost a calibration sample."""
 
@@ -51,8 +52,6 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     Attributes:
         model: what is copied and fitted; it is left as it is.
         coverage: probability (0..1) that an interval is to have, of each axis alone.
-        share: of the training poses that are calibrated on; more where `coverage` needs
-            more, but never more than half.
         model_: the copy, fitted to the other poses.
         residuals_: (n, 3) m, absolute errors on one row of each calibration pose, over
             `TrainingRange.stretch`.
@@ -61,7 +60,6 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     model: StiffnessModel
     _: KW_ONLY
     coverage: float = 0.9
-    share: float = SHARE
 
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
@@ -120,7 +118,7 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
                 f"coverage {self.coverage:g} needs at least {needed} calibration samples of "
                 f"different poses; half of the {poses} training poses are {poses // 2}"
             )
-        count = min(max(math.ceil(self.share * poses), needed), poses // 2)
+        count = min(max(math.ceil(SHARE * poses), needed), poses // 2)
         return (count - 0.5) / poses  # the division rounds up, and must not round past `count`
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -15,79 +16,6 @@ def named(split: Split) -> str:
     return " | ".join(filter(None, (split.condition, f"split {split.index}")))
 
 
-def fault_of_rows(split: Split, n_samples: int) -> str:
-    """Return what is wrong with the row numbers of a split; "" for nothing.
-
-    Negative numbers would count rows from the end, and pass for rows that they are not.
-    """
-    parts = {
-        **{"training": split.train, "validation": split.validation, "test": split.test},
-        "also reported": split.also_reported,
-    }
-    for name, rows in parts.items():
-        array = np.asarray(rows)
-        if not isinstance(rows, np.ndarray) or array.ndim != 1 or array.dtype.kind not in "iu":
-            return f"has {name} rows that are no one-dimensional integer array"
-        if name in ("training", "test") and not len(array):
-            return f"has no {name} rows"
-        if len(array) and (array.min() < 0 or array.max() >= n_samples):
-            return f"has {name} rows outside 0..{n_samples - 1}"
-        if len(np.unique(array)) < len(array):
-            return f"has {name} rows that occur twice"
-    twice = np.intersect1d(split.test, split.also_reported)
-    return f"has {len(twice)} test rows among the also reported ones" if len(twice) else ""
-
-
-def leak_of(split: Split, *, selects_on_test: bool, reports_training: bool = False) -> str:
-    """Return how rows of a split are learned from and tested; "" where none is.
-
-    Args:
-        split: to look at.
-        selects_on_test: the protocol says that the validation rows are test rows.
-        reports_training: the protocol says that rows beside the test rows are reported.
-    """
-    learned = np.intersect1d(split.train, np.concatenate([split.validation, split.test]))
-    if len(learned):
-        return f"trains on {len(learned)} rows of its other parts"
-    chosen_on = np.intersect1d(split.validation, split.test)
-    if len(chosen_on) and not selects_on_test:
-        return (
-            f"has {len(chosen_on)} test rows that choose an epoch, and the protocol does not "
-            "declare selects_on_test"
-        )
-    if len(split.also_reported) and not reports_training:
-        return (
-            f"reports {len(split.also_reported)} rows that are no test rows, and the protocol does "
-            "not declare reports_training"
-        )
-    return ""
-
-
-def fault_of_sensor_errors(split: Split) -> str:
-    """Return what is wrong with a split's sensor errors; "" for nothing."""
-    if split.wrench_error is None:
-        return ""
-    error = np.asarray(split.wrench_error)
-    n_rows = len(split.reported)
-    if error.shape != (n_rows, 6) or not np.isfinite(error).all():
-        return (
-            f"has sensor errors of shape {error.shape} for {n_rows} test rows, or some "
-            "that are not finite"
-        )
-    return ""
-
-
-def fault_of_numbers(numbers: Iterable[tuple[str, int]]) -> str:
-    """Return which of these conditions' splits are not numbered 0, 1, 2, ...; "" for none."""
-    indices: dict[str, list[int]] = {}
-    for condition, index in numbers:
-        indices.setdefault(condition, []).append(index)
-    for condition, found in indices.items():
-        if sorted(found) != list(range(len(found))):
-            return f"condition {condition!r} has splits of index {found}"
-    return ""
-
-
 def first_fault(
     splits: Iterable[Split],
     n_samples: int,
@@ -97,19 +25,70 @@ def first_fault(
 ) -> str:
     """Return the first fault of a protocol's splits; "" where there is none.
 
-    The splits are looked at once, one by one.
+    Args:
+        splits: looked at once, one by one.
+        n_samples: number of samples that they divide.
+        selects_on_test: the protocol says that the validation rows are test rows.
+        reports_training: the protocol says that rows beside the test rows are reported.
     """
-    numbers = []
+    numbers: dict[str, list[int]] = {}
     for split in splits:
-        fault = (
-            fault_of_rows(split, n_samples)
-            or leak_of(split, selects_on_test=selects_on_test, reports_training=reports_training)
-            or fault_of_sensor_errors(split)
+        faults = itertools.chain(
+            _faults_of_rows(split, n_samples), _leaks(split, selects_on_test, reports_training)
         )
-        if fault:
+        if fault := next(faults, ""):
             return f"{named(split)} {fault}"
-        numbers.append((split.condition, split.index))
-    return fault_of_numbers(numbers) if numbers else "made no split of these samples"
+        numbers.setdefault(split.condition, []).append(split.index)
+    for condition, indices in numbers.items():
+        if sorted(indices) != list(range(len(indices))):
+            return f"condition {condition!r} has splits of index {indices}"
+    return "" if numbers else "made no split of these samples"
+
+
+def _faults_of_rows(split: Split, n_samples: int) -> Iterator[str]:
+    """Yield what is wrong with the row numbers of a split and with its sensor errors.
+
+    Negative numbers would count rows from the end, and pass for rows that they are not.
+    """
+    parts = {
+        **{"training": split.train, "validation": split.validation, "test": split.test},
+        "also reported": split.also_reported,
+    }
+    for name, rows in parts.items():
+        if not isinstance(rows, np.ndarray) or rows.ndim != 1 or rows.dtype.kind not in "iu":
+            yield f"has {name} rows that are no one-dimensional integer array"
+        if name in ("training", "test") and not len(rows):
+            yield f"has no {name} rows"
+        if len(rows) and (rows.min() < 0 or rows.max() >= n_samples):
+            yield f"has {name} rows outside 0..{n_samples - 1}"
+        if len(np.unique(rows)) < len(rows):
+            yield f"has {name} rows that occur twice"
+    if len(twice := np.intersect1d(split.test, split.also_reported)):
+        yield f"has {len(twice)} test rows among the also reported ones"
+    error, wanted = split.wrench_error, (len(split.reported), 6)
+    if error is not None and (np.shape(error) != wanted or not np.isfinite(error).all()):
+        yield (
+            f"has sensor errors of shape {np.shape(error)} for {wanted[0]} test rows, or some "
+            "that are not finite"
+        )
+
+
+def _leaks(split: Split, selects_on_test: bool, reports_training: bool) -> Iterator[str]:
+    """Yield how rows of a split are learned from and tested, other than the protocol declares."""
+    learned = np.intersect1d(split.train, np.concatenate([split.validation, split.test]))
+    if len(learned):
+        yield f"trains on {len(learned)} rows of its other parts"
+    chosen_on = np.intersect1d(split.validation, split.test)
+    if len(chosen_on) and not selects_on_test:
+        yield (
+            f"has {len(chosen_on)} test rows that choose an epoch, and the protocol does not "
+            "declare selects_on_test"
+        )
+    if len(split.also_reported) and not reports_training:
+        yield (
+            f"reports {len(split.also_reported)} rows that are no test rows, and the protocol does "
+            "not declare reports_training"
+        )
 
 
 def check_source(word: str, source: BenchmarkData, dataset: str, target: BenchmarkData) -> None:

@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Lt
-from sklearn.model_selection import GroupKFold, GroupShuffleSplit
+from numpy.typing import NDArray
+from sklearn.model_selection import GroupKFold, GroupShuffleSplit, LeaveOneGroupOut
 
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.protocol_base import EvaluationProtocol
@@ -78,7 +79,7 @@ class KFold(EvaluationProtocol):
             why = f"(valid: 2 to {n_poses})" if n_poses > 1 else "needs as many poses"
             raise indivisible(samples, f"folds={self.folds} {why}")
         splitter = GroupKFold(self.folds, shuffle=True, random_state=seed)
-        return _divided_by(splitter, samples, self.validation_fraction, seed)
+        return _divided_by(splitter, samples, samples.pose_id, self.validation_fraction, seed)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -134,17 +135,11 @@ class LeaveOneOut(EvaluationProtocol):
             raise ConfigError(
                 f"{n_splits}: leave-one-out has one split a pose; leave it out", "splits"
             )
-        first_rows = np.sort(np.unique(samples.pose_id, return_index=True)[1])
+        _, first_rows, pose = np.unique(samples.pose_id, return_index=True, return_inverse=True)
         if len(first_rows) < 2:
             raise indivisible(samples, "leave-one-out needs two poses")
-
-        def divided() -> Iterator[Split]:
-            for index, row in enumerate(first_rows):
-                tested = samples.pose_id == samples.pose_id[row]
-                rows = np.flatnonzero(~tested), np.flatnonzero(tested)
-                yield divided_inside(samples, index, *rows, self.validation_fraction, seed)
-
-        return LazySplits(divided, len(first_rows))
+        groups = first_rows[pose]  # in the order of the poses' first rows
+        return _divided_by(LeaveOneGroupOut(), samples, groups, self.validation_fraction, seed)
 
 
 def _shuffled(
@@ -161,11 +156,15 @@ def _shuffled(
         why = why if n_poses > 1 else "needs two poses"
         raise indivisible(samples, f"test_fraction={test_fraction:g} {why}")
     splitter = GroupShuffleSplit(n_splits or 1, test_size=test_fraction, random_state=seed)
-    return _divided_by(splitter, samples, validation_fraction, seed)
+    return _divided_by(splitter, samples, samples.pose_id, validation_fraction, seed)
 
 
 def _divided_by(
-    splitter: Any, samples: Samples, validation_fraction: float | None, seed: int
+    splitter: Any,
+    samples: Samples,
+    groups: NDArray[Any],
+    validation_fraction: float | None,
+    seed: int,
 ) -> LazySplits:
     """Return the divisions of a group splitter of scikit-learn's, each with a validation part.
 
@@ -173,11 +172,11 @@ def _divided_by(
     """
 
     def divided() -> Iterator[Split]:
-        divisions = enumerate(splitter.split(samples.q, groups=samples.pose_id))
+        divisions = enumerate(splitter.split(samples.q, groups=groups))
         for index, (train, test) in divisions:
             if validation_fraction is None:
                 yield Split(index, np.sort(train), np.sort(test), np.sort(test))
             else:
                 yield divided_inside(samples, index, train, test, validation_fraction, seed)
 
-    return LazySplits(divided, splitter.get_n_splits())
+    return LazySplits(divided, splitter.get_n_splits(groups=groups))

@@ -6,8 +6,8 @@ and scored on the inner test parts, and the best one is fitted anew. Nothing out
 arguments is seen, so the outer test part stays untouched.
 See G. C. Cawley and N. L. C. Talbot, On over-fitting in model selection, JMLR 11, 2010.
 
-Candidates come from a study of the package optuna, an extra: every one of a grid, or some that TPE
-draws (Bergstra, Bardenet, Bengio and Kegl, Algorithms for hyper-parameter optimization, 2011).
+Candidates are every combination of a grid, or some that TPE draws (Bergstra, Bardenet, Bengio and
+Kegl, Algorithms for hyper-parameter optimization, 2011) with the package optuna, an extra.
 """
 
 from __future__ import annotations
@@ -114,8 +114,8 @@ class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
         ConfigError: a candidate's options do not fit together, candidates cannot be compared, there
         is a range where every combination is to be tried, or a package is missing.
         """
-        if self.grid:
-            require("tuning", "optuna")
+        if self.grid and self.search == "optuna":
+            require("search=optuna", "optuna")
         for name, values in self.grid.items():
             if isinstance(values, Range) and self.search == "grid":
                 raise ConfigError(
@@ -226,18 +226,17 @@ class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
         )
         found: dict[str, Tried] = {}  # a drawn candidate may come again
 
-        def objective(trial: Trial) -> float:
-            params = {name: _value(trial, name, values) for name, values in self.grid.items()}
+        def error_of(params: Mapping[str, Any]) -> float:
             words = in_words(params)
             if words not in found:
                 found[words] = self._tried(params, rows, parts, robot, validation is None, seed)
-            error = found[words].error
-            return error if math.isfinite(error) else math.nan  # a failed trial teaches nothing
+            return found[words].error
 
-        self._optimize(objective, seed)
-        if self.search == "grid":  # the sampler shuffles; the first of the grid wins a tie
-            order = dict.fromkeys(in_words(params) for params, _ in self._candidates())
-            found = {words: found[words] for words in order}
+        if self.search == "optuna":
+            self._draw(error_of, seed)
+        else:
+            for params, _ in self._candidates():
+                error_of(params)
         for words, score in found.items():
             if score.failure:
                 left_out = f"candidate {words} left out: {score.failure}"
@@ -270,23 +269,20 @@ class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
             return Tried(params, math.inf, f"{type(raised).__name__}: {raised}")
         return Tried(params, float(np.concatenate(distances).mean()))
 
-    def _optimize(self, objective: Callable[[Trial], float], seed: int) -> None:
-        """Try every combination, or those that TPE draws."""
-        require("tuning", "optuna")
+    def _draw(self, error_of: Callable[[Mapping[str, Any]], float], seed: int) -> None:
+        """Try the candidates that TPE draws."""
+        require("search=optuna", "optuna")
         import optuna
+
+        def objective(trial: Trial) -> float:
+            error = error_of({name: _value(trial, name, self.grid[name]) for name in self.grid})
+            return error if math.isfinite(error) else math.nan  # a failed trial teaches nothing
 
         verbosity = optuna.logging.get_verbosity()
         optuna.logging.set_verbosity(optuna.logging.CRITICAL)
         try:
-            sampler: optuna.samplers.BaseSampler = optuna.samplers.TPESampler(seed=seed)
-            trials = self.trials
-            if self.search == "grid":
-                places = {
-                    n: range(len(v)) for n, v in self.grid.items() if not isinstance(v, Range)
-                }
-                sampler = optuna.samplers.GridSampler(places, seed=seed)
-                trials = math.prod(map(len, places.values()))
-            optuna.create_study(sampler=sampler).optimize(objective, n_trials=trials)
+            study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+            study.optimize(objective, n_trials=self.trials)
         finally:
             optuna.logging.set_verbosity(verbosity)
 
@@ -316,8 +312,8 @@ class Nested(Holdout):
     Attributes:
         grid: candidates: the name of a grid of each model's catalogue line, or a TOML file
             with a table a model. An option that was set stays as it was set.
-        search: "grid" tries every combination, "optuna" some that TPE draws; both need the
-            package optuna.
+        search: "grid" tries every combination, "optuna" some that TPE draws with the package
+            optuna.
         trials: number of candidates of search=optuna.
         inner_folds: number of folds of the training poses.
     """

@@ -9,7 +9,7 @@ import pytest
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_protocols.conformance.data_and_protocol_checks import check_dataset, check_protocol
-from stiff_protocols.contract.types import Split
+from stiff_protocols.contract.types import BenchmarkData, Split
 from stiff_protocols.protocol_catalog import PROTOCOLS
 from stiff_protocols.splits.extrapolation import SpaceTransfer
 from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
@@ -21,7 +21,9 @@ def by_name(make, fanuc):
 
 @pytest.mark.parametrize("info", PROTOCOLS, ids=lambda info: info.key)
 def test_the_shipped_protocols_keep_the_contract_and_part_no_pose(info, twin):
-    checks = by_name(info.load(), twin)
+    samples = twin.samples.take(np.arange(0, len(twin.samples), 3))
+    some = BenchmarkData(samples, twin.robot, under_load=twin.under_load)
+    checks = by_name(info.load(), some)
     assert [str(check) for check in checks.values() if check.status == "failed"] == []
     assert checks["no pose is parted"].status == "passed"
 
@@ -45,7 +47,7 @@ def test_a_protocol_that_cannot_divide_a_data_set_says_so_once(fanuc):
     checks = check_protocol(SpaceTransfer, fanuc)
     (failed,) = (check for check in checks if check.status == "failed")
     assert "all samples are of group 'all'" in failed.reason and "--dataset KEY" in failed.advice
-    assert {check.reason for check in checks if check is not failed} == {"splits failed"}
+    assert {check.reason for check in checks if check is not failed} == {f"see {failed.name!r}"}
 
 
 def careless(samples):

@@ -81,23 +81,6 @@ def test_joint_positions_put_pinocchios_tool_on_the_path_without_a_jump(kr10, kr
         np.testing.assert_allclose(tool.rotation, rotation, atol=2e-8)
 
 
-def test_newton_on_pinocchios_jacobian_finds_the_same_joint_positions(kr10, kr10_chain):
-    path = path_of(kr10)
-    found = follow(kr10, path.position, path.rotation, READY)
-    model = kr10_chain.model.copy()
-    frame = model.addFrame(
-        pin.Frame("tcp", model.njoints - 1, 0, pin.SE3(np.eye(3), kr10.tcp), pin.OP_FRAME)
-    )
-    data, q = model.createData(), found.q[0].copy()
-    for row in range(0, N, 20):
-        wanted = pin.SE3(path.rotation[row], path.position[row])
-        for _ in range(20):
-            pin.framesForwardKinematics(model, data, q)
-            error = pin.log6(data.oMf[frame].actInv(wanted)).vector
-            q += np.linalg.solve(pin.computeFrameJacobian(model, data, q, frame), error)
-        np.testing.assert_allclose(found.q[row], q, atol=1e-6)
-
-
 def test_points_far_apart_and_a_point_alone_are_reached_in_one_configuration(kr10):
     path = path_of(kr10, size=0.4)
     dense = follow(kr10, path.position, path.rotation, READY)

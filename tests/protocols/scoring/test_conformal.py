@@ -38,7 +38,7 @@ def fitted(train, **options):
 def test_a_new_sample_lies_inside_as_often_as_exchangeability_promises(rng, coverage, n_poses):
     """The k-th smallest of n errors has k/(n+1) of a uniform distribution below it."""
     inside = []
-    for _ in range(400):
+    for _ in range(100):
         model = fitted(samples(rng.uniform(-1, 1, (n_poses, 3))), coverage=coverage)
         interval = model.predict_interval(*ONE, coverage)
         inside.append(interval.upper[0])  # of |error| uniform on 0..1: the probability itself
@@ -51,12 +51,12 @@ def test_a_new_sample_lies_inside_as_often_as_exchangeability_promises(rng, cove
 def test_a_sample_of_a_new_pose_lies_inside_although_errors_of_one_pose_are_alike(rng):
     """All rows of a pose are equally wrong: 8 rows a pose tell no more than one."""
     inside = []
-    for _ in range(400):
+    for _ in range(100):
         error = np.repeat(rng.uniform(-1, 1, (12, 3)), 8, axis=0)
         model = fitted(samples(error, np.repeat(np.arange(12), 8)), coverage=0.8)
         assert len(model.residuals_) == 4
         inside.append(model.predict_interval(*ONE, 0.8).upper[0])
-    assert np.mean(inside) == pytest.approx(0.8, abs=3 * np.std(inside) / np.sqrt(1200))
+    assert np.mean(inside) == pytest.approx(0.8, abs=3 * np.std(inside) / np.sqrt(300))
 
 
 def test_the_interval_is_the_kth_smallest_error_about_the_copys_prediction(rng):

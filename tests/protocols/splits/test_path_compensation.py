@@ -9,7 +9,6 @@ import pytest
 
 from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
-from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData
 from stiff_protocols.paths.compensation import TOLERANCE_M
@@ -93,14 +92,6 @@ def test_no_correction_leaves_the_deflection_and_removes_nothing(data, rows):
 def test_the_twins_own_truth_leaves_the_tolerance(data, rows):
     error = (data.known["oracle"] - data.samples.deflection)[rows]
     assert 0.0 < np.linalg.norm(error, axis=1).max() <= TOLERANCE_M + ROUNDED_M
-
-
-def test_a_robot_of_joint_springs_is_corrected_by_the_same_springs_to_the_tolerance(twin):
-    model = VirtualJointModel().fit(twin.samples, robot=twin.robot)
-    data = PROTOCOL.prepared(replace(twin, under_load=model.predict))
-    rows = np.flatnonzero(data.samples.group == PATH_GROUP)
-    q = commanded(model.predict, data, rows)
-    assert np.linalg.norm(left(data, rows, q), axis=1).max() <= 1.01 * TOLERANCE_M
 
 
 def test_what_is_removed_is_the_error_without_correction_less_the_one_with_it(data, rows):

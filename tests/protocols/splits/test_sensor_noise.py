@@ -64,11 +64,11 @@ def test_noise_has_the_sensors_figures_as_its_standard_deviation_at_level_one(ma
 
 def test_bias_is_one_draw_a_split_with_the_same_standard_deviation(many):
     few = many.take(np.arange(20))
-    splits = SensorNoise(levels="1", noise=0.0).splits(few, n_splits=400, seed=0)
+    splits = SensorNoise(levels="1", noise=0.0).splits(few, n_splits=100, seed=0)
     for split in splits:
         np.testing.assert_array_equal(split.wrench_error, split.wrench_error[:1].repeat(4, axis=0))
     biases = np.stack([split.wrench_error[0] for split in splits])
-    np.testing.assert_allclose(biases.std(axis=0), FIGURES, rtol=0.15)
+    np.testing.assert_allclose(biases.std(axis=0), FIGURES, rtol=0.25)
 
 
 def test_levels_are_paired_multiples_of_the_same_draws(many):

@@ -93,10 +93,3 @@ def test_fewer_positions_than_regions_and_no_robot_are_refused(portal):
     assert len(divided(portal, samples, regions=8)) == 8
     with pytest.raises(ConfigError, match="the robot is not known; call prepared before splits"):
         WorkspaceExtrapolation().splits(around_corners(4), n_splits=None, seed=0)
-
-
-def test_the_runner_tells_the_protocol_which_robot_was_measured(tasks_of):
-    tasks = tasks_of(protocol="workspace-extrapolation")
-    assert [task.cell.condition for task in tasks] == [task.split.condition for task in tasks]
-    assert len({task.cell.key for task in tasks}) == 4
-    assert {task.n_splits for task in tasks} == {1}

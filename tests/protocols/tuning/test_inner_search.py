@@ -213,16 +213,16 @@ def test_what_comes_before_the_fit_or_from_too_few_poses_is_refused(samples):
         chosen(InnerSearch(Shifted(), {"level": (1.0,)}), samples(0, 2))
 
 
-@pytest.mark.parametrize("search", ["grid", "optuna"])
-def test_without_optuna_the_error_says_how_to_get_it(search, samples, monkeypatch):
+def test_without_optuna_a_drawn_search_says_how_to_get_it_and_a_grid_is_tried(samples, monkeypatch):
     monkeypatch.setitem(sys.modules, "optuna", None)
-    tuned = InnerSearch(Shifted(), {"level": (1.0,)}, search=search)
-    wanted = r"needs the package optuna: pip install 'stiffbench\[tun"
-    with pytest.raises(ConfigError, match=wanted):
-        tuned.check_params()
-    with pytest.raises(ConfigError, match=wanted):
-        chosen(tuned, samples(0, 12))
-    InnerSearch(Shifted(), {}, search=search).check_params()  # there is nothing to search
+    drawn = InnerSearch(Shifted(), {"level": (1.0,)}, search="optuna")
+    for search in (drawn.check_params, lambda: chosen(drawn, samples(0, 12))):
+        with pytest.raises(
+            ConfigError, match=r"needs the package optuna: pip install 'stiffbench\[tun"
+        ):
+            search()
+    InnerSearch(Shifted(), {}, search="optuna").check_params()  # there is nothing to search
+    assert chosen(InnerSearch(Shifted(), {"level": (1.0, 2.0)}), samples(0, 12)) == {"level": 2.0}
 
 
 def test_it_keeps_the_contract_of_models_but_for_what_it_is_there_for():
