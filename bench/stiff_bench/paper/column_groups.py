@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TypeVar
 
 from stiff_bench.paper.paper_models import DATASET, SEED
-from stiff_bench.tables.metric_table import mean_over
+from stiff_bench.paper.paper_results import Found
+from stiff_bench.store.names import Variant
+from stiff_bench.tables.metric_table import mark_of, mean_over
 from stiff_bench.tables.table import Column, Quantity, Table
+from stiff_protocols.contract.record import CellResult
+
+Label = TypeVar("Label")
 
 Labels = tuple[str, ...]
 """Texts of a row: one under each row heading."""
@@ -16,7 +21,6 @@ Numbers = Mapping[tuple[Labels, str], float]
 """(row, column) -> number."""
 GroupNumbers = dict[tuple[Labels, str], Quantity]
 """The same with spread and marks; a missing one is a dash."""
-Unit = Literal["mm", "10^3 Nm/rad", "%"]
 PUBLISHED, PUBLISHED_DECIMALS = "published", 4
 SIMULATED = f"{DATASET} (simulated)"
 COMPARE = (
@@ -70,10 +74,24 @@ def mean_numbers(each: Sequence[Numbers], mark: str = "") -> GroupNumbers:
     return {at: mean_over([one[at] for one in each], mark) for at in shared}
 
 
+def model_numbers(
+    found: Found,
+    models: Mapping[Label, Variant],
+    errors: Callable[[Label, CellResult], Numbers],
+) -> GroupNumbers:
+    """Return the means over the splits of the errors of each model, which its label places."""
+    numbers = GroupNumbers()
+    for label, model in models.items():
+        if results := found.results.get(model.name):
+            each = [errors(label, result) for result in results]
+            numbers |= mean_numbers(each, mark_of(results[0].shown))
+    return numbers
+
+
 def paper_table(
     number: int,
     caption: str,
-    unit: Unit,
+    unit: str,
     headings: Labels,
     rows: Iterable[Labels],
     groups: Sequence[Group],

@@ -71,7 +71,7 @@ def _regression(number: int, methods: Sequence[str], results: PaperResults) -> P
     """Draw the test samples of the methods, each of which has a result, on shared splits."""
     names = {method: METHODS[method].name for method in methods}
     found = results.on_shared_splits([METHODS[method] for method in methods], PAPER_PROTOCOL)
-    if found.missing or found.failures:
+    if found.missing:
         why = " ".join(found.absences())
         raise StoreError(f"{results.folder}: {why.removesuffix('.')}", "results")
     tested = {name: pooled_prediction(found.results[names[name]]) for name in methods}
@@ -141,8 +141,10 @@ def figure_5(results: PaperResults) -> Prepared:
     width = models.DEPTH_WIDTH
     stopped = [pretrained(layers=d, width=width, stopped_early=True) for d in WIDTH_DEPTHS]
     early = results.of_models([*stopped, pretrained(stopped_early=True)], PAPER_PROTOCOL)
-    by_activation = {pretrained(activation=kind).name: kind for kind in models.ACTIVATIONS}
-    activations = [pretrained(activation=kind) for kind in reversed(models.ACTIVATIONS)]
+    by_activation = {
+        pretrained(**options).name: kind for kind, options in models.BY_ACTIVATION.items()
+    }
+    activations = [pretrained(**options) for options in reversed(models.BY_ACTIVATION.values())]
     trained = results.of_models(activations, PAPER_PROTOCOL)
     curves = [
         curve

@@ -9,6 +9,7 @@ of which error its Table 9 is. Both are shown in each sense: docs/reproduction.m
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -22,19 +23,18 @@ from stiff_bench.paper.column_groups import (
     COMPARE,
     PUBLISHED,
     Group,
-    GroupNumbers,
     Labels,
     Numbers,
-    Unit,
     mean_numbers,
+    model_numbers,
     paper_table,
     published_numbers,
 )
 from stiff_bench.paper.paper_models import DATASET, FAIR_PROTOCOL, PAPER_PROTOCOL, READ_ON_ALL
 from stiff_bench.paper.paper_results import REPRODUCE, Found, PaperResults, named_results
 from stiff_bench.store.names import Variant
-from stiff_bench.store.newest import slot_of
-from stiff_bench.tables.metric_table import mark_of, pooled_prediction
+from stiff_bench.store.newest import Slot, slot_of
+from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.published import (
     claimed_reductions,
     published_errors,
@@ -58,22 +58,16 @@ NEEDS_NO_RESULTS = {
 """Tables that need no stored results -> why: nothing of them is ours, or a second makes it."""
 
 
-def build(number: str, results: PaperResults) -> list[Table]:
-    """Return a table of the paper next to ours, made of results if it needs any.
+def read_table(number: str, folder: Path | None) -> list[Table]:
+    """Return a table of the paper next to ours; folder, None and errors as in `named_results`.
 
     Raises:
         ConfigError: the paper has no table of that number.
-        StoreError: the results have nothing of it.
     """
     if number not in TABLES:
         raise unknown_name("table of the paper", number, TABLES)
-    return TABLES[number](results)
-
-
-def read_table(number: str, folder: Path | None) -> list[Table]:
-    """Return `build`'s table; folder, None and errors are those of `named_results`."""
     made_of = NEEDS_NO_RESULTS.get(number, "")
-    return build(number, named_results(folder, f"table {number}", made_of=made_of))
+    return TABLES[number](named_results(folder, f"table {number}", made_of=made_of))
 
 
 def _published_table(
@@ -146,8 +140,12 @@ def fitted_vjm(specimen: int = 0) -> tuple[Prediction, Mapping[str, float]]:
     return prediction, model.diagnostics_
 
 
-def errors_by_axis(prediction: Prediction) -> dict[Labels, float]:
+def errors_by_axis(result: CellResult) -> dict[Labels, float]:
     """Return errors [mm] by row of Table 10."""
+    return _by_axis(pooled_prediction([result]))
+
+
+def _by_axis(prediction: Prediction) -> dict[Labels, float]:
     values = {key: metric(key).values(prediction) for key in models.METRICS}
     return {row: values[key][axis] * MM for row, (key, axis) in ROWS_10.items()}
 
@@ -158,7 +156,7 @@ def _table_2(_: PaperResults) -> list[Table]:
     values = published_errors("table_2")["VJM"]
     published: Numbers = {((axis,), error): values[at] for (axis, error), at in ROWS_10.items()}
     ours: list[Numbers] = [
-        {((axis,), error): value for (axis, error), value in errors_by_axis(predicted).items()}
+        {((axis,), error): value for (axis, error), value in _by_axis(predicted).items()}
         for predicted, _ in map(fitted_vjm, SPECIMENS)
     ]
     caption = "VJM on the samples it was identified on: errors by axis"
@@ -184,7 +182,7 @@ def _table_3(_: PaperResults) -> list[Table]:
 def _vjm_table(
     number: int,
     caption: str,
-    unit: Unit,
+    unit: str,
     heading: str,
     decimals: int,
     published: Numbers,
@@ -203,8 +201,6 @@ def _vjm_table(
     return [paper_table(number, caption, unit, (heading,), rows, groups, _VJM_NOTES)]
 
 
-Models = Mapping[Labels, Variant]
-"""Row -> model."""
 ON_SOURCE = {
     "train MAE": "source training MAE [mm]",
     "train STDE": "source training STDE [mm]",
@@ -227,20 +223,6 @@ _TARGET_NOTES = (
 )
 
 
-def _table_6(results: PaperResults) -> list[Table]:
-    """Return the errors of pre-trained networks by depth."""
-    width = models.DEPTH_WIDTH
-    networks = {str(depth): {"layers": depth, "width": width} for depth in models.DEPTHS}
-    return _on_source(6, "layers", f"Hidden layers of {width} nodes each", networks, results)
-
-
-def _table_7(results: PaperResults) -> list[Table]:
-    """Return the errors of pre-trained networks by activation."""
-    networks = {str(kind): {"activation": kind} for kind in models.ACTIVATIONS}
-    caption = f"Activation, {models.BASE_LAYERS} x {models.BASE_WIDTH} nodes"
-    return _on_source(7, "activation", caption, networks, results)
-
-
 def _on_source(
     number: int,
     heading: str,
@@ -248,38 +230,39 @@ def _on_source(
     networks: Mapping[str, Mapping[str, Any]],
     results: PaperResults,
 ) -> list[Table]:
-    """Return a table of pre-trained networks; `networks`: row -> arguments of `pretrained`."""
+    """Return a table of pre-trained networks; `networks`: row -> options of `pretrained`."""
     lines: dict[Labels, dict[str, str]] = {
         (line[heading],): line for line in published_lines(f"table_{number}")
     }
-    ours: Models = {(row,): models.pretrained(**given) for row, given in networks.items()}
-    early: Models = {
-        (row,): models.pretrained(**given, stopped_early=True) for row, given in networks.items()
+    ours = {row: models.pretrained(**options) for row, options in networks.items()}
+    early = {
+        row: models.pretrained(**options, stopped_early=True) for row, options in networks.items()
     }
     found = results.on_shared_splits([*ours.values(), *early.values()], PAPER_PROTOCOL)
     groups = [Group.published(published_numbers(lines, ON_SOURCE))]
     for label, of_group, decimals in ((f"ours, {PAPER_PROTOCOL}", ours, 5), (EARLY, early, 4)):
-        numbers = _numbers(found, of_group, _source_errors)
+        numbers = model_numbers(found, of_group, _source_errors)
         groups.append(Group(label, tuple(ON_SOURCE), decimals, numbers, PAPER_PROTOCOL))
     caption += ": errors on the simulated pre-training data, all axes together"
     notes = [*_SOURCE_NOTES, *_stored(results, found)]
-    return [paper_table(number, caption, "mm", (heading,), ours, groups, notes)]
+    rows = [(row,) for row in networks]
+    return [paper_table(number, caption, "mm", (heading,), rows, groups, notes)]
 
 
-def _source_errors(result: CellResult) -> Mapping[str, float]:
+def _source_errors(row: str, result: CellResult) -> Numbers:
     """Return the errors on both parts of the source domain that were reported."""
     reported = result.diagnostics
-    return {column: reported[name] for column, name in ON_SOURCE.items() if name in reported}
+    return {((row,), column): reported[key] for column, key in ON_SOURCE.items() if key in reported}
 
 
 def _table_8(results: PaperResults) -> list[Table]:
     """Return the errors of fine-tuned networks by layers."""
-    networks: Models = {
+    networks: dict[Labels, Variant] = {
         (counted(len(layers), "layer"), " + ".join(layers)): models.unfrozen(layers)
         for layers in (*models.ALL_SINGLES, *models.ALL_PAIRS)
     }
     found = results.on_shared_splits(networks.values(), PAPER_PROTOCOL)
-    numbers = _numbers(found, networks, _target_errors)
+    numbers = model_numbers(found, networks, _target_errors)
     groups = [Group(f"ours, {PAPER_PROTOCOL}", _ON_TARGET, 4, numbers, PAPER_PROTOCOL)]
     rows = [row for row, model in networks.items() if model.name not in found.missing]
     notes = [*_TARGET_NOTES, *_stored(results, found)]
@@ -287,24 +270,11 @@ def _table_8(results: PaperResults) -> list[Table]:
     return [paper_table(8, caption, "mm", ("moving", "layers"), rows, groups, notes)]
 
 
-def _target_errors(result: CellResult) -> Mapping[str, float]:
+def _target_errors(row: Labels, result: CellResult) -> Numbers:
     """Return the errors on the test part, mm, all axes and samples together."""
     errors = absolute_errors(pooled_prediction([result])) * MM
-    return dict(zip(_ON_TARGET, (float(errors.mean()), float(errors.std())), strict=True))
-
-
-def _numbers(
-    found: Found, of_rows: Models, errors: Callable[[CellResult], Mapping[str, float]]
-) -> GroupNumbers:
-    """Return the means over the splits of the errors, by column, that all splits have."""
-    numbers = GroupNumbers()
-    for row, model in of_rows.items():
-        of_model = found.results.get(model.name, ())
-        each: list[Numbers] = [
-            {(row, name): value for name, value in errors(one).items()} for one in of_model
-        ]
-        numbers |= mean_numbers(each, mark_of(of_model[0].shown) if of_model else "")
-    return numbers
+    mae, stde = _ON_TARGET
+    return {(row, mae): float(errors.mean()), (row, stde): float(errors.std())}
 
 
 def _stored(results: PaperResults, *shown: Found, more: Sequence[str] = ()) -> list[str]:
@@ -347,8 +317,10 @@ def _table_9(results: PaperResults) -> list[Table]:
         ):
             more.append(HOW_RECIPE)
             continue
-        found, numbers = _on_both_parts(results, trainings)
-        shown += found
+        tested = results.on_shared_splits(trainings.values(), PAPER_PROTOCOL)
+        read = results.of_models(trainings.values(), READ_ON_ALL)
+        numbers = model_numbers(tested, trainings, partial(_on_both_parts, read, trainings))
+        shown += [tested, read]
         groups.append(Group(label, COLUMNS_9, 5, numbers, PAPER_PROTOCOL))
     rows = [(label, error) for label in TRAININGS for error in ERRORS_9]
     caption = "Fine-tuning of layers 1 + 2: last epoch and best epoch"
@@ -357,28 +329,20 @@ def _table_9(results: PaperResults) -> list[Table]:
 
 
 def _on_both_parts(
-    results: PaperResults, trainings: Mapping[str, Variant]
-) -> tuple[list[Found], GroupNumbers]:
-    """Return errors on validation part and training part, and what they are of.
-
-    The training part is that of the same fits, which are stored read on all samples.
-    """
-    tested = results.on_shared_splits(trainings.values(), PAPER_PROTOCOL)
-    read = results.of_models(trainings.values(), READ_ON_ALL)
-    numbers = GroupNumbers()
-    for label, model in trainings.items():
-        validated = tested.results.get(model.name, ())
-        held_out = {one.cell.split_sha256: pooled_prediction([one]).rows for one in validated}
-        fits = [one for one in read.results.get(model.name, ()) if one.cell.rows_sha256 in held_out]
-        validation = [_on_part(label, "validation", one) for one in validated]
-        train = [_on_part(label, "train", one, held_out[one.cell.rows_sha256]) for one in fits]
-        for each in (validation, train):
-            if validated and len(each) == len(validated):
-                numbers |= mean_numbers(each, mark_of(validated[0].shown))
-    return [tested, read], numbers
+    read: Found, trainings: Mapping[str, Variant], training: str, result: CellResult
+) -> Numbers:
+    """Return errors on the validation part and, of the same fit read on all samples, the rest."""
+    numbers = _on_part(training, "validation", result)
+    for fit in read.results.get(trainings[training].name, ()):
+        if fit.cell.rows_sha256 == result.cell.split_sha256:
+            held_out = pooled_prediction([result]).rows
+            numbers |= _on_part(training, "train", fit, held_out)
+    return numbers
 
 
-def _on_part(training: str, part: str, result: CellResult, without: ArrayLike = ()) -> Numbers:
+def _on_part(
+    training: str, part: str, result: CellResult, without: ArrayLike = ()
+) -> dict[tuple[Labels, str], float]:
     """Return means and deviations of the errors [mm] of a result, except for some of its rows."""
     prediction = pooled_prediction([result])
     chosen = ~np.isin(prediction.rows, without)
@@ -441,11 +405,15 @@ def _table_10(results: PaperResults) -> list[Table]:
             continue
         recipe = results.of_models([models.FT_MLP_PAPER_RECIPE], protocol)  # on the first split
         methods = METHODS | ({RECIPE: models.FT_MLP_PAPER_RECIPE} if recipe.results else {})
-        errors, reduced = _of_methods(methods, found.results | recipe.results)
+        both = replace(found, results=found.results | recipe.results)
+        of_old = {
+            slot_of(one): errors_by_axis(one) for one in found.results.get(METHODS[OLD].name, ())
+        }
+        numbers = model_numbers(both, methods, partial(_errors_and_reductions, of_old))
         label = f"ours, {reading}"
-        of_errors.append(Group(label, tuple(methods), 4, errors, protocol))
+        of_errors.append(Group(label, tuple(methods), 4, numbers, protocol))
         columns = tuple(f"{method} against {OLD}" for method in methods if method in FINE_TUNED)
-        of_reductions.append(Group(label, columns, 1, reduced, protocol))
+        of_reductions.append(Group(label, columns, 1, numbers, protocol))
         shown.append(found)
         if recipe.results:
             shown.append(recipe)
@@ -463,29 +431,20 @@ def _table_10(results: PaperResults) -> list[Table]:
     ]
 
 
-def _of_methods(
-    methods: Mapping[str, Variant], results: Mapping[str, Sequence[CellResult]]
-) -> tuple[GroupNumbers, GroupNumbers]:
-    """Return the errors of the methods under a protocol, and FT-MLP's reductions of the VJM's."""
-    errors, reductions = GroupNumbers(), GroupNumbers()
-    by_split = {
-        method: {slot_of(one): errors_by_axis(pooled_prediction([one])) for one in of_method}
-        for method, model in methods.items()
-        if (of_method := results.get(model.name))
+def _errors_and_reductions(
+    of_old: Mapping[Slot, Mapping[Labels, float]], method: str, result: CellResult
+) -> Numbers:
+    """Return a method's errors [mm], and by how much they are below the VJM's [%]."""
+    errors = errors_by_axis(result)
+    old_errors = of_old.get(slot_of(result), {})
+    return {
+        **{(row, method): error for row, error in errors.items()},
+        **{
+            (row, f"{method} against {OLD}"): reduction(old, errors[row])
+            for row, old in old_errors.items()
+            if old
+        },
     }
-    of_old = by_split.get(OLD, {})
-    for method, of_splits in by_split.items():
-        mark, column = mark_of(results[methods[method].name][0].shown), f"{method} against {OLD}"
-        each = [{(row, method): value for row, value in of.items()} for of in of_splits.values()]
-        errors |= mean_numbers(each, mark)
-        if method in FINE_TUNED:
-            reduced = [
-                {(row, column): reduction(old, new[row]) for row, old in of_old[at].items() if old}
-                for at, new in of_splits.items()
-                if at in of_old
-            ]
-            reductions |= mean_numbers(reduced, mark)
-    return errors, reductions
 
 
 def reduction(old: float, new: float) -> float:
@@ -493,6 +452,8 @@ def reduction(old: float, new: float) -> float:
     return 100.0 * (1.0 - new / old)
 
 
+_CAPTION_6 = f"Hidden layers of {models.DEPTH_WIDTH} nodes each"
+_CAPTION_7 = f"Activation, {models.BASE_LAYERS} x {models.BASE_WIDTH} nodes"
 _CAPTION_5 = "Wrenches at each pose of the simulated pre-training data"
 TABLES: Mapping[str, Callable[[PaperResults], list[Table]]] = {
     "1": partial(_published_table, 1, "Measured poses", 4, _NOTE_1),
@@ -500,8 +461,8 @@ TABLES: Mapping[str, Callable[[PaperResults], list[Table]]] = {
     "3": _table_3,
     "4": partial(_published_table, 4, "Poses of the simulated pre-training data", 1, _NOTE_4),
     "5": partial(_published_table, 5, _CAPTION_5, 1, _NOTE_5),
-    "6": _table_6,
-    "7": _table_7,
+    "6": partial(_on_source, 6, "layers", _CAPTION_6, models.BY_DEPTH),
+    "7": partial(_on_source, 7, "activation", _CAPTION_7, models.BY_ACTIVATION),
     "8": _table_8,
     "9": _table_9,
     "10": _table_10,
