@@ -13,7 +13,6 @@ from stiff_bench.tables.published import (
     published_errors,
     published_lines,
 )
-from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.transfer.source_domain import source_design
 from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 
@@ -87,8 +86,8 @@ def test_table_10s_vjm_is_that_of_all_samples_in_table_2_within_5_per_cent_in_al
         assert TABLE_10["VJM"][place] == pytest.approx(value, rel=0.0501)
 
 
-def test_our_twin_has_the_151_poses_61_and_90_divided_80_to_20_by_whole_poses():
-    samples = Kr10Twin().load().samples
+def test_our_twin_has_the_151_poses_61_and_90_divided_80_to_20_by_whole_poses(twin):
+    samples = twin.samples
     groups = dict(zip(*np.unique(samples.group, return_counts=True), strict=True))
     assert groups == {"joint-space": 61, "cartesian": 90}
     for protocol in (PaperHoldout(), Holdout()):

@@ -30,7 +30,18 @@ PHONE, DESKTOP = (390, 844), (1440, 900)
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory) -> Path:
+def programs() -> tuple[str, str]:
+    """The browser and its driver."""
+    pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    driver = shutil.which("chromedriver")
+    if program is None or driver is None:
+        pytest.skip(f"needs chromedriver and one of {', '.join(BROWSERS)}")
+    return program, driver
+
+
+@pytest.fixture(scope="module")
+def page(programs, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("page")
     made = MadeResults(folder / "runs")
     keys = []
@@ -47,12 +58,10 @@ def page(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def browser(page, tmp_path_factory):
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    driver = shutil.which("chromedriver")
-    if program is None or driver is None:
-        pytest.skip(f"needs chromedriver and one of {', '.join(BROWSERS)}")
+def browser(programs, page, tmp_path_factory):
+    from selenium import webdriver
+
+    program, driver = programs
     options = webdriver.ChromeOptions()
     options.binary_location = program
     for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
