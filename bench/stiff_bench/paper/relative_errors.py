@@ -164,8 +164,7 @@ def _draw_groups(
     axes: Axes, errors: RelativeErrors, groups: Sequence[str], *, joined: bool
 ) -> None:
     """Draw the mean of each group of each model, with its deviation over the data sets."""
-    models = [name for name in errors.means.index if name not in _LOWER_BOUNDS]
-    looks = dict(zip(models, style.looks(len(models)), strict=True))
+    looks = style.looks_of(name for name in errors.means.index if name not in _LOWER_BOUNDS)
     for model in errors.means.index:
         mean = errors.means.loc[model, groups].dropna()
         x = [groups.index(group) for group in mean.index]
