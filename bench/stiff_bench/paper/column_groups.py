@@ -10,6 +10,7 @@ from stiff_bench.paper.paper_models import DATASET, SEED
 from stiff_bench.paper.paper_results import Found
 from stiff_bench.store.names import Variant
 from stiff_bench.tables.metric_table import mark_of, mean_over
+from stiff_bench.tables.published import about_table
 from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_protocols.contract.record import CellResult
 
@@ -23,10 +24,6 @@ GroupNumbers = dict[tuple[Labels, str], Quantity]
 """The same with spread and marks; a missing one is a dash."""
 PUBLISHED, PUBLISHED_DECIMALS = "published", 4
 SIMULATED = f"{DATASET} (simulated)"
-COMPARE = (
-    f"Published: KR10 measured. Ours: {SIMULATED}. Not comparable in absolute terms; "
-    "docs/reproduction.md says what differs."
-)
 
 
 @dataclass(frozen=True)
@@ -89,20 +86,15 @@ def model_numbers(
 
 
 def paper_table(
-    number: int,
-    caption: str,
-    unit: str,
-    headings: Labels,
-    rows: Iterable[Labels],
-    groups: Sequence[Group],
-    notes: Iterable[str],
+    table: str, rows: Iterable[Labels], groups: Sequence[Group], notes: Iterable[str] = ()
 ) -> Table:
-    """Return the table of a number in the paper.
+    """Return a table that `results/published/tables.toml` describes.
 
-    `headings` are of the columns that name a row, `rows` the texts under them; the unit is of all
-    numbers.
+    `rows` are the texts under its headings; `notes` follow its own.
     """
-    columns = [Column(heading, "text") for heading in headings]
+    about = about_table(table)
+    number, unit = about.get("number", table), about["unit"]
+    columns = [Column(heading, "text") for heading in about["headings"]]
     for group in groups:
         form = f".{group.decimals}f"
         columns += [
@@ -113,8 +105,9 @@ def paper_table(
         [*row, *(group.numbers.get((row, name)) for group in groups for name in group.columns)]
         for row in rows
     ]
-    title = f"Table {number}. {caption} [{unit}]"
-    return Table(title, columns, cells, list(notes), unit, about={"table": number})
+    title = f"Table {number}. {about['caption']} [{unit}]"
+    every_note = [*about["notes"], *notes]
+    return Table(title, columns, cells, every_note, unit, about={"table": int(number)})
 
 
 def published_numbers(lines: Mapping[Labels, Mapping[str, str]], columns: Iterable[str]) -> Numbers:

@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike
 from stiff_bench.figures.variants import SOURCE_MAE
 from stiff_bench.paper import paper_models as models
 from stiff_bench.paper.column_groups import (
-    COMPARE,
     PUBLISHED,
     Group,
     Labels,
@@ -36,6 +35,7 @@ from stiff_bench.store.names import Variant
 from stiff_bench.store.newest import Slot, slot_of
 from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.published import (
+    about_table,
     claimed_reductions,
     published_errors,
     published_lines,
@@ -70,16 +70,14 @@ def read_table(number: str, folder: Path | None) -> list[Table]:
     return TABLES[number](named_results(folder, f"table {number}", made_of=made_of))
 
 
-def _published_table(
-    number: int, caption: str, n_texts: int, note: str, results: PaperResults
-) -> list[Table]:
+def _published_table(number: str, results: PaperResults) -> list[Table]:
     """Return a table that holds nothing of ours, as it was typed.
 
-    The first `n_texts` columns are texts. The note names what was decided where the paper is
-    silent or contradicts itself.
+    The note names what was decided where the paper is silent or contradicts itself.
     """
-    lines = published_lines(f"table_{number}")
-    texts, numbers = [*lines[0]][:n_texts], [*lines[0]][n_texts:]
+    lines, about = published_lines(f"table_{number}"), about_table(number)
+    texts = about["headings"]
+    numbers = [name for name in lines[0] if name not in texts]
     columns = [Column(name, "text") for name in texts]
     for name, _, unit in (name.partition("_") for name in numbers):  # begin_deg
         columns.append(Column(name, unit=unit, format="g", about={"source": PUBLISHED}))
@@ -90,24 +88,8 @@ def _published_table(
         ]
         for line in lines
     ]
-    title = f"Table {number}. {caption} ({PUBLISHED})"
-    return [Table(title, columns, rows, [note], about={"table": number})]
-
-
-_NOTE_1 = (
-    "The paper gives no step of A2: 15 deg, as our twin has, make 60 of its 61 joint-space "
-    "poses, and the 61st is a reference pose of ours. A5 and A6 were adjusted to the "
-    "measurement. An interval of 300 mm along Z is an erratum: 3 values within 300 and 800 mm "
-    "are 250 mm apart, and 6 x 5 x 3 are its 90 Cartesian poses."
-)
-_NOTE_4 = (
-    "21,280 poses. The 16 values of A3 are 10 deg apart and end at 150 deg, not at the 156 deg "
-    "that the paper prints."
-)
-_NOTE_5 = (
-    "At the TCP, along and about the axes of the base frame. They lie almost on one line in "
-    "wrench space: a network that is pre-trained on them knows hardly any other load."
-)
+    title = f"Table {number}. {about['caption']} ({PUBLISHED})"
+    return [Table(title, columns, rows, about["notes"], about={"table": int(number)})]
 
 
 ROWS_10: dict[Labels, tuple[str, str]] = {
@@ -118,13 +100,6 @@ SPECIMENS = range(5)
 KILO = 1e3
 """Of Table 3: it is in 10^3 N m/rad."""
 _IN_SAMPLE = "in-sample fit"
-_VJM_NOTES = (
-    COMPARE,
-    f"The VJM is fitted to all 151 samples of {DATASET} and evaluated on the same ones, as in the "
-    "paper: not a test; data seed 0.",
-    f"Specimens: mean ± standard deviation over {len(SPECIMENS)} robots of the type; {DATASET} is "
-    "specimen 0, whose constants were calibrated against the published Tables 2 and 3.",
-)
 
 
 @cache
@@ -152,41 +127,33 @@ def _by_axis(prediction: Prediction) -> dict[Labels, float]:
 
 def _table_2(_: PaperResults) -> list[Table]:
     """Return the VJM's errors by axis, on the samples it was fitted to."""
-    # a row of Table 10, axis and error, is a row and a column here
+
+    def placed(errors: Mapping[Labels, float]) -> Numbers:
+        # a row of Table 10, axis and error, is a row and a column here
+        return {((axis,), error): value for (axis, error), value in errors.items()}
+
     values = published_errors("table_2")["VJM"]
-    published: Numbers = {((axis,), error): values[at] for (axis, error), at in ROWS_10.items()}
-    ours: list[Numbers] = [
-        {((axis,), error): value for (axis, error), value in _by_axis(predicted).items()}
-        for predicted, _ in map(fitted_vjm, SPECIMENS)
-    ]
-    caption = "VJM on the samples it was identified on: errors by axis"
-    return _vjm_table(2, caption, "mm", "axis", 3, published, ours)
+    published = placed({row: values[at] for row, at in ROWS_10.items()})
+    ours = [placed(_by_axis(predicted)) for predicted, _ in map(fitted_vjm, SPECIMENS)]
+    return _vjm_table("2", 3, published, ours)
 
 
 def _table_3(_: PaperResults) -> list[Table]:
     """Return the identified joint stiffnesses."""
-    published: Numbers = {
-        ((joint,), "stiffness"): value / KILO for joint, value in published_stiffness().items()
-    }
-    ours: list[Numbers] = [
-        {
-            place: reported[spring_key("stiffness", place[0][0], "Nm/rad")] / KILO
-            for place in published
-        }
-        for _, reported in map(fitted_vjm, SPECIMENS)
+
+    def placed(stiffness: Mapping[str, float]) -> Numbers:
+        return {((joint,), "stiffness"): value / KILO for joint, value in stiffness.items()}
+
+    published = published_stiffness()
+    ours = [
+        {joint: found[spring_key("stiffness", joint, "Nm/rad")] for joint in published}
+        for _, found in map(fitted_vjm, SPECIMENS)
     ]
-    caption = "VJM: joint stiffness identified on all samples"
-    return _vjm_table(3, caption, "10^3 Nm/rad", "joint", 2, published, ours)
+    return _vjm_table("3", 2, placed(published), [*map(placed, ours)])
 
 
 def _vjm_table(
-    number: int,
-    caption: str,
-    unit: str,
-    heading: str,
-    decimals: int,
-    published: Numbers,
-    ours: Sequence[Numbers],
+    number: str, decimals: int, published: Numbers, ours: Sequence[Numbers]
 ) -> list[Table]:
     """Return the paper's VJM next to ours of each specimen."""
     of_paper = Group.published(published, decimals)
@@ -197,8 +164,7 @@ def _vjm_table(
         Group(f"ours, {DATASET}", of_paper.columns, decimals, first),
         Group("ours, specimens 0 to 4", of_paper.columns, decimals, of_all, data=specimens),
     ]
-    rows = dict.fromkeys(row for row, _ in published)
-    return [paper_table(number, caption, unit, (heading,), rows, groups, _VJM_NOTES)]
+    return [paper_table(number, dict.fromkeys(row for row, _ in published), groups)]
 
 
 ON_SOURCE = {
@@ -210,29 +176,14 @@ ON_SOURCE = {
 """Column of Tables 6 and 7 -> what a pre-trained network reports."""
 _ON_TARGET = ("validation MAE", "validation STDE")
 EARLY = "ours, stopped early"
-_SOURCE_NOTES = (
-    COMPARE,
-    f"Stopped early: {models.EARLY_STEPS} steps of plain Adam, chosen afterwards to be near "
-    "the MAEs of the paper's Table 6: compare the order, not the errors.",
-)
-_TARGET_NOTES = (
-    "Ours alone, simulated, not comparable in absolute terms; the numbers of the paper's Table 8 "
-    "are not available to us.",
-    "Layers from the input on; out: the output layer. All axes and samples together; validation "
-    "is the 20 % test part, which picks the epoch.",
-)
 
 
 def _on_source(
-    number: int,
-    heading: str,
-    caption: str,
-    networks: Mapping[str, Mapping[str, Any]],
-    results: PaperResults,
+    number: str, networks: Mapping[str, Mapping[str, Any]], results: PaperResults
 ) -> list[Table]:
     """Return a table of pre-trained networks; `networks`: row -> options of `pretrained`."""
-    lines: dict[Labels, dict[str, str]] = {
-        (line[heading],): line for line in published_lines(f"table_{number}")
+    lines = {
+        (row,): line for row, line in zip(networks, published_lines(f"table_{number}"), strict=True)
     }
     ours = {row: models.pretrained(**options) for row, options in networks.items()}
     early = {
@@ -243,10 +194,7 @@ def _on_source(
     for label, of_group, decimals in ((f"ours, {PAPER_PROTOCOL}", ours, 5), (EARLY, early, 4)):
         numbers = model_numbers(found, of_group, _source_errors)
         groups.append(Group(label, tuple(ON_SOURCE), decimals, numbers, PAPER_PROTOCOL))
-    caption += ": errors on the simulated pre-training data, all axes together"
-    notes = [*_SOURCE_NOTES, *_stored(results, found)]
-    rows = [(row,) for row in networks]
-    return [paper_table(number, caption, "mm", (heading,), rows, groups, notes)]
+    return [paper_table(number, lines, groups, _stored(results, found))]
 
 
 def _source_errors(row: str, result: CellResult) -> Numbers:
@@ -265,9 +213,7 @@ def _table_8(results: PaperResults) -> list[Table]:
     numbers = model_numbers(found, networks, _target_errors)
     groups = [Group(f"ours, {PAPER_PROTOCOL}", _ON_TARGET, 4, numbers, PAPER_PROTOCOL)]
     rows = [row for row, model in networks.items() if model.name not in found.missing]
-    notes = [*_TARGET_NOTES, *_stored(results, found)]
-    caption = "Unfrozen layers of the fine-tuned network"
-    return [paper_table(8, caption, "mm", ("moving", "layers"), rows, groups, notes)]
+    return [paper_table("8", rows, groups, _stored(results, found))]
 
 
 def _target_errors(row: Labels, result: CellResult) -> Numbers:
@@ -295,11 +241,6 @@ HOW_RECIPE = (
     "The paper's own recipe (100,000 + 50,000 iterations) is not stored: "
     f"{REPRODUCE} computes its first split."
 )
-_TABLE_9_NOTE = (
-    "Validation: the 20 % test part; train: the rest. 3-D: length of the error vector. The paper "
-    "does not say of which error its numbers are; as lengths they fit its Table 10, along axes "
-    "they do not (docs/reproduction.md)."
-)
 
 
 def _table_9(results: PaperResults) -> list[Table]:
@@ -323,9 +264,7 @@ def _table_9(results: PaperResults) -> list[Table]:
         shown += [tested, read]
         groups.append(Group(label, COLUMNS_9, 5, numbers, PAPER_PROTOCOL))
     rows = [(label, error) for label in TRAININGS for error in ERRORS_9]
-    caption = "Fine-tuning of layers 1 + 2: last epoch and best epoch"
-    notes = [_TABLE_9_NOTE, COMPARE, *_stored(results, *shown, more=more)]
-    return [paper_table(9, caption, "mm", ("training", "error"), rows, groups, notes)]
+    return [paper_table("9", rows, groups, _stored(results, *shown, more=more))]
 
 
 def _on_both_parts(
@@ -372,16 +311,6 @@ READINGS = {
 }
 """Name of a reading of Table 10 -> the protocol whose results it is."""
 CLAIMED, RECOMPUTED = "claimed", "from Table 10"
-_READINGS_NOTE = (
-    "Test part: the 20 %, which also picks the epoch. All samples: the same fits read on all 151, "
-    "training samples among them: no test, but most likely what the paper printed. Holdout: a "
-    f"fifth of the training samples picks the epoch. {OWN_SOURCE}, and DT-CNN: pre-trained on "
-    "poses and loads like the training samples'; the other FT-MLP on the paper's Tables 4 and 5."
-)
-_REDUCTION_NOTE = (
-    f"100 (1 - {NEW} / {OLD}); of ours split by split, then mean ± standard deviation. Negative: "
-    f"{NEW} is worse."
-)
 
 
 def _table_10(results: PaperResults) -> list[Table]:
@@ -421,13 +350,10 @@ def _table_10(results: PaperResults) -> list[Table]:
     if not shown:
         raise absent[0]
     more = [*(f"{error}." for error in absent), *how_recipe]
-    notes = [COMPARE, *_stored(results, *shown, more=more)]
-    caption = "VJM, FT-MLP and DT-CNN: errors by axis in three readings"
-    saving = "Reduction of FT-MLP's errors against the VJM's"
-    headings = ("axis", "error")
+    notes = _stored(results, *shown, more=more)
     return [
-        paper_table(10, caption, "mm", headings, ROWS_10, of_errors, [_READINGS_NOTE, *notes]),
-        paper_table(10, saving, "%", headings, ROWS_10, of_reductions, [_REDUCTION_NOTE, *notes]),
+        paper_table("10", ROWS_10, of_errors, notes),
+        paper_table("claimed_reductions", ROWS_10, of_reductions, notes),
     ]
 
 
@@ -452,17 +378,14 @@ def reduction(old: float, new: float) -> float:
     return 100.0 * (1.0 - new / old)
 
 
-_CAPTION_6 = f"Hidden layers of {models.DEPTH_WIDTH} nodes each"
-_CAPTION_7 = f"Activation, {models.BASE_LAYERS} x {models.BASE_WIDTH} nodes"
-_CAPTION_5 = "Wrenches at each pose of the simulated pre-training data"
 TABLES: Mapping[str, Callable[[PaperResults], list[Table]]] = {
-    "1": partial(_published_table, 1, "Measured poses", 4, _NOTE_1),
+    "1": partial(_published_table, "1"),
     "2": _table_2,
     "3": _table_3,
-    "4": partial(_published_table, 4, "Poses of the simulated pre-training data", 1, _NOTE_4),
-    "5": partial(_published_table, 5, _CAPTION_5, 1, _NOTE_5),
-    "6": partial(_on_source, 6, "layers", _CAPTION_6, models.BY_DEPTH),
-    "7": partial(_on_source, 7, "activation", _CAPTION_7, models.BY_ACTIVATION),
+    "4": partial(_published_table, "4"),
+    "5": partial(_published_table, "5"),
+    "6": partial(_on_source, "6", models.BY_DEPTH),
+    "7": partial(_on_source, "7", models.BY_ACTIVATION),
     "8": _table_8,
     "9": _table_9,
     "10": _table_10,
