@@ -140,15 +140,13 @@ def figure_5(results: PaperResults) -> Prepared:
     width = models.DEPTH_WIDTH
     stopped = [pretrained(layers=d, width=width, stopped_early=True) for d in WIDTH_DEPTHS]
     early = results.of_models([*stopped, pretrained(stopped_early=True)], PAPER_PROTOCOL)
-    by_activation = {
-        pretrained(**options).name: kind for kind, options in models.BY_ACTIVATION.items()
-    }
-    activations = [pretrained(**options) for options in reversed(models.BY_ACTIVATION.values())]
-    trained = results.of_models(activations, PAPER_PROTOCOL)
+    networks = {kind: pretrained(**of) for kind, of in reversed(models.BY_ACTIVATION.items())}
+    trained = results.of_models(networks.values(), PAPER_PROTOCOL)
     curves = [
         curve
-        for name, of_model in trained.results.items()
-        for curve in losses.curves_of(of_model[0], by_activation[name])
+        for kind, network in networks.items()
+        for first in trained.results.get(network.name, ())[:1]
+        for curve in losses.curves_of(first, kind)
     ]
     caption = (
         "The paper's Figure 5: (a) MAE and (b) STDE of pre-trained networks on the simulated "

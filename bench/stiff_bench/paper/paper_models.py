@@ -46,10 +46,9 @@ EARLY_STEPS = 100
 DEPTH_WIDTH = 100
 BY_DEPTH = {str(depth): {"layers": depth, "width": DEPTH_WIDTH} for depth in (2, 3, 4, 5, 6)}
 """Row of the paper's Table 6 -> options of `pretrained`."""
-BY_ACTIVATION = {
-    "sigmoid": {"activation": "sigmoid"},
-    "tanh": {"activation": "tanh"},
-    "relu": dict[str, str](),
+BY_ACTIVATION: Mapping[str, Mapping[str, Any]] = {
+    **{kind: {"activation": kind} for kind in ("sigmoid", "tanh")},
+    "relu": {},
 }
 """Row of the paper's Table 7 -> options of `pretrained`, whose default is ReLU."""
 WIDTHS, WIDTH_DEPTHS = tuple(range(40, 401, 20)), (3, 4, 5)

@@ -8,32 +8,29 @@ of which error its Table 9 is. Both are shown in each sense: docs/reproduction.m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from stiff_bench.figures.variants import SOURCE_MAE
 from stiff_bench.paper import paper_models as models
-from stiff_bench.paper.column_groups import (
-    PUBLISHED,
-    Group,
-    Labels,
-    Numbers,
-    mean_numbers,
-    model_numbers,
-    paper_table,
-    published_numbers,
+from stiff_bench.paper.paper_models import (
+    DATASET,
+    FAIR_PROTOCOL,
+    PAPER_PROTOCOL,
+    READ_ON_ALL,
+    SEED,
 )
-from stiff_bench.paper.paper_models import DATASET, FAIR_PROTOCOL, PAPER_PROTOCOL, READ_ON_ALL
 from stiff_bench.paper.paper_results import REPRODUCE, Found, PaperResults, named_results
 from stiff_bench.store.names import Variant
 from stiff_bench.store.newest import Slot, slot_of
-from stiff_bench.tables.metric_table import pooled_prediction
+from stiff_bench.tables.metric_table import mark_of, mean_over, pooled_prediction
 from stiff_bench.tables.published import (
     about_table,
     claimed_reductions,
@@ -41,7 +38,7 @@ from stiff_bench.tables.published import (
     published_lines,
     published_stiffness,
 )
-from stiff_bench.tables.table import Column, Entry, Table
+from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM, counted
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.vjm import fitted_physics
@@ -70,26 +67,123 @@ def read_table(number: str, folder: Path | None) -> list[Table]:
     return TABLES[number](named_results(folder, f"table {number}", made_of=made_of))
 
 
-def _published_table(number: str, results: PaperResults) -> list[Table]:
+Label = TypeVar("Label")
+Labels = tuple[str, ...]
+"""Texts of a row: one under each row heading."""
+Numbers = Mapping[tuple[Labels, str], float]
+"""(row, column) -> number."""
+GroupNumbers = dict[tuple[Labels, str], Quantity]
+"""The same with spread and marks; a missing one is a dash."""
+PUBLISHED = "published"
+SIMULATED = f"{DATASET} (simulated)"
+
+
+def number_columns(
+    group: str,
+    names: Iterable[str],
+    decimals: int,
+    numbers: GroupNumbers,
+    *,
+    protocol: str = "",
+    data: str = SIMULATED,
+    source: str = "ours",
+) -> list[Column]:
+    """Return the columns of a group, whose numbers are of one origin.
+
+    `protocol` is what our models were tested by, "" for none.
+    """
+    about: dict[str, object] = {"group": group, "source": source, "data": data}
+    about |= {"protocol": protocol, "seed": SEED if protocol else None}
+
+    def column(name: str) -> Column:
+        return Column(
+            name,
+            format=f".{decimals}f",
+            group=group,
+            about=about,
+            marks_shown=False,
+            value=lambda row: numbers.get((row, name)),
+        )
+
+    return [*map(column, names)]
+
+
+def published_columns(values: Numbers, decimals: int = 4) -> list[Column]:
+    """Return the paper's columns."""
+    numbers = {place: Quantity(value, n=1) for place, value in values.items()}
+    names = dict.fromkeys(name for _, name in values)
+    origin = {"data": "KR10 (measured)", "source": PUBLISHED}
+    return number_columns(PUBLISHED, names, decimals, numbers, **origin)
+
+
+def mean_numbers(each: Sequence[Numbers], mark: str = "") -> GroupNumbers:
+    """Return the means over splits, or specimens, at the places that all of them have."""
+    shared = [at for at in (each[0] if each else ()) if all(at in one for one in each)]
+    return {at: mean_over([one[at] for one in each], mark) for at in shared}
+
+
+def model_numbers(
+    found: Found,
+    models: Mapping[Label, Variant],
+    errors: Callable[[Label, CellResult], Numbers],
+) -> GroupNumbers:
+    """Return the means over the splits of the errors of each model, which its label places."""
+    numbers = GroupNumbers()
+    for label, model in models.items():
+        if results := found.results.get(model.name):
+            each = [errors(label, result) for result in results]
+            numbers |= mean_numbers(each, mark_of(results[0].shown))
+    return numbers
+
+
+def paper_table(
+    table: str, rows: Iterable[Labels], columns: Iterable[Column], notes: Iterable[str] = ()
+) -> Table:
+    """Return a table that `results/published/tables.toml` describes.
+
+    `rows` are the texts under its headings, beside which the columns are; `notes` follow its own.
+    """
+    said = about_table(table)
+    number, unit, headings = said.get("number", table), said["unit"], enumerate(said["headings"])
+    every_column = [
+        *(Column(heading, "text", value=itemgetter(place)) for place, heading in headings),
+        *(replace(column, unit=unit) for column in columns),
+    ]
+    title, every_note = f"Table {number}. {said['caption']} [{unit}]", [*said["notes"], *notes]
+    about = {"table": int(number)}
+    return Table.of(title, every_column, rows, every_note, unit=unit, about=about)
+
+
+def published_numbers(lines: Mapping[Labels, Mapping[str, str]], columns: Iterable[str]) -> Numbers:
+    """Return the numbers of a published file: "train MAE" is its column "train_mae_mm"."""
+    return {
+        (row, column): float(line[f"{column.replace(' ', '_').lower()}_mm"])
+        for column in columns
+        for row, line in lines.items()
+    }
+
+
+def _published_table(number: str, _: PaperResults) -> list[Table]:
     """Return a table that holds nothing of ours, as it was typed.
 
     The note names what was decided where the paper is silent or contradicts itself.
     """
-    lines, about = published_lines(f"table_{number}"), about_table(number)
-    texts = about["headings"]
-    numbers = [name for name in lines[0] if name not in texts]
-    columns = [Column(name, "text") for name in texts]
-    for name, _, unit in (name.partition("_") for name in numbers):  # begin_deg
-        columns.append(Column(name, unit=unit, format="g", about={"source": PUBLISHED}))
-    rows: list[list[Entry]] = [
-        [
-            *(line[name] for name in texts),
-            *(float(line[name]) if line[name] else None for name in numbers),
-        ]
-        for line in lines
-    ]
-    title = f"Table {number}. {about['caption']} ({PUBLISHED})"
-    return [Table(title, columns, rows, about["notes"], about={"table": int(number)})]
+    lines, said = published_lines(f"table_{number}"), about_table(number)
+
+    def column(name: str) -> Column:
+        if name in said["headings"]:
+            return Column(name, "text")
+        shown, _, unit = name.partition("_")  # begin_deg
+        return Column(
+            shown,
+            unit=unit,
+            format="g",
+            about={"source": PUBLISHED},
+            value=lambda line: float(line[name]) if line[name] else None,
+        )
+
+    title, about = f"Table {number}. {said['caption']} ({PUBLISHED})", {"table": int(number)}
+    return [Table.of(title, [*map(column, lines[0])], lines, said["notes"], about=about)]
 
 
 ROWS_10: dict[Labels, tuple[str, str]] = {
@@ -156,15 +250,16 @@ def _vjm_table(
     number: str, decimals: int, published: Numbers, ours: Sequence[Numbers]
 ) -> list[Table]:
     """Return the paper's VJM next to ours of each specimen."""
-    of_paper = Group.published(published, decimals)
+    of_paper = published_columns(published, decimals)
+    names = [column.name for column in of_paper]
     first, of_all = (mean_numbers(one, _IN_SAMPLE) for one in (ours[:1], ours))
     specimens = f"{DATASET}@specimen=0..4 (simulated)"
-    groups = [
-        of_paper,
-        Group(f"ours, {DATASET}", of_paper.columns, decimals, first),
-        Group("ours, specimens 0 to 4", of_paper.columns, decimals, of_all, data=specimens),
+    columns = [
+        *of_paper,
+        *number_columns(f"ours, {DATASET}", names, decimals, first),
+        *number_columns("ours, specimens 0 to 4", names, decimals, of_all, data=specimens),
     ]
-    return [paper_table(number, dict.fromkeys(row for row, _ in published), groups)]
+    return [paper_table(number, dict.fromkeys(row for row, _ in published), columns)]
 
 
 ON_SOURCE = {
@@ -182,19 +277,18 @@ def _on_source(
     number: str, networks: Mapping[str, Mapping[str, Any]], results: PaperResults
 ) -> list[Table]:
     """Return a table of pre-trained networks; `networks`: row -> options of `pretrained`."""
-    lines = {
-        (row,): line for row, line in zip(networks, published_lines(f"table_{number}"), strict=True)
-    }
+    published = zip(networks, published_lines(f"table_{number}"), strict=True)
+    lines: dict[Labels, dict[str, str]] = {(row,): line for row, line in published}
     ours = {row: models.pretrained(**options) for row, options in networks.items()}
     early = {
         row: models.pretrained(**options, stopped_early=True) for row, options in networks.items()
     }
     found = results.on_shared_splits([*ours.values(), *early.values()], PAPER_PROTOCOL)
-    groups = [Group.published(published_numbers(lines, ON_SOURCE))]
+    columns = published_columns(published_numbers(lines, ON_SOURCE))
     for label, of_group, decimals in ((f"ours, {PAPER_PROTOCOL}", ours, 5), (EARLY, early, 4)):
         numbers = model_numbers(found, of_group, _source_errors)
-        groups.append(Group(label, tuple(ON_SOURCE), decimals, numbers, PAPER_PROTOCOL))
-    return [paper_table(number, lines, groups, _stored(results, found))]
+        columns += number_columns(label, ON_SOURCE, decimals, numbers, protocol=PAPER_PROTOCOL)
+    return [paper_table(number, lines, columns, _stored(results, found))]
 
 
 def _source_errors(row: str, result: CellResult) -> Numbers:
@@ -211,9 +305,10 @@ def _table_8(results: PaperResults) -> list[Table]:
     }
     found = results.on_shared_splits(networks.values(), PAPER_PROTOCOL)
     numbers = model_numbers(found, networks, _target_errors)
-    groups = [Group(f"ours, {PAPER_PROTOCOL}", _ON_TARGET, 4, numbers, PAPER_PROTOCOL)]
+    label = f"ours, {PAPER_PROTOCOL}"
+    columns = number_columns(label, _ON_TARGET, 4, numbers, protocol=PAPER_PROTOCOL)
     rows = [row for row, model in networks.items() if model.name not in found.missing]
-    return [paper_table("8", rows, groups, _stored(results, found))]
+    return [paper_table("8", rows, columns, _stored(results, found))]
 
 
 def _target_errors(row: Labels, result: CellResult) -> Numbers:
@@ -247,7 +342,7 @@ def _table_9(results: PaperResults) -> list[Table]:
     """Return the errors of the fine-tuned network on training and validation part."""
     lines = zip(TRAININGS, published_lines("table_9"), strict=True)
     of_paper = published_numbers({(label, LENGTH): line for label, line in lines}, COLUMNS_9)
-    groups, shown, more = [Group.published(of_paper)], list[Found](), list[str]()
+    columns, shown, more = published_columns(of_paper), list[Found](), list[str]()
     for label, trainings in (
         (f"ours, {PAPER_PROTOCOL}", TRAININGS),
         ("ours, the paper's recipe", BY_RECIPE),
@@ -262,9 +357,9 @@ def _table_9(results: PaperResults) -> list[Table]:
         read = results.of_models(trainings.values(), READ_ON_ALL)
         numbers = model_numbers(tested, trainings, partial(_on_both_parts, read, trainings))
         shown += [tested, read]
-        groups.append(Group(label, COLUMNS_9, 5, numbers, PAPER_PROTOCOL))
+        columns += number_columns(label, COLUMNS_9, 5, numbers, protocol=PAPER_PROTOCOL)
     rows = [(label, error) for label in TRAININGS for error in ERRORS_9]
-    return [paper_table("9", rows, groups, _stored(results, *shown, more=more))]
+    return [paper_table("9", rows, columns, _stored(results, *shown, more=more))]
 
 
 def _on_both_parts(
@@ -324,7 +419,7 @@ def _table_10(results: PaperResults) -> list[Table]:
     }
     reductions = {(row, CLAIMED): claimed[at] for row, at in ROWS_10.items()}
     reductions |= {(row, RECOMPUTED): reduction(old[at], new[at]) for row, at in ROWS_10.items()}
-    of_errors, of_reductions = [Group.published(of_paper)], [Group.published(reductions, 1)]
+    of_errors, of_reductions = published_columns(of_paper), published_columns(reductions, 1)
     shown, absent, how_recipe = list[Found](), list[StoreError](), [HOW_RECIPE]
     for reading, protocol in READINGS.items():
         try:
@@ -340,9 +435,9 @@ def _table_10(results: PaperResults) -> list[Table]:
         }
         numbers = model_numbers(both, methods, partial(_errors_and_reductions, of_old))
         label = f"ours, {reading}"
-        of_errors.append(Group(label, tuple(methods), 4, numbers, protocol))
-        columns = tuple(f"{method} against {OLD}" for method in methods if method in FINE_TUNED)
-        of_reductions.append(Group(label, columns, 1, numbers, protocol))
+        of_errors += number_columns(label, methods, 4, numbers, protocol=protocol)
+        compared = [f"{method} against {OLD}" for method in methods if method in FINE_TUNED]
+        of_reductions += number_columns(label, compared, 1, numbers, protocol=protocol)
         shown.append(found)
         if recipe.results:
             shown.append(recipe)
