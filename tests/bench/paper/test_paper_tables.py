@@ -12,6 +12,7 @@ import pytest
 
 from helpers.made_results import MadeResults
 from stiff_bench.paper.paper_models import (
+    EARLY_STEPS,
     FT_MLP,
     FT_MLP_OWN_SOURCE,
     FT_MLP_PAPER_RECIPE,
@@ -89,6 +90,7 @@ def test_tables_6_and_7_have_the_errors_on_the_source_that_the_networks_report(r
     assert values(part, OURS, ("tanh",))["train MAE"].value == pytest.approx(0.1)
     assert values(part, EARLY, ("tanh",))["train MAE"].value == pytest.approx(0.4)
     assert "Without a result under paper-holdout: mlp-pretrained@activation=sigmoid" in notes(table)
+    assert f"Stopped early: {EARLY_STEPS} steps" in notes(table)
 
 
 def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_samples(runs):
