@@ -77,10 +77,9 @@ def _regression(
     number: int, title: str, about: str, tested: Mapping[str, Prediction], *, table: int
 ) -> Prepared:
     """Draw predictions of methods, with their mean absolute errors in a table of the paper."""
-    errors = {name.upper(): of for name, of in published_errors(f"table_{table}").items()}
-    published = {
-        name: [errors[name.upper()]["mae", axis] / MM for axis in AXES] for name in tested
-    }  # m
+    errors = published_errors(f"table_{table}")
+    # m; the paper has its methods in capitals
+    published = {name: [errors[name.upper()]["mae", at] / MM for at in AXES] for name in tested}
     caption = (
         f"The paper's Figure {number}: {about} {LINES_NOTE} In brackets: the paper's MAE "
         f"(its Table {table})."

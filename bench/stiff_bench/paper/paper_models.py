@@ -46,7 +46,7 @@ EARLY_STEPS = 100
 DEPTH_WIDTH = 100
 BY_DEPTH = {str(depth): {"layers": depth, "width": DEPTH_WIDTH} for depth in (2, 3, 4, 5, 6)}
 """Row of the paper's Table 6 -> options of `pretrained`."""
-BY_ACTIVATION: Mapping[str, Mapping[str, Any]] = {
+BY_ACTIVATION: dict[str, dict[str, Any]] = {
     **{kind: {"activation": kind} for kind in ("sigmoid", "tanh")},
     "relu": {},
 }

@@ -33,8 +33,6 @@ from stiff_protocols.scoring.metrics import metric
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
-
-
 Makers = Mapping[str, Callable[[Study, PaperResults], Any]]
 """Name in a study's file -> what makes it of the stored results; numbers are the source paper's."""
 
