@@ -48,11 +48,10 @@ def test_a_picture_is_the_same_each_time_as_wide_as_a_column_and_names_data_and_
     """At 300 dots an inch; a name is drawn as it is written."""
     compared(tmp_path)
     picture = FIGURES["scores"](FigureSource.of(tmp_path)).picture
-    for kind in (".svg", ".png"):
-        assert picture(kind) == picture(kind)
-    (width,) = struct.unpack(">I", picture(".png")[16:20])
-    assert width == pytest.approx(300 * COLUMN_INCH, abs=1)
-    text = picture(".svg").decode()
+    png, svg = picture(".png"), picture(".svg")
+    assert (png, svg) == (picture(".png"), picture(".svg"))
+    assert struct.unpack(">I", png[16:20])[0] == pytest.approx(300 * COLUMN_INCH, abs=1)
+    text = svg.decode()
     assert "twin (simulated), holdout" in text
     assert "$x_1$ &lt;b&gt;" in text and "<b>" not in text
 
