@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, TABLES, build
+from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, TABLES
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
@@ -27,7 +27,7 @@ def stored():
 
 @pytest.mark.parametrize("number", [number for number in TABLES if number not in NEEDS_NO_RESULTS])
 def test_a_committed_table_is_that_of_the_committed_cells(number, stored):
-    parts = build(number, stored)
+    parts = TABLES[number](stored)
     assert all(len(part.notes) <= 4 for part in parts)
     made = pd.read_csv(io.StringIO(render(parts, "csv", "bench table")))
     committed = pd.read_csv(RESULTS / "paper" / "tables" / f"table_{number}.csv")

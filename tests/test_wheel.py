@@ -54,7 +54,7 @@ def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(wheel):
         if file.is_file() and "__pycache__" not in file.parts and "tests" not in package.parts
     }
     assert names == sources
-    needed = {"stiff_published/table_1.csv", "stiff_studies/paper.toml"}
+    needed = {"stiff_published/tables.toml", "stiff_studies/paper.toml"}
     needed |= {"stiff_bench/model_tools/templates/model.py.txt"}
     assert names >= needed | {f"stiff_{name}/py.typed" for name in ("bench", "models")}
 

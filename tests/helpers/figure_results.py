@@ -22,15 +22,6 @@ def compared(folder: Path) -> MadeResults:
     return made
 
 
-def ranked(folder: Path) -> MadeResults:
-    """Three models on five robots."""
-    made = MadeResults(folder)
-    for number, twin in enumerate(TWINS):
-        for name, error in (("vjm", 0.4), ("gp", 0.1), ("mlp", 0.2)):
-            made.add(name, [error + 0.01 * number], dataset=twin)
-    return made
-
-
 def learned(folder: Path, n_twins: int = 3, **shown) -> MadeResults:
     """Two models, three sizes, some specimens; the errors are e^(specimen) / size."""
     made = MadeResults(folder)

@@ -8,7 +8,6 @@ from stiff_bench.figures import (
     calibration,
     learning_curves,
     losses,
-    mean_errors,
     samples,
     springs,
     variants,
@@ -17,7 +16,7 @@ from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Figures
 
 FIGURES: Figures[FigureSource] = {
-    "scores": mean_errors.mean_errors,
+    "scores": samples.mean_errors,
     "regression": samples.regression,
     "errors": samples.sample_errors,
     "losses": losses.loss_curves,

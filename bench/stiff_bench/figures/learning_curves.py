@@ -52,7 +52,7 @@ def learning_figure(panels: Mapping[str, pd.DataFrame], names: Sequence[str]) ->
         axes.set_title(style.short(title), loc="left")
     for axes in grid[::3]:
         axes.set_ylabel("mean 3-D error [mm]")
-    for name, look in zip(names, style.looks(len(names)), strict=True):
+    for name, look in style.looks_of(names).items():
         grid[0].plot([], [], color=look.color, marker=look.marker, label=style.short(name))
     style.name_panels(grid)
     style.share_legend(figure, grid[:1], ncols=n_columns)

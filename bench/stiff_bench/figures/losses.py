@@ -45,9 +45,8 @@ def losses_figure(curves: Sequence[LossCurve]) -> Figure:
     """Draw a panel for each phase; models are colours, training solid, validation dashed."""
     in_order = sorted(curves, key=lambda curve: (curve.number, curve.phase))
     phases = grouped(in_order, lambda curve: curve.phase)
-    names = list(dict.fromkeys(curve.name for curve in curves))
-    look = dict(zip(names, style.looks(len(names)), strict=True))
-    legend = LEGEND_LINE_INCH * (len(names) + 3)
+    look = style.looks_of(curve.name for curve in curves)
+    legend = LEGEND_LINE_INCH * (len(look) + 3)
     figure, panels = style.new_panels(len(phases), PANEL_INCH, legend)
     for axes, (phase, members) in zip(panels, phases.items(), strict=True):
         draw_losses(axes, members, look)

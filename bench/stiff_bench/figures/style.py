@@ -75,6 +75,12 @@ def looks(n: int) -> list[Look]:
     ]
 
 
+def looks_of(names: Iterable[Any]) -> dict[Any, Look]:
+    """Return a look for each of some names, in their order."""
+    different = list(dict.fromkeys(names))
+    return dict(zip(different, looks(len(different)), strict=True))
+
+
 def seaborn_looks(names: Sequence[Any]) -> dict[str, Any]:
     """Return what gives a seaborn line to each of some names its colour and marker."""
     found = looks(len(names))

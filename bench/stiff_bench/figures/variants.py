@@ -97,7 +97,7 @@ def freezing_figure(errors: pd.DataFrame, linear: Sequence[float]) -> Figure:
 
 def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: Sequence[float]) -> None:
     """Draw mean and splits of each of `strategies`, and the mean of the linear model's [mm]."""
-    look = dict(zip(KINDS, style.looks(len(KINDS)), strict=True))
+    look = style.looks_of(KINDS)
     for kind in KINDS:
         label = kind if (errors["kind"] == kind).any() else None
         axes.plot([], [], **look[kind].points(), label=label)

@@ -26,7 +26,7 @@ from stiff_models.io.training_cache import OFF, VARIABLE
 from stiff_protocols.conformance.checks import Check, Status
 from stiff_protocols.conformance.data_and_protocol_checks import check_dataset, check_protocol
 from stiff_protocols.conformance.model_checks import check_model
-from stiff_protocols.contract.errors import ConfigError, ModelError, NotSavable, StoreError
+from stiff_protocols.contract.errors import ConfigError, ModelError, NotSavable
 from stiff_protocols.contract.files import check_new_file, make_folder, written_whole
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo
 from stiff_protocols.contract.types import Robot
@@ -150,8 +150,6 @@ def _names(name: str) -> dict[str, str]:
 def new_model(name: str, folder: Path, registry: Registry) -> str:
     """Write a plugin and its test into `folder`, and return the commands to type next.
 
-    Both files are written, or none.
-
     Raises:
         ConfigError: the name cannot be used, or is taken.
         StoreError: a file exists or cannot be written.
@@ -162,11 +160,14 @@ def new_model(name: str, folder: Path, registry: Registry) -> str:
         raise ConfigError(f"key {key!r} is taken by {registry.origins[key]}; give another name")
     make_folder(folder)
     plugin, test = folder / f"{module}.py", folder / f"test_{module}.py"
-    for path in (plugin, test):
+    templates = {plugin: "model.py.txt", test: "test.py.txt"}
+    for path in templates:
         check_new_file(path)
     if importlib.util.find_spec(module) is not None:
         raise ConfigError(f"Python already has a module {module!r}; give another name")
-    _write_both(plugin, _filled_in("model.py.txt", names), test, _filled_in("test.py.txt", names))
+    for path, template in templates.items():
+        with written_whole(path) as temporary:
+            temporary.write_text(_filled_in(template, names), encoding="utf-8")
     at = shlex.quote(str(plugin))
     return "\n".join(
         [
@@ -176,16 +177,6 @@ def new_model(name: str, folder: Path, registry: Registry) -> str:
             f"  bench run --model {key} --model vjm --plugin {at}",
         ]
     )
-
-
-def _write_both(plugin: Path, text: str, test: Path, test_text: str) -> None:
-    try:
-        with written_whole(plugin) as first, written_whole(test) as second:
-            first.write_text(text, encoding="utf-8")
-            second.write_text(test_text, encoding="utf-8")
-    except StoreError:
-        test.unlink(missing_ok=True)  # it was not there before
-        raise
 
 
 def _filled_in(template: str, names: Mapping[str, str]) -> str:

@@ -30,10 +30,9 @@ from stiff_bench.tables.published import published_errors, published_lines
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import AXES
+from stiff_protocols.contract.types import AXES, Prediction
 
 DATA = f"Data: {DATASET}, simulated: the paper's measurements are not public"
-_REGRESSION = "Predicted against true deflection"
 PANEL_INCH = 2.7
 QUANTITIES = ("MAE", "STDE")
 
@@ -47,48 +46,46 @@ def _setting(*shown: Found) -> str:
 def figure_4(_: PaperResults) -> Prepared:
     """Show predicted against true deflection of the VJM, fitted to the same samples."""
     tested = fitted_vjm()[0]
-    caption = (
-        f"The paper's Figure 4: the linear VJM (vjm), fitted to the same {len(tested.rows)} "
-        f"samples that are shown (no split). {DATA}. {LINES_NOTE} In brackets: the "
-        "paper's MAE (its Table 2)."
-    )
-    published = {"vjm": _published_mae("table_2", OLD)}
-    paint = partial(regression_figure, {"vjm": tested}, published)
-    return Prepared(f"{_REGRESSION}, VJM fitted to them", caption, paint)
+    n_samples = f"the same {len(tested.rows)} samples that are shown"
+    about = f"the linear VJM (vjm), fitted to {n_samples} (no split). {DATA}."
+    return _regression(4, "VJM fitted to them", about, {"vjm": tested}, table=2)
 
 
 def figure_8(results: PaperResults) -> Prepared:
     """Show predicted against true deflection of DT-CNN."""
-    return _regression(8, ("DT-CNN",), results)
+    return _tested(8, ("DT-CNN",), results)
 
 
 def figure_9(results: PaperResults) -> Prepared:
     """Show predicted against true deflection of FT-MLP and the VJM."""
-    return _regression(9, (NEW, OLD), results)
+    return _tested(9, (NEW, OLD), results)
 
 
-def _regression(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
+def _tested(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
     """Draw the test samples of the methods, each of which has a result, on shared splits."""
-    names = {method: METHODS[method].name for method in methods}
     found = results.on_shared_splits([METHODS[method] for method in methods], PAPER_PROTOCOL)
-    if found.missing or found.failures:
+    if found.missing:
         why = " ".join(found.absences())
         raise StoreError(f"{results.folder}: {why.removesuffix('.')}", "results")
-    tested = {name: pooled_prediction(found.results[names[name]]) for name in methods}
-    published = {name: _published_mae("table_10", name) for name in methods}
-    about = " and ".join(f"{method} ({name})" for method, name in names.items())
+    tested = {one: pooled_prediction(found.results[METHODS[one].name]) for one in methods}
+    names = " and ".join(f"{method} ({METHODS[method].name})" for method in methods)
+    about = f"{names} on the test samples of all splits. {_setting(found)}"
+    return _regression(number, " and ".join(methods), about, tested, table=10)
+
+
+def _regression(
+    number: int, title: str, about: str, tested: Mapping[str, Prediction], *, table: int
+) -> Prepared:
+    """Draw predictions of methods, with their mean absolute errors in a table of the paper."""
+    errors = published_errors(f"table_{table}")
+    # m; the paper has its methods in capitals
+    published = {name: [errors[name.upper()]["mae", at] / MM for at in AXES] for name in tested}
     caption = (
-        f"The paper's Figure {number}: {about} on the test samples of all splits. "
-        f"{_setting(found)} {LINES_NOTE} In brackets: the paper's MAE (its Table 10)."
+        f"The paper's Figure {number}: {about} {LINES_NOTE} In brackets: the paper's MAE "
+        f"(its Table {table})."
     )
-    title = f"{_REGRESSION}, {' and '.join(methods)}"
-    return Prepared(title, caption, partial(regression_figure, tested, published))
-
-
-def _published_mae(table: str, method: str) -> tuple[float, ...]:
-    """Return a method's published mean absolute errors along x, y and z, m."""
-    values = published_errors(table)[method]
-    return tuple(values["mae", axis] / MM for axis in AXES)
+    paint = partial(regression_figure, tested, published)
+    return Prepared(f"Predicted against true deflection, {title}", caption, paint)
 
 
 def figure_6(results: PaperResults) -> Prepared:
@@ -116,11 +113,12 @@ def _draw_strategies(
 ) -> Figure:
     figure, (left, right) = style.new_panels(2, PANEL_INCH, 0.0)
     kinds = dict(zip(errors["layers"], errors["kind"], strict=True))
-    for (layers, result), look in zip(first.items(), style.looks(len(first)), strict=True):
+    looks = style.looks_of(first)
+    for layers, result in first.items():
         step, _, loss = result.curves.get("fine-tuning", np.full((1, 3), np.nan)).T
         if losses.has_place(loss).any():
             pair, best = kinds[layers] == variants.PAIR, losses.least_at(loss)
-            points = look.points() | {"markersize": 4.5}
+            points = looks[layers].points() | {"markersize": 4.5}
             line = points | {"linestyle": "-" if pair else DASHED, "markevery": [best]}
             left.plot(step, loss, **line, label=f"layer{'s' * pair} {layers}")
             left.plot(step[best], loss[best], **points, zorder=4.0)
@@ -141,13 +139,13 @@ def figure_5(results: PaperResults) -> Prepared:
     width = models.DEPTH_WIDTH
     stopped = [pretrained(layers=d, width=width, stopped_early=True) for d in WIDTH_DEPTHS]
     early = results.of_models([*stopped, pretrained(stopped_early=True)], PAPER_PROTOCOL)
-    by_activation = {pretrained(activation=kind).name: kind for kind in models.ACTIVATIONS}
-    activations = [pretrained(activation=kind) for kind in reversed(models.ACTIVATIONS)]
-    trained = results.of_models(activations, PAPER_PROTOCOL)
+    networks = {kind: pretrained(**of) for kind, of in reversed(models.BY_ACTIVATION.items())}
+    trained = results.of_models(networks.values(), PAPER_PROTOCOL)
     curves = [
         curve
-        for name, of_model in trained.results.items()
-        for curve in losses.curves_of(of_model[0], by_activation[name])
+        for kind, network in networks.items()
+        for first in trained.results.get(network.name, ())[:1]
+        for curve in losses.curves_of(first, kind)
     ]
     caption = (
         "The paper's Figure 5: (a) MAE and (b) STDE of pre-trained networks on the simulated "
@@ -186,13 +184,12 @@ def _draw_networks(
         _mark(axes, errors_on(early, test).groupby(["depth", "width"], as_index=False).mean(), "o")
         axes.set_ylabel(f"pre-training {quantity} [mm]")
     legend = panels[0]
-    for depth, look in zip(WIDTH_DEPTHS, style.looks(len(WIDTH_DEPTHS)), strict=True):
+    for depth, look in style.looks_of(WIDTH_DEPTHS).items():
         legend.plot([], [], color=look.color, marker=look.marker, label=f"{depth} hidden layers")
     legend.plot([], [], color=style.REFERENCE_COLOR, linestyle=DASHED, label="training part")
     for marker, size, label in (("*", 6.0, "paper"), ("o", 4.0, "stopped early")):
         legend.plot([], [], marker, ms=size, color=style.REFERENCE_COLOR, mfc="white", label=label)
-    names = [curve.name for curve in curves]
-    losses.draw_losses(panels[2], curves, dict(zip(names, style.looks(len(names)), strict=True)))
+    losses.draw_losses(panels[2], curves, style.looks_of(curve.name for curve in curves))
     panels[2].legend()
     for axes, title in zip(panels, (*QUANTITIES, "pre-training"), strict=True):
         axes.set_title(title, loc="left")
@@ -203,7 +200,7 @@ def _draw_networks(
 
 def _mark(axes: Axes, errors: pd.DataFrame, marker: str, size: float = 4.0) -> None:
     """Draw errors to hold ours against, hollow, in the depths' colours."""
-    for depth, look in zip(WIDTH_DEPTHS, style.looks(len(WIDTH_DEPTHS)), strict=True):
+    for depth, look in style.looks_of(WIDTH_DEPTHS).items():
         found = errors[errors["depth"] == depth]
         hollow: dict[str, Any] = {"color": look.color, "ms": size, "mfc": "white", "mew": 0.8}
         axes.plot(found["width"], found["error"], marker, **hollow)

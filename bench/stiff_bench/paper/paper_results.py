@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from stiff_bench.analysis.selection import meant
 from stiff_bench.figures.figure_source import marks
 from stiff_bench.paper.paper_models import DATASET, SEED
 from stiff_bench.store.names import Variant
-from stiff_bench.store.newest import slot_of
+from stiff_bench.store.newest import Slot, slot_of
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.units import counted, first_few
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -31,15 +31,13 @@ class Found:
     Attributes:
         protocol: its name.
         results: model -> its results, one a split; none of models that have none, or failed on one.
-        failures: model -> why it has no numbers, though it was run.
-        missing: models that were never run.
+        missing: models without results -> their names for people, with the reason of a failure.
         n_left_out: splits on which some of the models have a result, and others do not.
     """
 
     protocol: str
     results: dict[str, list[CellResult]]
-    failures: Mapping[str, str]
-    missing: Sequence[str]
+    missing: Mapping[str, str]
     n_left_out: int = 0
 
     @property
@@ -61,10 +59,8 @@ class Found:
                 f"Left out: {counted(self.n_left_out, 'split')} of {self.protocol} that only some "
                 f"of the models have; {REPRODUCE} makes the others'."
             )
-        for reason in self.failures.values():
-            yield f"No numbers: {reason}."
         if self.missing:
-            names = first_few(self.missing)
+            names = first_few([*self.missing.values()])
             yield f"Without a result under {self.protocol}: {names}; {REPRODUCE} makes it."
 
 
@@ -87,30 +83,27 @@ class PaperResults(StoredResults):
 
         They are of the newest case under the protocol: other seeds and older data are others.
         """
-        results, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
+        results, missing = dict[str, list[CellResult]](), dict[str, str]()
+        of_case = (DATASET, protocol, "", SEED)
         cases = [
             case
             for case in self.cases
-            if (case.name.dataset, case.name.protocol) == (DATASET, protocol)
-            and not case.name.condition
-            and case.name.seed == SEED
+            for name in [case.name]
+            if (name.dataset, name.protocol, name.condition, name.seed) == of_case
         ]
         newest = [max(cases, key=lambda case: case.newest_run)] if cases else []
         for variant in models:
             model, stored_name = variant.name, meant(variant, newest)
             if stored_name is None:
-                missing.append(model)
+                missing[model] = model
                 continue
             competitor = newest[0].competitors[stored_name]
             if competitor.failures:
                 first = next(iter(competitor.failures.values()))
-                failures[model] = (
-                    f"{self.folder}: {model} on {DATASET} under {protocol}: no result of "
-                    f"{counted(len(competitor.failures), 'split')}: {first.why_none}"
-                )
+                missing[model] = f"{model} ({first.why_none})"
             else:
                 results[model] = list(competitor.done.values())
-        return Found(protocol, results, failures, missing)
+        return Found(protocol, results, missing)
 
     def on_shared_splits(self, models: Iterable[Variant], protocol: str) -> Found:
         """Return the results of models on the splits that all of them have, of those that have any.
@@ -119,19 +112,16 @@ class PaperResults(StoredResults):
             StoreError: none has a result, or no split is of all.
         """
         found = self.of_models(models, protocol)
-        if not found.results:
-            why = "; ".join(found.failures.values()) or f"no result of {first_few(found.missing)}"
+        slots = [set(map(slot_of, of_model)) for of_model in found.results.values()]
+        any_of = set[Slot]().union(*slots)
+        shared = any_of.intersection(*slots)
+        if not shared:
+            why = f"no result of {first_few([*found.missing.values()])}"
+            if found.results:
+                why = f"no split in common of {', '.join(found.results)}"
             raise StoreError(
                 f"{self.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
                 f"{REPRODUCE} makes it",
-                "results",
-            )
-        slots = [set(map(slot_of, of_model)) for of_model in found.results.values()]
-        shared, any_of = set.intersection(*slots), set.union(*slots)
-        if not shared:
-            raise StoreError(
-                f"{self.folder}: {', '.join(found.results)} have no split of {protocol} "
-                f"in common; {REPRODUCE} makes what is missing",
                 "results",
             )
         on_shared = {

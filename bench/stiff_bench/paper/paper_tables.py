@@ -8,40 +8,37 @@ of which error its Table 9 is. Both are shown in each sense: docs/reproduction.m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, partial
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from stiff_bench.figures.variants import SOURCE_MAE
 from stiff_bench.paper import paper_models as models
-from stiff_bench.paper.column_groups import (
-    COMPARE,
-    PUBLISHED,
-    Group,
-    GroupNumbers,
-    Labels,
-    Numbers,
-    Unit,
-    mean_numbers,
-    paper_table,
-    published_numbers,
+from stiff_bench.paper.paper_models import (
+    DATASET,
+    FAIR_PROTOCOL,
+    PAPER_PROTOCOL,
+    READ_ON_ALL,
+    SEED,
 )
-from stiff_bench.paper.paper_models import DATASET, FAIR_PROTOCOL, PAPER_PROTOCOL, READ_ON_ALL
 from stiff_bench.paper.paper_results import REPRODUCE, Found, PaperResults, named_results
 from stiff_bench.store.names import Variant
-from stiff_bench.store.newest import slot_of
-from stiff_bench.tables.metric_table import mark_of, pooled_prediction
+from stiff_bench.store.newest import Slot, slot_of
+from stiff_bench.tables.metric_table import mark_of, mean_over, pooled_prediction
 from stiff_bench.tables.published import (
+    about_table,
     claimed_reductions,
     published_errors,
     published_lines,
     published_stiffness,
 )
-from stiff_bench.tables.table import Column, Entry, Table
+from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM, counted
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.vjm import fitted_physics
@@ -58,62 +55,135 @@ NEEDS_NO_RESULTS = {
 """Tables that need no stored results -> why: nothing of them is ours, or a second makes it."""
 
 
-def build(number: str, results: PaperResults) -> list[Table]:
-    """Return a table of the paper next to ours, made of results if it needs any.
+def read_table(number: str, folder: Path | None) -> list[Table]:
+    """Return a table of the paper next to ours; folder, None and errors as in `named_results`.
 
     Raises:
         ConfigError: the paper has no table of that number.
-        StoreError: the results have nothing of it.
     """
     if number not in TABLES:
         raise unknown_name("table of the paper", number, TABLES)
-    return TABLES[number](results)
-
-
-def read_table(number: str, folder: Path | None) -> list[Table]:
-    """Return `build`'s table; folder, None and errors are those of `named_results`."""
     made_of = NEEDS_NO_RESULTS.get(number, "")
-    return build(number, named_results(folder, f"table {number}", made_of=made_of))
+    return TABLES[number](named_results(folder, f"table {number}", made_of=made_of))
 
 
-def _published_table(
-    number: int, caption: str, n_texts: int, note: str, results: PaperResults
-) -> list[Table]:
+Label = TypeVar("Label")
+Labels = tuple[str, ...]
+"""Texts of a row: one under each row heading."""
+Numbers = Mapping[tuple[Labels, str], float]
+"""(row, column) -> number."""
+GroupNumbers = dict[tuple[Labels, str], Quantity]
+"""The same with spread and marks; a missing one is a dash."""
+PUBLISHED = "published"
+SIMULATED = f"{DATASET} (simulated)"
+
+
+def number_columns(
+    group: str,
+    names: Iterable[str],
+    decimals: int,
+    numbers: GroupNumbers,
+    *,
+    protocol: str = "",
+    data: str = SIMULATED,
+    source: str = "ours",
+) -> list[Column]:
+    """Return the columns of a group, whose numbers are of one origin.
+
+    `protocol` is what our models were tested by, "" for none.
+    """
+    about: dict[str, object] = {"group": group, "source": source, "data": data}
+    about |= {"protocol": protocol, "seed": SEED if protocol else None}
+
+    def column(name: str) -> Column:
+        return Column(
+            name,
+            format=f".{decimals}f",
+            group=group,
+            about=about,
+            marks_shown=False,
+            value=lambda row: numbers.get((row, name)),
+        )
+
+    return [*map(column, names)]
+
+
+def published_columns(values: Numbers, decimals: int = 4) -> list[Column]:
+    """Return the paper's columns."""
+    numbers = {place: Quantity(value, n=1) for place, value in values.items()}
+    names = dict.fromkeys(name for _, name in values)
+    origin = {"data": "KR10 (measured)", "source": PUBLISHED}
+    return number_columns(PUBLISHED, names, decimals, numbers, **origin)
+
+
+def mean_numbers(each: Sequence[Numbers], mark: str = "") -> GroupNumbers:
+    """Return the means over splits, or specimens, at the places that all of them have."""
+    shared = [at for at in (each[0] if each else ()) if all(at in one for one in each)]
+    return {at: mean_over([one[at] for one in each], mark) for at in shared}
+
+
+def model_numbers(
+    found: Found,
+    models: Mapping[Label, Variant],
+    errors: Callable[[Label, CellResult], Numbers],
+) -> GroupNumbers:
+    """Return the means over the splits of the errors of each model, which its label places."""
+    numbers = GroupNumbers()
+    for label, model in models.items():
+        if results := found.results.get(model.name):
+            each = [errors(label, result) for result in results]
+            numbers |= mean_numbers(each, mark_of(results[0].shown))
+    return numbers
+
+
+def paper_table(
+    table: str, rows: Iterable[Labels], columns: Iterable[Column], notes: Iterable[str] = ()
+) -> Table:
+    """Return a table that `results/published/tables.toml` describes.
+
+    `rows` are the texts under its headings, beside which the columns are; `notes` follow its own.
+    """
+    said = about_table(table)
+    number, unit, headings = said.get("number", table), said["unit"], enumerate(said["headings"])
+    every_column = [
+        *(Column(heading, "text", value=itemgetter(place)) for place, heading in headings),
+        *(replace(column, unit=unit) for column in columns),
+    ]
+    title, every_note = f"Table {number}. {said['caption']} [{unit}]", [*said["notes"], *notes]
+    about = {"table": int(number)}
+    return Table.of(title, every_column, rows, every_note, unit=unit, about=about)
+
+
+def published_numbers(lines: Mapping[Labels, Mapping[str, str]], columns: Iterable[str]) -> Numbers:
+    """Return the numbers of a published file: "train MAE" is its column "train_mae_mm"."""
+    return {
+        (row, column): float(line[f"{column.replace(' ', '_').lower()}_mm"])
+        for column in columns
+        for row, line in lines.items()
+    }
+
+
+def _published_table(number: str, _: PaperResults) -> list[Table]:
     """Return a table that holds nothing of ours, as it was typed.
 
-    The first `n_texts` columns are texts. The note names what was decided where the paper is
-    silent or contradicts itself.
+    The note names what was decided where the paper is silent or contradicts itself.
     """
-    lines = published_lines(f"table_{number}")
-    texts, numbers = [*lines[0]][:n_texts], [*lines[0]][n_texts:]
-    columns = [Column(name, "text") for name in texts]
-    for name, _, unit in (name.partition("_") for name in numbers):  # begin_deg
-        columns.append(Column(name, unit=unit, format="g", about={"source": PUBLISHED}))
-    rows: list[list[Entry]] = [
-        [
-            *(line[name] for name in texts),
-            *(float(line[name]) if line[name] else None for name in numbers),
-        ]
-        for line in lines
-    ]
-    title = f"Table {number}. {caption} ({PUBLISHED})"
-    return [Table(title, columns, rows, [note], about={"table": number})]
+    lines, said = published_lines(f"table_{number}"), about_table(number)
 
+    def column(name: str) -> Column:
+        if name in said["headings"]:
+            return Column(name, "text")
+        shown, _, unit = name.partition("_")  # begin_deg
+        return Column(
+            shown,
+            unit=unit,
+            format="g",
+            about={"source": PUBLISHED},
+            value=lambda line: float(line[name]) if line[name] else None,
+        )
 
-_NOTE_1 = (
-    "The paper gives no step of A2: 15 deg, as our twin has, make 60 of its 61 joint-space "
-    "poses, and the 61st is a reference pose of ours. A5 and A6 were adjusted to the "
-    "measurement. An interval of 300 mm along Z is an erratum: 3 values within 300 and 800 mm "
-    "are 250 mm apart, and 6 x 5 x 3 are its 90 Cartesian poses."
-)
-_NOTE_4 = (
-    "21,280 poses. The 16 values of A3 are 10 deg apart and end at 150 deg, not at the 156 deg "
-    "that the paper prints."
-)
-_NOTE_5 = (
-    "At the TCP, along and about the axes of the base frame. They lie almost on one line in "
-    "wrench space: a network that is pre-trained on them knows hardly any other load."
-)
+    title, about = f"Table {number}. {said['caption']} ({PUBLISHED})", {"table": int(number)}
+    return [Table.of(title, [*map(column, lines[0])], lines, said["notes"], about=about)]
 
 
 ROWS_10: dict[Labels, tuple[str, str]] = {
@@ -124,13 +194,6 @@ SPECIMENS = range(5)
 KILO = 1e3
 """Of Table 3: it is in 10^3 N m/rad."""
 _IN_SAMPLE = "in-sample fit"
-_VJM_NOTES = (
-    COMPARE,
-    f"The VJM is fitted to all 151 samples of {DATASET} and evaluated on the same ones, as in the "
-    "paper: not a test; data seed 0.",
-    f"Specimens: mean ± standard deviation over {len(SPECIMENS)} robots of the type; {DATASET} is "
-    "specimen 0, whose constants were calibrated against the published Tables 2 and 3.",
-)
 
 
 @cache
@@ -146,65 +209,59 @@ def fitted_vjm(specimen: int = 0) -> tuple[Prediction, Mapping[str, float]]:
     return prediction, model.diagnostics_
 
 
-def errors_by_axis(prediction: Prediction) -> dict[Labels, float]:
+def errors_by_axis(result: CellResult) -> dict[Labels, float]:
     """Return errors [mm] by row of Table 10."""
+    return _by_axis(pooled_prediction([result]))
+
+
+def _by_axis(prediction: Prediction) -> dict[Labels, float]:
     values = {key: metric(key).values(prediction) for key in models.METRICS}
     return {row: values[key][axis] * MM for row, (key, axis) in ROWS_10.items()}
 
 
 def _table_2(_: PaperResults) -> list[Table]:
     """Return the VJM's errors by axis, on the samples it was fitted to."""
-    # a row of Table 10, axis and error, is a row and a column here
+
+    def placed(errors: Mapping[Labels, float]) -> Numbers:
+        # a row of Table 10, axis and error, is a row and a column here
+        return {((axis,), error): value for (axis, error), value in errors.items()}
+
     values = published_errors("table_2")["VJM"]
-    published: Numbers = {((axis,), error): values[at] for (axis, error), at in ROWS_10.items()}
-    ours: list[Numbers] = [
-        {((axis,), error): value for (axis, error), value in errors_by_axis(predicted).items()}
-        for predicted, _ in map(fitted_vjm, SPECIMENS)
-    ]
-    caption = "VJM on the samples it was identified on: errors by axis"
-    return _vjm_table(2, caption, "mm", "axis", 3, published, ours)
+    published = placed({row: values[at] for row, at in ROWS_10.items()})
+    ours = [placed(_by_axis(predicted)) for predicted, _ in map(fitted_vjm, SPECIMENS)]
+    return _vjm_table("2", 3, published, ours)
 
 
 def _table_3(_: PaperResults) -> list[Table]:
     """Return the identified joint stiffnesses."""
-    published: Numbers = {
-        ((joint,), "stiffness"): value / KILO for joint, value in published_stiffness().items()
-    }
-    ours: list[Numbers] = [
-        {
-            place: reported[spring_key("stiffness", place[0][0], "Nm/rad")] / KILO
-            for place in published
-        }
-        for _, reported in map(fitted_vjm, SPECIMENS)
+
+    def placed(stiffness: Mapping[str, float]) -> Numbers:
+        return {((joint,), "stiffness"): value / KILO for joint, value in stiffness.items()}
+
+    published = published_stiffness()
+    ours = [
+        {joint: found[spring_key("stiffness", joint, "Nm/rad")] for joint in published}
+        for _, found in map(fitted_vjm, SPECIMENS)
     ]
-    caption = "VJM: joint stiffness identified on all samples"
-    return _vjm_table(3, caption, "10^3 Nm/rad", "joint", 2, published, ours)
+    return _vjm_table("3", 2, placed(published), [*map(placed, ours)])
 
 
 def _vjm_table(
-    number: int,
-    caption: str,
-    unit: Unit,
-    heading: str,
-    decimals: int,
-    published: Numbers,
-    ours: Sequence[Numbers],
+    number: str, decimals: int, published: Numbers, ours: Sequence[Numbers]
 ) -> list[Table]:
     """Return the paper's VJM next to ours of each specimen."""
-    of_paper = Group.published(published, decimals)
+    of_paper = published_columns(published, decimals)
+    names = [column.name for column in of_paper]
     first, of_all = (mean_numbers(one, _IN_SAMPLE) for one in (ours[:1], ours))
     specimens = f"{DATASET}@specimen=0..4 (simulated)"
-    groups = [
-        of_paper,
-        Group(f"ours, {DATASET}", of_paper.columns, decimals, first),
-        Group("ours, specimens 0 to 4", of_paper.columns, decimals, of_all, data=specimens),
+    columns = [
+        *of_paper,
+        *number_columns(f"ours, {DATASET}", names, decimals, first),
+        *number_columns("ours, specimens 0 to 4", names, decimals, of_all, data=specimens),
     ]
-    rows = dict.fromkeys(row for row, _ in published)
-    return [paper_table(number, caption, unit, (heading,), rows, groups, _VJM_NOTES)]
+    return [paper_table(number, dict.fromkeys(row for row, _ in published), columns)]
 
 
-Models = Mapping[Labels, Variant]
-"""Row -> model."""
 ON_SOURCE = {
     "train MAE": "source training MAE [mm]",
     "train STDE": "source training STDE [mm]",
@@ -214,97 +271,51 @@ ON_SOURCE = {
 """Column of Tables 6 and 7 -> what a pre-trained network reports."""
 _ON_TARGET = ("validation MAE", "validation STDE")
 EARLY = "ours, stopped early"
-_SOURCE_NOTES = (
-    COMPARE,
-    f"Stopped early: {models.EARLY_STEPS} steps of plain Adam, chosen afterwards to be near "
-    "the MAEs of the paper's Table 6: compare the order, not the errors.",
-)
-_TARGET_NOTES = (
-    "Ours alone, simulated, not comparable in absolute terms; the numbers of the paper's Table 8 "
-    "are not available to us.",
-    "Layers from the input on; out: the output layer. All axes and samples together; validation "
-    "is the 20 % test part, which picks the epoch.",
-)
-
-
-def _table_6(results: PaperResults) -> list[Table]:
-    """Return the errors of pre-trained networks by depth."""
-    width = models.DEPTH_WIDTH
-    networks = {str(depth): {"layers": depth, "width": width} for depth in models.DEPTHS}
-    return _on_source(6, "layers", f"Hidden layers of {width} nodes each", networks, results)
-
-
-def _table_7(results: PaperResults) -> list[Table]:
-    """Return the errors of pre-trained networks by activation."""
-    networks = {str(kind): {"activation": kind} for kind in models.ACTIVATIONS}
-    caption = f"Activation, {models.BASE_LAYERS} x {models.BASE_WIDTH} nodes"
-    return _on_source(7, "activation", caption, networks, results)
 
 
 def _on_source(
-    number: int,
-    heading: str,
-    caption: str,
-    networks: Mapping[str, Mapping[str, Any]],
-    results: PaperResults,
+    number: str, networks: Mapping[str, Mapping[str, Any]], results: PaperResults
 ) -> list[Table]:
-    """Return a table of pre-trained networks; `networks`: row -> arguments of `pretrained`."""
-    lines: dict[Labels, dict[str, str]] = {
-        (line[heading],): line for line in published_lines(f"table_{number}")
-    }
-    ours: Models = {(row,): models.pretrained(**given) for row, given in networks.items()}
-    early: Models = {
-        (row,): models.pretrained(**given, stopped_early=True) for row, given in networks.items()
+    """Return a table of pre-trained networks; `networks`: row -> options of `pretrained`."""
+    published = zip(networks, published_lines(f"table_{number}"), strict=True)
+    lines: dict[Labels, dict[str, str]] = {(row,): line for row, line in published}
+    ours = {row: models.pretrained(**options) for row, options in networks.items()}
+    early = {
+        row: models.pretrained(**options, stopped_early=True) for row, options in networks.items()
     }
     found = results.on_shared_splits([*ours.values(), *early.values()], PAPER_PROTOCOL)
-    groups = [Group.published(published_numbers(lines, ON_SOURCE))]
+    columns = published_columns(published_numbers(lines, ON_SOURCE))
     for label, of_group, decimals in ((f"ours, {PAPER_PROTOCOL}", ours, 5), (EARLY, early, 4)):
-        numbers = _numbers(found, of_group, _source_errors)
-        groups.append(Group(label, tuple(ON_SOURCE), decimals, numbers, PAPER_PROTOCOL))
-    caption += ": errors on the simulated pre-training data, all axes together"
-    notes = [*_SOURCE_NOTES, *_stored(results, found)]
-    return [paper_table(number, caption, "mm", (heading,), ours, groups, notes)]
+        numbers = model_numbers(found, of_group, _source_errors)
+        columns += number_columns(label, ON_SOURCE, decimals, numbers, protocol=PAPER_PROTOCOL)
+    return [paper_table(number, lines, columns, _stored(results, found))]
 
 
-def _source_errors(result: CellResult) -> Mapping[str, float]:
+def _source_errors(row: str, result: CellResult) -> Numbers:
     """Return the errors on both parts of the source domain that were reported."""
     reported = result.diagnostics
-    return {column: reported[name] for column, name in ON_SOURCE.items() if name in reported}
+    return {((row,), column): reported[key] for column, key in ON_SOURCE.items() if key in reported}
 
 
 def _table_8(results: PaperResults) -> list[Table]:
     """Return the errors of fine-tuned networks by layers."""
-    networks: Models = {
+    networks: dict[Labels, Variant] = {
         (counted(len(layers), "layer"), " + ".join(layers)): models.unfrozen(layers)
         for layers in (*models.ALL_SINGLES, *models.ALL_PAIRS)
     }
     found = results.on_shared_splits(networks.values(), PAPER_PROTOCOL)
-    numbers = _numbers(found, networks, _target_errors)
-    groups = [Group(f"ours, {PAPER_PROTOCOL}", _ON_TARGET, 4, numbers, PAPER_PROTOCOL)]
+    numbers = model_numbers(found, networks, _target_errors)
+    label = f"ours, {PAPER_PROTOCOL}"
+    columns = number_columns(label, _ON_TARGET, 4, numbers, protocol=PAPER_PROTOCOL)
     rows = [row for row, model in networks.items() if model.name not in found.missing]
-    notes = [*_TARGET_NOTES, *_stored(results, found)]
-    caption = "Unfrozen layers of the fine-tuned network"
-    return [paper_table(8, caption, "mm", ("moving", "layers"), rows, groups, notes)]
+    return [paper_table("8", rows, columns, _stored(results, found))]
 
 
-def _target_errors(result: CellResult) -> Mapping[str, float]:
+def _target_errors(row: Labels, result: CellResult) -> Numbers:
     """Return the errors on the test part, mm, all axes and samples together."""
     errors = absolute_errors(pooled_prediction([result])) * MM
-    return dict(zip(_ON_TARGET, (float(errors.mean()), float(errors.std())), strict=True))
-
-
-def _numbers(
-    found: Found, of_rows: Models, errors: Callable[[CellResult], Mapping[str, float]]
-) -> GroupNumbers:
-    """Return the means over the splits of the errors, by column, that all splits have."""
-    numbers = GroupNumbers()
-    for row, model in of_rows.items():
-        of_model = found.results.get(model.name, ())
-        each: list[Numbers] = [
-            {(row, name): value for name, value in errors(one).items()} for one in of_model
-        ]
-        numbers |= mean_numbers(each, mark_of(of_model[0].shown) if of_model else "")
-    return numbers
+    mae, stde = _ON_TARGET
+    return {(row, mae): float(errors.mean()), (row, stde): float(errors.std())}
 
 
 def _stored(results: PaperResults, *shown: Found, more: Sequence[str] = ()) -> list[str]:
@@ -325,18 +336,13 @@ HOW_RECIPE = (
     "The paper's own recipe (100,000 + 50,000 iterations) is not stored: "
     f"{REPRODUCE} computes its first split."
 )
-_TABLE_9_NOTE = (
-    "Validation: the 20 % test part; train: the rest. 3-D: length of the error vector. The paper "
-    "does not say of which error its numbers are; as lengths they fit its Table 10, along axes "
-    "they do not (docs/reproduction.md)."
-)
 
 
 def _table_9(results: PaperResults) -> list[Table]:
     """Return the errors of the fine-tuned network on training and validation part."""
     lines = zip(TRAININGS, published_lines("table_9"), strict=True)
     of_paper = published_numbers({(label, LENGTH): line for label, line in lines}, COLUMNS_9)
-    groups, shown, more = [Group.published(of_paper)], list[Found](), list[str]()
+    columns, shown, more = published_columns(of_paper), list[Found](), list[str]()
     for label, trainings in (
         (f"ours, {PAPER_PROTOCOL}", TRAININGS),
         ("ours, the paper's recipe", BY_RECIPE),
@@ -347,38 +353,30 @@ def _table_9(results: PaperResults) -> list[Table]:
         ):
             more.append(HOW_RECIPE)
             continue
-        found, numbers = _on_both_parts(results, trainings)
-        shown += found
-        groups.append(Group(label, COLUMNS_9, 5, numbers, PAPER_PROTOCOL))
+        tested = results.on_shared_splits(trainings.values(), PAPER_PROTOCOL)
+        read = results.of_models(trainings.values(), READ_ON_ALL)
+        numbers = model_numbers(tested, trainings, partial(_on_both_parts, read, trainings))
+        shown += [tested, read]
+        columns += number_columns(label, COLUMNS_9, 5, numbers, protocol=PAPER_PROTOCOL)
     rows = [(label, error) for label in TRAININGS for error in ERRORS_9]
-    caption = "Fine-tuning of layers 1 + 2: last epoch and best epoch"
-    notes = [_TABLE_9_NOTE, COMPARE, *_stored(results, *shown, more=more)]
-    return [paper_table(9, caption, "mm", ("training", "error"), rows, groups, notes)]
+    return [paper_table("9", rows, columns, _stored(results, *shown, more=more))]
 
 
 def _on_both_parts(
-    results: PaperResults, trainings: Mapping[str, Variant]
-) -> tuple[list[Found], GroupNumbers]:
-    """Return errors on validation part and training part, and what they are of.
-
-    The training part is that of the same fits, which are stored read on all samples.
-    """
-    tested = results.on_shared_splits(trainings.values(), PAPER_PROTOCOL)
-    read = results.of_models(trainings.values(), READ_ON_ALL)
-    numbers = GroupNumbers()
-    for label, model in trainings.items():
-        validated = tested.results.get(model.name, ())
-        held_out = {one.cell.split_sha256: pooled_prediction([one]).rows for one in validated}
-        fits = [one for one in read.results.get(model.name, ()) if one.cell.rows_sha256 in held_out]
-        validation = [_on_part(label, "validation", one) for one in validated]
-        train = [_on_part(label, "train", one, held_out[one.cell.rows_sha256]) for one in fits]
-        for each in (validation, train):
-            if validated and len(each) == len(validated):
-                numbers |= mean_numbers(each, mark_of(validated[0].shown))
-    return [tested, read], numbers
+    read: Found, trainings: Mapping[str, Variant], training: str, result: CellResult
+) -> Numbers:
+    """Return errors on the validation part and, of the same fit read on all samples, the rest."""
+    numbers = _on_part(training, "validation", result)
+    for fit in read.results.get(trainings[training].name, ()):
+        if fit.cell.rows_sha256 == result.cell.split_sha256:
+            held_out = pooled_prediction([result]).rows
+            numbers |= _on_part(training, "train", fit, held_out)
+    return numbers
 
 
-def _on_part(training: str, part: str, result: CellResult, without: ArrayLike = ()) -> Numbers:
+def _on_part(
+    training: str, part: str, result: CellResult, without: ArrayLike = ()
+) -> dict[tuple[Labels, str], float]:
     """Return means and deviations of the errors [mm] of a result, except for some of its rows."""
     prediction = pooled_prediction([result])
     chosen = ~np.isin(prediction.rows, without)
@@ -408,16 +406,6 @@ READINGS = {
 }
 """Name of a reading of Table 10 -> the protocol whose results it is."""
 CLAIMED, RECOMPUTED = "claimed", "from Table 10"
-_READINGS_NOTE = (
-    "Test part: the 20 %, which also picks the epoch. All samples: the same fits read on all 151, "
-    "training samples among them: no test, but most likely what the paper printed. Holdout: a "
-    f"fifth of the training samples picks the epoch. {OWN_SOURCE}, and DT-CNN: pre-trained on "
-    "poses and loads like the training samples'; the other FT-MLP on the paper's Tables 4 and 5."
-)
-_REDUCTION_NOTE = (
-    f"100 (1 - {NEW} / {OLD}); of ours split by split, then mean ± standard deviation. Negative: "
-    f"{NEW} is worse."
-)
 
 
 def _table_10(results: PaperResults) -> list[Table]:
@@ -431,7 +419,7 @@ def _table_10(results: PaperResults) -> list[Table]:
     }
     reductions = {(row, CLAIMED): claimed[at] for row, at in ROWS_10.items()}
     reductions |= {(row, RECOMPUTED): reduction(old[at], new[at]) for row, at in ROWS_10.items()}
-    of_errors, of_reductions = [Group.published(of_paper)], [Group.published(reductions, 1)]
+    of_errors, of_reductions = published_columns(of_paper), published_columns(reductions, 1)
     shown, absent, how_recipe = list[Found](), list[StoreError](), [HOW_RECIPE]
     for reading, protocol in READINGS.items():
         try:
@@ -441,11 +429,15 @@ def _table_10(results: PaperResults) -> list[Table]:
             continue
         recipe = results.of_models([models.FT_MLP_PAPER_RECIPE], protocol)  # on the first split
         methods = METHODS | ({RECIPE: models.FT_MLP_PAPER_RECIPE} if recipe.results else {})
-        errors, reduced = _of_methods(methods, found.results | recipe.results)
+        both = replace(found, results=found.results | recipe.results)
+        of_old = {
+            slot_of(one): errors_by_axis(one) for one in found.results.get(METHODS[OLD].name, ())
+        }
+        numbers = model_numbers(both, methods, partial(_errors_and_reductions, of_old))
         label = f"ours, {reading}"
-        of_errors.append(Group(label, tuple(methods), 4, errors, protocol))
-        columns = tuple(f"{method} against {OLD}" for method in methods if method in FINE_TUNED)
-        of_reductions.append(Group(label, columns, 1, reduced, protocol))
+        of_errors += number_columns(label, methods, 4, numbers, protocol=protocol)
+        compared = [f"{method} against {OLD}" for method in methods if method in FINE_TUNED]
+        of_reductions += number_columns(label, compared, 1, numbers, protocol=protocol)
         shown.append(found)
         if recipe.results:
             shown.append(recipe)
@@ -453,39 +445,27 @@ def _table_10(results: PaperResults) -> list[Table]:
     if not shown:
         raise absent[0]
     more = [*(f"{error}." for error in absent), *how_recipe]
-    notes = [COMPARE, *_stored(results, *shown, more=more)]
-    caption = "VJM, FT-MLP and DT-CNN: errors by axis in three readings"
-    saving = "Reduction of FT-MLP's errors against the VJM's"
-    headings = ("axis", "error")
+    notes = _stored(results, *shown, more=more)
     return [
-        paper_table(10, caption, "mm", headings, ROWS_10, of_errors, [_READINGS_NOTE, *notes]),
-        paper_table(10, saving, "%", headings, ROWS_10, of_reductions, [_REDUCTION_NOTE, *notes]),
+        paper_table("10", ROWS_10, of_errors, notes),
+        paper_table("claimed_reductions", ROWS_10, of_reductions, notes),
     ]
 
 
-def _of_methods(
-    methods: Mapping[str, Variant], results: Mapping[str, Sequence[CellResult]]
-) -> tuple[GroupNumbers, GroupNumbers]:
-    """Return the errors of the methods under a protocol, and FT-MLP's reductions of the VJM's."""
-    errors, reductions = GroupNumbers(), GroupNumbers()
-    by_split = {
-        method: {slot_of(one): errors_by_axis(pooled_prediction([one])) for one in of_method}
-        for method, model in methods.items()
-        if (of_method := results.get(model.name))
+def _errors_and_reductions(
+    of_old: Mapping[Slot, Mapping[Labels, float]], method: str, result: CellResult
+) -> Numbers:
+    """Return a method's errors [mm], and by how much they are below the VJM's [%]."""
+    errors = errors_by_axis(result)
+    old_errors = of_old.get(slot_of(result), {})
+    return {
+        **{(row, method): error for row, error in errors.items()},
+        **{
+            (row, f"{method} against {OLD}"): reduction(old, errors[row])
+            for row, old in old_errors.items()
+            if old
+        },
     }
-    of_old = by_split.get(OLD, {})
-    for method, of_splits in by_split.items():
-        mark, column = mark_of(results[methods[method].name][0].shown), f"{method} against {OLD}"
-        each = [{(row, method): value for row, value in of.items()} for of in of_splits.values()]
-        errors |= mean_numbers(each, mark)
-        if method in FINE_TUNED:
-            reduced = [
-                {(row, column): reduction(old, new[row]) for row, old in of_old[at].items() if old}
-                for at, new in of_splits.items()
-                if at in of_old
-            ]
-            reductions |= mean_numbers(reduced, mark)
-    return errors, reductions
 
 
 def reduction(old: float, new: float) -> float:
@@ -493,15 +473,14 @@ def reduction(old: float, new: float) -> float:
     return 100.0 * (1.0 - new / old)
 
 
-_CAPTION_5 = "Wrenches at each pose of the simulated pre-training data"
 TABLES: Mapping[str, Callable[[PaperResults], list[Table]]] = {
-    "1": partial(_published_table, 1, "Measured poses", 4, _NOTE_1),
+    "1": partial(_published_table, "1"),
     "2": _table_2,
     "3": _table_3,
-    "4": partial(_published_table, 4, "Poses of the simulated pre-training data", 1, _NOTE_4),
-    "5": partial(_published_table, 5, _CAPTION_5, 1, _NOTE_5),
-    "6": _table_6,
-    "7": _table_7,
+    "4": partial(_published_table, "4"),
+    "5": partial(_published_table, "5"),
+    "6": partial(_on_source, "6", models.BY_DEPTH),
+    "7": partial(_on_source, "7", models.BY_ACTIVATION),
     "8": _table_8,
     "9": _table_9,
     "10": _table_10,

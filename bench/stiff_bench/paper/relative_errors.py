@@ -96,24 +96,27 @@ class RelativeErrors:
 
     def table(self) -> Table:
         """Return a row per model and a column per group, the best on one group first."""
-        sort_by, of_vjm = self.study.sort_by, self.errors.T[REFERENCE_MODEL]
-        means, groups = self.means, [*self.ratios]
-        ordered = means.sort_values(sort_by, kind="stable") if sort_by in means else means
+        sort_by, of_vjm, models = self.study.sort_by, self.errors.T[REFERENCE_MODEL], self.means
+        if sort_by in models:
+            models = models.sort_values(sort_by, kind="stable")
         sizes = [
             f"{group} {MM * of_vjm[ratios.columns].mean():.3f}"
             for group, ratios in self.ratios.items()
         ]
-        return Table(
-            title="3-D error relative to the VJM's on the same data",
-            columns=[Column("model", "text"), *(Column(group, format=".2f") for group in groups)],
-            rows=[
-                [str(model), *(self._ratio(str(model), group) for group in groups)]
-                for model in ordered.index
+        return Table.of(
+            "3-D error relative to the VJM's on the same data",
+            [
+                Column("model", "text", value=str),
+                *(
+                    Column(one, format=".2f", value=partial(self._ratio, one))
+                    for one in self.ratios
+                ),
             ],
-            notes=[f"3-D error of the VJM [mm]: {', '.join(sizes)}.", *self.study.table_notes],
+            models.index,
+            [f"3-D error of the VJM [mm]: {', '.join(sizes)}.", *self.study.table_notes],
         )
 
-    def _ratio(self, model: str, group: str) -> Quantity | None:
+    def _ratio(self, group: str, model: str) -> Quantity | None:
         """Return mean and deviation over a group's data sets; None without a result."""
         ratios = self.ratios[group].T[model].dropna().tolist()
         if not ratios:
@@ -145,9 +148,9 @@ class RelativeErrors:
 
 def _draw(errors: RelativeErrors) -> Figure:
     """Draw the groups that are steps, with lines between them, and those whose orders compare."""
-    study, known = errors.study, [*errors.means]
-    steps = [group for group in study.steps if group in known]
-    orders = {group: name for group, name in study.orders.items() if group in known}
+    study, means = errors.study, errors.means
+    steps = [group for group in study.steps if group in means]
+    orders = {group: name for group, name in study.orders.items() if group in means}
     figure = style.new_figure(style.PAGE_INCH, 3.6)
     widths = [len(study.steps), len(study.orders)]
     panels = figure.subplots(1, 2, sharey=True, width_ratios=widths)
@@ -164,8 +167,7 @@ def _draw_groups(
     axes: Axes, errors: RelativeErrors, groups: Sequence[str], *, joined: bool
 ) -> None:
     """Draw the mean of each group of each model, with its deviation over the data sets."""
-    models = [name for name in errors.means.index if name not in _LOWER_BOUNDS]
-    looks = dict(zip(models, style.looks(len(models)), strict=True))
+    looks = style.looks_of(name for name in errors.means.index if name not in _LOWER_BOUNDS)
     for model in errors.means.index:
         mean = errors.means.loc[model, groups].dropna()
         x = [groups.index(group) for group in mean.index]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import build_leaderboard, newest_results
@@ -32,6 +33,8 @@ from stiff_protocols.scoring.metrics import metric
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
+Makers = Mapping[str, Callable[[Study, PaperResults], Any]]
+"""Name in a study's file -> what makes it of the stored results; numbers are the source paper's."""
 
 
 def _leaderboard(_: Study, stored: PaperResults) -> list[Table]:
@@ -42,22 +45,30 @@ def _scores(study: Study, stored: PaperResults) -> list[Table]:
     return build_tables(newest_results(stored), [metric(key) for key in study.metrics])
 
 
-def _papers(number: str, _: Study, stored: PaperResults) -> Sequence[Table]:
-    return paper_tables.build(number, stored)
-
-
 def _relative(study: Study, stored: PaperResults) -> RelativeErrors:
     return RelativeErrors(study, mean_errors(stored))
 
 
-TABLES: Mapping[str, Callable[[Study, PaperResults], Sequence[Table]]] = {
+def _of_paper(make: Callable[[PaperResults], Any], _: Study, stored: PaperResults) -> Any:
+    return make(stored)
+
+
+def _general(make: Callable[[FigureSource], Prepared], _: Study, stored: PaperResults) -> Prepared:
+    return make(FigureSource(stored.folder, stored.cases))
+
+
+TABLES: Makers = {
     "scores": _scores,
     "leaderboard": _leaderboard,
     "relative-errors": lambda *of: [_relative(*of).table()],
     "order-agreement": lambda *of: [_relative(*of).agreement()],
-    **{number: partial(_papers, number) for number in paper_tables.TABLES},
+    **{number: partial(_of_paper, make) for number, make in paper_tables.TABLES.items()},
 }
-"""Name in a study's file -> what makes the tables; numbers are the source paper's."""
+PICTURES: Makers = {
+    "relative-errors": lambda *of: _relative(*of).figure(),
+    **{number: partial(_of_paper, make) for number, make in paper_figures.FIGURES.items()},
+    **{name: partial(_general, make) for name, make in FIGURES.items()},
+}
 
 
 def check_names(study: Study) -> None:
@@ -66,14 +77,12 @@ def check_names(study: Study) -> None:
     Raises:
         ConfigError: there is no such table or figure.
     """
-    figures = ("relative-errors", *paper_figures.FIGURES, *FIGURES)
-    for kind, names, valid in (
-        ("table of a study", study.tables, TABLES),
-        ("figure of a study", study.figures, figures),
-    ):
-        for name in names:
-            if name not in valid:
-                raise unknown_name(kind, name, valid)
+    for name in study.tables:
+        if name not in TABLES:
+            raise unknown_name("table of a study", name, TABLES)
+    for name in study.figures:
+        if name not in PICTURES:
+            raise unknown_name("figure of a study", name, PICTURES)
 
 
 def write_page(study: Study, output: Path, command: str, n_missing: int) -> Iterator[Path]:
@@ -87,47 +96,37 @@ def write_page(study: Study, output: Path, command: str, n_missing: int) -> Iter
     """
     folder = output / study.name
     stored = PaperResults.of(folder / "runs")
-    tables, missing = list[str](), dict[str, str]()
-    for name in study.tables:
-        try:
-            made = TABLES[name](study, stored)
-        except StiffBenchError as error:
-            missing[f"Table {name}"] = str(error)
-            continue
+    missing = dict[str, str]()
+
+    def made(kind: str, names: Iterable[str], makers: Makers) -> Iterator[tuple[str, Any]]:
+        for name in names:
+            try:
+                yield name, makers[name](study, stored)
+            except StiffBenchError as error:
+                missing[f"{kind} {name}"] = str(error)
+
+    texts, figures = list[str](), dict[str, Prepared]()
+    for name, tables in made("Table", study.tables, TABLES):
         for fmt, suffix in TABLE_FILES.items():
             made_by = f"bench table {name} --format {fmt}" if name.isdecimal() else command
-            path = folder / "tables" / f"{_stem('table', name)}.{suffix}"
-            text = render(made, fmt, made_by)
-            yield _written(path, text)
+            text = render(tables, fmt, made_by)
+            yield _written(folder / "tables" / f"{_stem('table', name)}.{suffix}", text)
             if fmt == "github":
-                tables.append(text)
-    figures = dict[str, Prepared]()
-    for name in study.figures:
-        try:
-            figures[name] = _figure(name, study, stored)
-        except StiffBenchError as error:
-            missing[f"Figure {name}"] = str(error)
-            continue
+                texts.append(text)
+    for name, figure in made("Figure", study.figures, PICTURES):
+        figures[name] = figure
         make_folder(folder / "figures")
         for suffix in PICTURE_FILES:
             picture = folder / "figures" / f"{_stem('figure', name)}.{suffix}"
-            figures[name].save(picture)
+            figure.save(picture)
             yield picture
     page = [
         f"# {study.title}",
         _listed(*study.notes, *_provenance(stored, command, n_missing)),
-        *tables,
+        *texts,
         *_figures_and_missing(figures, missing),
     ]
     yield _written(folder / "README.md", "\n\n".join(page))
-
-
-def _figure(name: str, study: Study, stored: PaperResults) -> Prepared:
-    if name == "relative-errors":
-        return _relative(study, stored).figure()
-    if name in paper_figures.FIGURES:
-        return paper_figures.FIGURES[name](stored)
-    return FIGURES[name](FigureSource(stored.folder, stored.cases))
 
 
 def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator[str]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import tomllib
 from importlib.resources import files
+from typing import Any
 
 MARK = "published"
 NOTE = (
@@ -16,6 +18,12 @@ def published_lines(table: str) -> list[dict[str, str]]:
     """Return the lines of a published table, column -> text as printed in the paper."""
     text = (files("stiff_published") / f"{table}.csv").read_text(encoding="utf-8")
     return list(csv.DictReader(text.splitlines()))
+
+
+def about_table(table: str) -> dict[str, Any]:
+    """Return what `results/published/tables.toml` says of a table: caption, notes and so on."""
+    text = (files("stiff_published") / "tables.toml").read_text(encoding="utf-8")
+    return dict(tomllib.loads(text)[table])
 
 
 def published_errors(table: str) -> dict[str, dict[tuple[str, str], float]]:

@@ -27,20 +27,21 @@ def paper(tmp_path_factory) -> PaperResults:
     made = MadeResults(tmp_path_factory.mktemp("paper") / "runs")
     for name in ("vjm", DT_CNN):
         made.add(name, [0.1, 0.2], **PAPER)
-    for layers in (("1",), ("1", "2")):
-        freeze = {"freeze": f"layers:{','.join(layers)}"}
-        made.add(unfrozen(layers), [0.1, 0.2], options=freeze, **PAPER)
-        with_fields(made, unfrozen(layers).name, curves={"fine-tuning": CURVE})
+    for model, layers in ((unfrozen(("1",)), "1"), (FT_MLP, "1,2")):
+        made.add(model, [0.1, 0.2], options={"freeze": f"layers:{layers}"}, **PAPER)
+        with_fields(made, model.name, curves={"fine-tuning": CURVE})
     for depth in (3, 4, 5):
         for width in (40, 380):
             network = pretrained(layers=depth, width=width)
-            made.add(network, [0.1, 0.2], options={"layers": depth, "width": width}, **PAPER)
+            made.add(network, [0.1, 0.2], **PAPER)
             errors = {
                 f"source {part} {what} [mm]": depth / width
                 for part in ("test", "training")
                 for what in ("MAE", "STDE")
             }
-            with_fields(made, network.name, diagnostics=errors, curves={"pre-training": CURVE})
+            with_fields(made, network.name, diagnostics=errors)
+    made.add(pretrained(), [0.1, 0.2], **PAPER)
+    with_fields(made, pretrained().name, curves={"pre-training": CURVE})
     return PaperResults.of(made.folder)
 
 

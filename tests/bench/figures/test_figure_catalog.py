@@ -28,10 +28,6 @@ NEEDS = {
 SEVEN = ("vjm", "gp", "mlp", "a", "b", "c", "d")
 
 
-def drawn(name, source: FigureSource):
-    return FIGURES[name](source).draw()
-
-
 def caption_of(name, source: FigureSource) -> str:
     return FIGURES[name](source).caption
 
@@ -48,35 +44,26 @@ def test_predictions_of_one_robot_show_a_figure_or_it_is_said_what_makes_it(name
     assert NEEDS[name] in str(refused.value) and str(tmp_path) in str(refused.value)
 
 
-@pytest.mark.parametrize("kind", [".svg", ".png"])
-def test_the_same_results_give_the_same_file_as_wide_as_a_column_at_300_dots_an_inch(
-    tmp_path, kind
-):
-    learned(tmp_path)
-    gather, source = FIGURES["learning-curves"], FigureSource.of(tmp_path)
-    content = gather(source).picture(kind)
-    assert gather(source).picture(kind) == content
-    if kind == ".png":
-        (width,) = struct.unpack(">I", content[16:20])
-        assert width == pytest.approx(300 * COLUMN_INCH, abs=1)
-
-
-def test_a_models_name_is_drawn_as_it_is_written(tmp_path):
+def test_a_picture_is_the_same_each_time_as_wide_as_a_column_and_names_data_and_models(tmp_path):
+    """At 300 dots an inch; a name is drawn as it is written."""
     compared(tmp_path)
-    source = FigureSource.of(tmp_path, Selection(models=("$x_1$ <b>", "gp")))
-    text = FIGURES["errors"](source).picture(".svg").decode()
-    assert "$x_1$ &lt;b&gt;" in text
-    assert "<b>" not in text
+    picture = FIGURES["scores"](FigureSource.of(tmp_path)).picture
+    png, svg = picture(".png"), picture(".svg")
+    assert (png, svg) == (picture(".png"), picture(".svg"))
+    assert struct.unpack(">I", png[16:20])[0] == pytest.approx(300 * COLUMN_INCH, abs=1)
+    text = svg.decode()
+    assert "twin (simulated), holdout" in text
+    assert "$x_1$ &lt;b&gt;" in text and "<b>" not in text
 
 
 def test_an_unknown_model_and_models_without_a_common_split_are_refused(tmp_path):
     made = compared(tmp_path)
     with pytest.raises(ConfigError, match="'nobody'"):
-        drawn("regression", FigureSource.of(tmp_path, Selection(models=("nobody",))))
+        caption_of("regression", FigureSource.of(tmp_path, Selection(models=("nobody",))))
     made.add("late", [0.1, 0.1], failed=[0, 1])
     made.add("later", [0.0, 0.0, 0.1], failed=[0, 1])
     with pytest.raises(StoreError, match="no split on which all have a result"):
-        drawn("errors", FigureSource.of(tmp_path, Selection(models=("later", "gp"))))
+        caption_of("errors", FigureSource.of(tmp_path, Selection(models=("later", "gp"))))
 
 
 def test_measured_data_are_drawn_first_else_what_was_asked_for_first(tmp_path):
@@ -91,14 +78,6 @@ def test_measured_data_are_drawn_first_else_what_was_asked_for_first(tmp_path):
     made.add("vjm", [0.1], "measured-last", kind="measured")
     made.add("gp", [0.1], "b")
     assert FigureSource.of(tmp_path).compared(1).case.name.dataset == "measured-last"
-
-
-@pytest.mark.parametrize("name", ["scores", "regression"])
-def test_a_picture_of_one_data_set_has_its_name_above(tmp_path, name):
-    compared(tmp_path)
-    source = FigureSource.of(tmp_path)
-    assert "twin (simulated), holdout" in drawn(name, source).get_suptitle()
-    assert "twin (simulated), holdout" in FIGURES[name](source).picture(".svg").decode()
 
 
 def test_a_fair_protocol_comes_before_one_that_picks_on_the_test_part(tmp_path):
@@ -129,14 +108,10 @@ def test_the_best_of_the_models_with_most_splits_are_shown_and_the_linear_one_in
     assert FigureSource.of(tmp_path, Selection(models=("mlp",))).compared(3).models == ("mlp",)
 
 
-@pytest.mark.parametrize("name", ["regression", "learning-curves"])
-def test_captions_name_the_models_that_no_target_label_trained(tmp_path, name):
-    if name == "learning-curves":
-        learned(tmp_path, regime="no labels")
-    else:
-        compared(tmp_path).add("free", [0.05, 0.05], regime="no labels")
-    said = "All models shown" if name == "learning-curves" else "free"
-    assert f" {said}: no labels." in caption_of(name, FigureSource.of(tmp_path))
+def test_captions_name_the_models_that_no_target_label_trained(tmp_path):
+    learned(tmp_path, regime="no labels")
+    caption = caption_of("learning-curves", FigureSource.of(tmp_path))
+    assert " All models shown: no labels." in caption
 
 
 @pytest.mark.parametrize("value", [np.nan, 0.0, np.inf])

@@ -12,6 +12,7 @@ import pytest
 
 from helpers.made_results import MadeResults
 from stiff_bench.paper.paper_models import (
+    EARLY_STEPS,
     FT_MLP,
     FT_MLP_OWN_SOURCE,
     FT_MLP_PAPER_RECIPE,
@@ -19,7 +20,7 @@ from stiff_bench.paper.paper_models import (
     pretrained,
 )
 from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, RECIPE, TABLES, build, read_table
+from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, RECIPE, TABLES, read_table
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -30,29 +31,18 @@ TESTED, READ, FAIRLY = "ours, test part", "ours, all samples", "ours, holdout"
 
 
 class PaperRuns(MadeResults):
-    """Results whose errors on the source are 1, 2, 3 and 4 times those along z, which are given.
-
-    Attributes:
-        seed: of the results that are written from now on.
-    """
-
-    seed = 0
+    """Results whose errors on the source are 1, 2, 3 and 4 times those along z, which are given."""
 
     def _done(self, cell, presentation, run_id, data, rows, error_mm):
-        cell = replace(cell, seed=self.seed)
         if cell.protocol == ON_ALL:  # the fit of the split of the same number
             sha256 = cell.split_sha256
             cell = replace(cell, rows_sha256=sha256, split_sha256=f"{sha256}, all rows")
-        result = super()._done(cell, presentation, run_id, data, rows, error_mm)
         names = ("training MAE", "training STDE", "test MAE", "test STDE")
-        along_z = np.mean(error_mm)
-        of_source = {f"source {name} [mm]": (i + 1) * along_z for i, name in enumerate(names)}
-        steps = np.array([[0.0, 1.0, 1.0], [1234.0, 0.1, 0.1]])
-        return replace(
-            result,
-            diagnostics=of_source,
-            curves={"pre-training": steps, "fine-tuning": steps / 2},
-        )
+        of_source = {
+            f"source {name} [mm]": (i + 1) * np.mean(error_mm) for i, name in enumerate(names)
+        }
+        result = super()._done(cell, presentation, run_id, data, rows, error_mm)
+        return replace(result, diagnostics=of_source)
 
     def of(self, model, errors_mm=(), protocol=PAPER, **words):
         return self.add(model, errors_mm, "kr10-twin", protocol, **words)
@@ -88,7 +78,7 @@ def test_tables_6_and_7_have_the_errors_on_the_source_that_the_networks_report(r
     runs.of(pretrained(layers=3, width=100), [0.1, 0.3])
     runs.of(pretrained(activation="tanh"), [0.1])
     runs.of(pretrained(activation="tanh", stopped_early=True), [0.4])
-    (part,) = build("6", runs.read)
+    (part,) = TABLES["6"](runs.read)
     assert [row for (row,) in labels(part)] == ["2", "3", "4", "5", "6"]
     assert values(part, "published", ("3",))["test MAE"].value == 0.2186
     ours = values(part, OURS, ("3",))
@@ -96,17 +86,18 @@ def test_tables_6_and_7_have_the_errors_on_the_source_that_the_networks_report(r
     assert ours["test STDE"].spread == pytest.approx(statistics.stdev([0.4, 1.2]))
     assert ours["train MAE"].n == 2
     assert set(values(part, OURS, ("2",)).values()) == {None}
-    (part,) = (table := build("7", runs.read))
+    (part,) = (table := TABLES["7"](runs.read))
     assert values(part, OURS, ("tanh",))["train MAE"].value == pytest.approx(0.1)
     assert values(part, EARLY, ("tanh",))["train MAE"].value == pytest.approx(0.4)
     assert "Without a result under paper-holdout: mlp-pretrained@activation=sigmoid" in notes(table)
+    assert f"Stopped early: {EARLY_STEPS} steps" in notes(table)
 
 
 def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_samples(runs):
     """Of the twelve samples the first four are held out, with an error of 0.3 mm along z."""
     runs.of(FT_MLP, [0.3], picked_on_test=True)
     runs.of(FT_MLP, [[0.3] * 4 + [0.1] * 4 + [0.2] * 4], ON_ALL, rows=range(12))
-    (part,) = (table := build("9", runs.read))
+    (part,) = (table := TABLES["9"](runs.read))
     best = "optimized (best epoch)"
     assert labels(part)[4:] == [(best, error) for error in ("3-D", "X", "Y", "Z")]
     for error in ("3-D", "Z"):
@@ -131,7 +122,7 @@ def test_table_10_has_three_readings_and_reductions_split_by_split(runs):
     runs.of(FT_MLP, [0.3], FAIR)
     runs.of(VJM, [0.4], ON_ALL)
     runs.of(FT_MLP, [0.1], ON_ALL, reports_training=True)
-    errors, reductions = (table := build("10", runs.read))
+    errors, reductions = (table := TABLES["10"](runs.read))
     row = ("Z", "MAE")
     assert values(errors, "published", row)["DT-CNN"].value == 0.0628
     assert values(errors, TESTED, row)["FT-MLP"].value == pytest.approx(0.075)
@@ -160,14 +151,14 @@ def test_table_10_has_three_readings_and_reductions_split_by_split(runs):
 def test_the_papers_recipe_is_one_column_more_where_it_is_stored_and_a_command_where_not(runs):
     for model in (VJM, FT_MLP):
         runs.of(model, [0.4, 0.8])
-    errors, _ = build("10", runs.read)
-    (part,) = build("9", runs.read)
+    errors, _ = TABLES["10"](runs.read)
+    (part,) = TABLES["9"](runs.read)
     for table in (errors, part):
         assert "recipe (100,000 + 50,000 iterations) is not stored" in notes([table])
         assert not any("recipe" in column.name + column.group for column in table.columns)
     runs.of(FT_MLP_PAPER_RECIPE, [0.1])
-    errors, reductions = build("10", runs.read)
-    (part,) = build("9", runs.read)
+    errors, reductions = TABLES["10"](runs.read)
+    (part,) = TABLES["9"](runs.read)
     assert "is not stored" not in notes([errors, part])
     assert "Left out" not in notes([errors, reductions])  # the recipe has one split by design
     row = ("Z", "MAE")
@@ -182,7 +173,7 @@ def test_the_papers_recipe_is_one_column_more_where_it_is_stored_and_a_command_w
 
 @pytest.mark.parametrize(("number", "n_rows"), [("1", 15), ("4", 6), ("5", 5)])
 def test_the_papers_own_plans_are_printed_as_typed_and_read_no_results(number, n_rows, tmp_path):
-    (part,) = build(number, None)
+    (part,) = TABLES[number](None)
     assert len(part.rows) == n_rows and "published" in part.title and len(part.notes) == 1
     line = next(csv.DictReader(io.StringIO(render([part], "csv", ""))))
     assert line["source"] == "published" and line["table"] == number
@@ -194,7 +185,7 @@ def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(
     """A protocol without results has no columns, and a note."""
     runs.of(VJM, [0.1, 0.2, 0.3])
     runs.of(FT_MLP, [0.4])
-    errors, reductions = (table := build("10", runs.read))
+    errors, reductions = (table := TABLES["10"](runs.read))
     vjm = values(errors, TESTED, ("Z", "MAE"))["VJM"]
     assert (vjm.value, vjm.n) == (pytest.approx(0.1), 1)
     assert "Left out: 2 splits of paper-holdout" in notes(table)
@@ -207,27 +198,29 @@ def test_only_splits_that_all_models_have_count_and_a_note_says_how_many_do_not(
 def test_a_folder_without_the_tables_results_is_refused_naming_the_command(runs, number):
     runs.of("knn", [0.1])
     with pytest.raises(StoreError, match=r"nothing to print .*`bench reproduce paper`"):
-        build(number, runs.read)
+        TABLES[number](runs.read)
 
 
 def test_results_of_another_seed_data_set_or_specimen_do_not_count(runs):
     runs.add(VJM.name, [0.1], "kr10-twin@specimen=1", PAPER)
     runs.add(VJM.name, [0.1], "fanuc-r2000ic", PAPER)
-    runs.seed = 7
-    runs.of(VJM, [0.1])
+    runs.of(VJM, [0.1], seed=7)
     with pytest.raises(StoreError, match="nothing to print"):
-        build("10", runs.read)
+        TABLES["10"](runs.read)
 
 
-def test_the_vjm_of_the_twin_is_near_the_papers_tables_2_and_3_that_it_was_calibrated_by():
-    (errors,), (stiffness,) = build("2", None), build("3", None)
+def test_the_vjm_of_the_twin_is_near_the_papers_tables_2_and_3_that_it_was_calibrated_by(
+    monkeypatch,
+):
+    monkeypatch.setattr("stiff_bench.paper.paper_tables.SPECIMENS", range(2))  # for time
+    (errors,), (stiffness,) = TABLES["2"](None), TABLES["3"](None)
     for axis in "XYZ":
         published = values(errors, "published", (axis,))
         ours = values(errors, "ours, kr10-twin", (axis,))
         assert ours["MAE"].value == pytest.approx(published["MAE"].value, rel=0.2)
         assert ours["MAE"].spread is None and ours["MAE"].n == 1
         of_all = values(errors, "ours, specimens 0 to 4", (axis,))
-        assert of_all["MAE"].n == 5 and 0.0 < of_all["MAE"].spread < 0.05
+        assert of_all["MAE"].n == 2 and 0.0 < of_all["MAE"].spread < 0.05
     for joint in ("A1", "A2", "A3", "A4", "A5", "A6"):
         published = values(stiffness, "published", (joint,))["stiffness"].value
         ours = values(stiffness, "ours, kr10-twin", (joint,))["stiffness"].value

@@ -5,12 +5,10 @@ from __future__ import annotations
 import pytest
 
 from stiff_bench.paper.study_file import find_study, read_study
-from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 
-LONG = [("effects", 252), ("transfer", 505), ("intervals", 945), ("anchored", 260)]
 SIMPLE = (
     'title = "t"\nmodels = ["vjm"]\ndatasets = ["two"]\n[groups]\ntwo = ["kr10-twin", "ur5-twin"]\n'
 )
@@ -23,9 +21,16 @@ def plans(tmp_path_factory):
     return lambda name: find_study(name).plans(registry, output=folder, command="")
 
 
-def pairs(plans):
-    """(model, protocol) of the cells of some plans, once for each part that asks for it."""
-    return [(m.name, p.name) for one in plans for m in one.models for p in one.protocols]
+def fits(plans):
+    """(model, data set, protocol, seed, split) of the fits of some plans, each once."""
+    return {
+        (model.name, dataset.name, protocol.name, plan.seed, split)
+        for plan in plans
+        for model in plan.models
+        for dataset in plan.datasets
+        for protocol in plan.protocols
+        for split in range(plan.splits)
+    }
 
 
 def test_a_run_has_what_stands_at_the_top_of_the_file_but_for_its_own_keys(tmp_path):
@@ -65,15 +70,14 @@ def test_a_wrong_file_is_refused_by_file_key_and_value(text, said, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "n_cells"),
+    ("name", "n_fits"),
     [
-        *(("paper", 494), ("paper-quick", 49), ("anchored-steps", 180)),
-        *(pytest.param(*study, marks=pytest.mark.slow) for study in LONG),
+        *(("paper", 494), ("paper-quick", 49), ("anchored-steps", 180), ("anchored", 260)),
+        *(("effects", 252), ("transfer", 505), ("intervals", 945)),
     ],
 )
-def test_every_cell_of_a_shipped_study_is_asked_for_once(name, n_cells, plans):
-    keys = [task.cell.key for task in cell_tasks(*plans(name))]
-    assert len(keys) == len(set(keys)) == n_cells
+def test_a_shipped_study_asks_for_its_fits_by_valid_names(name, n_fits, plans):
+    assert len(fits(plans(name))) == n_fits
 
 
 def test_the_leaderboard_has_every_shipped_model_once(plans):
@@ -82,5 +86,5 @@ def test_the_leaderboard_has_every_shipped_model_once(plans):
 
 
 def test_the_quick_study_is_a_part_of_the_full_one_on_one_split(plans):
-    assert {*pairs(plans("paper-quick"))} < {*pairs(plans("paper"))}
+    assert fits(plans("paper-quick")) < fits(plans("paper"))
     assert {plan.splits for plan in plans("paper-quick")} == {1}

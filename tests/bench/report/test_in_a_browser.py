@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -10,12 +11,16 @@ import pytest
 from helpers.made_results import TWINS, MadeResults
 from stiff_bench.report.report_content import PageOptions, write_report
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+PROGRAM, DRIVER = next(filter(None, map(shutil.which, BROWSERS)), ""), shutil.which("chromedriver")
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.xdist_group("browser"),
-]  # a browser takes seconds to start
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+    pytest.mark.xdist_group("browser"),  # a browser takes seconds to start
+    pytest.mark.skipif(
+        not (PROGRAM and DRIVER and find_spec("selenium")),
+        reason=f"needs selenium, chromedriver and one of {', '.join(BROWSERS)}",
+    ),
+]
 FLAGS = (
     *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
@@ -48,17 +53,14 @@ def page(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def browser(page, tmp_path_factory):
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    driver = shutil.which("chromedriver")
-    if program is None or driver is None:
-        pytest.skip(f"needs chromedriver and one of {', '.join(BROWSERS)}")
+    from selenium import webdriver
+
     options = webdriver.ChromeOptions()
-    options.binary_location = program
+    options.binary_location = PROGRAM
     for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    service = webdriver.ChromeService(executable_path=driver)
+    service = webdriver.ChromeService(executable_path=DRIVER)
     opened = webdriver.Chrome(options=options, service=service)
     opened.get(page.as_uri())
     yield opened
