@@ -8,7 +8,6 @@ import pytest
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.robots.shipped_robots import shipped_chain
-from stiff_datasets.robots.urdf_reader import robot_of
 
 ANGLES_DEG = [(0, 0, 0, 0, 0, 0), (10, -20, 30, 40, 50, 60), (-35, -60, 20, -110, -45, 130)]
 FLANGES_MM = {
@@ -75,19 +74,19 @@ FLANGES_MM = {
 
 @pytest.mark.parametrize("name", FLANGES_MM)
 def test_an_arms_flange_stands_where_the_public_description_puts_it(name):
-    robot = robot_of(shipped_chain(name, tcp=(0, 0, 0)))
+    robot = shipped_chain(name, (0, 0, 0)).robot
     found = robot.tcp_position(np.deg2rad(np.array(ANGLES_DEG, dtype=float)))
     np.testing.assert_allclose(found, np.array(FLANGES_MM[name]) / 1000, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", FLANGES_MM)
 def test_an_arm_has_masses_inside_its_links_limits_and_151_poses_of_its_own(name):
-    chain = shipped_chain(name, tcp=(0, 0, 0.1))
-    robot = robot_of(chain)
+    chain = shipped_chain(name, (0, 0, 0.1))
+    robot = chain.robot
     assert (robot.masses > 0).all() and (robot.lower < robot.upper).all()
     assert (np.rad2deg(robot.upper - robot.lower) < 1000).all()  # deg were read as rad otherwise
     # the tool points where the last joint's axis does, or opposite
-    across = np.cross(chain.flange.rotation[:, 2], robot.axes[-1])
+    across = np.cross(robot.flange[:3, 2], robot.axes[-1])
     np.testing.assert_allclose(across, 0.0, atol=1e-12)
     stands = robot.forward(np.zeros((1, 6)))
     elbow, wrist = stands.points[0, 2], stands.points[0, 4]

@@ -10,7 +10,7 @@ import pytest
 from helpers.made_robots import track_lines, tree_urdf
 from helpers.pinocchio_twin import pinocchio_torque
 from stiff_datasets.planning.poses import paper_poses
-from stiff_datasets.robots.urdf_reader import read_chain, read_robot, robot_of
+from stiff_datasets.robots.urdf_reader import read_chain, read_robot
 from stiff_datasets.twin.constants import shipped_constants, specimen_springs
 from stiff_datasets.twin.spring_law import Gear, JointSprings, SlideSprings, SpringLaw
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
@@ -71,7 +71,7 @@ def track(tmp_path):
 
 
 def test_a_robot_on_a_track_deforms_as_in_pinocchio(track, rng):
-    twin = DigitalTwin(robot_of(track), [SlideSprings(2e6, (3e5, 3e5)), *SPRINGS])
+    twin = DigitalTwin(track.robot, [SlideSprings(2e6, (3e5, 3e5)), *SPRINGS])
     q = rng.uniform(-1.5, 1.5, size=(20, 7))
     wrench = rng.normal(size=(20, 6)) * np.repeat([60.0, 6.0], 3)
     found = twin.equilibrium(q, wrench)
@@ -83,11 +83,11 @@ def test_a_robot_on_a_track_deforms_as_in_pinocchio(track, rng):
 
 
 def test_a_drive_alone_gives_force_over_stiffness_along_the_track(track):
-    twin = DigitalTwin(robot_of(track), [SlideSprings(1e5, (STIFF, STIFF)), *[linear(1e10)] * 6])
+    twin = DigitalTwin(track.robot, [SlideSprings(1e5, (STIFF, STIFF)), *[linear(1e10)] * 6])
     moved = twin.readings(np.full((1, 7), 0.3), one(LOAD))
     np.testing.assert_allclose(moved, one([LOAD[0] / 1e5, 0.0, 0.0]), atol=1e-6)
     with pytest.raises(DataError, match="prismatic"):
-        DigitalTwin(robot_of(track), [linear(1e10)] * 7)
+        DigitalTwin(track.robot, [linear(1e10)] * 7)
 
 
 @pytest.mark.parametrize(

@@ -64,12 +64,12 @@ def test_constants_are_converted_to_springs_in_si_units(tmp_path):
         ),
         (TOP + JOINT.replace("25", "23"), r"joint.1.*gear size 23 \(valid: 14, 17, 20, 25, 32\)"),
         (TOP + JOINT.replace("4.0", "9"), r"joint.1.tilting_ratio: 9: .*1 to 8, nor inf"),
-        (TOP + SLIDE + "gear = 25\n", r"unknown joint.1 key 'gear' \(valid: drive_N_per_m, guide"),
+        (TOP + SLIDE + "gear = 25\n", r"joint.1: unknown key 'gear' \(valid: drive_N_per_m, guide"),
         (TOP.replace("5.0", "nan") + JOINT, r"payload_kg: nan: .* finite number"),
         (TOP.replace('"t"', '"a/b"') + JOINT, r"name: 'a/b': .* pattern"),
         (
             TOP + JOINT.replace("25", OWN_GEAR.replace("rated_Nm", "rated")),
-            r"unknown joint.1.gear key 'rated'; did you mean 'rated_Nm'",
+            r"joint.1.gear: unknown key 'rated'; did you mean 'rated_Nm'",
         ),
         (
             TOP + JOINT.replace("25", OWN_GEAR.replace("100, 300", "300, 100")),

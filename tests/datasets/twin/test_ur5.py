@@ -57,7 +57,7 @@ def dh_flange(q):
 
 def flange_poses(angles):
     """The flange by the shipped URDF: (n, 4, 4)."""
-    model = shipped_chain("ur5", tcp=(0, 0, 0)).model
+    model = shipped_chain("ur5", (0, 0, 0)).model
     data, flange = model.createData(), model.getFrameId("flange")
     poses = []
     for q in angles:
@@ -96,7 +96,7 @@ def test_it_has_the_published_limits_efforts_masses_and_centres_of_mass():
     robot = shipped_robot("ur5", tcp=(0, 0, 0))
     np.testing.assert_allclose(np.rad2deg(robot.upper), [360] * 6)
     np.testing.assert_allclose(np.rad2deg(robot.lower), [-360] * 6)
-    efforts = shipped_chain("ur5", tcp=(0, 0, 0)).model.effortLimit
+    efforts = shipped_chain("ur5", (0, 0, 0)).model.effortLimit
     np.testing.assert_allclose(efforts, [150, 150, 150, 28, 28, 28])
     np.testing.assert_allclose(robot.masses, [3.7, 8.393, 2.33, 1.219, 1.219, 0.1879])
     in_joint_frames = [
