@@ -187,35 +187,29 @@ class ProcessDesign:
         """Return (n,) row numbers of candidates, each the one that lowers the mean variance most.
 
         A sample of variance v + noise lowers every covariance C(a, b) by C(a, sample) C(sample, b)
-        over that. The covariances C(workspace, candidates) are not computed anew: of them only the
-        sums of squares over the workspace are needed.
+        over that.
         """
         every = np.arange(len(self.candidates.q))
         noise = self.model.noise_variance()[:, None]  # (3, 1)
         parts = np.array_split(every, -(-len(every) // _BLOCK))
         blocks = [np.diagonal(self._between(part, part), axis1=1, axis2=2) for part in parts]
         own = np.concatenate(blocks, axis=1)  # (3, n_candidates), their variances
-        squares = np.einsum("amn,amn->an", self._shared, self._shared)
-        below = np.empty((0, 3, len(self.workspace.q)))  # of each choice so far
-        beside = np.empty((0, 3, len(every)))
+        shared = self._shared  # (3, m, n_candidates)
+        lowered = np.empty((0, 3, len(every)))  # by each choice so far: its covariances, scaled
         free = np.ones(len(every), dtype=bool)
         chosen = np.empty(n, dtype=np.int64)
         for step in range(n):
             report("choose", step, n)
-            gain = (squares / (own + noise)).sum(axis=0)
+            gain = ((shared**2).sum(axis=1) / (own + noise)).sum(axis=0)
             chosen[step] = best = np.argmax(np.where(free, gain, -np.inf))
             free[best] = False
             size = np.sqrt(own[:, [best]] + noise)
-            at_best = beside[:, :, [best]]
-            there = (self._shared[:, :, best] - (at_best * below).sum(axis=0)) / size
             here = self._between(every, every[[best]])[:, :, 0]
-            here = (here - (at_best * beside).sum(axis=0)) / size
-            together = np.einsum("amn,am->an", self._shared, there)
-            together -= np.einsum("kan,kam,am->an", beside, below, there, optimize=True)
-            squares += here**2 * (there**2).sum(axis=1, keepdims=True) - 2.0 * here * together
+            here = (here - (lowered[:, :, [best]] * lowered).sum(axis=0)) / size
+            there = shared[:, :, [best]] / size[:, :, None]
+            shared = shared - there * here[:, None]
             own = np.maximum(own - here**2, 0.0)
-            below = np.concatenate([below, there[None]])
-            beside = np.concatenate([beside, here[None]])
+            lowered = np.concatenate([lowered, here[None]])
         return chosen
 
     def variance(self, rows: IntArray) -> float:

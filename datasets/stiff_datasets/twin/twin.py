@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from annotated_types import Ge
@@ -230,11 +230,9 @@ class TwinData:
 TOLERANCE_NM = 1e-10
 """What a torque may still change by in the last step; rounding leaves about 1e-13 N m."""
 MAX_ITERATIONS = 100
-CHUNK = 2048  # samples at once: the arrays of one step stay in the cache
 
 
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
+class Equilibrium(NamedTuple):
     """The balance of springs, load and weight; elastic coordinates joint by joint.
 
     Attributes:
@@ -324,29 +322,19 @@ class DigitalTwin:
             turning: (n, 3 n_joints) torque on the springs at the turning points, N m. None: the
                 turning point itself, where there is hysteresis.
         """
-        parts = []
-        for start in range(0, len(q), CHUNK):
-            rows = slice(start, start + CHUNK)
-            begin = None if turning is None else turning[rows].T
-            parts.append(self._solve(q[rows].T.copy(), wrench[rows].T.copy(), begin))
-        theta, torque, tcp = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        return Equilibrium(theta, torque, tcp)
-
-    def _solve(
-        self, q: FloatArray, wrench: FloatArray, turning: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        theta = np.zeros((3 * len(q), q.shape[1]))
-        state = self._chain.statics(q, theta, wrench)
+        q_columns, load = q.T.copy(), wrench.T.copy()  # a sample a column, as `ElasticChain`
+        theta = np.zeros((3 * len(q_columns), len(q)))
+        torque, tcp = self._chain.statics(q_columns, theta, load)
         for _ in range(MAX_ITERATIONS):
-            here = state.torque if self._hysteresis and turning is None else turning
-            theta = self._law.angle(state.torque, here)
-            found = self._chain.statics(q, theta, wrench)
-            change = np.abs(found.torque - state.torque).max(axis=0)
-            state = found
+            here = torque if self._hysteresis else None
+            before = torque
+            theta = self._law.angle(torque, here if turning is None else turning.T)
+            torque, tcp = self._chain.statics(q_columns, theta, load)
+            change = np.abs(torque - before).max(axis=0)
             if (change < TOLERANCE_NM).all():
-                return theta.T, state.torque.T, state.tcp.T
+                return Equilibrium(theta.T, torque.T, tcp.T)
         worst = int(np.argmax(~(change < TOLERANCE_NM)))  # NaN is no balance either
         raise DataError(
-            f"no elastic equilibrium at q = {np.rad2deg(q[:, worst]).round(3)} deg under the "
-            f"wrench {wrench[:, worst].round(3)}: the load is too large for these springs"
+            f"no elastic equilibrium at q = {np.rad2deg(q[worst]).round(3)} deg under the "
+            f"wrench {wrench[worst].round(3)}: the load is too large for these springs"
         )
