@@ -70,10 +70,9 @@ def sampled_clearances(robot, q):
     return np.linalg.norm(arm[:, None] - column, axis=2).min(), arm[:, 2].min()
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
-def test_a_chosen_plan_keeps_limits_clearances_and_payload(case, criterion):
+def test_a_chosen_plan_keeps_limits_clearances_and_payload(case):
     robot, options = case
-    plan = plan_of(robot, 40, criterion=criterion, **options)
+    plan = plan_of(robot, 40, **options)
     assert plan.q.shape == (40, 6)
     assert (plan.q >= robot.lower).all() and (plan.q <= robot.upper).all()
     base, height = np.transpose([sampled_clearances(robot, q) for q in plan.q])
@@ -146,7 +145,7 @@ def test_joints_of_more_than_a_turn_are_drawn_within_half_a_turn_of_their_middle
     np.testing.assert_allclose(table["q4_mm"], q[:, 3] * 1000, atol=1e-4)
 
 
-@pytest.mark.parametrize("source", ["paper", *CRITERIA])
+@pytest.mark.parametrize("source", ["paper", "i-optimal"])
 def test_every_row_of_a_filled_in_plan_is_a_valid_sample(tmp_path, kr10, source):
     if source == "paper":
         plan = paper_plan(kr10, 10.0, 0)

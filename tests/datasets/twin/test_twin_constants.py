@@ -13,7 +13,7 @@ from stiff_datasets.twin.constants import (
     read_constants,
     specimen_springs,
 )
-from stiff_datasets.twin.robot_twin import RobotTwin, Ur5Twin
+from stiff_datasets.twin.robot_twin import RobotTwin
 from stiff_datasets.twin.spring_law import SlideSprings
 from stiff_protocols.contract.errors import DataError, StiffBenchWarning
 
@@ -102,14 +102,6 @@ def test_a_robot_is_simulated_from_its_urdf_beside_the_file_and_its_constants(tm
     lower, upper = data.robot.lower, data.robot.upper
     assert (data.samples.q >= lower).all() and (data.samples.q <= upper).all()
     assert np.linalg.norm(data.samples.deflection, axis=1).max() < 0.05
-
-
-def test_the_ur5_twin_holds_151_poses_of_ten_robots_and_its_card_states_the_hash():
-    specimens = [Ur5Twin(specimen=number).load() for number in (0, 1, 9)]
-    assert all(len(set(data.samples.pose_id)) == 151 for data in specimens)
-    assert len({data.sha256 for data in specimens}) == 3
-    card = (files("stiff_datasets") / "data" / "ur5_twin.md").read_text(encoding="utf-8")
-    assert f"`{specimens[0].sha256}`" in card
 
 
 def on_a_track(tmp_path, joints, words=""):
