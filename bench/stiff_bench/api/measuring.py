@@ -200,11 +200,12 @@ def simulate(
     """
     asked, start = parse_effects(effects), time.perf_counter()
     experiment = TwinExperiment(
-        _constants(twin).with_physics(physics),
+        _constants(twin),
         loads=loads,
         specimen=specimen,
         seed=seed,
         loads_per_pose=loads_per_pose,
+        physics=physics,
         effects=asked,
     )
     with display():

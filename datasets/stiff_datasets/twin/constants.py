@@ -297,32 +297,6 @@ class TwinConstants(TomlTable):
         """The elasticity of every joint, base to tip, SI units."""
         return tuple(joint.springs for joint in self.joint)
 
-    def with_physics(self, physics: TwinPhysics) -> TwinConstants:
-        """Return the constants of a twin of this physics.
-
-        Args:
-            physics: "tilting": the file's; "rigid": no bearing tilts, and the links bend. Gears,
-                structure, lost motion and all random numbers are the same.
-
-        Raises:
-            DataError: the links are to bend and have no sections.
-        """
-        if physics == "tilting":
-            return self
-        if self.beams is None:
-            raise DataError(
-                f"{self._path}: no table [beams], which physics=rigid needs (valid: sections as "
-                "in stiff_datasets/twin/constants.py, or physics=tilting)"
-            )
-        joints = tuple(
-            JointTable(**joint.model_dump() | {"tilting_ratio": np.inf})
-            if isinstance(joint, JointTable)
-            else joint
-            for joint in self.joint
-        )
-        beams = self.beams.model_copy(update={"bend": "always"})
-        return self.model_copy(update={"joint": joints, "beams": beams})
-
     def chain(self) -> ChainModel:
         """Read the rigid robot for the twin.
 
@@ -409,7 +383,7 @@ def specimen_beams(
         constants: of the type.
         robot: geometry of the specimen.
         specimen: 0 has the moduli as they stand, the others `Scatter`'s.
-        asked: the links are to bend.
+        asked: the links are to bend, by the effect "links" or with rigid bearings.
 
     Raises:
         DataError: they are to bend and have no sections.
@@ -417,8 +391,8 @@ def specimen_beams(
     table = constants.beams
     if asked and table is None:
         raise DataError(
-            f"{constants._path}: no table [beams], which the effect 'links' needs (valid: "
-            "sections as in stiff_datasets/twin/constants.py, or effects without 'links')"
+            f"{constants._path}: no table [beams], which the effect 'links' and physics=rigid need "
+            "(valid: sections as in stiff_datasets/twin/constants.py, or neither of the two)"
         )
     if table is None or (table.bend == "effect" and not asked):
         return None

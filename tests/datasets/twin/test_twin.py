@@ -90,8 +90,6 @@ def test_a_drive_alone_gives_force_over_stiffness_along_the_track(track):
     twin = DigitalTwin(track.robot, [SlideSprings(1e5, (STIFF, STIFF)), *[linear(1e10)] * 6])
     moved = twin.readings(np.full((1, 7), 0.3), one(LOAD))
     np.testing.assert_allclose(moved, one([LOAD[0] / 1e5, 0.0, 0.0]), atol=1e-6)
-    with pytest.raises(DataError, match="prismatic"):
-        DigitalTwin(track.robot, [linear(1e10)] * 7)
 
 
 @pytest.mark.parametrize(
@@ -173,12 +171,10 @@ def test_samples_do_not_depend_on_those_beside_them_and_no_load_moves_nothing(tw
     assert not twin.readings(q, np.zeros((50, 6))).any()
 
 
-def test_a_load_that_no_spring_can_carry_and_a_joint_without_spring_are_refused(kr10):
+def test_a_load_that_no_spring_can_carry_is_refused(kr10):
     soft = DigitalTwin(kr10, [linear(20.0)] * 6)
     with pytest.raises(DataError, match=r"no elastic equilibrium at q = .* the load is too large"):
         soft.readings(one(POSE), one(LOAD))
-    with pytest.raises(DataError, match="5 joint springs for 6 joints"):
-        DigitalTwin(kr10, SPRINGS[:5])
 
 
 def test_noise_has_the_data_sheets_size_over_10000_repeats(rng):
