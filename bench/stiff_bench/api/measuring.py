@@ -71,7 +71,7 @@ def plan_poses(
         poses: how many to choose; None: the paper's 151 poses of the KR10, or 151 chosen ones; 10
             with `after`.
         criterion: what chosen poses are best in: "d-optimal" (joint compliances; None stands for
-            it), "i-optimal" (predictions; None stands for it with `after`) or "condition".
+            it) or "i-optimal" (predictions; None stands for it with `after`).
         candidates: random poses to choose from; None: 2000, or ten a pose.
         payload: kg; None: the shipped robot's.
         clearance: smallest distance of the arm from the base column, m.

@@ -11,7 +11,7 @@ choices are the choice of k.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -23,7 +23,7 @@ from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.types import FloatArray, IntArray
 
-Criterion = Literal["d-optimal", "i-optimal", "condition"]
+Criterion = Literal["d-optimal", "i-optimal"]
 
 _BLOCK = 256
 """Candidates whose variances are computed at once."""
@@ -54,19 +54,9 @@ def _prediction_gain(rows: FloatArray, information: FloatArray, wanted: FloatArr
     return np.asarray(np.trace(np.linalg.solve(np.eye(3) + spread, lowered), axis1=1, axis2=2))
 
 
-def _condition_gain(rows: FloatArray, information: FloatArray, _: FloatArray) -> FloatArray:
-    """Return minus the squared condition number that each candidate leaves, columns scaled."""
-    trial = information + rows.transpose(0, 2, 1) @ rows
-    size = np.sqrt(np.diagonal(trial, axis1=1, axis2=2))
-    eigenvalues = np.linalg.eigvalsh(trial / (size[:, :, None] * size[:, None, :]))
-    # the floor: joints that no candidate can tell apart leave nothing but rounding
-    return np.asarray(-eigenvalues[:, -1] / np.maximum(eigenvalues[:, 0], TOLERANCE**2))
-
-
 _GAINS: dict[Criterion, Callable[[FloatArray, FloatArray, FloatArray], FloatArray]] = {
     "d-optimal": _determinant_gain,
     "i-optimal": _prediction_gain,
-    "condition": _condition_gain,
 }
 """Of every candidate: its rows B (n, 3, k), the information M (k, k) of all samples before, and
 that of the workspace -> (n,), the largest is the best."""
@@ -78,9 +68,8 @@ class SpringDesign:
 
     Attributes:
         candidates: (n, 3, n_joints) regressors.
-        criterion: "d-optimal" (largest determinant of the information matrix), "i-optimal"
-            (smallest mean variance of predictions) or "condition" (smallest condition number of
-            the column-scaled regressor).
+        criterion: "d-optimal" (largest determinant of the information matrix) or "i-optimal"
+            (smallest mean variance of predictions).
         workspace: (m, 3, n_joints) regressors where predictions are to be good; None: the
             candidates.
         measured: (k, 3, n_joints) regressors of the samples that are there; None: none.
@@ -101,22 +90,12 @@ class SpringDesign:
     def choose(self, n: int) -> IntArray:
         """Return (n,) row numbers of candidates, the one that tells most first.
 
-        Joints that no candidate excites are left out; scaling a column changes nothing. By
-        "condition", as many are chosen by the determinant first as joints cannot be identified
-        yet. It evens the joints out by weakly loaded poses, so that the standard errors grow.
+        Joints that no candidate excites are left out; scaling a column changes nothing.
         """
         rows, information, wanted = self._scaled
-        n_columns, first = len(information), np.empty(0, dtype=np.int64)
-        if self.criterion == "condition":
-            missing = n_columns - int(np.linalg.matrix_rank(information, TOLERANCE, hermitian=True))
-            first = replace(self, criterion="d-optimal").choose(min(n, missing))
-        else:
-            information = information + _START * np.eye(n_columns)
-        chosen, free = list(first), np.ones(len(rows), dtype=bool)
-        free[chosen] = False
-        known = rows[chosen].reshape(-1, n_columns)
-        information = information + known.T @ known
-        for step in range(len(chosen), n):
+        information = information + _START * np.eye(len(information))
+        chosen, free = list[np.intp](), np.ones(len(rows), dtype=bool)
+        for step in range(n):
             report("choose", step, n)
             gain = _GAINS[self.criterion](rows, information, wanted)
             best = np.argmax(np.where(free, gain, -np.inf))

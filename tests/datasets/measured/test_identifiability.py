@@ -147,18 +147,6 @@ def test_the_i_optimal_choice_is_that_of_brute_force_variances(kr10_regressors):
     assert found.tolist() == chosen
 
 
-def test_each_choice_by_condition_is_the_best_step(kr10_regressors):
-    candidates = kr10_regressors[:25]
-    chosen = choose(candidates, 12, "condition").tolist()
-    assert chosen[:6] == choose(candidates, 6).tolist()
-    for k in range(6, 12):
-        left = [i for i in range(25) if i not in chosen[:k]]
-        conditions = [
-            identifiability(candidates[[*chosen[:k], i]], KR10_JOINTS).condition for i in left
-        ]
-        assert chosen[k] == left[int(np.argmin(conditions))]
-
-
 # ---- gain ------------------------------------------------------------------------------------
 
 

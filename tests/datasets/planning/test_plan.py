@@ -40,7 +40,7 @@ from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 
 ROBOTS = {"kr10-r1100-2": (10.0, 0.2), "fanuc-r2000ic": (165.0, 0.5)}  # payload kg, clearance m
-CRITERIA = ("d-optimal", "i-optimal", "condition")
+CRITERIA = ("d-optimal", "i-optimal")
 
 
 def plan_of(robot, n_poses, *, criterion="d-optimal", **options):
@@ -112,7 +112,7 @@ def test_the_distance_to_a_column_of_one_metre_has_its_closed_form(elbow, tcp, e
 def test_a_plan_is_better_than_every_random_one_by_the_criterion_it_was_chosen_by(case):
     robot, options = case
     pool = candidate_plan(robot, **options)
-    d_optimal, i_optimal, by_condition = (
+    d_optimal, i_optimal = (
         plan_gain(
             regressor(robot, plan.q, plan.wrench),
             regressor(robot, pool.q, pool.wrench),
@@ -123,8 +123,6 @@ def test_a_plan_is_better_than_every_random_one_by_the_criterion_it_was_chosen_b
     assert d_optimal.efficiency > d_optimal.efficiency_over_best > 1.2
     assert d_optimal.plan.worst_error < d_optimal.random_best.worst_error
     assert i_optimal.plan.worst_error < i_optimal.random_best.worst_error
-    assert by_condition.plan.condition < by_condition.random_best.condition
-    assert by_condition.plan.condition < d_optimal.plan.condition
 
 
 def test_joints_of_more_than_a_turn_are_drawn_within_half_a_turn_of_their_middle():
