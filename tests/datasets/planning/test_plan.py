@@ -31,9 +31,8 @@ from stiff_datasets.planning.plan_gain import plan_gain, variance_gain
 from stiff_datasets.planning.reachable import (
     CLEARANCE,
     LOWEST_HEIGHT,
-    base_distance,
+    arm_distances,
     keeps_clear,
-    lowest_height,
 )
 from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_datasets.robots.urdf_reader import read_robot
@@ -88,9 +87,10 @@ def test_clearances_are_those_of_points_sampled_on_the_arm(case, rng):
     points = robot.forward(q).points
     sampled = np.array([sampled_clearances(robot, row) for row in q])
     reach = 3.0  # m, longer than either robot; sampling is coarser than this over 150
-    np.testing.assert_allclose(base_distance(points), sampled[:, 0], atol=reach / 150)
-    assert (base_distance(points) <= sampled[:, 0] + 1e-12).all()
-    np.testing.assert_allclose(lowest_height(points), sampled[:, 1], atol=1e-12)
+    base, height = arm_distances(points)
+    np.testing.assert_allclose(base, sampled[:, 0], atol=reach / 150)
+    assert (base <= sampled[:, 0] + 1e-12).all()
+    np.testing.assert_allclose(height, sampled[:, 1], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_clearances_are_those_of_points_sampled_on_the_arm(case, rng):
 )
 def test_the_distance_to_a_column_of_one_metre_has_its_closed_form(elbow, tcp, expected):
     points = np.array([[(0.0, 0.0, 0.3), (0.0, 0.0, 1.0), elbow, tcp]])
-    assert base_distance(points)[0] == pytest.approx(expected, abs=1e-12)
+    assert arm_distances(points)[0][0] == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_plan_is_better_than_every_random_one_by_the_criterion_it_was_chosen_by(case):
@@ -171,9 +171,9 @@ def test_the_papers_plan_has_its_61_and_90_poses_and_keeps_the_default_clearance
     assert len(set(plan.pose_id.tolist())) == 151
     np.testing.assert_allclose(np.linalg.norm(plan.wrench[:, :3], axis=1), 78.48)
     np.testing.assert_array_equal(plan.wrench, paper_plan(kr10, 10.0, 3).wrench)
-    points = kr10.forward(plan.q).points
-    assert base_distance(points).min() == pytest.approx(0.2234, abs=1e-4)
-    assert lowest_height(points).min() == pytest.approx(0.2, abs=1e-4)
+    base, height = arm_distances(kr10.forward(plan.q).points)
+    assert base.min() == pytest.approx(0.2234, abs=1e-4)
+    assert height.min() == pytest.approx(0.2, abs=1e-4)
 
 
 def test_angles_are_not_rounded_out_of_the_limits(kr10):
