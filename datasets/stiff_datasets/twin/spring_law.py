@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.types import FloatArray
@@ -21,8 +21,10 @@ Stiffness = Annotated[float, Ge(SOFTEST), Le(STIFFEST), Field(allow_inf_nan=Fals
 Positive = Annotated[float, Gt(0), Field(allow_inf_nan=False)]
 
 
-class TomlTable(BaseModel, frozen=True):
+class TomlTable(BaseModel):
     """A table of a twin's file: unknown keys are errors, values do not change."""
+
+    model_config = ConfigDict(frozen=True)
 
     @model_validator(mode="before")
     @classmethod

@@ -83,7 +83,7 @@ class TwinExperiment:
         if KINEMATICS in self.effects:
             rng = stream("kinematics", constants.name, specimen)
             robot = real_robot(robot, constants.errors, rng)
-        springs, is_rigid = specimen_springs(constants, specimen), self.physics == "rigid"
+        springs, is_rigid = [*specimen_springs(constants, specimen)], self.physics == "rigid"
         if is_rigid:
             springs = [
                 replace(joint, tilting=(np.inf, np.inf))
