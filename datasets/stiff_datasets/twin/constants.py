@@ -426,7 +426,8 @@ def _first_problem(error: ValidationError) -> str:
     path = [part + 1 if isinstance(part, int) else part for part in problem["loc"]]
     where = ".".join(str(part) for part in path if part not in tags)
     is_value = problem["type"] != "missing" and not isinstance(problem["input"], dict)
-    words = (where, repr(problem["input"]) * is_value, problem["msg"].removeprefix("Value error, "))
+    given = repr(problem["input"]) if is_value else ""
+    words = (where, given, problem["msg"].removeprefix("Value error, "))
     return ": ".join(filter(None, words))
 
 
