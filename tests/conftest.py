@@ -56,7 +56,7 @@ def kr10() -> Robot:
 
 @pytest.fixture(scope="session")
 def kr10_chain() -> ChainModel:
-    return shipped_chain("kr10_r1100_2", tcp=KR10_TCP)
+    return shipped_chain("kr10_r1100_2", KR10_TCP)
 
 
 @pytest.fixture(scope="session")

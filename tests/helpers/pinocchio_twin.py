@@ -29,7 +29,7 @@ def elastic_pinocchio(chain):
 def pinocchio_torque(chain, q, theta, wrench):
     """J^T w - g of the deformed robot, its TCP and its Jacobian, by Pinocchio."""
     model = elastic_pinocchio(chain)
-    return torque_and_tcp(model, model.createData(), chain.tcp, q, theta, wrench)
+    return torque_and_tcp(model, model.createData(), chain.robot.tcp, q, theta, wrench)
 
 
 def torque_and_tcp(model, data, tcp_offset, q, theta, wrench):

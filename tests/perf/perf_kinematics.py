@@ -42,8 +42,8 @@ def drawn(n: int, seed: int = 0) -> Samples:
 
 def pinocchio_loop() -> Way:
     """Pinocchio's fastest single call, sample by sample."""
-    chain = shipped_chain(ROBOT, tcp=TCP)
-    model, at_tcp = chain.model.copy(), pin.SE3(np.eye(3), chain.tcp)
+    chain = shipped_chain(ROBOT, TCP)
+    model, at_tcp = chain.model.copy(), pin.SE3(np.eye(3), chain.robot.tcp)
     frame = model.addFrame(pin.Frame("perf_tcp", model.nv, 0, at_tcp, pin.FrameType.OP_FRAME))
     data, world = model.createData(), pin.LOCAL_WORLD_ALIGNED
 
@@ -75,8 +75,8 @@ def iso_path() -> ToolPath:
 
 def pinocchio_newton(path: ToolPath) -> FloatArray:
     """Newton's method point by point, each from the one before, to the same tolerance."""
-    chain = shipped_chain(ROBOT, tcp=TCP)
-    model, at_tcp = chain.model.copy(), pin.SE3(np.eye(3), chain.tcp)
+    chain = shipped_chain(ROBOT, TCP)
+    model, at_tcp = chain.model.copy(), pin.SE3(np.eye(3), chain.robot.tcp)
     frame = model.addFrame(pin.Frame("perf_tcp", model.nv, 0, at_tcp, pin.FrameType.OP_FRAME))
     data, q, found = model.createData(), READY.copy(), np.empty((len(path), model.nv))
     for row in range(len(path)):

@@ -32,7 +32,7 @@ def pinocchio_readings(q: FloatArray, wrench: FloatArray) -> FloatArray:
         torque, change = np.zeros(model.nv), np.inf
         while change > TOLERANCE_NM:
             theta = law.angle(torque[:, None])[:, 0]
-            found, tcp, _ = torque_and_tcp(model, data, CHAIN.tcp, pose, theta, load)
+            found, tcp, _ = torque_and_tcp(model, data, CHAIN.robot.tcp, pose, theta, load)
             torque, change = found, np.abs(found - torque).max()
         return tcp
 

@@ -62,7 +62,7 @@ def plan_poses(
         poses: how many to choose; None: the paper's 151 poses of the KR10, or 151 chosen ones; 10
             with `after`.
         criterion: what chosen poses are best in: "d-optimal" (joint compliances; None stands for
-            it), "i-optimal" (predictions; None stands for it with `after`) or "condition".
+            it) or "i-optimal" (predictions; None stands for it with `after`).
         candidates: random poses to choose from; None: 2000, or ten a pose.
         payload: kg; None: the shipped robot's.
         clearance: smallest distance of the arm from the base column, m.
@@ -176,11 +176,12 @@ def simulate(
     """
     asked, start = parse_effects(effects), time.perf_counter()
     experiment = TwinExperiment(
-        _constants(twin).with_physics(physics),
+        _constants(twin),
         loads=loads,
         specimen=specimen,
         seed=seed,
         loads_per_pose=loads_per_pose,
+        physics=physics,
         effects=asked,
     )
     with display():

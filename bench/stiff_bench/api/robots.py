@@ -10,7 +10,7 @@ import numpy as np
 from stiff_bench.console import say
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.robots.shipped_robots import named_robot, shipped_robots
-from stiff_datasets.robots.urdf_reader import read_chain, robot_of
+from stiff_datasets.robots.urdf_reader import read_chain
 from stiff_protocols.contract.types import Robot
 
 
@@ -45,7 +45,7 @@ def read_robot(
     chain = read_chain(Path(urdf), tcp=(0.0, 0.0, 0.0) if tcp is None else tcp, tip=tip)
     for note in chain.notes:
         say(f"note: {note}")
-    return robot_of(chain)
+    return chain.robot
 
 
 def as_robot(robot: str | Robot | None) -> Robot:

@@ -68,9 +68,9 @@ def info(
 )
 @click.option(
     "--criterion",
-    type=click.Choice(["d-optimal", "i-optimal", "condition"]),
-    help="Criterion that the choice optimises: joint compliances, predictions or the condition "
-    "number.  [default: d-optimal; i-optimal with --after]",
+    type=click.Choice(["d-optimal", "i-optimal"]),
+    help="Criterion that the choice optimises: joint compliances or predictions.  "
+    "[default: d-optimal; i-optimal with --after]",
 )
 @click.option(
     "--candidates",

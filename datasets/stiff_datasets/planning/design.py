@@ -11,7 +11,7 @@ choices are the choice of k.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -23,7 +23,7 @@ from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.types import FloatArray, IntArray
 
-Criterion = Literal["d-optimal", "i-optimal", "condition"]
+Criterion = Literal["d-optimal", "i-optimal"]
 
 _BLOCK = 256
 """Candidates whose variances are computed at once."""
@@ -54,19 +54,9 @@ def _prediction_gain(rows: FloatArray, information: FloatArray, wanted: FloatArr
     return np.asarray(np.trace(np.linalg.solve(np.eye(3) + spread, lowered), axis1=1, axis2=2))
 
 
-def _condition_gain(rows: FloatArray, information: FloatArray, _: FloatArray) -> FloatArray:
-    """Return minus the squared condition number that each candidate leaves, columns scaled."""
-    trial = information + rows.transpose(0, 2, 1) @ rows
-    size = np.sqrt(np.diagonal(trial, axis1=1, axis2=2))
-    eigenvalues = np.linalg.eigvalsh(trial / (size[:, :, None] * size[:, None, :]))
-    # the floor: joints that no candidate can tell apart leave nothing but rounding
-    return np.asarray(-eigenvalues[:, -1] / np.maximum(eigenvalues[:, 0], TOLERANCE**2))
-
-
 _GAINS: dict[Criterion, Callable[[FloatArray, FloatArray, FloatArray], FloatArray]] = {
     "d-optimal": _determinant_gain,
     "i-optimal": _prediction_gain,
-    "condition": _condition_gain,
 }
 """Of every candidate: its rows B (n, 3, k), the information M (k, k) of all samples before, and
 that of the workspace -> (n,), the largest is the best."""
@@ -78,9 +68,8 @@ class SpringDesign:
 
     Attributes:
         candidates: (n, 3, n_joints) regressors.
-        criterion: "d-optimal" (largest determinant of the information matrix), "i-optimal"
-            (smallest mean variance of predictions) or "condition" (smallest condition number of
-            the column-scaled regressor).
+        criterion: "d-optimal" (largest determinant of the information matrix) or "i-optimal"
+            (smallest mean variance of predictions).
         workspace: (m, 3, n_joints) regressors where predictions are to be good; None: the
             candidates.
         measured: (k, 3, n_joints) regressors of the samples that are there; None: none.
@@ -101,22 +90,12 @@ class SpringDesign:
     def choose(self, n: int) -> IntArray:
         """Return (n,) row numbers of candidates, the one that tells most first.
 
-        Joints that no candidate excites are left out; scaling a column changes nothing. By
-        "condition", as many are chosen by the determinant first as joints cannot be identified
-        yet. It evens the joints out by weakly loaded poses, so that the standard errors grow.
+        Joints that no candidate excites are left out; scaling a column changes nothing.
         """
         rows, information, wanted = self._scaled
-        n_columns, first = len(information), np.empty(0, dtype=np.int64)
-        if self.criterion == "condition":
-            missing = n_columns - int(np.linalg.matrix_rank(information, TOLERANCE, hermitian=True))
-            first = replace(self, criterion="d-optimal").choose(min(n, missing))
-        else:
-            information = information + _START * np.eye(n_columns)
-        chosen, free = list(first), np.ones(len(rows), dtype=bool)
-        free[chosen] = False
-        known = rows[chosen].reshape(-1, n_columns)
-        information = information + known.T @ known
-        for step in range(len(chosen), n):
+        information = information + _START * np.eye(len(information))
+        chosen, free = list[np.intp](), np.ones(len(rows), dtype=bool)
+        for step in range(n):
             report("choose", step, n)
             gain = _GAINS[self.criterion](rows, information, wanted)
             best = np.argmax(np.where(free, gain, -np.inf))
@@ -187,35 +166,29 @@ class ProcessDesign:
         """Return (n,) row numbers of candidates, each the one that lowers the mean variance most.
 
         A sample of variance v + noise lowers every covariance C(a, b) by C(a, sample) C(sample, b)
-        over that. The covariances C(workspace, candidates) are not computed anew: of them only the
-        sums of squares over the workspace are needed.
+        over that.
         """
         every = np.arange(len(self.candidates.q))
         noise = self.model.noise_variance()[:, None]  # (3, 1)
         parts = np.array_split(every, -(-len(every) // _BLOCK))
         blocks = [np.diagonal(self._between(part, part), axis1=1, axis2=2) for part in parts]
         own = np.concatenate(blocks, axis=1)  # (3, n_candidates), their variances
-        squares = np.einsum("amn,amn->an", self._shared, self._shared)
-        below = np.empty((0, 3, len(self.workspace.q)))  # of each choice so far
-        beside = np.empty((0, 3, len(every)))
+        shared = self._shared  # (3, m, n_candidates)
+        lowered = np.empty((0, 3, len(every)))  # by each choice so far: its covariances, scaled
         free = np.ones(len(every), dtype=bool)
         chosen = np.empty(n, dtype=np.int64)
         for step in range(n):
             report("choose", step, n)
-            gain = (squares / (own + noise)).sum(axis=0)
+            gain = ((shared**2).sum(axis=1) / (own + noise)).sum(axis=0)
             chosen[step] = best = np.argmax(np.where(free, gain, -np.inf))
             free[best] = False
             size = np.sqrt(own[:, [best]] + noise)
-            at_best = beside[:, :, [best]]
-            there = (self._shared[:, :, best] - (at_best * below).sum(axis=0)) / size
             here = self._between(every, every[[best]])[:, :, 0]
-            here = (here - (at_best * beside).sum(axis=0)) / size
-            together = np.einsum("amn,am->an", self._shared, there)
-            together -= np.einsum("kan,kam,am->an", beside, below, there, optimize=True)
-            squares += here**2 * (there**2).sum(axis=1, keepdims=True) - 2.0 * here * together
+            here = (here - (lowered[:, :, [best]] * lowered).sum(axis=0)) / size
+            there = shared[:, :, [best]] / size[:, :, None]
+            shared = shared - there * here[:, None]
             own = np.maximum(own - here**2, 0.0)
-            below = np.concatenate([below, there[None]])
-            beside = np.concatenate([beside, here[None]])
+            lowered = np.concatenate([lowered, here[None]])
         return chosen
 
     def variance(self, rows: IntArray) -> float:

@@ -159,8 +159,10 @@ def plan_table(plan: MeasurementPlan, robot: Robot) -> pd.DataFrame:
     Joint angles have 4 decimals of a degree (of a millimetre for prismatic joints) and are never
     rounded out of the limits; forces have 3 decimals.
     """
-    units = file_units(robot)
-    q_file = _rounded_inside(plan.q * units, robot.lower * units, robot.upper * units)
+    units, steps = file_units(robot), 10**_DECIMALS_DEG
+    lower = np.ceil(robot.lower * units * steps) / steps
+    upper = np.floor(robot.upper * units * steps) / steps
+    q_file = np.clip((plan.q * units).round(_DECIMALS_DEG), lower, upper) + 0.0  # no -0.0
     table = pd.DataFrame(
         dict(zip(ID_COLUMNS, (plan.pose_id, "1", plan.group), strict=True))
         | dict(zip(joint_columns(robot), q_file.T, strict=True))
@@ -199,12 +201,3 @@ def _forces(n: int, payload_kg: float, seed: int) -> FloatArray:
     direction = stream("plan forces", seed).normal(size=(n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return np.hstack([FORCE_SHARE * payload_kg * STANDARD_GRAVITY * direction, np.zeros((n, 3))])
-
-
-def _rounded_inside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Round to `_DECIMALS_DEG`, away from a limit that rounding would cross."""
-    step = 10.0**-_DECIMALS_DEG
-    rounded = values.round(_DECIMALS_DEG)
-    rounded = np.where(rounded > upper, (rounded - step).round(_DECIMALS_DEG), rounded)
-    rounded = np.where(rounded < lower, (rounded + step).round(_DECIMALS_DEG), rounded)
-    return np.asarray(rounded + 0.0)  # no -0.0

@@ -113,28 +113,35 @@ def cartesian_poses(robot: Robot) -> FloatArray:
     Raises:
         DataError: a grid point cannot be reached inside the joint limits.
     """
-    grid = itertools.product(CARTESIAN_X_MM, CARTESIAN_Y_MM, CARTESIAN_Z_MM)
-    wrist = itertools.cycle(_CARTESIAN_A5_DEG)
-    return np.stack([_reach(robot, np.array(p) / 1000.0, next(wrist)) for p in grid])
+    grid = np.array([*itertools.product(CARTESIAN_X_MM, CARTESIAN_Y_MM, CARTESIAN_Z_MM)])
+    angles = np.array(_CARTESIAN_A5_DEG)
+    wanted = np.resize(angles, len(grid))
+    nearest = np.argsort(np.abs(angles - wanted[:, None]), axis=1, kind="stable")
+    found = np.full((len(grid), robot.n_joints), np.nan)
+    for a5_deg in angles[nearest].T:
+        left = np.flatnonzero(np.isnan(found[:, 0]))
+        q = _solved(robot, grid[left] / 1000.0, np.deg2rad(a5_deg[left]))
+        inside = ((robot.lower <= q) & (q <= robot.upper)).all(axis=1)
+        found[left[inside]] = q[inside]
+    if np.isnan(found).any():
+        point = grid[np.isnan(found[:, 0])][0]
+        raise DataError(f"the TCP cannot reach {point} mm inside the joint limits")
+    return found
 
 
-def _reach(robot: Robot, target: FloatArray, wanted_a5_deg: float) -> FloatArray:
-    """Return a pose inside the limits with the TCP at `target` (3,) m."""
-    for a5_deg in sorted(_CARTESIAN_A5_DEG, key=lambda angle: abs(angle - wanted_a5_deg)):
-        q = _solve(robot, target, np.deg2rad(a5_deg))
-        if q is not None and (robot.lower <= q).all() and (q <= robot.upper).all():
-            return q
-    raise DataError(f"the TCP cannot reach {target * 1000} mm inside the joint limits")
+def _solved(robot: Robot, targets: FloatArray, a5: FloatArray) -> FloatArray:
+    """Return (n, 6) poses with the TCP at `targets` (n, 3) m and A5 (n,) rad given; NaN: none.
 
-
-def _solve(robot: Robot, target: FloatArray, a5: float) -> FloatArray | None:
-    """Newton's method on A1, A2 and A3 with A4 = A6 = 0 and A5 given; None: no root."""
-    q = np.array([-np.arctan2(target[1], target[0]), *_START, 0.0, a5, 0.0])
+    Newton's method on A1, A2 and A3 with A4 = A6 = 0.
+    """
+    q = np.zeros((len(targets), 6))
+    q[:, 0], q[:, 1:3], q[:, 4] = -np.arctan2(targets[:, 1], targets[:, 0]), _START, a5
     for _ in range(100):
-        missing = target - robot.tcp_position(q[None])[0]
-        if np.abs(missing).max() < 1e-12:
-            return q
-        rows = robot.jacobian(q[None])[0, :3, :3]
-        step = np.linalg.lstsq(rows, missing, rcond=1e-6)[0]
-        q[:3] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-    return None
+        missing = targets - robot.tcp_position(q)
+        is_off = np.abs(missing).max(axis=1, initial=0.0) >= 1e-12
+        if not is_off.any():
+            break
+        rows = robot.jacobian(q[is_off])[:, :3, :3]
+        step = (np.linalg.pinv(rows, rcond=1e-6) @ missing[is_off, :, None])[:, :, 0]
+        q[is_off, :3] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+    return np.where(is_off[:, None], np.nan, q)

@@ -65,15 +65,14 @@ def reachable_poses(
 
 def keeps_clear(robot: Robot, q: FloatArray, clearance: float) -> BoolArray:
     """Return (n,) whether poses (n, n_joints) keep `clearance` [m] to the base and the height."""
-    points, slides = robot.forward(q).points, robot.n_slides
-    clear = lowest_height(points, slides) >= LOWEST_HEIGHT
-    if slides < robot.n_joints:  # otherwise nothing turns towards the base
-        clear &= base_distance(points, slides) >= clearance
-    return np.asarray(clear)
+    slides = robot.n_slides
+    base, height = arm_distances(robot.forward(q).points, slides)
+    is_arm = slides < robot.n_joints  # otherwise nothing turns towards the base
+    return (height >= LOWEST_HEIGHT) & ((base >= clearance) | (not is_arm))
 
 
-def base_distance(points: FloatArray, slides: int = 0) -> FloatArray:
-    """Return (n,) smallest distance [m] of the arm from the elbow on to the base column.
+def arm_distances(points: FloatArray, slides: int = 0) -> tuple[FloatArray, FloatArray]:
+    """Return (n,) smallest distances [m] of the arm from the elbow on: to the base column, z = 0.
 
     The column is the segment to joint 2 (of a shorter arm joint 1) from the base frame's origin, or
     from below the carriage.
@@ -82,25 +81,14 @@ def base_distance(points: FloatArray, slides: int = 0) -> FloatArray:
         points: (n, n_joints + 1, 3) as `Robot.forward` gives.
         slides: number of prismatic joints at the base, from behind which joints are counted.
     """
-    foot = points[:, slides - 1 : slides] * (1.0, 1.0, 0.0) if slides else np.zeros((1, 1, 3))
-    elbow = _elbow(points, slides)
-    if elbow < points.shape[1] - 1:
-        top, begin, end = points[:, [slides + 1]], points[:, elbow:-1], points[:, elbow + 1 :]
-    else:
-        top, begin, end = points[:, [slides]], points[:, -1:], points[:, -1:]
-    return np.asarray(_segment_distance(begin, end, foot, top).min(axis=1))
-
-
-def lowest_height(points: FloatArray, slides: int = 0) -> FloatArray:
-    """Return (n,) lowest height [m] of the arm from the elbow on; arguments as `base_distance`."""
-    return np.asarray(points[:, _elbow(points, slides) :, 2].min(axis=1))
-
-
-def _elbow(points: FloatArray, slides: int) -> int:
-    """Return the number of the point that the checked part of the arm begins with."""
-    last = int(points.shape[1]) - 1
+    last = points.shape[1] - 1
     spare = max(last - slides - 6, 0)  # a seventh joint turns the upper arm about itself
-    return min(slides + 2 + spare, last)
+    elbow = min(slides + 2 + spare, last)
+    foot = points[:, slides - 1 : slides] * (1.0, 1.0, 0.0) if slides else np.zeros((1, 1, 3))
+    top = points[:, [slides + 1 if elbow < last else slides]]
+    begin = points[:, elbow : max(last, elbow + 1)]
+    base = _segment_distance(begin, points[:, min(elbow + 1, last) :], foot, top)
+    return base.min(axis=1), points[:, elbow:, 2].min(axis=1)
 
 
 def _segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import as_file, files
 
-from stiff_datasets.robots.urdf_reader import ChainModel, read_chain, robot_of
+from stiff_datasets.robots.urdf_reader import ChainModel, read_chain
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.files import read_toml
 from stiff_protocols.contract.types import Robot
@@ -68,12 +68,8 @@ def named_robot(name: str) -> ShippedRobot:
     return robots[name]
 
 
-def shipped_names() -> tuple[str, ...]:
-    """Return the names of stiffbench's own URDF files, without their ending."""
-    return tuple(robot.urdf for robot in shipped_robots().values())
-
-
-def shipped_chain(name: str, *, tcp: Sequence[float]) -> ChainModel:
+@cache
+def shipped_chain(name: str, tcp: tuple[float, ...]) -> ChainModel:
     """Read one of stiffbench's own URDF files, named without its ending."""
     with as_file(files("stiff_datasets.robots") / f"{name}.urdf") as path:
         return read_chain(path, tcp=tcp)
@@ -81,4 +77,4 @@ def shipped_chain(name: str, *, tcp: Sequence[float]) -> ChainModel:
 
 def shipped_robot(name: str, *, tcp: Sequence[float]) -> Robot:
     """Read one of stiffbench's own URDF files, named without its ending, into a `Robot`."""
-    return robot_of(shipped_chain(name, tcp=tcp))
+    return shipped_chain(name, tuple(tcp)).robot

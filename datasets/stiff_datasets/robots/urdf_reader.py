@@ -42,20 +42,16 @@ MOST_NAMED, MOST_LISTED = 6, 20
 
 @dataclass(frozen=True)
 class ChainModel:
-    """Pinocchio's model of a serial chain.
+    """A serial chain, in Pinocchio and in our own terms.
 
     Attributes:
         model: Pinocchio model, fixed base.
-        name: name of the robot.
-        tcp: (3,) tool centre point in the last joint's frame, m.
-        flange: pose of the URDF's last link in the last joint's frame, m.
+        robot: the same without Pinocchio.
         notes: choices that the description left open, a sentence each.
     """
 
     model: pin.Model
-    name: str
-    tcp: FloatArray
-    flange: pin.SE3
+    robot: Robot
     notes: tuple[str, ...] = ()
 
 
@@ -80,75 +76,77 @@ def read_chain(
     if not path:
         where = "" if tip is None else f" between the base and the link {tip!r}"
         raise DataError(f"{urdf}: no moving joint{where}; a stiffness model needs at least one")
-    for joint in path:
-        name = tree.names[joint]
+    for name in (tree.names[joint] for joint in path):
         if name in followers:
             raise DataError(
                 f"{urdf}: joint {name!r} on the chain to {frame.name!r} is a mimic joint, which "
                 f"follows {followers[name]!r}; only independent joints are supported"
             )
-        try:
-            joint_type_and_axis(tree, joint)
-        except DataError as error:
-            raise DataError(f"{urdf}: {error} on the chain to {frame.name!r}") from error
-    model, locked = _locked_but(tree, path)
-    unlimited = []
-    for joint, low, high in zip(model.joints[1:], *_limits(model), strict=True):
-        name = model.names[joint.id]
-        if not low < high:
-            raise DataError(
-                f"{urdf}: joint {name!r} has limits {low:g}..{high:g}; expected "
-                "lower below upper (or type continuous, which has none)"
-            )
-        if joint.nq == 1 and np.isinf(low):
-            unlimited.append(name)
-    notes += [locked] if locked else []
-    notes += [f"limits 0..0 count as none: {_listed(unlimited)}"] if unlimited else []
     offset = np.asarray(tcp, dtype=np.float64)
     if offset.shape != (3,) or not np.isfinite(offset).all() or abs(offset).max() > LONGEST_TCP_M:
         raise DataError(
             f"tcp {list(tcp)} is no tool centre point: three finite lengths in m, "
             f"each within +-{LONGEST_TCP_M:g}"
         )
+    model, locked = _locked_but(tree, path)
     flange = model.frames[model.getFrameId(frame.name, pin.FrameType.BODY)].placement
-    note_texts = tuple(f"{urdf.name}: {note}" for note in notes)
-    chain = ChainModel(model, model.name, flange.act(offset), flange, note_texts)
     try:
-        robot_of(chain)  # Pinocchio takes what no robot has: NaN, an axis without direction
+        robot = _robot(model, flange, offset)
     except DataError as error:
         raise DataError(f"{urdf}: {error}") from error
-    return chain
+    unlimited = [
+        name
+        for name, low, joint in zip(robot.joint_names, robot.lower, model.joints[1:], strict=True)
+        if joint.nq == 1 and np.isinf(low)
+    ]
+    notes += [locked] if locked else []
+    notes += [f"limits 0..0 count as none: {_listed(unlimited)}"] if unlimited else []
+    return ChainModel(model, robot, tuple(f"{urdf.name}: {note}" for note in notes))
 
 
 def read_robot(
     urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0), tip: str | None = None
 ) -> Robot:
     """Read a URDF into a frozen `Robot`; arguments and errors as `read_chain`."""
-    return robot_of(read_chain(urdf, tcp=tcp, tip=tip))
+    return read_chain(urdf, tcp=tcp, tip=tip).robot
 
 
-def robot_of(chain: ChainModel) -> Robot:
-    """Return the same robot without Pinocchio.
+def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
+    """Return a chain without Pinocchio; `tcp` (3,) m in the frame of the flange.
+
+    Exporters write 0..0 for limits of a revolute joint that nobody has set.
 
     Raises:
-        DataError: a joint has more than one degree of freedom.
+        DataError: no robot has such joints, limits or numbers; Pinocchio takes NaN, too.
     """
-    model = chain.model
-    joints = range(1, model.njoints)
-    kinds_and_axes = [joint_type_and_axis(model, joint) for joint in joints]
-    lower, upper = _limits(model)
+    joints, kinds, axes, limits = range(1, model.njoints), [], [], []
+    for joint in joints:
+        name, (kind, axis) = model.names[joint], joint_type_and_axis(model, joint)
+        entry = model.joints[joint].idx_q
+        low, high = model.lowerPositionLimit[entry], model.upperPositionLimit[entry]
+        if model.joints[joint].nq == 2 or (low == high == 0.0 and kind == "revolute"):
+            low, high = -np.inf, np.inf
+        if not low < high:
+            raise DataError(
+                f"joint {name!r} has limits {low:g}..{high:g}; expected lower below upper (or type "
+                "continuous, which has none)"
+            )
+        kinds.append(kind)
+        axes.append(axis)
+        limits.append((low, high))
+    lower, upper = np.transpose(limits)
     return Robot(
-        name=chain.name,
+        name=model.name,
         joint_names=tuple(model.names[joint] for joint in joints),
-        joint_types=tuple(kind for kind, _ in kinds_and_axes),
+        joint_types=tuple(kinds),
         placements=np.stack([model.jointPlacements[joint].homogeneous for joint in joints]),
-        axes=np.stack([axis for _, axis in kinds_and_axes]),
+        axes=np.stack(axes),
         lower=lower,
         upper=upper,
         masses=np.array([model.inertias[joint].mass for joint in joints]),
         centres_of_mass=np.stack([model.inertias[joint].lever for joint in joints]),
-        tcp=chain.tcp,
-        flange=chain.flange.homogeneous,
+        tcp=flange.act(tcp),
+        flange=flange.homogeneous,
     )
 
 
@@ -228,30 +226,11 @@ def joint_type_and_axis(model: pin.Model, joint: int) -> tuple[JointType, FloatA
             "revolute, continuous or prismatic)"
         )
     data = joint_model.createData()
-    at_zero = np.zeros(joint_model.nq)
-    if joint_model.nq == 2:  # a continuous joint is stored as cosine and sine
-        at_zero[0] = 1.0
-    joint_model.calc(data, at_zero)
+    joint_model.calc(data, pin.neutral(model)[joint_model.idx_q :][: joint_model.nq])
     subspace = np.asarray(data.S, dtype=np.float64).reshape(6)
     if np.abs(subspace[:3]).max() > 0.0:
         return "prismatic", subspace[:3]
     return "revolute", subspace[3:]
-
-
-def _limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
-    """Return (n_joints,) lower and upper limits, infinite where there are none.
-
-    Exporters write 0..0 for limits of a revolute joint that nobody has set.
-    """
-    lower, upper = [], []
-    for joint in range(1, model.njoints):
-        entry = model.joints[joint].idx_q
-        low, high = model.lowerPositionLimit[entry], model.upperPositionLimit[entry]
-        unset = low == high == 0.0 and joint_type_and_axis(model, joint)[0] == "revolute"
-        bounded = model.joints[joint].nq == 1 and not unset
-        lower.append(low if bounded else -np.inf)
-        upper.append(high if bounded else np.inf)
-    return np.array(lower), np.array(upper)
 
 
 def _chosen_tip(
@@ -286,16 +265,14 @@ def _chosen_tip(
     ends = [index for index in links if index not in (carries if is_finger[index] else carries_arm)]
     ends.sort(key=lambda index: (not is_finger[index], *worth(index)), reverse=True)
     tips = [links[index].name for index in ends if links[index].parentJoint]
+    if tip is None and len(tips) < 2:
+        return links[ends[0]], []
     if tip is None:
         note = (
-            (
-                f"the chain of {worth(ends[0])[0]} joints to the link {tips[0]!r} is taken; --tip "
-                f"LINK takes another ({_listed(tips[1:])})"
-            )
-            if len(tips) > 1
-            else ""
+            f"the chain of {worth(ends[0])[0]} joints to the link {tips[0]!r} is taken; --tip "
+            f"LINK takes another ({_listed(tips[1:])})"
         )
-        return links[ends[0]], [note] if note else []
+        return links[ends[0]], [note]
     for frame in links.values():
         if frame.name == tip:
             return frame, []

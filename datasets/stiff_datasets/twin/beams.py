@@ -16,18 +16,18 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
-from pydantic import BaseModel, Field, model_validator
+from pydantic import Field, model_validator
 
+from stiff_datasets.twin.spring_law import TomlTable
 from stiff_protocols.contract.types import FloatArray, Robot
 
 SHEAR_COEFFICIENT = 0.5
 """Of a round tube with a thin wall (G. R. Cowper, J. Appl. Mech. 33, 1966)."""
 
-
 Diameter = Annotated[float, Ge(1e-3), Le(2.0), Field(allow_inf_nan=False)]  # m; mm would be larger
 
 
-class Tube(BaseModel, extra="forbid", frozen=True):
+class Tube(TomlTable):
     """The section of a segment.
 
     Attributes:

@@ -51,8 +51,6 @@ import numpy as np
 from annotated_types import Ge, Le, Lt
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    ConfigDict,
     Discriminator,
     Field,
     PrivateAttr,
@@ -64,8 +62,8 @@ from pydantic import (
 
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.reachable import CLEARANCE
-from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_names
-from stiff_datasets.robots.urdf_reader import LONGEST_TCP_M, ChainModel, read_chain, robot_of
+from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robots
+from stiff_datasets.robots.urdf_reader import LONGEST_TCP_M, ChainModel, read_chain
 from stiff_datasets.twin.beams import Beams, Tube
 from stiff_datasets.twin.spring_law import (
     SOFTEST,
@@ -74,8 +72,9 @@ from stiff_datasets.twin.spring_law import (
     JointSprings,
     Positive,
     SlideSprings,
+    TomlTable,
 )
-from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.files import read_toml
 from stiff_protocols.contract.types import Robot
 
@@ -124,13 +123,7 @@ def _or_rigid(low: float, high: float) -> AfterValidator:
     return AfterValidator(check)
 
 
-class _Table(BaseModel):
-    """A TOML table: unknown keys are errors, values do not change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class JointTable(_Table):
+class JointTable(TomlTable):
     """The elasticity of one joint.
 
     Attributes:
@@ -140,7 +133,10 @@ class JointTable(_Table):
         lost_motion_arcmin: full width.
     """
 
-    gear: StrictInt | Gear
+    gear: Annotated[
+        Annotated[StrictInt, Tag("size")] | Annotated[Gear, Tag("table")],
+        Discriminator(lambda gear: "size" if isinstance(gear, int) else "table"),
+    ]
     structure_Nm_per_rad: Annotated[float, _or_rigid(SOFTEST, STIFFEST)]
     tilting_ratio: Annotated[float, _or_rigid(SMALLEST_RATIO, LARGEST_RATIO)]
     lost_motion_arcmin: Annotated[NotNegative, Le(LARGEST_LOST_MOTION)]
@@ -160,7 +156,7 @@ class JointTable(_Table):
         return JointSprings(gear, self.structure_Nm_per_rad, (tilting, tilting), lost_motion)
 
 
-class SlideTable(_Table):
+class SlideTable(TomlTable):
     """The elasticity of one prismatic joint.
 
     Attributes:
@@ -178,7 +174,7 @@ class SlideTable(_Table):
 
 
 def _joint_kind(table: Any) -> str:
-    keys = table if isinstance(table, dict) else vars(table) if isinstance(table, _Table) else ()
+    keys = table if isinstance(table, dict) else getattr(table, "__dict__", ())
     return PRISMATIC if {*SlideTable.model_fields} & {*keys} else REVOLUTE
 
 
@@ -188,7 +184,7 @@ AnyJoint = Annotated[
 ]
 
 
-class Noise(_Table):
+class Noise(TomlTable):
     """Standard deviations of the instruments; the defaults are the source paper's data sheets.
 
     Attributes:
@@ -204,7 +200,7 @@ class Noise(_Table):
     tail: Tail | None = None
 
 
-class Scatter(_Table):
+class Scatter(TomlTable):
     """How much robots of one type differ: relative standard deviations; assumption.
 
     Attributes:
@@ -221,7 +217,7 @@ class Scatter(_Table):
     beams: Share = 0.05
 
 
-class Errors(_Table):
+class Errors(TomlTable):
     """How far the robot and its instruments are from what the models are told; assumption.
 
     Every error has this size and a direction or sign that is drawn for the specimen.
@@ -247,7 +243,7 @@ class Errors(_Table):
     tail: Tail = 3.0
 
 
-class BeamsTable(_Table):
+class BeamsTable(TomlTable):
     """The links' elasticity; see `stiff_datasets.twin.beams.Beams`.
 
     Attributes:
@@ -265,7 +261,7 @@ class BeamsTable(_Table):
     segment: tuple[Tube, ...]
 
 
-class TwinConstants(_Table):
+class TwinConstants(TomlTable):
     """All constants of a twin.
 
     Attributes:
@@ -301,32 +297,6 @@ class TwinConstants(_Table):
         """The elasticity of every joint, base to tip, SI units."""
         return tuple(joint.springs for joint in self.joint)
 
-    def with_physics(self, physics: TwinPhysics) -> TwinConstants:
-        """Return the constants of a twin of this physics.
-
-        Args:
-            physics: "tilting": the file's; "rigid": no bearing tilts, and the links bend. Gears,
-                structure, lost motion and all random numbers are the same.
-
-        Raises:
-            DataError: the links are to bend and have no sections.
-        """
-        if physics == "tilting":
-            return self
-        if self.beams is None:
-            raise DataError(
-                f"{self._path}: no table [beams], which physics=rigid needs (valid: sections as "
-                "in stiff_datasets/twin/constants.py, or physics=tilting)"
-            )
-        joints = tuple(
-            JointTable(**joint.model_dump() | {"tilting_ratio": np.inf})
-            if isinstance(joint, JointTable)
-            else joint
-            for joint in self.joint
-        )
-        beams = self.beams.model_copy(update={"bend": "always"})
-        return self.model_copy(update={"joint": joints, "beams": beams})
-
     def chain(self) -> ChainModel:
         """Read the rigid robot for the twin.
 
@@ -334,15 +304,14 @@ class TwinConstants(_Table):
             DataError: the URDF cannot be read, or its joints are not those of the tables.
         """
         try:
-            if self.urdf in shipped_names():
-                chain = shipped_chain(self.urdf, tcp=self.tcp_m)
+            if self.urdf in {robot.urdf for robot in shipped_robots().values()}:
+                chain = shipped_chain(self.urdf, self.tcp_m)
             else:
                 file = self._path.parent / self.urdf
                 chain = read_chain(file, tcp=self.tcp_m, tip=self.tip)
         except (ConfigError, DataError) as error:
             raise DataError(f"{self._path}: {error}") from error
-        robot = robot_of(chain)
-        kinds = robot.joint_types
+        kinds = chain.robot.joint_types
         tables = tuple(map(_joint_kind, self.joint))
         if tables != kinds:
             raise DataError(
@@ -360,7 +329,7 @@ class TwinConstants(_Table):
                 f"{self._path}: {len(self.beams.segment)} tables [[beams.segment]] for "
                 f"{len(kinds)} joints (valid: {len(kinds) + 1}, from the base to the TCP)"
             )
-        if not robot.masses.any():
+        if not chain.robot.masses.any():
             raise DataError(
                 f"{self._path}: no link of {self.urdf} has a mass; a twin needs them, because the "
                 "weight preloads its gears (valid: <inertial> in every <link>)"
@@ -369,7 +338,7 @@ class TwinConstants(_Table):
 
     def robot(self) -> Robot:
         """Read the rigid robot for the models; errors as `chain`."""
-        return robot_of(self.chain())
+        return self.chain().robot
 
 
 def _counted(kinds: Sequence[str]) -> str:
@@ -393,21 +362,15 @@ def specimen_springs(
     tilting_twice = (scatter.tilting, scatter.tilting)
     deviations = (scatter.gear, scatter.structure, *tilting_twice, scatter.lost_motion)
     for joint in constants.springs:
-        factors = np.exp(rng.normal(size=5) * deviations)
-        gear, structure, *tilting, lost_motion = factors.tolist()
-        tilts = (joint.tilting[0] * tilting[0], joint.tilting[1] * tilting[1])
+        gear, structure, first, second, lost_motion = np.exp(rng.normal(size=5) * deviations)
+        tilts = (joint.tilting[0] * first, joint.tilting[1] * second)
         if isinstance(joint, SlideSprings):
             drawn.append(SlideSprings(joint.drive * structure, tilts))
             continue
         slopes = tuple(slope * gear for slope in joint.gear.slopes_Nm_per_rad)
-        drawn.append(
-            JointSprings(
-                gear=joint.gear.model_copy(update={"slopes_Nm_per_rad": slopes}),
-                structure=joint.structure * structure,
-                tilting=tilts,
-                lost_motion=joint.lost_motion * lost_motion,
-            )
-        )
+        stiffer = joint.gear.model_copy(update={"slopes_Nm_per_rad": slopes})
+        lost = joint.lost_motion * lost_motion
+        drawn.append(JointSprings(stiffer, joint.structure * structure, tilts, lost))
     return tuple(drawn)
 
 
@@ -420,7 +383,7 @@ def specimen_beams(
         constants: of the type.
         robot: geometry of the specimen.
         specimen: 0 has the moduli as they stand, the others `Scatter`'s.
-        asked: the links are to bend.
+        asked: the links are to bend, by the effect "links" or with rigid bearings.
 
     Raises:
         DataError: they are to bend and have no sections.
@@ -428,8 +391,8 @@ def specimen_beams(
     table = constants.beams
     if asked and table is None:
         raise DataError(
-            f"{constants._path}: no table [beams], which the effect 'links' needs (valid: "
-            "sections as in stiff_datasets/twin/constants.py, or effects without 'links')"
+            f"{constants._path}: no table [beams], which the effect 'links' and physics=rigid need "
+            "(valid: sections as in stiff_datasets/twin/constants.py, or neither of the two)"
         )
     if table is None or (table.bend == "effect" and not asked):
         return None
@@ -457,38 +420,15 @@ def read_constants(path: Path) -> TwinConstants:
 
 
 def _first_problem(error: ValidationError) -> str:
-    problems: list[Any] = list(error.errors())
-    # a gear is a number or a table: that it is not the other one says nothing
-    telling = [p for p in problems if p["type"] not in ("int_type", "model_type")] or problems
-    # a wrong name explains the name that is missing
-    problem = next((p for p in telling if p["type"] == "extra_forbidden"), telling[0])
-    path = [
-        str(part + 1) if isinstance(part, int) else part
-        for part in problem["loc"]
-        if not str(part).startswith(("int", "Gear", "function-", REVOLUTE))
-    ]
-    where = ".".join(part for part in path if part != PRISMATIC)
-    if problem["type"] == "extra_forbidden":
-        *above, name = path
-        inner = next((word for word in reversed(above) if word in _TABLES), "")
-        table = _TABLES.get(inner, TwinConstants)
-        within = where.rpartition(".")[0]
-        return str(unknown_name(f"{within} key".strip(), name, table.model_fields))
+    """Return what is wrong where; joints and segments count from 1."""
+    problem = error.errors()[0]
+    tags = (REVOLUTE, PRISMATIC, "size", "table")  # of unions, which no file has
+    path = [part + 1 if isinstance(part, int) else part for part in problem["loc"]]
+    where = ".".join(str(part) for part in path if part not in tags)
     is_value = problem["type"] != "missing" and not isinstance(problem["input"], dict)
-    given = f"{problem['input']!r}: " if is_value else ""
-    return f"{where}: {given}{problem['msg'].removeprefix('Value error, ')}"
-
-
-_TABLES: dict[str, type[BaseModel]] = {
-    "joint": JointTable,
-    PRISMATIC: SlideTable,
-    "gear": Gear,
-    "noise": Noise,
-    "scatter": Scatter,
-    "errors": Errors,
-    "beams": BeamsTable,
-    "segment": Tube,
-}
+    given = repr(problem["input"]) if is_value else ""
+    words = (where, given, problem["msg"].removeprefix("Value error, "))
+    return ": ".join(filter(None, words))
 
 
 def shipped_constants(name: str) -> TwinConstants:
@@ -499,9 +439,6 @@ def shipped_constants(name: str) -> TwinConstants:
 
 def shipped_twins() -> dict[str, str]:
     """Return the names of stiffbench's own twins on the command line -> their TOML files."""
-    names = [
-        f.name[:-5]
-        for f in (files("stiff_datasets") / "twins").iterdir()
-        if f.name.endswith(".toml")
-    ]
-    return {name.replace("_", "-"): name for name in sorted(names)}
+    every = (files("stiff_datasets") / "twins").iterdir()
+    names = sorted(file.name.removesuffix(".toml") for file in every)
+    return {name.replace("_", "-"): name for name in names}

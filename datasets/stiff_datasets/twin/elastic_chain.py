@@ -11,25 +11,9 @@ SI: rad, N, N m, m. The first coordinate of a prismatic joint is in m, its torqu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from stiff_protocols.contract.types import FloatArray, Robot
-
-
-@dataclass(frozen=True, eq=False)
-class Statics:
-    """What a deformed chain under load is like.
-
-    Attributes:
-        torque: (3 n_joints, n) torque of load and weight about every elastic axis, N m; a
-            joint's torsion first (N along a prismatic joint's axis), then its two tilts.
-        tcp: (3, n) position of the TCP in the base frame, m.
-    """
-
-    torque: FloatArray
-    tcp: FloatArray
 
 
 class ElasticChain:
@@ -52,13 +36,20 @@ class ElasticChain:
         self._weight = robot.masses[:, None] * robot.gravity  # (n_joints, 3) N
         self._tcp = bases[-1].T @ robot.tcp
 
-    def statics(self, q: FloatArray, theta: FloatArray, wrench: FloatArray) -> Statics:
+    def statics(
+        self, q: FloatArray, theta: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Return torques and TCP of the chain at `q`, deformed by `theta`, under `wrench`.
 
         Args:
             q: (n_joints, n) commanded joint positions, rad or m.
             theta: (3 n_joints, n) elastic coordinates, rad or m.
             wrench: (6, n) load at the TCP, force [N] then torque [N m], base frame.
+
+        Returns:
+            (3 n_joints, n) torque of load and weight about every elastic axis, N m; a joint's
+            torsion first (N along a prismatic joint's axis), then its two tilts. And (3, n)
+            position of the TCP in the base frame, m.
         """
         frame = np.repeat(np.eye(3)[:, :, None], q.shape[1], axis=2)  # (column, xyz, n)
         angle = theta.copy()
@@ -89,7 +80,7 @@ class ElasticChain:
             if not self._turns[joint]:
                 torque[3 * joint] = np.einsum("cn,cn->n", axes[3 * joint], force)
             moment = moment + _cross(arm[joint], force)
-        return Statics(torque, tcp=sum(arm[1:], arm[0] + lever))
+        return torque, sum(arm[1:], arm[0] + lever)
 
 
 def _basis(robot: Robot, joint: int) -> FloatArray:

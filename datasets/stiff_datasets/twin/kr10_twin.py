@@ -71,7 +71,8 @@ class PaperTwin(TwinData, ABC):
         """Simulate the measurement (well under a second)."""
         loads: LoadKind = "line" if self.torques == "table-5" else "line-hook"
         twin = self.twin
-        return self.measured(twin.constants(), twin.poses(), loads, self.loads_per_pose)
+        how = {"loads": loads, "loads_per_pose": self.loads_per_pose}
+        return self.measured(twin.constants(), twin.poses(), **how)
 
 
 @dataclass(kw_only=True, eq=False)

@@ -49,7 +49,8 @@ class RobotTwin(TwinData):
         for note in constants.chain().notes:
             warnings.warn(note, StiffBenchWarning, stacklevel=2)
         poses = random_poses(constants, self.poses, self.seed)
-        return self.measured(constants, poses, self.loads, self.loads_per_pose)
+        how = {"loads": self.loads, "loads_per_pose": self.loads_per_pose}
+        return self.measured(constants, poses, **how)
 
 
 class Ur5Twin(TwinData):

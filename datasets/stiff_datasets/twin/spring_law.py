@@ -4,24 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.types import FloatArray
 
 LOST_MOTION_SHARE = 0.04
 """Of the rated torque: where catalogues measure lost motion."""
-
 
 SOFTEST, STIFFEST = 10.0, 1e10  # N m/rad; a unit off by a thousand is outside
 Stiffness = Annotated[float, Ge(SOFTEST), Le(STIFFEST), Field(allow_inf_nan=False)]
 Positive = Annotated[float, Gt(0), Field(allow_inf_nan=False)]
 
 
-class Gear(BaseModel, extra="forbid", frozen=True):
+class TomlTable(BaseModel):
+    """A table of a twin's file: unknown keys are errors, values do not change."""
+
+    model_config = ConfigDict(frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, given: Any) -> Any:
+        for key in given if isinstance(given, dict) else ():
+            if key not in cls.model_fields:
+                raise ValueError(str(unknown_name("key", key, cls.model_fields)))
+        return given
+
+
+class Gear(TomlTable):
     """Catalogue torsion of a strain-wave gear: slope K1 up to T1, K2 up to T2, K3 above.
 
     Attributes:

@@ -7,8 +7,8 @@ agree on the data's hash.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, ClassVar
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from annotated_types import Ge
@@ -57,20 +57,22 @@ class TwinExperiment:
         specimen: which robot of the type.
         seed: draws loads and noise; the robot does not depend on it.
         loads_per_pose: how many.
+        physics: "rigid": no bearing tilts, and the links bend; all random numbers are the same.
         effects: what it has beyond the default twin, see `twin_effects.py`.
         heaviest: the largest "omni" load, over the payload.
         twin: the robot.
 
     Raises:
-        DataError: the effect "links" is asked for, and `constants` have no beams.
+        DataError: the links are to bend, and `constants` have no beams.
     """
 
     constants: TwinConstants
     _: KW_ONLY
-    loads: LoadKind
+    loads: LoadKind = "omni"
     specimen: int
     seed: int
     loads_per_pose: int = 1
+    physics: TwinPhysics = "tilting"
     effects: Collection[str] = ()
     heaviest: float = 1.0
 
@@ -81,10 +83,18 @@ class TwinExperiment:
         if KINEMATICS in self.effects:
             rng = stream("kinematics", constants.name, specimen)
             robot = real_robot(robot, constants.errors, rng)
-        asked = LINKS in self.effects
+        springs, is_rigid = [*specimen_springs(constants, specimen)], self.physics == "rigid"
+        if is_rigid:
+            springs = [
+                replace(joint, tilting=(np.inf, np.inf))
+                if isinstance(joint, JointSprings)
+                else joint
+                for joint in springs
+            ]
+        asked = LINKS in self.effects or is_rigid
         self.twin = DigitalTwin(
             robot,
-            specimen_springs(constants, specimen),
+            springs,
             beams=specimen_beams(constants, robot, specimen, asked=asked),
             hysteresis=HYSTERESIS in self.effects,
         )
@@ -206,23 +216,18 @@ class TwinData:
         """Refuse an unknown effect with a ConfigError."""
         parse_effects(self.effects)
 
-    def measured(
-        self,
-        constants: TwinConstants,
-        poses: Poses,
-        loads: LoadKind = "omni",
-        loads_per_pose: int = 1,
-        heaviest: float = 1.0,
-    ) -> BenchmarkData:
-        """Return the samples of this specimen and seed at the poses, pose by pose."""
+    def measured(self, constants: TwinConstants, poses: Poses, **how: Any) -> BenchmarkData:
+        """Return the samples of this specimen and seed at the poses, pose by pose.
+
+        `how` is what else a `TwinExperiment` is made of.
+        """
         experiment = TwinExperiment(
-            constants.with_physics(self.physics),
-            loads=loads,
+            constants,
             specimen=self.specimen,
             seed=self.seed,
-            loads_per_pose=loads_per_pose,
+            physics=self.physics,
             effects=parse_effects(self.effects),
-            heaviest=heaviest,
+            **how,
         )
         return experiment.measured(poses)
 
@@ -230,11 +235,9 @@ class TwinData:
 TOLERANCE_NM = 1e-10
 """What a torque may still change by in the last step; rounding leaves about 1e-13 N m."""
 MAX_ITERATIONS = 100
-CHUNK = 2048  # samples at once: the arrays of one step stay in the cache
 
 
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
+class Equilibrium(NamedTuple):
     """The balance of springs, load and weight; elastic coordinates joint by joint.
 
     Attributes:
@@ -257,9 +260,6 @@ class DigitalTwin:
         springs: one entry a joint, base to tip, of the joint's kind.
         beams: links that bend; None: they are rigid.
         hysteresis: lost motion is taken up anew by every load, see `SpringLaw`.
-
-    Raises:
-        DataError: the springs do not match the robot's joints.
     """
 
     def __init__(
@@ -273,14 +273,6 @@ class DigitalTwin:
         """Build the elastic chain."""
         self.robot, self._beams, self._hysteresis = robot, beams, hysteresis
         self._chain = ElasticChain(robot)
-        kinds = tuple(
-            "prismatic" if isinstance(joint, SlideSprings) else "revolute" for joint in springs
-        )
-        if kinds != robot.joint_types:
-            raise DataError(
-                f"{len(springs)} joint springs for {robot.n_joints} joints: {', '.join(kinds)} for "
-                f"{', '.join(robot.joint_types)}"
-            )
         self._law = SpringLaw(springs)
 
     def readings(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -324,29 +316,19 @@ class DigitalTwin:
             turning: (n, 3 n_joints) torque on the springs at the turning points, N m. None: the
                 turning point itself, where there is hysteresis.
         """
-        parts = []
-        for start in range(0, len(q), CHUNK):
-            rows = slice(start, start + CHUNK)
-            begin = None if turning is None else turning[rows].T
-            parts.append(self._solve(q[rows].T.copy(), wrench[rows].T.copy(), begin))
-        theta, torque, tcp = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        return Equilibrium(theta, torque, tcp)
-
-    def _solve(
-        self, q: FloatArray, wrench: FloatArray, turning: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        theta = np.zeros((3 * len(q), q.shape[1]))
-        state = self._chain.statics(q, theta, wrench)
+        q_columns, load = q.T.copy(), wrench.T.copy()  # a sample a column, as `ElasticChain`
+        theta = np.zeros((3 * len(q_columns), len(q)))
+        torque, tcp = self._chain.statics(q_columns, theta, load)
         for _ in range(MAX_ITERATIONS):
-            here = state.torque if self._hysteresis and turning is None else turning
-            theta = self._law.angle(state.torque, here)
-            found = self._chain.statics(q, theta, wrench)
-            change = np.abs(found.torque - state.torque).max(axis=0)
-            state = found
+            here = torque if self._hysteresis else None
+            before = torque
+            theta = self._law.angle(torque, here if turning is None else turning.T)
+            torque, tcp = self._chain.statics(q_columns, theta, load)
+            change = np.abs(torque - before).max(axis=0)
             if (change < TOLERANCE_NM).all():
-                return theta.T, state.torque.T, state.tcp.T
+                return Equilibrium(theta.T, torque.T, tcp.T)
         worst = int(np.argmax(~(change < TOLERANCE_NM)))  # NaN is no balance either
         raise DataError(
-            f"no elastic equilibrium at q = {np.rad2deg(q[:, worst]).round(3)} deg under the "
-            f"wrench {wrench[:, worst].round(3)}: the load is too large for these springs"
+            f"no elastic equilibrium at q = {np.rad2deg(q[worst]).round(3)} deg under the "
+            f"wrench {wrench[worst].round(3)}: the load is too large for these springs"
         )

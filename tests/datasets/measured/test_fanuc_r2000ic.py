@@ -63,14 +63,14 @@ def dh_tcp(q):
 
 
 def test_the_urdf_stands_where_the_published_rows_put_it(rng):
-    chain = shipped_chain("fanuc_r2000ic", tcp=TCP)
+    chain = shipped_chain("fanuc_r2000ic", TCP)
     data = chain.model.createData()
     for q in rng.uniform(-3, 3, size=(50, 6)):
         pin.forwardKinematics(chain.model, data, q)
         for link, *frame in zip(list(data.oMi)[1:], *joint_frames(q), strict=True):
             for found, expected in zip((link.translation, link.rotation), frame, strict=True):
                 np.testing.assert_allclose(found, expected, atol=1e-12)
-        np.testing.assert_allclose(data.oMi[6].act(chain.tcp), dh_tcp(q), atol=1e-12)
+        np.testing.assert_allclose(data.oMi[6].act(chain.robot.tcp), dh_tcp(q), atol=1e-12)
 
 
 def weight_torque(q):
@@ -93,7 +93,7 @@ def weight_of_the_samples():
 
 def test_its_weight_turns_the_joints_as_the_published_links_do(rng):
     q = rng.uniform(-3, 3, size=(20, 6))
-    robot, chain = FanucR2000iC().load().robot, shipped_chain("fanuc_r2000ic", tcp=TCP)
+    robot, chain = FanucR2000iC().load().robot, shipped_chain("fanuc_r2000ic", TCP)
     data = chain.model.createData()
     balanced = [pin.computeGeneralizedGravity(chain.model, data, each).copy() for each in q]
     np.testing.assert_allclose(weight_torque(q), np.negative(balanced), atol=1e-8)

@@ -39,7 +39,7 @@ def test_the_cartesian_group_puts_the_tcp_on_the_grid(kr10, kr10_chain):
     reached = []
     for q in cartesian_poses(kr10):
         pin.forwardKinematics(model, data, q)
-        reached.append(data.oMi[6].act(kr10_chain.tcp) * 1000)
+        reached.append(data.oMi[6].act(kr10_chain.robot.tcp) * 1000)
     expected = np.stack(
         np.meshgrid(range(300, 801, 100), range(-300, 301, 150), (300, 550, 800), indexing="ij"), -1
     ).reshape(-1, 3)

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from helpers.made_robots import arm_lines, gripper_lines, tree_urdf
-from stiff_datasets.robots.urdf_reader import read_chain, robot_of
+from stiff_datasets.robots.urdf_reader import read_chain
 from stiff_protocols.contract.errors import ConfigError, DataError
 
 ARM = arm_lines("base", "a", 6)
@@ -28,7 +28,7 @@ def chain_of(tmp_path, joints, **options):
 
 
 def names(chain):
-    return robot_of(chain).joint_names
+    return chain.robot.joint_names
 
 
 def arm_names(n):
@@ -71,7 +71,7 @@ def test_a_given_tip_is_taken_without_a_note_about_the_choice(tmp_path):
 
 def test_what_hangs_off_the_chain_is_part_of_its_links_as_in_pinocchio(tmp_path, rng):
     chain = chain_of(tmp_path, MOBILE + WHEELS)
-    robot = robot_of(chain)
+    robot = chain.robot
     np.testing.assert_allclose(robot.masses, [3, 1, 1, 1, 1, 1, 1, 8])  # two in the head, seven
     whole = pin.buildModelFromUrdf(str(tmp_path / "made.urdf"))
     q = rng.uniform(0.0, 0.3, size=robot.n_joints)
@@ -108,5 +108,5 @@ def test_a_chain_that_cannot_be_one_is_refused_by_name(tmp_path, joints, tip, er
 def test_limits_that_an_exporter_left_at_zero_are_none(tmp_path):
     pendulum = "base one revolute axis=y limits=0..0\none two revolute axis=y limits=0..0"
     chain = chain_of(tmp_path, pendulum)
-    assert np.isinf(robot_of(chain).lower).all() and np.isinf(robot_of(chain).upper).all()
+    assert np.isinf(chain.robot.lower).all() and np.isinf(chain.robot.upper).all()
     assert "to_one, to_two" in chain.notes[0]

@@ -88,6 +88,7 @@ def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped
         (joint().replace("0 0 1", "1e308 0 1e308"), "unit length"),
         (joint(inside='<origin xyz="nan 0 0"/>'), ""),
     ],
+    ids=lambda given: given[:40],
 )
 def test_what_is_no_serial_chain_is_refused(tmp_path, body, message):
     with pytest.raises(DataError, match=rf"r(obot\.urdf)?: .*{message}"):

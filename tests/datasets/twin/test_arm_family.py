@@ -7,7 +7,6 @@ from importlib.resources import files
 import numpy as np
 import pinocchio as pin
 import pytest
-from tabulate import tabulate
 
 from stiff_datasets.planning.loads import hook_wrenches, stream
 from stiff_datasets.twin.constants import shipped_constants, specimen_beams
@@ -24,22 +23,6 @@ CLASSES = [  # lighter than kg: structure over K2, tilting ratio, wall over diam
 LOST_MOTION_ARCMIN = 0.8
 TUBES = [0.22, 0.2, 0.14, 0.12, 0.1, 0.08, 0.06]  # diameter over reach
 DIGITS = 6e-3  # three are kept
-HEADINGS = (
-    *("robot", "maker", "type", "payload kg", "reach m"),
-    *("moving mass kg", "masses", "deflection mm", "largest mm"),
-)
-MAKERS_WORDS = (  # and where the masses of the links are from; the URDF says it in full
-    ("ABB", "`IRB 120-3/0.6`", "public, from CAD"),
-    ("Stäubli", "`TX60`", "public, from CAD"),
-    ("FANUC", "`LR Mate 200iD`", "scaled from KR 6 R700-2"),
-    ("Yaskawa", "`GP12`", "scaled from KR 12 R1450 HW"),
-    ("KUKA", "`KR 16 R1610-2`", "public; split inside the wrist"),
-    ("FANUC", "`M-20iB/25`", "scaled from KR 20 R1820-2 E"),
-    ("ABB", "`IRB 4600-40/2.55`", "scaled from KR 50 R2500"),
-    ("KUKA", "`KR 70 R2100`", "public"),
-    ("Yaskawa", "`GP180`", "scaled from KR 120 R2700-2"),
-    ("KUKA", "`KR 240 R2900-2`", "public"),
-)
 
 
 @pytest.fixture(scope="module")
@@ -75,18 +58,17 @@ def deflections(data, constants):
     return found
 
 
-def test_the_card_has_the_table_and_the_hash_of_the_data(data, constants, deflections):
+def test_the_card_has_what_each_arm_is_like(constants, deflections):
     card = (files("stiff_datasets") / "data" / "arm_family.md").read_text(encoding="utf-8")
-    rows = [
+    rows = [[word.strip() for word in line.split("|")[1:-1]] for line in card.splitlines()]
+    told = [(row[0], *row[3:6], *row[7:]) for row in rows if row and row[0].isdecimal()]
+    assert told == [
         (
-            *(number, *MAKERS_WORDS[number][:2], f"{twin.payload_kg:g}"),
-            *(f"{wrist_reach(twin.robot()):.2f}", f"{twin.robot().masses.sum():.3g}"),
-            *(MAKERS_WORDS[number][2], f"{np.median(moved):.2f}", f"{moved.max():.1f}"),
+            *(str(number), f"{twin.payload_kg:g}", f"{wrist_reach(twin.robot()):.2f}"),
+            *(f"{twin.robot().masses.sum():.3g}", f"{np.median(moved):.2f}", f"{moved.max():.1f}"),
         )
         for number, (twin, moved) in enumerate(zip(constants, deflections, strict=True))
     ]
-    assert tabulate(rows, HEADINGS, tablefmt="github", disable_numparse=True) in card
-    assert f"`{data[0].sha256}`" in card
 
 
 def test_ten_robots_have_151_poses_inside_the_limits_and_loads_to_80_percent(data, constants):

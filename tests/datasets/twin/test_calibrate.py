@@ -9,13 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from calibrate import (
     SEARCHES,
     figures_text,
     line_figures,
-    main,
     paper_figures,
     specimen_figures,
 )
@@ -62,9 +60,6 @@ def test_the_card_shows_the_figures_of_every_specimen_of_the_records():
             assert_figures(figures, stated)
     card = (files("stiff_datasets") / "data" / "kr10_twin.md").read_text(encoding="utf-8")
     assert_alike(figures_text(found, paper_figures()), card)
-    done = CliRunner().invoke(main, ["--figures"])
-    assert done.exit_code == 0
-    assert_alike(done.output.strip(), card)
 
 
 def assert_alike(table, card):

@@ -56,10 +56,10 @@ def test_a_ropes_torque_is_at_right_angles_to_its_force(make):
 
 @pytest.mark.parametrize("key", KEYS)
 def test_specimens_and_seeds_differ_and_the_same_words_give_the_same_bytes(data, key):
-    variants = [KEYS[key](specimen=number) for number in range(10)] + [KEYS[key](seed=1)]
-    hashes = [variant.load().sha256 for variant in variants]
+    variants = [{}, {"specimen": 1}, {"specimen": 9}, {"seed": 1}]
+    hashes = [KEYS[key](**variant).load().sha256 for variant in variants]
     assert hashes[0] == data[key, 1].sha256  # the default calibration
-    assert len(set(hashes)) == 11
+    assert len(set(hashes)) == len(variants)
 
 
 @pytest.mark.parametrize("number", CALIBRATIONS)
