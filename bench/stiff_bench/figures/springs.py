@@ -84,7 +84,7 @@ def _draw_segments(
     axes.plot(bends, heights, **blue.points(), markersize=4.5, label="breakpoint", zorder=4)
     for most in np.quantile(torque[:, joint], _SHARES):
         axes.axvspan(0.0, float(most), color="0.5", alpha=0.1, linewidth=0.0)
-    axes.set(xlim=(0.0, 1.02 * top), ylim=(0.0, None))
+    axes.set_xlim(0.0, 1.02 * top)
     return at
 
 
