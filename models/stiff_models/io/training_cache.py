@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import os
 import stat
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import platformdirs
 
-from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
+from stiff_protocols.contract.errors import StoreError, warn
 from stiff_protocols.contract.files import make_folder
 
 if TYPE_CHECKING:
@@ -101,10 +100,8 @@ def remembered(shaped_by: object, compute: Callable[[], Training]) -> Training:
         )
         return kept
     except (StoreError, OSError) as error:
-        warnings.warn(
+        warn(
             f"pre-training is neither kept nor taken from the cache: {error}",
-            StiffBenchWarning,
-            stacklevel=2,
         )
         return computed[-1] if computed else compute()
 

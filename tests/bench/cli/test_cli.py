@@ -92,7 +92,7 @@ def test_the_cache_is_counted_and_emptied(tmp_path, twin):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(*next(iter(cache.items())))
         train = twin.samples.take(np.arange(60))
-        MlpPretrained(width=8, pretrain_steps=2, source_poses="data").fit(train, robot=twin.robot)
+        MlpPretrained(width=8, pretrain_steps=2).fit(train, robot=twin.robot)
     assert cache_says("info").startswith("1 training, 0.")
     assert cache_says("clear").startswith("deleted: 1 training, 0.")
     assert cache_says("info").startswith("0 trainings, 0.0 MiB, in ")
