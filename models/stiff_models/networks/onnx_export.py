@@ -247,10 +247,6 @@ def export_onnx(model: FittedModel, path: Path) -> None:
         raise NotFittedError(f"{type(model).__name__}: call fit before export_onnx")
     require("ONNX", "onnx", "onnxscript")
     module = copy.deepcopy(model._torch_module()).to("cpu").eval()
-    _write(module, model, path)
-
-
-def _write(module: torch.nn.Module, model: FittedModel, path: Path) -> None:
     robot = model.robot_
     rows = {0: torch.export.Dim("n")}
     example = tuple(torch.ones(3, width, dtype=torch.float64) for width in (robot.n_joints, 6))

@@ -27,7 +27,7 @@ from stiff_models.physics.full_vjm import spring_columns, spring_twists
 from stiff_models.physics.vjm import identify_joints, warn_no_masses, why_rigid
 from stiff_models.regressors.calibrated_process import CalibratedProcess
 from stiff_models.regressors.gaussian_process import Covariance, minimum
-from stiff_models.regressors.joint_curves import JointCurves
+from stiff_models.regressors.joint_curves import joint_curves
 from stiff_models.regressors.spring_process import (
     LikelihoodSlopes,
     SpringCovariance,
@@ -321,9 +321,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     ) -> FloatArray:
         """Return how deflections go together, as `StiffnessModel` says; errors as `predict`."""
         first = self._fitted_loads(*self._checked(q, wrench))
-        second = self._measured_loads(
-            self.robot_, self.geometry_, *self._checked(other_q, other_wrench)
-        )
+        second = self._fitted_loads(*self._checked(other_q, other_wrench))
         scale = self.calibration_[:, None, None] ** 2
         return np.asarray(self.process_.between(first, second) * scale)
 
@@ -403,12 +401,10 @@ class GpSprings(CalibratedProcess, GeometryModel):
         _, kind = self._virtual_joints(robot)
         springs = np.flatnonzero(kind % 3 == 2)
         calibration = float(np.sqrt(np.mean(self.calibration_**2)))
-        curves = JointCurves.of(self.process_, robot, springs, calibration)
-        self.curves_ = curves.points
-        self.springs_ = curves.stiffness
+        self.curves_, self.springs_, lost = joint_curves(self.process_, robot, springs, calibration)
         self.diagnostics_ = {
-            **curves.stiffness.report(),
-            **(curves.lost_motion if self.lost_motion else {}),
+            **self.springs_.report(),
+            **(lost if self.lost_motion else {}),
             "noise [mm]": 1e3 * math.sqrt(self.process_.covariance.noise),
             **self._geometry_report(),
         }
