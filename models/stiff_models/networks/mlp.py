@@ -40,7 +40,7 @@ class Mlp(ChoosesEpochs, NetworkModel):
             warn(
                 f"none of {self.epochs} epochs was better on the validation rows than the "
                 "untrained network, which is kept; is a learning rate of "
-                f"{self.learning_rate:g} too high?",
+                f"{self.learning_rate:g} too high?"
             )
 
 

@@ -87,7 +87,7 @@ class FullVjm(GeometryModel):
             warn(
                 f"{len(train)} training samples give {3 * len(train)} equations for {n_springs} "
                 f"springs (regressor rank {found.rank}): predictions at other poses and loads "
-                "are unreliable",
+                "are unreliable"
             )
         warn_unexplained(self.compliance_, train)
 

@@ -106,7 +106,7 @@ def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training sam
         warn(
             f"joint stiffness not identifiable from the {samples}: "
             f"{', '.join(springs.unidentifiable)} (regressor rank {springs.rank} of "
-            f"{len(springs.names)}); predictions use the prior's",
+            f"{len(springs.names)}); predictions use the prior's"
         )
 
 
@@ -115,7 +115,7 @@ def warn_no_masses(robot: Robot) -> None:
     if not robot.masses.any():
         warn(
             f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
-            "the load turned them (gravity preload 0)",
+            "the load turned them (gravity preload 0)"
         )
 
 

@@ -99,7 +99,7 @@ def minimum(
     if not best.success:
         warn(
             "hyperparameters of a Gaussian process: the likelihood search stopped early "
-            f"({best.message.strip(' :')}); the best values so far are used",
+            f"({best.message.strip(' :')}); the best values so far are used"
         )
     return np.asarray(best.x)
 

@@ -311,7 +311,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
             return train
         warn(
             f"the process learns from {self.most_samples:,} of {len(train):,} training samples, "
-            "drawn at random (option most_samples)",
+            "drawn at random (option most_samples)"
         )
         drawn = np.random.default_rng(seed).permutation(len(train))[: self.most_samples]
         return train.take(np.sort(drawn))

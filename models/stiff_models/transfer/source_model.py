@@ -161,7 +161,7 @@ class SourceModel:
             warn(
                 f"pre-training forces are {simulated:.3g} N, measured forces {measured:.3g} N "
                 "(root mean square): is the file in N? source_wrenches=uniform draws loads in the "
-                "measured ones' range",
+                "measured ones' range"
             )
         return design
 
