@@ -14,8 +14,6 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "ft-mlp, paper": ("ft-mlp", {"preset": "paper"}),
     "vjm-multisegment, search": ("vjm-multisegment", {"breakpoints": "search"}),
     "vjm-full, ridge": ("vjm-full", {"solver": "ridge"}),
-    "gp, ard": ("gp", {"ard": True, "restarts": 1}),
-    "dt-cnn, adabn": ("dt-cnn", {"alignment": "adabn"}),
     "dt-cnn, coral": ("dt-cnn", {"alignment": "coral"}),
     "dt-cnn, udtl": ("dt-cnn", {"preset": "udtl"}),
     "forest": ("sklearn:ensemble.RandomForestRegressor", {}),
@@ -27,7 +25,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
 
 SEGMENTS = {"vjm-multisegment", "vjm-multisegment, search"}
 RESIDUAL = {"residual-mlp", "vjm-gp", "vjm-boosting", "vjm + neighbours"}
-CNN = {"dt-cnn", "dt-cnn, adabn", "dt-cnn, coral", "dt-cnn, udtl"}
+CNN = {"dt-cnn", "dt-cnn, coral", "dt-cnn, udtl"}
 PRETRAINED = {
     *("mlp-pretrained", "ft-mlp", "ft-mlp, paper", "adann-2r", "compliance-net", "deep-ensemble"),
     *CNN,
@@ -113,7 +111,7 @@ OUTCOMES: dict[str, Outcomes] = {
     "slides alone": [
         *NO_MASSES,
         # a flat likelihood: rounding decides
-        ({"gp", "gp, ard", "mf-gp"}, "(works|warns: .*likelihood search stopped)"),
+        ({"gp", "mf-gp"}, "(works|warns: .*likelihood search stopped)"),
     ],
     "7 joints": [*NO_MASSES, *NOT_BOTH],
 }

@@ -70,7 +70,7 @@ def test_routes_and_modes_are_put_back_after_a_training():
 
 
 @pytest.mark.parametrize("bfloat16", [False, True])
-@pytest.mark.parametrize("plan", [PRETRAINING["fast"], *FINE_TUNING.values(), FAST])
+@pytest.mark.parametrize("plan", [PRETRAINING["fast"], FINE_TUNING["paper"], FAST])
 def test_a_step_of_training_stays_on_the_device_of_its_rows(plan, bfloat16, monkeypatch):
     adam = torch.optim.Adam
     monkeypatch.setattr(

@@ -10,7 +10,7 @@ import pytest
 from golden_numbers import KEPT, KEYS, PRETRAINING_KEY, finding, library, made
 from stiff_models.model_catalog import FAMILIES, model_info
 from stiff_models.networks import muon
-from stiff_models.regressors import gaussian_process as likelihood
+from stiff_models.physics import full_vjm
 
 KNOWN: dict[str, Any] = json.loads(KEPT.read_text())
 
@@ -41,7 +41,7 @@ def test_every_family_has_a_place_and_what_is_in_no_catalogue_has_none() -> None
 @pytest.mark.parametrize(
     ("key", "place", "name", "value"),
     [
-        ("gp", likelihood, "NOISE_BOUNDS", (1e-3, 10.0)),
+        ("vjm-full", full_vjm, "TURN_RATIO", 4.0),
         (PRETRAINING_KEY, muon, "ITERATIONS", 2),
     ],
 )

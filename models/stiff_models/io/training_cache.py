@@ -9,14 +9,13 @@ from __future__ import annotations
 import logging
 import os
 import stat
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import platformdirs
 
-from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
+from stiff_protocols.contract.errors import StoreError, warn
 from stiff_protocols.contract.files import make_folder
 
 if TYPE_CHECKING:
@@ -72,6 +71,8 @@ def remembered(shaped_by: object, compute: Callable[[], Training]) -> Training:
     Its key is the hash of `shaped_by`: numbers, texts and arrays. If the folder cannot be used or
     the disk is full, the training is computed, with a warning.
     """
+    import joblib  # a command without networks does without it
+
     computed: list[Training] = []
 
     def once() -> Training:
@@ -79,26 +80,22 @@ def remembered(shaped_by: object, compute: Callable[[], Training]) -> Training:
         return computed[-1]
 
     try:
-        kept: Training = _memory(usable_folder()).cache(_trained, ignore=["compute"])(
-            shaped_by, once
-        )
+        cached = _memory(usable_folder()).cache(_trained, ignore=["compute"])
+        # the hash alone: joblib writes the arguments beside a result, and warns if that takes long
+        kept: Training = cached(joblib.hash(shaped_by), once)
         return kept
     except (StoreError, OSError) as error:
-        warnings.warn(
-            f"pre-training is neither kept nor taken from the cache: {error}",
-            StiffBenchWarning,
-            stacklevel=2,
-        )
+        warn(f"pre-training is neither kept nor taken from the cache: {error}")
         return computed[-1] if computed else compute()
 
 
-def _trained(shaped_by: object, compute: Callable[[], Training]) -> Training:
-    """Joblib keeps the result by `shaped_by` alone."""
+def _trained(key: str, compute: Callable[[], Training]) -> Training:
+    """Joblib keeps the result by `key` alone."""
     return compute()
 
 
 def _memory(folder: Path | None) -> joblib.Memory:
-    import joblib  # a command without networks does without it
+    import joblib
 
     # a damaged entry is trained again; joblib would print the traceback of reading it
     logging.getLogger("joblib").setLevel(logging.ERROR)

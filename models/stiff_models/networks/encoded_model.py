@@ -83,12 +83,21 @@ class EncodedModel(FittedModel):
 
     angle_encoding: AngleEncoding = "sincos"
 
-    def _standardised(self, robot: Robot, train: Samples) -> StandardisedRows:
+    def _take_statistics(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray
+    ) -> None:
+        self.input_scaler_ = Scaler.of(encode(robot, q, wrench, self.angle_encoding))
+        self.output_scaler_ = Scaler.of_deflection(deflection)
+
+    def _standardised(self, robot: Robot, samples: Samples) -> StandardisedRows:
+        """Return the rows in the statistics that were taken."""
+        features = self._features(robot, samples.q, samples.wrench)
+        return features, self.output_scaler_.apply(samples.deflection)
+
+    def _trained_rows(self, robot: Robot, train: Samples) -> StandardisedRows:
         """Take the training rows' statistics and return the rows in them."""
-        features = encode(robot, train.q, train.wrench, self.angle_encoding)
-        self.input_scaler_ = Scaler.of(features)
-        self.output_scaler_ = Scaler.of_deflection(train.deflection)
-        return self.input_scaler_.apply(features), self.output_scaler_.apply(train.deflection)
+        self._take_statistics(robot, train.q, train.wrench, train.deflection)
+        return self._standardised(robot, train)
 
     def _features(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, n_features) standardised features."""

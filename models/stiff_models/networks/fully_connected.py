@@ -12,11 +12,7 @@ ChosenActivation = Literal["auto", "relu", "tanh", "sigmoid", "gelu", "sharp-gel
 
 
 class SharpGelu(torch.nn.Module):
-    """GELU with a standard deviation of 1/4: x P(X <= 4 x), of a standard normal X.
-
-    Between GELU, which learns a smooth source best, and ReLU, which learns the kinks of lost motion
-    and of gear slopes best (Hendrycks and Gimpel 2016 leave the deviation open).
-    """
+    """GELU with a standard deviation of 1/4: x P(X <= 4 x), of a standard normal X."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Return the same shape."""

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import Annotated
 
 import torch
 from annotated_types import Ge, Gt
 
-from stiff_models.networks.network_model import NetworkModel, Selection
+from stiff_models.networks.network_model import ChoosesEpochs, NetworkModel
 from stiff_models.networks.onnx_export import SumOf, physics_module
 from stiff_models.networks.training import TrainingPlan
 from stiff_models.physics.vjm import OnPhysics
-from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import Robot, Samples
 
 Epochs = Annotated[int, Ge(0)]
@@ -21,24 +20,16 @@ LearningRate = Annotated[float, Gt(0.0)]
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class Mlp(NetworkModel):
+class Mlp(ChoosesEpochs, NetworkModel):
     """MLP from scratch, full-batch Adam on the mean absolute error.
 
     Attributes:
         epochs: length of the training, or the longest to choose from.
         learning_rate: constant learning rate of Adam.
-        training: "cv" chooses the number of epochs (0, 10, 30, 100, 400, or the longest) by
-            cross-validation and trains on all rows, "best" keeps the best epoch on the validation
-            rows, "normal" the last.
     """
 
     epochs: Epochs = 1000
     learning_rate: LearningRate = 1e-3
-    training: Selection = "cv"
-
-    def chooses_epoch(self) -> bool:
-        """Whether validation rows choose the epoch."""
-        return self.training == "best"
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self._start(robot, train.q, train.wrench, train.deflection, seed)
@@ -46,12 +37,10 @@ class Mlp(NetworkModel):
         (curve,) = self._learn_measured(train, validation, plan, seed, self.training)
         self.curves_ = {"training": curve.points}
         if curve.best_step == 0 and len(curve.points):
-            warnings.warn(
+            warn(
                 f"none of {self.epochs} epochs was better on the validation rows than the "
                 "untrained network, which is kept; is a learning rate of "
-                f"{self.learning_rate:g} too high?",
-                StiffBenchWarning,
-                stacklevel=3,
+                f"{self.learning_rate:g} too high?"
             )
 
 

@@ -4,8 +4,7 @@ K. Jordan et al., "Muon: an optimizer for hidden layers in neural networks" (202
 a step W -> W - lr D changes the outputs of a layer for inputs of any direction alike. Inputs of a
 hidden layer are far from white: with A = E[x x^T] = L L^T we orthogonalise the gradient G L^-T for
 the white inputs L^-1 x, and take D = orth(G L^-T) L^-1. The curvature of the loss in A alone is
-F. Benzing, "Gradient descent on neurons" (ICML 2022). On the source domain the same time gives
-half the error, and three iterations of Newton and Schulz are enough.
+F. Benzing, "Gradient descent on neurons" (ICML 2022).
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ import torch
 from annotated_types import Ge, Le
 
 from stiff_models.device import RunsOnDevice, torch_device
-from stiff_models.networks.encoded_model import EncodedModel, Scaler, encode
+from stiff_models.networks.encoded_model import EncodedModel, Scaler
 from stiff_models.networks.fully_connected import Activation, ChosenActivation, build_network
 from stiff_models.networks.onnx_export import EncodedNetwork
 from stiff_models.networks.training import Curve, Rows, TrainingPlan, Visits, train_network
@@ -71,6 +71,23 @@ def chosen_epochs(
     return lengths[-1]  # not reached: the best is within
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
+class ChoosesEpochs:
+    """Mixin of the families that learn from measured samples for a number of epochs.
+
+    Attributes:
+        training: "cv" chooses the number of epochs (0, 10, 30, 100, 400, or the longest) by
+            cross-validation and trains on all rows, "best" keeps the best epoch on the validation
+            rows, "normal" the last.
+    """
+
+    training: Selection = "cv"
+
+    def chooses_epoch(self) -> bool:
+        """Whether validation rows choose the epoch."""
+        return self.training == "best"
+
+
 PREDICTED_AT_ONCE = 1024  # rows: what the layers pass on stays in the processor's cache
 
 
@@ -99,13 +116,9 @@ class EncodedNetworkModel(RunsOnDevice, EncodedModel):
     ) -> None:
         """Take the statistics of the first training data and draw a new network."""
         self.robot_ = robot
-        self._take_statistics(q, wrench, deflection)
+        self._take_statistics(robot, q, wrench, deflection)
         network = self._new_network(len(self.input_scaler_.mean), seed)
         self.network_ = network.to(torch_device(self.device)).eval()
-
-    def _take_statistics(self, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> None:
-        self.input_scaler_ = Scaler.of(encode(self.robot_, q, wrench, self.angle_encoding))
-        self.output_scaler_ = Scaler.of_deflection(deflection)
 
     @abstractmethod
     def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> torch.nn.Module:
@@ -113,13 +126,11 @@ class EncodedNetworkModel(RunsOnDevice, EncodedModel):
 
     def _torch_module(self) -> torch.nn.Module:
         """The fitted prediction as a module, for export; see `onnx_export`."""
-        return EncodedNetwork(
-            self.robot_,
-            self.network_,
-            angle_encoding=self.angle_encoding,
-            input_scaler=self.input_scaler_,
-            output_scaler=self.output_scaler_,
-        )
+        return self._encoded(self.network_, self.output_scaler_)
+
+    def _encoded(self, network: torch.nn.Module, output_scaler: Scaler) -> EncodedNetwork:
+        scaler = self.input_scaler_
+        return EncodedNetwork(self.robot_, network, self.angle_encoding, scaler, output_scaler)
 
     def _empty_module(self, name: str) -> torch.nn.Module:
         return self._new_network(len(self.input_scaler_.mean), seed=0)

@@ -37,14 +37,21 @@ _UNITS = "q: rad (m of prismatic joints); wrench: N, N m at the TCP; deflection:
 class TorchJacobian(torch.nn.Module):
     """Geometric Jacobian at the TCP, base frame, differentiable, in the dtype of its input."""
 
-    def __init__(self, robot: Robot) -> None:
-        """Take the constants of `robot`."""
+    def __init__(self, robot: Robot, columns: list[int] | None = None) -> None:
+        """Take the constants of `robot`.
+
+        `columns` are numbers of springs among `virtual_jacobian`'s six a joint in a row; None: the
+        joints'.
+        """
         super().__init__()
-        self.chain = Chain.of(robot, _cos_sin)
+        self.chain, self.columns = Chain.of(robot, _cos_sin), columns
 
     def forward(self, q: torch.Tensor) -> torch.Tensor:
-        """Return (n, 6, n_joints): rows 0..2 translation [m/rad or m/m], rows 3..5 rotation."""
-        return _stacked(self.chain.jacobian(q.unbind(dim=1)), q).reshape(-1, 6, q.shape[1])
+        """Return (n, 6, n_springs): rows 0..2 translation [m/rad or m/m], rows 3..5 rotation."""
+        if self.columns is None:
+            return _stacked(self.chain.jacobian(q.unbind(dim=1)), q).reshape(-1, 6, q.shape[1])
+        rows = _stacked(self.chain.virtual_jacobian(q.unbind(dim=1)), q)
+        return rows.reshape(-1, 6, 6 * q.shape[1])[:, :, self.columns]
 
 
 def _cos_sin(angle: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -56,6 +63,12 @@ def _stacked(components: Sequence[Component], q: torch.Tensor) -> torch.Tensor:
     # a sum, not `expand`: a stride of zero makes torch.export take n for a constant
     zero = torch.zeros_like(q[:, 0])
     return torch.stack([zero + component for component in components], dim=1)
+
+
+def _register(module: torch.nn.Module, **constants: FloatArray) -> None:
+    """Give a module float64 buffers of these names."""
+    for name, values in constants.items():
+        module.register_buffer(name, torch.tensor(values, dtype=torch.float64))
 
 
 class EncodedNetwork(torch.nn.Module):
@@ -74,7 +87,6 @@ class EncodedNetwork(torch.nn.Module):
         self,
         robot: Robot,
         network: torch.nn.Module,
-        *,
         angle_encoding: AngleEncoding,
         input_scaler: Scaler,
         output_scaler: Scaler,
@@ -85,13 +97,8 @@ class EncodedNetwork(torch.nn.Module):
         self.raw = angle_encoding == "raw"
         self.turning = robot.turns.nonzero()[0].tolist()
         self.sliding = (~robot.turns).nonzero()[0].tolist()
-        for name, values in (
-            ("mean", input_scaler.mean),
-            ("scale", input_scaler.scale),
-            ("output_mean", output_scaler.mean),
-            ("output_scale", output_scaler.scale),
-        ):
-            self.register_buffer(name, torch.tensor(values, dtype=torch.float64))
+        _register(self, mean=input_scaler.mean, scale=input_scaler.scale)
+        _register(self, output_mean=output_scaler.mean, output_scale=output_scaler.scale)
 
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
         """Return the (n, k) output."""
@@ -109,83 +116,80 @@ class EncodedNetwork(torch.nn.Module):
         return torch.cat([*parts, wrench], dim=1)
 
 
-class SpringsModule(torch.nn.Module):
-    """Linear virtual springs at the joints, ``d = J_v diag(c) J^T w``: `vjm`, `vjm-full`."""
+class Springs(torch.nn.Module):
+    """Base of virtual springs whose turns under a load move the TCP."""
 
-    compliance: torch.Tensor
-
-    def __init__(self, robot: Robot, columns: list[int], compliance: FloatArray) -> None:
-        """Take the constants of `robot`, and the springs' compliances.
-
-        `columns` are the springs' numbers among `virtual_jacobian`'s six a joint in a row.
-        """
+    def __init__(self, robot: Robot, columns: list[int] | None = None) -> None:
+        """Take the constants of `robot`; `columns` as of `TorchJacobian`."""
         super().__init__()
-        self.chain = Chain.of(robot, _cos_sin)
-        self.columns = columns
-        self.register_buffer("compliance", torch.tensor(compliance, dtype=torch.float64))
+        self.jacobian = TorchJacobian(robot, columns)
+
+    def turn(self, q: torch.Tensor, load: torch.Tensor) -> torch.Tensor:
+        """Return the springs' (n, n_springs) turns [rad or m] under the load's torques."""
+        raise NotImplementedError
 
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
         """Return the deflection."""
-        rows = _stacked(self.chain.virtual_jacobian(q.unbind(dim=1)), q)
-        rows = rows.reshape(-1, 6, 6 * q.shape[1])[:, :, self.columns]
-        turn = (wrench[:, None, :] @ rows)[:, 0] * self.compliance
-        return _moved(rows, turn)
+        rows = self.jacobian(q)
+        turn = self.turn(q, (wrench[:, None, :] @ rows)[:, 0])
+        shift: torch.Tensor = rows[:, :3] @ turn[:, :, None]
+        return shift[:, :, 0]
 
 
-class SegmentsModule(torch.nn.Module):
+class LinearSprings(Springs):
+    """Linear virtual springs, ``d = J_v diag(c) J^T w``: `vjm`, `vjm-full`."""
+
+    compliance: torch.Tensor
+
+    def __init__(
+        self, robot: Robot, compliance: FloatArray, columns: list[int] | None = None
+    ) -> None:
+        """Take the springs' compliances."""
+        super().__init__(robot, columns)
+        _register(self, compliance=compliance)
+
+    def turn(self, q: torch.Tensor, load: torch.Tensor) -> torch.Tensor:
+        """Return the springs' turns."""
+        return load * self.compliance
+
+
+class SegmentedSprings(Springs):
     """Piecewise linear joint springs under gravity's preload: `vjm-multisegment`."""
 
     slopes: torch.Tensor
     edges: torch.Tensor
     widths: torch.Tensor
 
-    def __init__(
-        self, robot: Robot, breakpoints: FloatArray, slopes: FloatArray, *, gravity: bool
-    ) -> None:
-        """Take the constants of `robot`, breakpoints and slopes as of `segment_torques`."""
-        super().__init__()
-        self.chain = Chain.of(robot, _cos_sin)
-        self.jacobian = TorchJacobian(robot)
-        self.gravity = gravity
-        edges = np.pad(breakpoints, ((0, 0), (1, 0)))
+    def __init__(self, fitted: MultiSegmentVjm) -> None:
+        """Take breakpoints and slopes."""
+        super().__init__(fitted.robot_)
+        self.gravity = fitted.gravity
+        edges = np.pad(fitted.breakpoints_, ((0, 0), (1, 0)))
         widths = np.diff(edges, axis=1, append=np.inf)
-        for name, values in (("slopes", slopes), ("edges", edges), ("widths", widths)):
-            self.register_buffer(name, torch.tensor(values, dtype=torch.float64))
+        _register(self, slopes=fitted.slopes_, edges=edges, widths=widths)
 
-    def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
-        """Return the deflection."""
-        rows = self.jacobian(q)
-        load = (wrench[:, None, :] @ rows)[:, 0]
+    def turn(self, q: torch.Tensor, load: torch.Tensor) -> torch.Tensor:
+        """Return the joints' turns, loaded minus unloaded."""
         preload = torch.zeros_like(load)
         if self.gravity:
-            preload = _stacked(self.chain.gravity_torque(q.unbind(dim=1)), q)
-        return _moved(rows, self._turn(preload + load) - self._turn(preload))
+            preload = _stacked(self.jacobian.chain.gravity_torque(q.unbind(dim=1)), q)
+        return self._phi(preload + load) - self._phi(preload)
 
-    def _turn(self, torque: torch.Tensor) -> torch.Tensor:
-        """Return the joints' turns [rad or m] under (n, n_joints) torques."""
+    def _phi(self, torque: torch.Tensor) -> torch.Tensor:
         beyond = (torque.abs()[:, :, None] - self.edges).clamp_min(0.0)
         parts = torch.minimum(beyond, self.widths) * self.slopes
         return torch.sign(torque) * parts.sum(dim=2)
 
 
-def _moved(rows: torch.Tensor, turn: torch.Tensor) -> torch.Tensor:
-    """Return the (n, 3) shift of the TCP by (n, k) turns of springs with (n, 6, k) Jacobians."""
-    shift: torch.Tensor = rows[:, :3] @ turn[:, :, None]
-    return shift[:, :, 0]
-
-
 def physics_module(fitted: FittedModel) -> torch.nn.Module:
     """Return the prediction of a fitted virtual joint model; ConfigError for other physics."""
     if isinstance(fitted, VirtualJointModel):
-        own = np.arange(0, 6 * fitted.robot_.n_joints, 6) + np.where(fitted.robot_.turns, 2, 5)
-        return SpringsModule(fitted.robot_, own.tolist(), fitted.springs_.compliance)
+        return LinearSprings(fitted.robot_, fitted.springs_.compliance)
     if isinstance(fitted, FullVjm):
         columns = spring_columns(fitted.robot_, fitted.springs)
-        return SpringsModule(fitted.robot_, columns, fitted.compliance_)
+        return LinearSprings(fitted.robot_, fitted.compliance_, columns)
     if isinstance(fitted, MultiSegmentVjm):
-        return SegmentsModule(
-            fitted.robot_, fitted.breakpoints_, fitted.slopes_, gravity=fitted.gravity
-        )
+        return SegmentedSprings(fitted)
     raise ConfigError(f"{key_of(fitted)} has no ONNX form (valid: vjm, vjm-full, vjm-multisegment)")
 
 
@@ -243,10 +247,6 @@ def export_onnx(model: FittedModel, path: Path) -> None:
         raise NotFittedError(f"{type(model).__name__}: call fit before export_onnx")
     require("ONNX", "onnx", "onnxscript")
     module = copy.deepcopy(model._torch_module()).to("cpu").eval()
-    _write(module, model, path)
-
-
-def _write(module: torch.nn.Module, model: FittedModel, path: Path) -> None:
     robot = model.robot_
     rows = {0: torch.export.Dim("n")}
     example = tuple(torch.ones(3, width, dtype=torch.float64) for width in (robot.n_joints, 6))
@@ -272,15 +272,10 @@ def _write(module: torch.nn.Module, model: FittedModel, path: Path) -> None:
 @contextmanager
 def _quiet_exporter() -> Iterator[None]:
     """Keep what the exporter says of its own inside and of packages it can do without."""
-    logs = [logging.getLogger(name) for name in ("torch.onnx", "onnxscript")]
-    levels = [log.level for log in logs]
-    for log in logs:
-        log.setLevel(logging.ERROR)
+    level = logging.root.manager.disable
+    logging.disable(logging.WARNING)
     try:
-        with warnings.catch_warnings():
-            for category in (UserWarning, FutureWarning, DeprecationWarning):
-                warnings.simplefilter("ignore", category)
+        with warnings.catch_warnings(action="ignore"):
             yield
     finally:
-        for log, level in zip(logs, levels, strict=True):
-            log.setLevel(level)
+        logging.disable(level)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -15,7 +14,7 @@ import torch
 from stiff_models.device import arithmetic
 from stiff_models.networks.fully_connected import linear_layers
 from stiff_models.networks.muon import Muon
-from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.errors import ModelError, warn
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import FloatArray, IntArray
 
@@ -140,8 +139,7 @@ def train_network(
         seed: of the batches' order and of what layers draw.
         phase: name for progress reports.
         trainable: which parameters move; None: all of the network's.
-        validation: rows that choose the step when the plan keeps the best; never learned from. The
-            network has no batch statistics and no dropout then, and no other `objective`.
+        validation: rows that choose the step when the plan keeps the best; never learned from.
         objective: what is minimised; None: the plan's loss on the network's outputs.
         visits: what is called after so many steps, from 0, with the network in eval mode.
 
@@ -177,20 +175,10 @@ class _Run:
         bfloat16: bool,
     ) -> None:
         self.network, self.plan = network, plan
-        self.device, self.bfloat16, self.objective = rows.inputs.device, bfloat16, objective
-        if objective is None:
-            frozen, self.tail = _split_at_first_moving(network, trainable)
-        else:
-            frozen, self.tail = torch.nn.Sequential(), network
-        with torch.no_grad():  # through the frozen part once, instead of once a step
-            self.rows = Rows(frozen(rows.inputs), rows.targets)
-            self.validation = (
-                None if validation is None else Rows(frozen(validation.inputs), validation.targets)
-            )
+        self.rows, self.validation, self.objective = rows, validation, objective
+        self.device, self.bfloat16 = rows.inputs.device, bfloat16
         self.loss = loss_function(plan.loss)
-        self.optimizers = _optimizers(
-            self.tail, plan, trainable, self.rows.inputs, bfloat16=bfloat16
-        )
+        self.optimizers = _optimizers(network, plan, trainable, rows.inputs, bfloat16=bfloat16)
         self.highest = [[g["lr"] for g in opt.param_groups] for opt in self.optimizers]
         self.generator = torch.Generator().manual_seed(seed)
         self.order = torch.empty(0, dtype=torch.int64)
@@ -222,7 +210,7 @@ class _Run:
                 report(phase, step + 1, plan.steps, value)
         self._visit(visits, plan.steps)
         if self.validation is not None:
-            self._judge(plan.steps, self._predicted(self.validation.inputs))
+            self._judge(plan.steps, self.validation)
             torch._foreach_copy_(self.kept, self.best_weights)
         if plan.steps:
             inputs, targets = self.rows.inputs[:ROWS_LOOKED_AT], self.rows.targets[:ROWS_LOOKED_AT]
@@ -236,7 +224,7 @@ class _Run:
                 # units that a step too far has pushed below zero for every row stay there for ever
                 finding = "the network gives every row the same output"
             if finding:
-                warnings.warn(f"{phase}: {finding}; {too_high}", StiffBenchWarning, stacklevel=4)
+                warn(f"{phase}: {finding}; {too_high}")
         curve = np.array(points, dtype=np.float64).reshape(-1, 3)
         if self.validation is None:
             return Curve(curve, plan.steps, math.nan)
@@ -259,15 +247,11 @@ class _Run:
         if self.objective is not None:
             with self._autocast(low):
                 return self.objective(step / self.plan.steps, inputs, targets)
-        n = len(targets)
-        if self.validation is not None:  # one pass serves both
-            inputs = torch.cat([inputs, self.validation.inputs])
-        with self._autocast(low):
-            outputs: torch.Tensor = self.tail(inputs)
-        outputs = outputs.float()
         if self.validation is not None:
-            self._judge(step, outputs[n:].detach())
-        return self.loss(outputs[:n], targets)
+            self._judge(step, self.validation)
+        with self._autocast(low):
+            outputs: torch.Tensor = self.network(inputs)
+        return self.loss(outputs.float(), targets)
 
     def _autocast(self, low: bool) -> torch.autocast:
         return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=low)
@@ -276,7 +260,7 @@ class _Run:
     def _predicted(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the outputs as a prediction has them: dropout off, batch statistics fixed."""
         self.network.eval()
-        outputs: torch.Tensor = self.tail(inputs)
+        outputs: torch.Tensor = self.network(inputs)
         self.network.train()
         return outputs
 
@@ -296,10 +280,9 @@ class _Run:
         chosen, self.order = self.order[:batch].to(self.device), self.order[batch:]
         return self.rows.inputs[chosen], self.rows.targets[chosen]
 
-    def _judge(self, step: int, outputs: torch.Tensor) -> None:
+    def _judge(self, step: int, rows: Rows) -> None:
         """Remember the weights if the validation rows were never predicted better."""
-        assert self.validation is not None  # for the type checker
-        self.validation_loss = (outputs - self.validation.targets).abs().mean().item()
+        self.validation_loss = (self._predicted(rows.inputs) - rows.targets).abs().mean().item()
         if self.validation_loss < self.best_loss or not self.best_weights:
             self.best_step, self.best_loss = step, self.validation_loss
             self.best_weights = self.best_weights or [torch.empty_like(t) for t in self.kept]
@@ -342,18 +325,3 @@ def _optimizers(
 
 def _varies(values: torch.Tensor) -> bool:
     return bool((values != values[0]).any())
-
-
-def _split_at_first_moving(
-    network: torch.nn.Module, trainable: Sequence[torch.nn.Parameter]
-) -> tuple[torch.nn.Module, torch.nn.Module]:
-    """Return the frozen part before the first layer that moves, and the part from there on.
-
-    A network that is no plain sequence, or has batch statistics, stays whole.
-    """
-    moving = set(trainable)
-    if isinstance(network, torch.nn.Sequential) and not [*network.buffers()]:
-        for index, module in enumerate(network):
-            if any(parameter in moving for parameter in module.parameters()):
-                return network[:index], network[index:]
-    return torch.nn.Sequential(), network

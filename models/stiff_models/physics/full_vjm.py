@@ -13,9 +13,8 @@ that cannot have the prior's stiffness. SI: rad, N, N m, m.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -23,7 +22,7 @@ from scipy.optimize import minimize_scalar
 
 from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_models.physics.vjm import identify_springs, stiffness_unit, warn_unexplained
-from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import unit_deflections
 from stiff_protocols.springs.identification import (
@@ -39,10 +38,8 @@ _TURNS, _SLIDES = ("rx", "ry", "rz"), ("x", "y", "z")  # in the order of `virtua
 
 TURN_RATIO, SLIDE_RATIO = 8.0, 100.0
 """Prior stiffness of virtual joints over that of the joint itself. Bearings tilt 1 to 8 times
-stiffer than their gears turn, in published identifications; with less than 8, springs that the
-FANUC's samples cannot tell take more of the deflection than leaves its left-out samples as well
-predicted as by least squares. Along its axes a bearing hardly gives: 1e8 N/m, an arm 1e6 at its
-tip."""
+stiffer than their gears turn, in published identifications. Along its axes a bearing hardly gives:
+1e8 N/m, an arm 1e6 at its tip."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -87,12 +84,10 @@ class FullVjm(GeometryModel):
             **self._geometry_report(),
         }
         if 3 * len(train) < n_springs:
-            warnings.warn(
+            warn(
                 f"{len(train)} training samples give {3 * len(train)} equations for {n_springs} "
                 f"springs (regressor rank {found.rank}): predictions at other poses and loads "
-                "are unreliable",
-                StiffBenchWarning,
-                stacklevel=3,
+                "are unreliable"
             )
         warn_unexplained(self.compliance_, train)
 
@@ -112,7 +107,6 @@ def spring_units(robot: Robot, springs: Springs) -> dict[str, str]:
     return dict(units[k] for k in spring_columns(robot, springs))
 
 
-@lru_cache(32)
 def typical_springs(robot: Robot, springs: Springs) -> FloatArray:
     """Return the (n_joints * springs,) typical compliances, up to one factor.
 
@@ -125,9 +119,7 @@ def typical_springs(robot: Robot, springs: Springs) -> FloatArray:
     for joint, kind in enumerate(robot.joint_types):
         turn = kind == "revolute"
         typical[joint, 2 if turn else 5] = own[joint, 0 if turn else 1]
-    found = typical.ravel()[spring_columns(robot, springs)]
-    found.flags.writeable = False
-    return found
+    return np.asarray(typical.ravel()[spring_columns(robot, springs)])
 
 
 def spring_regressor(
@@ -144,23 +136,23 @@ def spring_regressor(
     return unit_deflections(spring_twists(robot, q, springs), wrench)
 
 
-def spring_twists(robot: Robot, q: FloatArray, springs: Springs) -> FloatArray:
+def spring_twists(robot: Robot, q: FloatArray, springs: Literal[1, 3, 6]) -> FloatArray:
     """Return the (n, 6, n_joints * springs) twists of the TCP by a unit motion of each spring.
 
-    Arguments as of `spring_regressor`.
+    Arguments as of `spring_regressor`; of 1 spring a joint it is the joint's own.
     """
     joint, own = np.divmod(spring_columns(robot, springs), 6)
     return robot.virtual_jacobian(q)[:, :, joint, own]
 
 
-def spring_columns(robot: Robot, springs: Springs) -> list[int]:
-    """Return which virtual joints have springs, of `virtual_jacobian`'s six a joint in a row."""
-    return [
-        6 * joint + k
-        for joint, kind in enumerate(robot.joint_types)
-        for k in range(6)
-        if springs == 6 or (k < 3) == (kind == "revolute")
-    ]
+def spring_columns(robot: Robot, springs: Literal[1, 3, 6]) -> list[int]:
+    """Return which virtual joints have springs, of `virtual_jacobian`'s six a joint in a row.
+
+    Of 1 it is the joint's own.
+    """
+    kinds = {1: range(2, 3), 3: range(3), 6: range(6)}[springs]
+    first = [3 if kind == "prismatic" and springs < 6 else 0 for kind in robot.joint_types]
+    return [6 * joint + start + k for joint, start in enumerate(first) for k in kinds]
 
 
 def ridge(scaled: FloatArray, target: FloatArray) -> FloatArray:

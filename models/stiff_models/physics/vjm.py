@@ -8,7 +8,6 @@ cannot tell (`stiff_protocols.springs.identification`).
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -18,7 +17,7 @@ import numpy as np
 from stiff_models.fitted_model import FittedModel
 from stiff_models.model_catalog import model_info
 from stiff_models.physics.fitted_geometry import GeometryModel
-from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import FloatArray, Robot, Samples, TextArray
 from stiff_protocols.kinematics.serial_chain import unit_deflections
 from stiff_protocols.springs.identification import IdentifiedSprings, identify, typical_joints
@@ -104,30 +103,26 @@ class VirtualJointModel(GeometryModel):
 def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training samples") -> None:
     """Warn which springs these samples cannot identify."""
     if springs.unidentifiable:
-        warnings.warn(
+        warn(
             f"joint stiffness not identifiable from the {samples}: "
             f"{', '.join(springs.unidentifiable)} (regressor rank {springs.rank} of "
-            f"{len(springs.names)}); predictions use the prior's",
-            StiffBenchWarning,
-            stacklevel=4,
+            f"{len(springs.names)}); predictions use the prior's"
         )
 
 
 def warn_no_masses(robot: Robot) -> None:
     """Warn that gears have no preload where the robot's masses are not known."""
     if not robot.masses.any():
-        warnings.warn(
+        warn(
             f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
-            "the load turned them (gravity preload 0)",
-            StiffBenchWarning,
-            stacklevel=4,
+            "the load turned them (gravity preload 0)"
         )
 
 
 def warn_unexplained(compliance: FloatArray, samples: Samples) -> None:
     """Warn where every spring was found rigid."""
     if not compliance.any():
-        warnings.warn(why_rigid(samples), StiffBenchWarning, stacklevel=4)
+        warn(why_rigid(samples))
 
 
 def why_rigid(samples: Samples) -> str:

@@ -28,11 +28,9 @@ ONE_DEVIATION = 0.6826894921370859
 class CalibratedProcess(NormalModel):
     """Base of the families with standard deviations of their own, before `FittedModel`'s others.
 
-    Hyperparameters that are the likeliest ones for a hundred samples make the process too sure of
-    itself. So it is fitted again without each fifth of the poses, and its standard deviations are
-    multiplied by the root mean square of the errors there, in units of the deviations there. These
-    are widened beyond the fold's training range, as every interval is. They are never below the
-    instrument's.
+    The process is fitted again without each fifth of the poses, and its standard deviations are
+    multiplied by the root mean square of the errors there, in units of the deviations there, which
+    are widened beyond the fold's training range. They are never below the instrument's.
 
     Attributes:
         instrument_noise_mm: the least standard deviation of a measured deflection an axis, mm, that

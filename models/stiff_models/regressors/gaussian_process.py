@@ -13,7 +13,6 @@ outputs, that trend (n,).
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -24,7 +23,7 @@ from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 from sklearn.utils import check_random_state
 
-from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.errors import ModelError, warn
 from stiff_protocols.contract.types import FloatArray
 
 # Standardised features and deflections. Wide: a length scale at its upper bound switches an
@@ -98,11 +97,9 @@ def minimum(
     ]
     best = min(optima, key=lambda optimum: optimum.fun)
     if not best.success:
-        warnings.warn(
+        warn(
             "hyperparameters of a Gaussian process: the likelihood search stopped early "
-            f"({best.message.strip(' :')}); the best values so far are used",
-            StiffBenchWarning,
-            stacklevel=3,
+            f"({best.message.strip(' :')}); the best values so far are used"
         )
     return np.asarray(best.x)
 
@@ -241,7 +238,9 @@ class Covariance:
 
 @dataclass(frozen=True, eq=False)
 class GaussianProcess:
-    """A process of zero mean, or of a trend times an unknown scale, given its training rows.
+    """A process of zero mean, or of another process times an unknown scale, given its rows.
+
+    Predictions include that other one, of which the scale counts as known.
 
     Attributes:
         covariance: its hyperparameters.
@@ -249,6 +248,7 @@ class GaussianProcess:
         factor: (n, n) lower Cholesky factor of the training outputs' covariance.
         weights: (n,) inverse of that covariance times the outputs less their trend.
         rho: likeliest scale of the trend; 0 without one.
+        trend: the other process; None: the mean is zero.
     """
 
     covariance: Covariance
@@ -256,6 +256,7 @@ class GaussianProcess:
     factor: FloatArray
     weights: FloatArray
     rho: float
+    trend: GaussianProcess | None
 
     @classmethod
     def of(
@@ -263,7 +264,7 @@ class GaussianProcess:
         covariance: Covariance,
         inputs: FloatArray,
         outputs: FloatArray,
-        trend: FloatArray | None = None,
+        trend: GaussianProcess | None = None,
     ) -> GaussianProcess:
         """Return the process given these rows; ModelError where they cannot be solved."""
         rows = covariance.scaled(inputs)
@@ -274,15 +275,15 @@ class GaussianProcess:
                 f"a Gaussian process of {len(rows)} rows cannot be solved: {error}; are rows "
                 "duplicated?"
             ) from error
-        weights, rho = weights_and_rho(factor, outputs, trend)
-        return cls(covariance, rows, factor, weights, rho)
+        of_trend = None if trend is None else trend.mean(inputs)
+        return cls(covariance, rows, factor, *weights_and_rho(factor, outputs, of_trend), trend)
 
     def mean(self, inputs: FloatArray) -> FloatArray:
-        """Return the (n,) predicted outputs, less their trend."""
+        """Return the (n,) predicted outputs."""
         scaled, mean = self.covariance.scaled(inputs), np.empty(len(inputs))
         for part in row_blocks(len(scaled), len(self.rows)):
             mean[part] = self.covariance.between(scaled[part], self.rows) @ self.weights
-        return mean
+        return mean if self.trend is None else self.rho * self.trend.mean(inputs) + mean
 
     def deviation(self, inputs: FloatArray) -> FloatArray:
         """Return the (n,) standard deviation of outputs there, noise included."""
@@ -292,19 +293,18 @@ class GaussianProcess:
             solved = solve_triangular(self.factor, between.T, lower=True, check_finite=False)
             known[part] = np.einsum("ij,ij->j", solved, solved)
         variance = self.covariance.variance + self.covariance.noise - known
-        return np.sqrt(np.maximum(variance, 0.0))
+        deviation = np.sqrt(np.maximum(variance, 0.0))
+        if self.trend is not None:
+            deviation = np.hypot(self.rho * self.trend.deviation(inputs), deviation)
+        return np.asarray(deviation)
 
     def between(self, inputs: FloatArray, others: FloatArray) -> FloatArray:
         """Return the (n, m) covariance of the process at two sets of inputs, noise excluded."""
         covariance = self.covariance
         first, second = covariance.scaled(inputs), covariance.scaled(others)
         known = cho_solve((self.factor, True), covariance.between(self.rows, second))
-        return covariance.between(first, second) - covariance.between(first, self.rows) @ known
-
-    @property
-    def noise(self) -> float:
-        """Variance of a measured output's own error."""
-        return self.covariance.noise
+        own = covariance.between(first, second) - covariance.between(first, self.rows) @ known
+        return own if self.trend is None else self.rho**2 * self.trend.between(inputs, others) + own
 
 
 def weights_and_rho(

@@ -39,7 +39,7 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
         return copy
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        inputs, targets = self._standardised(robot, train)
+        inputs, targets = self._trained_rows(robot, train)
         start, search = self._start(inputs.shape[1]), self._search(seed)
         self.processes_: tuple[Any, ...] = tuple(
             GaussianProcess.of(search.likeliest(start, inputs, axis, least=least), inputs, axis)
@@ -58,7 +58,7 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
 
     def noise_variance(self) -> FloatArray:
         """Return (3,) the variance of a measured deflection's own error, m²."""
-        noise = np.array([one.noise for one in self.processes_])
+        noise = np.array([one.covariance.noise for one in self.processes_])
         noise *= (self.calibration_ * self.output_scaler_.scale) ** 2
         return np.asarray(np.maximum(noise, self.instrument_noise_**2))
 
@@ -75,7 +75,7 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
     def _noise_in_mm(self) -> dict[str, float]:
         """Return the standard deviation of each axis' noise, by name and unit."""
         return {
-            f"noise {axis.upper()} [mm]": float(np.sqrt(process.noise) * size * 1e3)
+            f"noise {axis.upper()} [mm]": float(np.sqrt(process.covariance.noise) * size * 1e3)
             for axis, process, size in zip(
                 AXES, self.processes_, self.output_scaler_.scale, strict=True
             )

@@ -7,7 +7,6 @@ with weak priors from the robot's size, and the model. SI: rad, N, N m, m.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -24,11 +23,11 @@ from stiff_models.physics.fitted_geometry import (
     geometry_at,
     inverse_curvature,
 )
-from stiff_models.physics.full_vjm import spring_columns
+from stiff_models.physics.full_vjm import spring_columns, spring_twists
 from stiff_models.physics.vjm import identify_joints, warn_no_masses, why_rigid
 from stiff_models.regressors.calibrated_process import CalibratedProcess
 from stiff_models.regressors.gaussian_process import Covariance, minimum
-from stiff_models.regressors.joint_curves import JointCurves
+from stiff_models.regressors.joint_curves import joint_curves
 from stiff_models.regressors.spring_process import (
     LikelihoodSlopes,
     SpringCovariance,
@@ -36,7 +35,7 @@ from stiff_models.regressors.spring_process import (
     SpringProcess,
     likelihood_slopes,
 )
-from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import joint_torque, unit_deflections
 from stiff_protocols.springs.identification import typical_joints
@@ -45,9 +44,7 @@ SPREAD = 3.2
 """Standard deviation of a hyperparameter's logarithm: the prior allows a factor of 25 either way,
 and only holds what the samples say nothing of."""
 SIZE_SPREAD = 1.6
-"""The same for the sizes of curves: ln 5, as for the springs that `identification` identifies.
-With 5 poses it leaves 0.85 to 1.03 of the error that 3.2 leaves (eight data sets), with the FANUC's
-34 it leaves 1.05."""
+"""The same for the sizes of curves: ln 5, as for the springs that `identification` identifies."""
 LIKELIHOOD_TOLERANCE = 1e-6
 """Relative: the search ends when a step gains less, a few thousandths of a log-likelihood."""
 ROUNDS = 2
@@ -251,7 +248,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
             self.theta_ = self._likeliest(hyper, samples, robot)
             return
         begin, optima = self.theta_, []
-        twists = self._twists(robot, samples.q)
+        twists = spring_twists(robot, samples.q, self._of_joint)
         linear = self._linear_geometry(samples, robot, twists, unit_deflections)
         for start in (None, linear):
             self.theta_, self.geometry_ = begin, start
@@ -312,11 +309,9 @@ class GpSprings(CalibratedProcess, GeometryModel):
         """Return the samples, or as many of them as the process learns from, drawn at random."""
         if len(train) <= self.most_samples:
             return train
-        warnings.warn(
+        warn(
             f"the process learns from {self.most_samples:,} of {len(train):,} training samples, "
-            "drawn at random (option most_samples)",
-            StiffBenchWarning,
-            stacklevel=5,
+            "drawn at random (option most_samples)"
         )
         drawn = np.random.default_rng(seed).permutation(len(train))[: self.most_samples]
         return train.take(np.sort(drawn))
@@ -326,9 +321,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     ) -> FloatArray:
         """Return how deflections go together, as `StiffnessModel` says; errors as `predict`."""
         first = self._fitted_loads(*self._checked(q, wrench))
-        second = self._measured_loads(
-            self.robot_, self.geometry_, *self._checked(other_q, other_wrench)
-        )
+        second = self._fitted_loads(*self._checked(other_q, other_wrench))
         scale = self.calibration_[:, None, None] ** 2
         return np.asarray(self.process_.between(first, second) * scale)
 
@@ -356,7 +349,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
         return self._loads(geometry.robot, q, geometry.wrench_at_tcp(q, wrench))
 
     def _loads(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> SpringLoads:
-        twists = self._twists(robot, q)
+        twists = spring_twists(robot, q, self._of_joint)
         joint, kind = self._virtual_joints(robot)
         unloaded = robot.virtual_gravity_torque(q)[:, joint, kind]
         loaded = unloaded + joint_torque(twists, wrench)
@@ -368,16 +361,13 @@ class GpSprings(CalibratedProcess, GeometryModel):
             load=wrench / self.load_scale_,
         )
 
-    def _twists(self, robot: Robot, q: FloatArray) -> FloatArray:
-        """Return the (n, 6, n_springs) twists of the TCP by a unit motion of each spring."""
-        joint, kind = self._virtual_joints(robot)
-        return robot.virtual_jacobian(q)[:, :, joint, kind]
+    @property
+    def _of_joint(self) -> Literal[1, 3]:
+        return 3 if self.springs == 18 else 1
 
     def _virtual_joints(self, robot: Robot) -> tuple[IntArray, IntArray]:
-        """Return joint and kind (of `virtual_jacobian`'s six) of each spring."""
-        if self.springs == 18:
-            return np.divmod(np.array(spring_columns(robot, 3)), 6)
-        return np.arange(robot.n_joints), _own_kind(robot)
+        """Return joint and kind (of `virtual_jacobian`'s six) of each spring; 2, 5: its own."""
+        return np.divmod(np.array(spring_columns(robot, self._of_joint)), 6)
 
     def _hyperparameters(self, train: Samples, robot: Robot, loads: SpringLoads) -> Hyperparameters:
         joint, kind = self._virtual_joints(robot)
@@ -404,28 +394,20 @@ class GpSprings(CalibratedProcess, GeometryModel):
             small, least = math.log(0.05 * size), math.log(1e-3 * size)
             priors["remainder"] = Prior(small, least, math.log(size), math.inf)
             priors |= dict.fromkeys(("pose", "load"), Prior(0.7, -1.5, 3.0, math.inf))
-        across = kind != _own_kind(robot)[joint]
-        return Hyperparameters(priors, joint, across, scale, loads.pose.shape[1])
+        return Hyperparameters(priors, joint, kind % 3 != 2, scale, loads.pose.shape[1])
 
     def _report(self, robot: Robot) -> None:
         """Take curves, stiffnesses and lost motions of the joints' own springs."""
-        joint, kind = self._virtual_joints(robot)
-        springs = np.flatnonzero(kind == _own_kind(robot)[joint])
+        _, kind = self._virtual_joints(robot)
+        springs = np.flatnonzero(kind % 3 == 2)
         calibration = float(np.sqrt(np.mean(self.calibration_**2)))
-        curves = JointCurves.of(self.process_, robot, springs, calibration)
-        self.curves_ = curves.points
-        self.springs_ = curves.stiffness
+        self.curves_, self.springs_, lost = joint_curves(self.process_, robot, springs, calibration)
         self.diagnostics_ = {
-            **curves.stiffness.report(),
-            **(curves.lost_motion if self.lost_motion else {}),
+            **self.springs_.report(),
+            **(lost if self.lost_motion else {}),
             "noise [mm]": 1e3 * math.sqrt(self.process_.covariance.noise),
             **self._geometry_report(),
         }
-
-
-def _own_kind(robot: Robot) -> IntArray:
-    """Return which of `virtual_jacobian`'s six each joint itself is: about z, or along it."""
-    return np.where(robot.turns, 2, 5)
 
 
 def _first_compliance(train: Samples, robot: Robot, size: float) -> FloatArray:
@@ -433,7 +415,7 @@ def _first_compliance(train: Samples, robot: Robot, size: float) -> FloatArray:
     compliance = identify_joints(robot, train).compliance
     if compliance.all():
         return compliance
-    warnings.warn(why_rigid(train), StiffBenchWarning, stacklevel=6)
+    warn(why_rigid(train))
     torque = joint_torque(robot.jacobian(train.q), train.wrench)
     typical = typical_joints(robot)
     moved = np.einsum("nki,ni,i->nk", robot.jacobian(train.q)[:, :3], torque, typical)

@@ -6,7 +6,6 @@ A curve is of a joint that nothing loads before. SI: rad, N m, N, m.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,54 +32,39 @@ _STEPS[1, [_half - 1, _half + 1]] = -0.5, 0.5
 _STEPS[2, [_full - 1, _full]] = -1.0, 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class JointCurves:
-    """The joints' own springs.
+def joint_curves(
+    process: SpringProcess, robot: Robot, springs: IntArray, calibration: float
+) -> tuple[dict[str, FloatArray], IdentifiedSprings, dict[str, float]]:
+    """Return the curves of the joints' own springs, their stiffnesses and their lost motion.
 
-    Attributes:
-        points: "spring A2" -> (n, 3) torque [N m or N], turn [rad or m], and its standard
-            deviation.
-        stiffness: at no, half and full torque: the slope over a twentieth of the largest torque of
-            weight and load in the training samples, with what these say of it.
-        lost_motion: full width and its standard error, by name and unit.
+    A curve, "spring A2", is (n, 3) torque [N m or N], turn [rad or m], and its standard deviation.
+    Stiffnesses are at no, half and full torque: the slope over a twentieth of the largest torque of
+    weight and load in the training samples, with what these say of it. Lost motion is its full
+    width and the standard error, by name and unit.
+
+    Args:
+        process: of all springs.
+        robot: whose joints they are.
+        springs: (n_joints,) number of each joint's own spring.
+        calibration: factor on standard deviations.
     """
-
-    points: dict[str, FloatArray]
-    stiffness: IdentifiedSprings
-    lost_motion: dict[str, float]
-
-    @classmethod
-    def of(
-        cls, process: SpringProcess, robot: Robot, springs: IntArray, calibration: float
-    ) -> JointCurves:
-        """Take them of the process.
-
-        Args:
-            process: of all springs.
-            robot: whose joints they are.
-            springs: (n_joints,) number of each joint's own spring.
-            calibration: factor on standard deviations.
-        """
-        points: dict[str, FloatArray] = {}
-        slopes, errors = np.empty((2, robot.n_joints, len(PLACES)))
-        for joint, spring in enumerate(springs.tolist()):
-            loaded = process.loads.loaded[spring]
-            full = float(loaded[np.abs(loaded).argmax()]) or float(process.covariance.scale[spring])
-            torque = np.linspace(-full, full, N_POINTS)
-            turn, covariance = process.curve(spring, torque)
-            deviation = calibration * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-            curve = np.stack([torque, turn, deviation], axis=1)
-            points[f"{SPRING_CURVE}{robot.joint_names[joint]}"] = curve[np.argsort(torque)]
-            steps = _STEPS / (torque[1] - torque[0])
-            slopes[joint] = steps @ turn
-            variance = np.einsum("pi,ij,pj->p", steps, covariance, steps)
-            errors[joint] = calibration * np.sqrt(np.maximum(variance, 0.0))
-        straight = process.loads.effects(process.loads.loaded - process.loads.unloaded)[springs]
-        return cls(
-            points=points,
-            stiffness=_identified(robot, slopes, errors, straight),
-            lost_motion=_lost_motion(process, robot, springs, calibration),
-        )
+    points: dict[str, FloatArray] = {}
+    slopes, errors = np.empty((2, robot.n_joints, len(PLACES)))
+    for joint, spring in enumerate(springs.tolist()):
+        loaded = process.loads.loaded[spring]
+        full = float(loaded[np.abs(loaded).argmax()]) or float(process.covariance.scale[spring])
+        torque = np.linspace(-full, full, N_POINTS)
+        turn, covariance = process.curve(spring, torque)
+        deviation = calibration * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        curve = np.stack([torque, turn, deviation], axis=1)
+        points[f"{SPRING_CURVE}{robot.joint_names[joint]}"] = curve[np.argsort(torque)]
+        steps = _STEPS / (torque[1] - torque[0])
+        slopes[joint] = steps @ turn
+        variance = np.einsum("pi,ij,pj->p", steps, covariance, steps)
+        errors[joint] = calibration * np.sqrt(np.maximum(variance, 0.0))
+    straight = process.loads.effects(process.loads.loaded - process.loads.unloaded)[springs]
+    stiffness = _identified(robot, slopes, errors, straight)
+    return points, stiffness, _lost_motion(process, robot, springs, calibration)
 
 
 def _lost_motion(

@@ -15,40 +15,6 @@ from stiff_models.transfer.source_model import SourceModel
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
 
-@dataclass(frozen=True, eq=False)
-class CoKriging:
-    """A fitted two-fidelity process: `delta` is of what `rho` times the low fidelity leaves."""
-
-    low: GaussianProcess
-    delta: GaussianProcess
-
-    @property
-    def rho(self) -> float:
-        """Scale between the fidelities."""
-        return self.delta.rho
-
-    @property
-    def noise(self) -> float:
-        """Variance of a measured output's own error."""
-        return self.delta.noise
-
-    def mean(self, inputs: FloatArray) -> FloatArray:
-        """Return the (n,) predicted high fidelity."""
-        return self.rho * self.low.mean(inputs) + self.delta.mean(inputs)
-
-    def deviation(self, inputs: FloatArray) -> FloatArray:
-        """Return the (n,) standard deviation, delta's noise included; rho counts as known."""
-        low = self.rho * self.low.deviation(inputs)
-        return np.asarray(np.hypot(low, self.delta.deviation(inputs)))
-
-    def between(self, inputs: FloatArray, others: FloatArray) -> FloatArray:
-        """Return the (n, m) covariance of the high fidelity at two sets of inputs, noise excluded.
-
-        As in `deviation`, rho counts as known.
-        """
-        return self.rho**2 * self.low.between(inputs, others) + self.delta.between(inputs, others)
-
-
 def fit_co_kriging(
     low: Covariance,
     delta: Covariance,
@@ -57,17 +23,16 @@ def fit_co_kriging(
     search: Search,
     *,
     least: float = 0.0,
-) -> CoKriging:
-    """Fit both levels; ModelError where one cannot be solved.
+) -> GaussianProcess:
+    """Fit the low fidelity, and the high one with it as its trend; errors as of `GaussianProcess`.
 
     The search starts from `low`, the covariance of the low fidelity, and from `delta`, that of the
     difference, whose noise is at least `least`. `cheap` and `dear` are (n, n_features) inputs and
     (n,) outputs of the low and the high fidelity.
     """
     below = GaussianProcess.of(search.likeliest(low, *cheap), *cheap)
-    trend = below.mean(dear[0])
-    between = search.likeliest(delta, *dear, trend, least=least)
-    return CoKriging(below, GaussianProcess.of(between, *dear, trend))
+    between = search.likeliest(delta, *dear, below.mean(dear[0]), least=least)
+    return GaussianProcess.of(between, *dear, below)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -93,11 +58,11 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
     def _for_a_fold(self) -> Self:
         copy = super()._for_a_fold()
         # simulated samples of nearly the same springs: the search is over after a few steps
-        copy._low_starts = tuple(level.low.covariance for level in self.processes_)
+        copy._low_starts = tuple(level.trend.covariance for level in self.processes_)
         return copy
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        inputs, targets = self._standardised(robot, train)
+        inputs, targets = self._trained_rows(robot, train)
         origin = self._origin(train, robot)
         teacher = self._teacher(origin.samples, origin.robot)
         drawn_q, drawn_wrench = drawn_from(

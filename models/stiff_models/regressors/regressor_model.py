@@ -31,14 +31,10 @@ class RegressorModel(EncodedModel):
     """Base of the families whose learner has scikit-learn's `fit` and `predict`."""
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        rows = self._standardised(robot, train)
+        rows = self._trained_rows(robot, train)
         self.regressor_ = self._regressor(seed)
         with numpys_seed(seed):
-            self._learn(rows, None if validation is None else self._rows(robot, validation))
-
-    def _rows(self, robot: Robot, samples: Samples) -> StandardisedRows:
-        features = self._features(robot, samples.q, samples.wrench)
-        return features, self.output_scaler_.apply(samples.deflection)
+            self._learn(rows, None if validation is None else self._standardised(robot, validation))
 
     @abstractmethod
     def _regressor(self, seed: int) -> Any:
@@ -135,9 +131,8 @@ class NearestNeighbours(RegressorModel):
 class BoostingModel(RegressorModel):
     """Histogram gradient boosting, squared error, one ensemble an axis.
 
-    The defaults are for a hundred samples or so, where scikit-learn's (31 leaves of at least
-    20 samples) would leave every tree with five leaves at most: small leaves, but small trees
-    and small steps. All trees are kept: an early stop would cost training rows.
+    The defaults are for a hundred samples or so. All trees are kept: an early stop would cost
+    training rows.
 
     Attributes:
         trees: number of trees per axis.

@@ -24,7 +24,7 @@ Shapes: a "row" is one axis of one sample; matrices over rows have the order axi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -107,20 +107,43 @@ class SpringCovariance:
 
     def between(self, first: SpringLoads, second: SpringLoads) -> FloatArray:
         """Return the (3 n, 3 m) covariance of deflections without noise, m^2."""
-        n, m = len(first), len(second)
+        left_over = None if self.remainder is None else self.remainder_between(first, second)
+        return self.assembled(first, second, self.turns(first, second)[0], left_over)
+
+    def assembled(
+        self,
+        first: SpringLoads,
+        second: SpringLoads,
+        turned: FloatArray,
+        left_over: FloatArray | None,
+    ) -> FloatArray:
+        """Return `between`, of its parts: `turns` and `remainder_between`."""
         matrix = (self.regressor(first).T * self.term_variance) @ self.regressor(second)
-        blocks = matrix.reshape(3, n, 3, m)
-        for s in np.flatnonzero(self.bend):
-            turned = self.bend[s] * self._bends(int(s), first, second)
-            for row, column in np.ndindex(3, 3):
-                part = turned * first.move[s, row][:, None]
-                part *= second.move[s, column]
-                blocks[row, :, column] += part
-        if self.remainder is not None:
-            part = self.remainder_between(first, second)
-            for axis in range(3):
-                blocks[axis, :, axis] += part
+        blocks = matrix.reshape(3, len(first), 3, len(second))
+        weighed = (first.move * self.bend[:, None, None]).transpose(2, 1, 0)
+        for axis in range(3):
+            part = weighed @ (turned * second.move[:, axis])
+            blocks[:, :, axis] += part.transpose(1, 0, 2)
+            if left_over is not None:
+                blocks[axis, :, axis] += left_over
         return matrix
+
+    def turns(self, first: SpringLoads, second: SpringLoads) -> tuple[FloatArray, FloatArray]:
+        """Return the (n, n_springs, m) correlations of turns, and their derivatives by ln l.
+
+        They are of the Matern parts, loaded minus unloaded.
+        """
+        n, m, unit = len(first), len(second), ROOT3 / self.unit_length[:, None]
+        rows, columns = (
+            unit * np.hstack([loads.loaded, loads.unloaded]) for loads in (first, second)
+        )
+        turned, bent = np.empty((2, n, len(unit), m))
+        for s in range(len(unit)):
+            apart = np.abs(np.subtract.outer(rows[s], columns[s]))
+            slope = apart**2 * np.exp(-apart)
+            for out, part in ((turned[:, s], _matern32(apart)), (bent[:, s], slope)):
+                out[:] = part[:n, :m] + part[n:, m:] - part[:n, m:] - part[n:, :m]
+        return turned, bent
 
     def remainder_between(self, first: SpringLoads, second: SpringLoads) -> FloatArray:
         """Return the (n, m) covariance of one axis of the remainder, m^2; there must be one."""
@@ -176,16 +199,6 @@ class SpringCovariance:
             variance += self.remainder.variance * (loads.load**2).sum(axis=1)
         return np.asarray(variance.ravel())
 
-    def _bends(self, s: int, first: SpringLoads, second: SpringLoads) -> FloatArray:
-        """Return the (n, m) correlation of a spring's loaded minus unloaded Matern parts."""
-        unit = ROOT3 / self.unit_length[s]
-        sums = np.zeros((len(first), len(second)))
-        for left_sign, left_torque in ((1.0, first.loaded), (-1.0, first.unloaded)):
-            for sign, torque in ((left_sign, second.loaded), (-left_sign, second.unloaded)):
-                apart = np.abs(unit * left_torque[s][:, None] - unit * torque[s])
-                sums += sign * _matern32(apart)
-        return sums
-
 
 def _matern32(distance: FloatArray) -> FloatArray:
     """Return k of distances in units of the length over the root of 3; they are overwritten."""
@@ -205,17 +218,12 @@ def likelihood_slopes(
     """
     n, n_springs, move, outputs = len(loads), len(covariance.scale), loads.move, deflection.ravel()
     regressor, bend, remainder = covariance.regressor(loads), covariance.bend, covariance.remainder
-    matrix = (regressor.T * covariance.term_variance) @ regressor
-    blocks = matrix.reshape(3, n, 3, n)
-    turned, bent = _turns_with_slope(covariance, loads)
-    weighed = (move * bend[:, None, None]).transpose(2, 1, 0)
-    for axis in range(3):
-        blocks[:, :, axis] += (weighed @ (turned * move[:, axis])).transpose(1, 0, 2)
+    turned, bent = covariance.turns(loads, loads)
+    left_over = None
     if remainder is not None:
         scaled, shares = remainder.scaled(loads.features), loads.load @ loads.load.T
         left_over, stretch = (part * shares for part in remainder.with_slope(scaled))
-        for axis in range(3):
-            blocks[axis, :, axis] += left_over
+    matrix = covariance.assembled(loads, loads, turned, left_over)
     matrix[np.diag_indices(3 * n)] += covariance.noise
     try:
         # the matrix is symmetric: its transpose is in the order that LAPACK writes over
@@ -257,21 +265,6 @@ def likelihood_slopes(
         by_remainder=by_remainder,
         by_features=2.0 * by_features,
     )
-
-
-def _turns_with_slope(
-    covariance: SpringCovariance, loads: SpringLoads
-) -> tuple[FloatArray, FloatArray]:
-    """Return the (n, n_springs, n) correlations of turns, and their derivatives by ln l."""
-    n, unit = len(loads), ROOT3 / covariance.unit_length[:, None]
-    torques = np.hstack([unit * loads.loaded, unit * loads.unloaded])
-    turned, bent = np.empty((2, n, len(torques), n))
-    for s, torque in enumerate(torques):
-        apart = np.abs(np.subtract.outer(torque, torque))
-        slope = apart**2 * np.exp(-apart)
-        for out, part in ((turned[:, s], _matern32(apart)), (bent[:, s], slope)):
-            out[:] = part[:n, :n] + part[n:, n:] - part[:n, n:] - part[n:, :n]
-    return turned, bent
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,12 +383,9 @@ class SpringProcess:
         move, loaded = np.zeros((n_springs, 3, n)), np.zeros((n_springs, n))
         move[spring, 0], loaded[spring] = 1.0, torque
         pose, load = np.zeros((n, self.loads.pose.shape[1])), np.zeros((n, 6))
+        # neither the other springs nor the remainder, which sees no load, move anything
         alone = SpringLoads(move, np.zeros_like(loaded), loaded, pose, load)
-        # the other springs and the remainder do not move: they are not computed
-        bend = np.where(np.arange(n_springs) == spring, self.covariance.bend, 0.0)
-        covariance = replace(self.covariance, bend=bend, remainder=None)
-        only_spring = replace(self, covariance=covariance)
-        return only_spring.mean(alone)[:, 0], only_spring.between(alone, alone)[0]
+        return self.mean(alone)[:, 0], self.between(alone, alone)[0]
 
     def lost_motion(self, springs: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the (n_chosen,) full width of lost motions and its standard deviation, rad or m.

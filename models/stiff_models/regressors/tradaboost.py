@@ -4,12 +4,9 @@ Pardoe and Stone, "Boosting for Regression Transfer", ICML 2010. Step by step th
 simulated samples falls, most of those that are predicted worst, until in the last step the measured
 ones are alone. In each step AdaBoost.R2 (Drucker 1997) learns with these weights, which for the
 source stay as they are, and cross-validation on the measured samples says which step is the best.
-Of the paper's two algorithms this is the better defined one: in plain TrAdaBoost.R2 nothing says
-how far the weight of the source falls, and nothing chooses where to stop.
 
 Ours: learners take weights in place of drawn samples; the error of the cross-validation is the mean
-absolute one; all rows of a pose are in one fold. The package `adapt` has the algorithm, but needs
-tensorflow.
+absolute one; all rows of a pose are in one fold.
 """
 
 from __future__ import annotations
@@ -209,7 +206,7 @@ class TrAdaBoost(SourceModel, EncodedModel):
     folds: Annotated[int, Ge(2)] = 5
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        inputs, targets = self._standardised(robot, train)
+        inputs, targets = self._trained_rows(robot, train)
         origin = self._origin(train, robot)
         domain = self._simulated(origin.samples, origin.robot, seed)
         order = np.random.default_rng(seed).permutation(len(domain))

@@ -6,8 +6,7 @@ in Xia et al., "Adversarial Bi-Regressor Network for Domain Adaptive Regression"
 regressors learn the simulated source domain. On inputs of the target nothing ties them: they move
 apart, as far as the source lets them, and the extractor gives such inputs features on which they
 agree. Ours are the division of the base network, one step in place of three in turn (the extractor
-gets the reversed gradient), and the schedule of the weight, that of `dt-cnn`. The paper that the
-source paper cites for ADANN-2R was not at hand.
+gets the reversed gradient), and the schedule of the weight, that of `dt-cnn`.
 """
 
 from __future__ import annotations

@@ -156,10 +156,9 @@ class AlignedObjective(TargetObjective):
     """Loss of the source batch + weight * lambda * distance.
 
     A step takes the source batch and as many target rows, or all of them where there are fewer,
-    in one pass through the network: both domains share the batch statistics, as in UDTL. The loss
-    is on standardised outputs; the Huber loss is divided by its width, so that it tends to the
-    absolute error and not to one fiftieth of it, and the weight compares like with like. "dann"
-    carries lambda in the reversed gradient, and its discriminator always learns at full weight.
+    in one pass through the network: both domains share the batch statistics, as in UDTL. The Huber
+    loss is divided by its width, so that it tends to the absolute error. "dann" carries lambda in
+    the reversed gradient, and its discriminator always learns at full weight.
     """
 
     def __init__(

@@ -18,7 +18,7 @@ from annotated_types import Ge
 from stiff_models.device import torch_device
 from stiff_models.networks.encoded_model import Scaler, encode
 from stiff_models.networks.fully_connected import ChosenActivation, linear_layers
-from stiff_models.networks.onnx_export import EncodedNetwork, TorchJacobian
+from stiff_models.networks.onnx_export import EncodedNetwork, Springs
 from stiff_models.transfer.ft_mlp import FineTunedMlp
 from stiff_models.transfer.source_domain import SourceDomain
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
@@ -88,9 +88,11 @@ class ComplianceNet(FineTunedMlp):
         self.reference_compliance_ = np.where(compliance > 0.0, compliance, typical)
         return super()._simulated(samples, robot, seed)
 
-    def _take_statistics(self, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> None:
-        _, torque = _translation_and_torque(self.robot_, q, wrench)
-        self.input_scaler_ = Scaler.of(encode(self.robot_, q, torque, self.angle_encoding))
+    def _take_statistics(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray
+    ) -> None:
+        _, torque = _translation_and_torque(robot, q, wrench)
+        self.input_scaler_ = Scaler.of(encode(robot, q, torque, self.angle_encoding))
         size = np.sqrt((deflection**2).mean(axis=0))
         # no shift of the outputs: no load must give no deflection
         self.output_scaler_ = Scaler(np.zeros(3), np.where(size > 0.0, size, 1.0))
@@ -101,15 +103,11 @@ class ComplianceNet(FineTunedMlp):
         return ComplianceNetwork(body, n_joints)
 
     def _torch_module(self) -> torch.nn.Module:
-        n_joints = self.robot_.n_joints
-        compliance = EncodedNetwork(
-            self.robot_,
-            torch.nn.Sequential(cast(ComplianceNetwork, self.network_).body, torch.nn.Softplus()),
-            angle_encoding=self.angle_encoding,
-            input_scaler=self.input_scaler_,
-            output_scaler=Scaler(np.zeros(n_joints), self.reference_compliance_ / _SOFTPLUS_0),
-        )
-        return _NonlinearSprings(self.robot_, compliance)
+        body = cast(ComplianceNetwork, self.network_).body
+        unit = self.reference_compliance_ / _SOFTPLUS_0
+        compliance = torch.nn.Sequential(body, torch.nn.Softplus())
+        scaler = Scaler(np.zeros(len(unit)), unit)
+        return _NonlinearSprings(self.robot_, self._encoded(compliance, scaler))
 
     def _inputs(self, q: FloatArray, wrench: FloatArray) -> torch.Tensor:
         """Features of pose and joint torque, then the regressor in the network's units."""
@@ -121,20 +119,16 @@ class ComplianceNet(FineTunedMlp):
         return torch.as_tensor(inputs, dtype=torch.float32, device=torch_device(self.device))
 
 
-class _NonlinearSprings(torch.nn.Module):
+class _NonlinearSprings(Springs):
     """Joint springs whose compliance is a module's."""
 
     def __init__(self, robot: Robot, compliance: EncodedNetwork) -> None:
-        super().__init__()
-        self.jacobian = TorchJacobian(robot)
+        super().__init__(robot)
         self.compliance = compliance
 
-    def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
-        rows = self.jacobian(q)
-        torque = (wrench[:, None, :] @ rows)[:, 0]  # (n, n_joints)
-        turn = self.compliance(q, torque) * torque
-        deflection: torch.Tensor = rows[:, :3] @ turn[:, :, None]
-        return deflection[:, :, 0]
+    def turn(self, q: torch.Tensor, load: torch.Tensor) -> torch.Tensor:
+        turn: torch.Tensor = self.compliance(q, load) * load
+        return turn
 
 
 def _translation_and_torque(

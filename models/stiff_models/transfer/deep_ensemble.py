@@ -49,9 +49,7 @@ class DeepEnsemble(NormalModel, FtMlp):
     The first member chooses for all: the teacher, and with training="cv" the number of epochs. What
     the members err in common is seen at poses that were left out: two of the pre-trained networks
     are fine-tuned without each fifth of the training poses, with a teacher identified without them
-    (the springs of their source domain are those of all).
-    Their mean's errors there hold a part of the scatter among networks too, which the members'
-    spread brings into an interval once more, so it is taken off.
+    (the springs of their source domain are those of all). See `common_error`.
 
     Attributes:
         members: number of networks; the first has the seeds of ft-mlp, the others their own.

@@ -101,8 +101,10 @@ class DtCnn(PretrainedModel):
             seed=seed,
         )
 
-    def _take_statistics(self, q: FloatArray, wrench: FloatArray, deflection: FloatArray) -> None:
-        super()._take_statistics(q, wrench, deflection)
+    def _take_statistics(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray
+    ) -> None:
+        super()._take_statistics(robot, q, wrench, deflection)
         if self.preset == "udtl":  # the network normalises each sample as it is
             n_inputs = len(self.input_scaler_.mean)
             self.input_scaler_ = Scaler(np.zeros(n_inputs), np.ones(n_inputs))

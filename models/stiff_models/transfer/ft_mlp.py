@@ -8,7 +8,6 @@ absolute error. Ours is anchored: fine-tuning begins as the best of three VJMs (
 from __future__ import annotations
 
 import copy
-import math
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Self
@@ -18,7 +17,7 @@ import torch
 
 from stiff_models.networks.fully_connected import linear_layers
 from stiff_models.networks.mlp import Epochs, LearningRate
-from stiff_models.networks.network_model import Selection
+from stiff_models.networks.network_model import ChoosesEpochs
 from stiff_models.networks.training import Curve, Rows, TrainingPlan, Visits, train_network
 from stiff_models.transfer.freeze_strategies import Stage, stages
 from stiff_models.transfer.pretrained_mlp import AnchoredMlp, PretrainedMlp, Recipe
@@ -34,21 +33,17 @@ FINE_TUNING: dict[Recipe, TrainingPlan] = {
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class FineTunedMlp(PretrainedMlp):
+class FineTunedMlp(ChoosesEpochs, PretrainedMlp):
     """Base of the families whose pre-trained MLP is fine-tuned.
 
     Attributes:
         freeze: layers that fine-tuning trains: "layers:1,2" (hidden layers from 1, "out" for the
             output layer; any set), or another strategy of docs/models.md.
-        training: "cv" chooses the number of epochs (0, 10, 30, 100, 400, or the longest) by
-            cross-validation and trains on all rows, "best" keeps the best epoch on the validation
-            rows, "normal" the last.
         epochs: epochs of fine-tuning, or the most to choose from; none: the recipe's.
         learning_rate: learning rate of fine-tuning; none: the recipe's.
     """
 
     freeze: str = "layers:1,2"
-    training: Selection = "cv"
     epochs: Epochs | None = None
     learning_rate: LearningRate | None = None
 
@@ -61,10 +56,6 @@ class FineTunedMlp(PretrainedMlp):
         """Raise ConfigError where there is no such device, or no such layer to train."""
         super().check_params()
         self._stages(epochs=1)
-
-    def chooses_epoch(self) -> bool:
-        """Whether validation rows choose the epoch."""
-        return self.training == "best"
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_params()
@@ -93,11 +84,10 @@ class FineTunedMlp(PretrainedMlp):
     ) -> list[Curve]:
         """Train a network in place, stage after stage; `visits` count the steps of each.
 
-        A stage goes on from the weights that the stage before kept; with `plan.keep_best` the best
-        weights of all stages are put back at the end.
+        A stage goes on from the weights that the stage before kept: they are among those that
+        `plan.keep_best` chooses from.
         """
         strategy, curves = self._stages(plan.steps), []
-        best_loss, best_weights = math.inf, copy.deepcopy(network.state_dict())
         for number, stage in enumerate(strategy):
             which = "" if len(strategy) == 1 else f" {number + 1}/{len(strategy)}"
             layers = linear_layers(network)
@@ -112,10 +102,6 @@ class FineTunedMlp(PretrainedMlp):
                 visits=visits,
             )
             curves.append(curve)
-            if curve.best_loss < best_loss:
-                best_loss, best_weights = curve.best_loss, copy.deepcopy(network.state_dict())
-        if plan.keep_best:
-            network.load_state_dict(best_weights)
         return curves
 
     def _n_stages(self) -> int:

@@ -19,7 +19,7 @@ from sklearn.base import clone
 from stiff_models.fitted_model import FittedModel, left_out_fifths
 from stiff_models.networks.fully_connected import Activation
 from stiff_models.networks.network_model import NetworkModel
-from stiff_models.networks.onnx_export import Difference, EncodedNetwork, SumOf, physics_module
+from stiff_models.networks.onnx_export import Difference, SumOf, physics_module
 from stiff_models.networks.training import Rows, TrainingPlan
 from stiff_models.physics.vjm import Physics, fitted_physics
 from stiff_models.transfer.pretraining import PretrainedModel
@@ -180,13 +180,8 @@ class AnchoredMlp(PretrainedMlp):
     def _torch_module(self) -> torch.nn.Module:
         if self.teacher_ is None:
             return super()._torch_module()
-        learned = EncodedNetwork(
-            self.robot_,
-            Difference(self.network_, self.source_network_),
-            angle_encoding=self.angle_encoding,
-            input_scaler=self.input_scaler_,
-            output_scaler=replace(self.output_scaler_, mean=np.zeros(3)),
-        )
+        change = Difference(self.network_, self.source_network_)
+        learned = self._encoded(change, replace(self.output_scaler_, mean=np.zeros(3)))
         return SumOf([physics_module(self.teacher_), learned])
 
 

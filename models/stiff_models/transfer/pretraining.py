@@ -220,7 +220,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
 
         def compute() -> Trained:
             learn, test = divided(simulate(robot, reference, design), seed)
-            self._take_statistics(learn.q, learn.wrench, learn.deflection)
+            self._take_statistics(robot, learn.q, learn.wrench, learn.deflection)
             self.network_ = network
             scale = self.output_scaler_.scale[:, None]  # of all joints together: what counts
             mean = learn.parts.mean(axis=0)  # (3, n_joints)

@@ -8,7 +8,6 @@ have in common that nearly all of them get one design.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,8 +18,8 @@ from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import unit_deflections
 
-PoseDesign = Literal["paper", "data", "sobol"]
-WrenchDesign = Literal["paper", "data", "uniform", "sobol"]
+PoseDesign = Literal["paper", "sobol"]
+WrenchDesign = Literal["paper", "uniform", "sobol"]
 
 _PAPER_GRID_DEG = (  # source paper, Table 4: A1..A6
     range(-45, 46, 15),
@@ -39,7 +38,7 @@ PAPER_WRENCHES = np.array(  # source paper, Table 5: N, N m
         [20.0, 5.0, -100.0, 2.0, 2.0, -2.0],
     ]
 )
-POSE_BUDGET = 21_280  # poses of the paper's grid; a grid of ours has no more
+POSE_BUDGET = 21_280  # as many poses as the paper's grid
 WRENCHES_A_POSE = len(PAPER_WRENCHES)
 ANGLE_STEP = np.deg2rad(15.0)
 ROUNDING = 1e-6  # share of a step that a bound may lie beyond it
@@ -116,7 +115,7 @@ def check_poses(poses: str, robot: Robot) -> None:
     if poses == "paper" and robot.n_joints != len(_PAPER_GRID_DEG):
         raise ConfigError(
             f"source_poses=paper: Table 4 has {len(_PAPER_GRID_DEG)} joints, robot "
-            f"{robot.name!r} has {robot.n_joints} (valid: data, sobol)"
+            f"{robot.name!r} has {robot.n_joints} (valid: sobol)"
         )
 
 
@@ -186,24 +185,13 @@ def drawn_from(
     return design.q[chosen], wrench[chosen, which]
 
 
-def _grid(axes: Sequence[FloatArray]) -> FloatArray:
-    """Return the product of the joints' values, the first slowest."""
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-
-
 def _poses(
     design: PoseDesign, robot: Robot, train: Samples, rng: np.random.Generator
 ) -> FloatArray:
     if design == "paper":
-        return _grid([np.deg2rad(axis) for axis in _PAPER_GRID_DEG])
-    lower, upper = joint_ranges(robot, _spanned(train.q, train))
-    if design == "sobol":
-        return _sobol(lower, upper, POSE_BUDGET, rng)
-    moving = upper > lower
-    # every moving joint gets the same number of values, as many as the budget of poses allows
-    n_values = int(POSE_BUDGET ** (1.0 / moving.sum())) if moving.any() else 1
-    counts = np.where(moving, n_values, 1)
-    return _grid([np.linspace(*axis) for axis in zip(lower, upper, counts, strict=True)])
+        grid = np.meshgrid(*map(np.deg2rad, _PAPER_GRID_DEG), indexing="ij")
+        return np.stack(grid, axis=-1).reshape(-1, len(grid))  # the first joint slowest
+    return _sobol(*joint_ranges(robot, _spanned(train.q, train)), POSE_BUDGET, rng)
 
 
 def _wrenches(
@@ -211,8 +199,6 @@ def _wrenches(
 ) -> FloatArray:
     if design == "paper":
         return PAPER_WRENCHES[None]
-    if design == "data":
-        return _wrenches_like(train, n_poses, rng)
     shape = (n_poses, WRENCHES_A_POSE, 6)
     lower, upper = load_ranges(_spanned(train.wrench, train))
     if design == "uniform":
@@ -231,22 +217,6 @@ def _spanned(values: FloatArray, train: Samples) -> FloatArray:
     n_poses = len(np.unique(train.pose_id))
     missed = (upper - lower) / max(n_poses - 1, 1) if n_poses < FEW_POSES else 0.0
     return np.stack([lower - missed, upper + missed])
-
-
-def _wrenches_like(train: Samples, n_poses: int, rng: np.random.Generator) -> FloatArray:
-    """Loads drawn like the samples': a smoothed bootstrap.
-
-    A training wrench drawn at random plus normal scatter with the training wrenches' covariance,
-    narrowed by Scott's factor n^(-1/(d+4)), d = 6.
-    """
-    n_train = len(train)
-    drawn = rng.integers(n_train, size=(n_poses, WRENCHES_A_POSE))
-    centred = train.wrench - train.wrench.mean(axis=0)
-    # R^T R is the data's covariance; QR serves a covariance of any rank (torques may all be zero)
-    root = np.linalg.qr(centred / np.sqrt(max(n_train - 1, 1)), mode="r")  # (min(n, 6), 6)
-    scatter = rng.normal(size=(n_poses, WRENCHES_A_POSE, len(root))) @ root
-    bandwidth = n_train ** (-1.0 / (6 + 4))
-    return np.asarray(train.wrench[drawn] + bandwidth * scatter)
 
 
 def _sobol(lower: FloatArray, upper: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:

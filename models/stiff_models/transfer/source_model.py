@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, Self
@@ -24,7 +23,7 @@ from stiff_models.transfer.source_domain import (
     check_poses,
     source_design,
 )
-from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
+from stiff_protocols.contract.errors import ConfigError, ModelError, warn
 from stiff_protocols.contract.types import BenchmarkData, Deflection, FloatArray, Robot, Samples
 
 PAPER_STIFFNESS = (50_900.0, 63_360.0, 50_340.0, 2_270.0, 8_890.0, 1_390.0)
@@ -48,12 +47,12 @@ class SourceModel:
     `use_source` was given; "the samples" below are these.
 
     Attributes:
-        source_poses: "sobol" (Sobol points in the samples' joint ranges), "data" (a grid over
-            them), "paper" (grid of Table 4); "auto": the paper's where its source is asked for,
-            else "sobol". Ranges of samples are rounded outwards.
+        source_poses: "sobol" (Sobol points in the samples' joint ranges), "paper" (grid of
+            Table 4); "auto": the paper's where its source is asked for, else "sobol". Ranges of
+            samples are rounded outwards.
         source_wrenches: "uniform" or "sobol" (over the range of each component of the samples'
-            wrenches), "data" (drawn like the samples' wrenches), "paper" (Table 5); "auto": the
-            paper's where its source is asked for, else "uniform".
+            wrenches), "paper" (Table 5); "auto": the paper's where its source is asked for, else
+            "uniform".
         source_teacher: model that is identified on the samples and says how the simulated robot
             gives way; with its default options.
         source_stiffness: of the joints in the pre-training simulation: "identified" by the
@@ -62,8 +61,8 @@ class SourceModel:
             the paper's Table 3, where its source is asked for.
     """
 
-    source_poses: Literal["auto", "data", "sobol", "paper"] = "auto"
-    source_wrenches: Literal["auto", "uniform", "sobol", "data", "paper"] = "auto"
+    source_poses: Literal["auto", "sobol", "paper"] = "auto"
+    source_wrenches: Literal["auto", "uniform", "sobol", "paper"] = "auto"
     source_teacher: Physics = "vjm"
     source_stiffness: Literal["identified", "nominal"] = "identified"
     nominal_stiffness: str | None = None
@@ -118,17 +117,13 @@ class SourceModel:
         poses, wrenches = self._designs()
         springs = "" if self.source_stiffness == "identified" else " of nominal stiffnesses"
         samples = "training samples" if self._source is None else "source data set's samples"
-        of_poses = {
-            "paper": "the paper's Table 4",
-            "data": f"a grid over the {samples}' joint ranges",
-            "sobol": f"Sobol poses in the {samples}' joint ranges",
-        }[poses]
-        of_wrenches = {
-            "paper": "the paper's Table 5",
-            "data": f"wrenches drawn like the {samples}'",
-            "uniform": f"uniform wrenches in the {samples}' range",
-            "sobol": f"Sobol wrenches in the {samples}' range",
-        }[wrenches]
+        of_poses = f"Sobol poses in the {samples}' joint ranges"
+        if poses == "paper":
+            of_poses = "the paper's Table 4"
+        kind = "Sobol" if wrenches == "sobol" else "uniform"
+        of_wrenches = f"{kind} wrenches in the {samples}' range"
+        if wrenches == "paper":
+            of_wrenches = "the paper's Table 5"
         return f"{self.source_teacher}{springs} on {of_poses}, {of_wrenches}"
 
     def _unlabelled(self) -> str:
@@ -152,7 +147,6 @@ class SourceModel:
         return SourceDomain(q, wrench, self._teacher(samples, robot)(q, wrench)[:, :, None])
 
     def _teacher(self, samples: Samples, robot: Robot) -> Deflection:
-        """Return what says how the simulated robot gives way."""
         if self.source_teacher == "vjm":
             return partial(robot.joint_deflection, self._source_compliance(samples, robot))
         return fitted_physics(self.source_teacher, samples, robot).predict
@@ -164,12 +158,10 @@ class SourceModel:
             for wrench in (design.wrench, samples.wrench)
         )
         if measured > 0.0 and not 1.0 / FAR_OFF < simulated / measured < FAR_OFF:
-            warnings.warn(
+            warn(
                 f"pre-training forces are {simulated:.3g} N, measured forces {measured:.3g} N "
                 "(root mean square): is the file in N? source_wrenches=uniform draws loads in the "
-                "measured ones' range",
-                StiffBenchWarning,
-                stacklevel=3,
+                "measured ones' range"
             )
         return design
 

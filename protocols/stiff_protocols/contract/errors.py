@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import warnings
 from collections.abc import Iterable
 
 
@@ -56,6 +57,11 @@ class NotSavable(StoreError):
 
 class StiffBenchWarning(UserWarning):
     """A finding that does not stop a run but must stand beside its result."""
+
+
+def warn(finding: str) -> None:
+    """Warn the user, with `StiffBenchWarning`."""
+    warnings.warn(finding, StiffBenchWarning, stacklevel=3)
 
 
 def said_by(error: BaseException) -> str:

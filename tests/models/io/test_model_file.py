@@ -177,9 +177,7 @@ CHANGES = {
     "has format 3": lambda content: content.update(format=3),
     "unknown model 'vjn'": lambda content: content["model"].update({"class": "vjn"}),
     "KeyError: 'class'": lambda content: content["model"].pop("class"),
-    "KeyError: 'params'": lambda content: content["model"].pop("params"),
     "unknown model 'os:system'": object_of("record", "os:system", fields={}),
-    "unknown model 'posix:system'": object_of("model", "posix:system"),
     "holds stiff_models.io.model_file:load,": object_of(
         "record", "stiff_models.io.model_file:load", fields={"path": "x"}
     ),

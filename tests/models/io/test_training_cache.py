@@ -21,10 +21,7 @@ from stiff_protocols.contract.errors import StiffBenchWarning
 
 pytestmark = pytest.mark.usefixtures("small_source")
 
-SMALL = {
-    **{"width": 8, "pretrain_steps": 10, "device": "cpu"},
-    **{"source_poses": "data", "anchor": "none"},
-}
+SMALL = {"width": 8, "pretrain_steps": 10, "device": "cpu", "anchor": "none"}
 
 
 @pytest.fixture(autouse=True)

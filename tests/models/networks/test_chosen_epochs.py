@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiff_models.networks.mlp import Mlp, ResidualMlp
+from stiff_models.networks.mlp import Mlp
 from stiff_models.networks.network_model import FOLDS, chosen_epochs
 from stiff_models.transfer.ft_mlp import FtMlp
 
@@ -60,7 +60,7 @@ def test_a_single_pose_is_trained_to_the_end(twin):
     assert chosen_epochs(one, (0, 30), lambda *_: pytest.fail("divided"), seed=0) == 30
 
 
-@pytest.mark.parametrize("cls", [Mlp, ResidualMlp, FtMlp])
+@pytest.mark.parametrize("cls", [Mlp, FtMlp])
 def test_a_network_is_then_trained_so_long_on_all_rows(cls, parts, small_source):
     robot, train, held_out, _ = parts
     options = SMALL | ({"pretrain_steps": 5, "anchor": "vjm"} if cls is FtMlp else {})

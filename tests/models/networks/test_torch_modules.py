@@ -37,9 +37,7 @@ def test_an_encoded_network_sees_the_features_that_training_saw(encoding, rng):
     features = encode(robot, q, wrench, encoding)
     scalers = Scaler.of(features), Scaler(rng.normal(size=3), rng.uniform(1, 2, size=3))
     network = build_network(features.shape[1], layers=1, width=8, activation="tanh", seed=0)
-    names = ("input_scaler", "output_scaler")
-    options = dict(zip(names, scalers, strict=True), angle_encoding=encoding)
-    module = EncodedNetwork(robot, network, **options)
+    module = EncodedNetwork(robot, network, encoding, *scalers)
     with torch.no_grad():
         inputs = torch.tensor(scalers[0].apply(features), dtype=torch.float32)
         truth = scalers[1].undo(network(inputs).double().numpy())

@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from stiff_models.networks.fully_connected import build_network, linear_layers
+from stiff_models.networks.fully_connected import build_network
 from stiff_models.networks.training import Rows, TrainingPlan, train_network
 
 
@@ -37,25 +37,17 @@ def error(net, data):
         return (net(data.inputs) - data.targets).abs().mean().item()
 
 
-@pytest.mark.parametrize("optimizer", ["adam", "sgd", "muon"])
-@pytest.mark.parametrize("loss", ["huber", "mse", "mae"])
-def test_training_lowers_the_error(optimizer, loss):
+@pytest.mark.parametrize(
+    ("optimizer", "loss", "rate"),
+    # the Huber loss is narrow, so its gradients are small
+    [("adam", "mse", 1e-2), ("sgd", "huber", 10.0), ("sgd", "mae", 0.1), ("muon", "huber", 0.02)],
+)
+def test_training_lowers_the_error(optimizer, loss, rate):
     net, data = network(), rows()
     before = error(net, data)
-    # the Huber loss is narrow, so its gradients are small
-    rate = {"adam": 1e-2, "muon": 0.02}.get(optimizer, 10.0 if loss == "huber" else 0.1)
     chosen = plan(steps=100, optimizer=optimizer, loss=loss, learning_rate=rate)
     train(net, data, chosen)
     assert error(net, data) < 0.9 * before
-
-
-def test_a_frozen_first_part_is_passed_through_once_with_the_same_result():
-    # layer 2 alone moves; a network inside another one is passed through in full each time
-    cached, full = network(), torch.nn.Sequential(network())
-    for net in (cached, full):
-        trainable = [linear_layers(net)[1].weight]
-        train(net, chosen=plan(optimizer="sgd"), trainable=trainable)
-    assert torch.allclose(linear_layers(cached)[1].weight, linear_layers(full)[1].weight, atol=1e-6)
 
 
 def test_the_best_step_on_the_validation_rows_is_kept():

@@ -59,7 +59,7 @@ def test_no_spring_lies_outside_a_thirtieth_to_thirty_times_the_truth(arm):
 
 @pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
 def test_no_spring_across_a_joint_lies_outside_that_range(arm):
-    for seed in range(6):
+    for seed in range(3):
         robot, samples, stiffness = measured(arm, seed)
         rng = np.random.default_rng(seed)
         truth = stiffness[:, None] * np.exp(rng.uniform(0.0, np.log(8.0), (len(stiffness), 3)))

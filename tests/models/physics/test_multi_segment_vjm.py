@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
-from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
@@ -93,16 +90,6 @@ def test_equal_slopes_give_the_linear_models_springs(kr10, rng):
         np.testing.assert_allclose(
             model.predict(q[:5], wrench[:5]), linear.predict(q[:5], wrench[:5]), rtol=1e-9
         )
-
-
-@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")
-def test_a_robot_without_masses_is_said_to_have_no_preload():
-    data = FanucR2000iC().load()
-    weightless = replace(data.robot, masses=np.zeros(6))
-    with pytest.warns(StiffBenchWarning, match=r"'fanuc.*' has no masses.*gravity preload 0"):
-        stated = MultiSegmentVjm().fit(data.samples, robot=weightless)
-    unstated = MultiSegmentVjm(gravity=False).fit(data.samples, robot=data.robot)
-    np.testing.assert_array_equal(stated.slopes_, unstated.slopes_)
 
 
 def test_a_segment_that_no_training_torque_reaches_is_named_and_is_like_the_others():

@@ -13,7 +13,6 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteK
 
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.twin import TwinExperiment
-from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.gaussian_process import (
     Covariance,
     GaussianProcess,
@@ -110,10 +109,7 @@ def test_the_gradient_with_a_trend_is_that_of_the_likelihood_at_its_likeliest_sc
     assert value(start.theta) > log_likelihood(start, inputs, outputs)[0]
 
 
-@pytest.mark.parametrize(
-    "family",
-    [GaussianProcessModel, VjmGp, pytest.param(MultiFidelityGp, marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize("family", [GaussianProcessModel, VjmGp])
 def test_the_noise_that_the_data_card_states_is_the_instruments(family, parts):
     robot, train, _, _ = parts
     few = train.take(np.arange(12))
@@ -171,12 +167,10 @@ def sixty_degrees_off(train, test):
     "model",
     [
         GaussianProcessModel(restarts=0, ard=False),
-        VjmGp(restarts=0, ard=False),
         pytest.param(MultiFidelityGp(restarts=0), marks=pytest.mark.slow),
-        SplitConformal(VirtualJointModel()),
         SplitConformal(NearestNeighbours()),
     ],
-    ids=["gp", "vjm-gp", "mf-gp", "vjm", "knn"],
+    ids=["gp", "mf-gp", "knn"],
 )
 def test_intervals_hold_beyond_the_training_range(model, beyond, parts, real_robot):
     robot, train, _, test = parts

@@ -91,7 +91,7 @@ def test_the_recursion_is_the_joint_process_of_both_levels():
     waves = high(DEAR) + 3.0 * np.sin(20.0 * DEAR[:, 0])  # a delta that moves
     fitted = co_kriging(0.2, 0.2, waves)
     below, delta = (
-        (p.covariance.lengths[0], p.covariance.variance) for p in (fitted.low, fitted.delta)
+        (p.covariance.lengths[0], p.covariance.variance) for p in (fitted.trend, fitted)
     )
     mean, variance = joint_co_kriging(below, delta, fitted.rho, waves, nugget=NUGGET)
     np.testing.assert_allclose(fitted.mean(LINE), mean, atol=1e-4)

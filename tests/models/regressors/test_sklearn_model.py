@@ -19,19 +19,18 @@ def make(key, **options):
     return member(key).load()(**options)
 
 
-@pytest.mark.parametrize("prefix", ["", "vjm+"])
 @pytest.mark.parametrize(
     "key, options",
     [
-        ("svm.SVR", {}),  # one output
-        ("ensemble.GradientBoostingRegressor", {"n_estimators": 5}),  # one output
-        ("ensemble.RandomForestRegressor", {"n_estimators": 5}),  # several
-        ("linear_model.Ridge", {}),  # several
+        ("sklearn:svm.SVR", {}),  # one output
+        ("vjm+sklearn:ensemble.GradientBoostingRegressor", {"n_estimators": 5}),  # one output
+        (FOREST, {"n_estimators": 5}),  # several
+        ("vjm+sklearn:linear_model.Ridge", {}),  # several
     ],
 )
-def test_regressors_of_one_and_of_several_outputs_learn_three_axes(prefix, key, options, parts):
+def test_regressors_of_one_and_of_several_outputs_learn_three_axes(key, options, parts):
     robot, train, _, test = parts
-    model = make(f"{prefix}sklearn:{key}", **options).fit(train, robot=robot, seed=1)
+    model = make(key, **options).fit(train, robot=robot, seed=1)
     predicted = model.predict(test.q, test.wrench)
     assert predicted.shape == (len(test), 3) and predicted.dtype == np.float64
     error = np.abs(predicted - test.deflection).mean(axis=0)

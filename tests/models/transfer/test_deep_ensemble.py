@@ -9,7 +9,6 @@ import pytest
 
 from stiff_models.transfer.deep_ensemble import DeepEnsemble, common_error
 from stiff_models.transfer.ft_mlp import FtMlp
-from stiff_protocols.contract.errors import ModelError
 
 SMALL = {"width": 16, "pretrain_steps": 30, "epochs": 20, "device": "cpu"}
 
@@ -68,10 +67,3 @@ def test_common_errors_and_the_spread_make_up_the_error_of_the_mean(members, sca
     expected = (all_of_them.mean(axis=0) ** 2).mean(axis=0)
     together = found**2 + all_of_them.var(axis=0).mean(axis=0)
     np.testing.assert_allclose(together, expected, rtol=0.1)
-
-
-def test_samples_of_one_pose_cannot_give_it_intervals(parts):
-    robot, train, _, _ = parts
-    one = replace(train, pose_id=np.full(len(train), "p"))
-    with pytest.raises(ModelError, match="two poses"):
-        DeepEnsemble(**SMALL, members=2).fit(one, robot=robot)

@@ -49,11 +49,11 @@ def changed(first, second):
 
 def test_the_udtl_preset_is_the_literal_network(parts):
     model = fit(parts, pretrain_steps=0, preset="udtl")
-    assert {CellMaxPool, torch.nn.MaxPool1d, torch.nn.LayerNorm} <= kinds(model.network_)
+    only_udtl = {CellMaxPool, torch.nn.MaxPool1d, torch.nn.LayerNorm}
+    assert only_udtl <= kinds(model.network_)
     assert {m.p for m in model.network_.modules() if isinstance(m, torch.nn.Dropout)} == {0.5}
     assert not model.input_scaler_.mean.any() and (model.input_scaler_.scale == 1.0).all()
-    ours = fit(parts, pretrain_steps=0)
-    assert not kinds(ours.network_) & {CellMaxPool, torch.nn.MaxPool1d, torch.nn.LayerNorm}
+    assert not kinds(fit(parts, pretrain_steps=0).network_) & only_udtl
 
 
 def test_adabn_changes_only_the_batch_statistics(parts):
@@ -117,7 +117,7 @@ def swapped(values, first, second):
     return values[:, order]
 
 
-@pytest.mark.parametrize("length", [4, 5, 6, 7, 8, 9, 13, 16])
+@pytest.mark.parametrize("length", [4, 6, 9, 13])
 def test_cells_are_those_of_torchs_adaptive_pooling(length):
     values = torch.randn(3, 5, length, generator=torch.Generator().manual_seed(0))
     assert torch.equal(CellMaxPool(length)(values), torch.nn.AdaptiveMaxPool1d(4)(values))
@@ -137,8 +137,7 @@ def test_layers_are_those_of_udtl(n_inputs, pool, hidden):
     assert net.bottleneck(inputs(7, n_inputs)).shape == (7, 256)
 
 
-@pytest.mark.parametrize("n_inputs", [12, 18])
-@pytest.mark.parametrize("pair", [0, 1, 4])
+@pytest.mark.parametrize(("n_inputs", "pair"), [(12, 0), (18, 4)])
 def test_the_pooled_network_cannot_tell_apart_the_features_of_a_pair(n_inputs, pair):
     values = inputs(50, n_inputs)
     other = swapped(values, 2 * pair, 2 * pair + 1)

@@ -19,6 +19,21 @@ def test_lp_ft_trains_the_head_first_and_then_everything():
 
 
 @pytest.mark.parametrize(
+    ("freeze", "layers"),
+    [
+        ("layers:3", (2,)),
+        ("layers:out,1", (0, 4)),
+        ("head", (4,)),
+        ("first:2", (0, 1)),
+        ("last:2", (3, 4)),
+        ("full", (0, 1, 2, 3, 4)),
+    ],
+)
+def test_other_strategies_train_their_layers_in_every_epoch(freeze, layers):
+    assert [(stage.epochs, stage.layers) for stage in plan(freeze)] == [(100, layers)]
+
+
+@pytest.mark.parametrize(
     "freeze",
     ["layers:5", "layers:0", "layers:1,x", "first:6", "last:0", "fulll", "full:1", ""],
 )
