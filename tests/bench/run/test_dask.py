@@ -113,7 +113,8 @@ def test_faults_and_killed_workers_cost_no_other_fit_and_the_rest_are_the_bits_o
     limits = ["--timeout", str(hostile_models.TIMEOUT_S), "--memory", "500MiB"]
     run = ["run", "--plugin", PLUGIN, *ours, *words, *limits]
     with started(*run, "--dask", cluster.address, "--output", "out", cwd=tmp_path) as command:
-        wait_until(lambda: n_stored(tmp_path / "out") >= 3 and cluster.worker_processes())
+        wait_until(lambda: n_stored(tmp_path / "out") >= 3, running=command)
+        wait_until(cluster.worker_processes, running=command)
         with suppress(psutil.NoSuchProcess):  # `KillsWorkers` was quicker
             cluster.worker_processes()[0].kill()
         _, said = command.communicate(timeout=250)
@@ -138,7 +139,7 @@ def test_faults_and_killed_workers_cost_no_other_fit_and_the_rest_are_the_bits_o
 def test_an_interrupted_run_leaves_no_cell_running_on_the_cluster(cluster, tmp_path):
     run = ["run", "--plugin", PLUGIN, "--model", "Hangs"]
     with started(*run, "--dask", cluster.address, "--output", "out", cwd=tmp_path) as command:
-        wait_until(lambda: cells_below(cluster))
+        wait_until(lambda: cells_below(cluster), running=command)
         command.send_signal(signal.SIGINT)
         _, said = command.communicate(timeout=60)
     assert command.returncode == 130 and "the same command computes the rest" in said
@@ -175,7 +176,7 @@ def test_a_run_waits_for_workers_and_ends_with_one_of_other_code_and_with_the_sc
         kill_family(stranger.pid)
         cluster.start_worker()
         with started(*words, cwd=tmp_path) as command:
-            wait_until(lambda: n_stored(tmp_path / "out") >= 3)
+            wait_until(lambda: n_stored(tmp_path / "out") >= 3, running=command)
             kill_family(cluster.scheduler.pid)
             _, said = command.communicate(timeout=100)
         assert command.returncode == 2
