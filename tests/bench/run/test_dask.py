@@ -110,7 +110,7 @@ def test_faults_and_killed_workers_cost_no_other_fit_and_the_rest_are_the_bits_o
     ours = [word for key in ("vjm", "knn", "mlp@epochs=20") for word in ("--model", key)]
     bad = [key for key in hostile_models.ROWS if key != "vjm"]
     words = [word for key in ("KillsWorkers", *bad) for word in ("--model", key)]
-    limits = ["--timeout", str(hostile_models.TIMEOUT_S), "--memory", "500MiB"]
+    limits = ["--timeout", str(hostile_models.TIMEOUT_S), "--memory", hostile_models.MEMORY]
     run = ["run", "--plugin", PLUGIN, *ours, *words, *limits]
     with started(*run, "--dask", cluster.address, "--output", "out", cwd=tmp_path) as command:
         wait_until(lambda: n_stored(tmp_path / "out") >= 3, running=command)
