@@ -208,7 +208,7 @@ from distributed import LocalCluster
 
 class Here(LocalCluster):
     def scale(self, jobs):
-        return super().scale(1)
+        return super().scale(min(jobs, 1))
 
 
 sys.modules["dask_jobqueue"] = found = ModuleType("dask_jobqueue")
