@@ -157,11 +157,9 @@ class StealsTest(Good):
         return None if None in rows else samples.deflection[rows].copy()
 
 
-TIMEOUT_S = 8
-MEMORY = "800MiB"  # a fit with torch has 250, and a process that it forked is counted by itself
 _OK = ("ok", "", "")
-_TIMED_OUT = ("failed", "timed out", f"took longer than --timeout {TIMEOUT_S} s")
-_OUT_OF_MEMORY = ("failed", "out of memory", "more than --memory 800 MiB")
+_TIMED_OUT = ("failed", "timed out", "took longer than --timeout ")
+_OUT_OF_MEMORY = ("failed", "out of memory", "more than --memory ")
 ROWS = {
     "Good": _OK,
     "Raises": ("failed", "RuntimeError", "RuntimeError: no licence (/"),
@@ -174,13 +172,13 @@ ROWS = {
     "TellsLies": ("failed", "ModelError", "predict returned <U7 values, expected (31, 3)"),
     **dict.fromkeys(("LeavesAChild", "DetachesAChild", "vjm"), _OK),
 }
-"""Model -> status, cause and reason of its row with `--timeout TIMEOUT_S --memory MEMORY`."""
+"""Model -> status, cause and reason of its row, with limits of time and memory."""
 
 
-def assert_rows(results):
-    """What every model did is in its own row, with what it said last."""
-    for key, (status, cause, reason) in ROWS.items():
-        found = results[key]
+def assert_rows(results, keys):
+    """What each of these models did is in its own row, with what it said last."""
+    for key in keys:
+        found, (status, cause, reason) = results[key], ROWS[key]
         assert (found.status, found.cause) == (status, cause), (key, found.failure)
         assert reason in found.failure
     assert results["Raises"].log == ("about to raise",)

@@ -97,11 +97,12 @@ def test_a_crash_costs_its_own_row_alone(tmp_path):
 @pytest.mark.slow
 def test_what_a_model_does_becomes_its_own_row_and_no_process_stays(tmp_path):
     models = [word for key in hostile_models.ROWS for word in ("--model", key)]
-    limits = ["--timeout", str(hostile_models.TIMEOUT_S), "--memory", hostile_models.MEMORY]
+    limits = ["--timeout", "8", "--memory", "500MiB"]
     words = ["run", "--plugin", str(PLUGIN), *models, *limits, "--jobs", "4", "--output", "out"]
     done = bench(*words, cwd=tmp_path)
     assert not [one for one in psutil.process_iter(["cwd"]) if one.info["cwd"] == str(tmp_path)]
-    hostile_models.assert_rows({one.cell.model: one for one in read_results(tmp_path / "out")})
+    results = {one.cell.model: one for one in read_results(tmp_path / "out")}
+    hostile_models.assert_rows(results, hostile_models.ROWS)
     last = done.stderr.strip().splitlines()[-1]
     assert done.returncode == 1 and last.startswith("bench: 4 ok, 11 failed (3 timed out, 2 out of")
     assert "1 SIGSEGV" in last and "    | about to raise" in done.stderr
