@@ -136,10 +136,17 @@ def n_stored(folder: Path) -> int:
     return len(stored_statuses(folder))
 
 
-def wait_until(true: Callable[[], object], seconds: float = 120.0) -> None:
+def wait_until(
+    true: Callable[[], object],
+    seconds: float = 120.0,
+    *,
+    running: subprocess.Popen[str] | None = None,
+) -> None:
+    """Wait for what a command that runs is to do."""
     end = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < end
+        assert running is None or running.poll() is None, running.stderr.read()
         time.sleep(0.02)
 
 

@@ -157,6 +157,38 @@ class StealsTest(Good):
         return None if None in rows else samples.deflection[rows].copy()
 
 
+_OK = ("ok", "", "")
+_TIMED_OUT = ("failed", "timed out", "took longer than --timeout ")
+_OUT_OF_MEMORY = ("failed", "out of memory", "more than --memory ")
+ROWS = {
+    "Good": _OK,
+    "Raises": ("failed", "RuntimeError", "RuntimeError: no licence (/"),
+    **dict.fromkeys(("Hangs", "HoldsTheInterpreter", "Talks"), _TIMED_OUT),
+    **dict.fromkeys(("Eats", "FeedsChildren"), _OUT_OF_MEMORY),
+    "Segfaults": ("failed", "SIGSEGV", "its process was ended by SIGSEGV after"),
+    "Exits": ("failed", "exit status 3", "without a result (exit status 3)"),
+    "Quits": ("failed", "SystemExit", "SystemExit: enough"),
+    "KillsItself": ("failed", "SIGKILL", "ended by SIGKILL after"),
+    "TellsLies": ("failed", "ModelError", "predict returned <U7 values, expected (31, 3)"),
+    **dict.fromkeys(("LeavesAChild", "DetachesAChild", "vjm"), _OK),
+}
+"""Model -> status, cause and reason of its row, with limits of time and memory."""
+
+
+def assert_rows(results, keys):
+    """What each of these models did is in its own row, with what it said last."""
+    for key in keys:
+        found, (status, cause, reason) = results[key], ROWS[key]
+        assert (found.status, found.cause) == (status, cause), (key, found.failure)
+        assert reason in found.failure
+    assert results["Raises"].log == ("about to raise",)
+    assert results["Hangs"].log[0] == "going to sleep" and results["Good"].log == ()
+    for key, words in (("Hangs", "in fit"), ("Segfaults", "string_at")):
+        for said in (words, os.path.basename(__file__)):
+            assert any(said in line for line in results[key].log), (key, said)
+    assert not any("multiprocessing" in line for one in results.values() for line in one.log)
+
+
 def perfect(*_):
     return 0.0
 

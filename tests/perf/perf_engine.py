@@ -24,7 +24,7 @@ from stiff_bench.api.evaluation import Run
 from stiff_bench.cli.run_commands import execute
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.request import RunPlan
-from stiff_bench.run.execution import Execution
+from stiff_bench.run.cell import Execution
 from stiff_bench.store.database import ResultStore, stored_statuses
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.twin.constants import shipped_constants

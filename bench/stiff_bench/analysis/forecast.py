@@ -11,7 +11,7 @@ from itertools import takewhile, zip_longest
 from pathlib import Path
 
 from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.execution import COUNTING, Execution, Rerun
+from stiff_bench.run.cell import COUNTING, Execution, Rerun
 from stiff_bench.run.isolate import TIMED_OUT
 from stiff_bench.run.progress import Display
 from stiff_bench.store.database import mean_seconds, stored_statuses

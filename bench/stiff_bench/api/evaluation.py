@@ -30,7 +30,7 @@ from stiff_bench.paper.study_file import Study, find_study, read_study
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
-from stiff_bench.run.execution import Execution
+from stiff_bench.run.cell import Execution
 from stiff_bench.run.machine import pinned, usable_cores
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells

@@ -379,7 +379,7 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
             default="",
             show_default=False,
             metavar="CLUSTER",
-            help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N workers.",
+            help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler.",
         ),
         click.option(
             "--rerun",

@@ -1,4 +1,4 @@
-"""Computes one cell: fit, predict, and only then look at what was measured.
+"""Computes cells: fit, predict, and only then look at what was measured.
 
 `fit_and_predict` may run in another process. `score` runs in the run's own, on what comes from
 there: predictions, and never a metric.
@@ -7,18 +7,60 @@ there: predictions, and never a metric.
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from collections.abc import Generator, Iterable, Mapping, Set
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.run.fit import FitOutcome, Fitted, attempted, fit_and_predict, unrepeated
+from stiff_bench.run.progress import Display
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.sanity import check_prediction
+
+Rerun = Literal["missing", "failed", "all"]
+COUNTING: Mapping[Rerun, Set[str]] = {
+    "missing": {"ok", "failed"},
+    "failed": {"ok"},
+    "all": frozenset(),
+}
+"""Statuses of the stored results that stand; what was skipped is always looked at again."""
+
+
+@dataclass(eq=False, kw_only=True)
+class Execution:
+    """How the cells of a run are computed: here, one after another, unless a subclass does more.
+
+    Attributes:
+        rerun: which cells are computed though their results are there.
+        facts: what a manifest says of it.
+        at_once: how many cells are computed side by side, as far as that is known.
+        machines: environments of other machines that took part, by their addresses.
+    """
+
+    rerun: Rerun = "missing"
+    facts: Mapping[str, str] = field(default_factory=dict)
+    at_once: int = 1
+    machines: dict[str, Mapping[str, str]] = field(default_factory=dict)
+
+    def results(
+        self, tasks: Iterable[CellTask], run_id: str, display: Display
+    ) -> Generator[CellResult, None, None]:
+        """Yield the result of every cell as it ends, in any order.
+
+        A task is taken from `tasks` when its turn comes. Closing the generator ends what runs.
+
+        Raises:
+            ConfigError: there is no cluster of this address, or it has gone.
+        """
+        for task in tasks:
+            display.start(task)
+            yield compute_cell(task, run_id)
 
 
 def compute_cell(task: CellTask, run_id: str) -> CellResult:
@@ -39,27 +81,22 @@ def fit_input(task: CellTask) -> FitInput:
 
 def score(task: CellTask, given: FitInput, run_id: str, outcome: FitOutcome) -> CellResult:
     """Score what a fit came to; what cannot be true becomes a failed result that says so."""
-    if (fitted := outcome.fitted) is None:
-        result = unfinished(task, run_id, outcome.failure, outcome.cause, outcome.log)
-        return replace(result, warnings=outcome.warnings)
-    scored, failure, cause, warned = attempted(lambda: _scored(task, given, run_id, fitted))
-    result = scored or unfinished(task, run_id, failure, cause, outcome.log)
-    return replace(result, warnings=unrepeated((*outcome.warnings, *warned)))
-
-
-def unfinished(
-    task: CellTask, run_id: str, reason: str, cause: str = "", log: tuple[str, ...] = ()
-) -> CellResult:
-    """Return the row of a cell without numbers: failed for a cause, or skipped."""
+    if (fitted := outcome.fitted) is not None:
+        scored, failure, cause, warned = attempted(lambda: _scored(task, given, run_id, fitted))
+        outcome = replace(outcome, warnings=unrepeated((*outcome.warnings, *warned)))
+        if scored is not None:
+            return replace(scored, warnings=outcome.warnings)
+        outcome = replace(outcome, failure=failure, cause=cause)
     return CellResult(
         cell=task.cell,
         shown=task.shown,
         run_id=run_id,
-        status="failed" if cause else "skipped",
-        failure=reason,
+        status="failed" if outcome.cause else "skipped",
+        failure=outcome.failure,
         n_splits=task.n_splits,
-        cause=cause,
-        log=log,
+        cause=outcome.cause,
+        log=outcome.log,
+        warnings=outcome.warnings,
     )
 
 

@@ -9,17 +9,14 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import re
-import signal
 import time
 from collections.abc import Generator, Iterable
 from concurrent.futures import wait
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 from distributed import Client, Future, KilledWorker, get_worker
 
@@ -28,8 +25,7 @@ import stiff_models
 import stiff_protocols
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.cell import fit_input, score
-from stiff_bench.run.execution import Execution
+from stiff_bench.run.cell import Execution, fit_input, score
 from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.fit_process import Limits, Work
 from stiff_bench.run.isolate import SECONDS_BETWEEN_LOOKS, RunningFit, work_of
@@ -51,26 +47,20 @@ class DaskCluster(Execution):
     """Computes cells on a cluster.
 
     Attributes:
-        words: "tcp://HOST:PORT" of a scheduler, or "local:N" workers of our own.
+        address: "tcp://HOST:PORT" of a scheduler.
         limits: of every cell's process.
-        output: folder for what workers of our own write.
 
     Raises:
-        ConfigError: the words name no cluster.
+        ConfigError: the address is none.
     """
 
-    words: str
+    address: str
     limits: Limits
-    output: Path
 
     def __post_init__(self) -> None:
-        """Check the words; nothing is started yet."""
-        found = re.fullmatch(r"local:0*([1-9]\d*)|(?:tcp|tls)://[^/:]+:\d+", self.words)
-        if not found:
-            valid = "(valid: tcp://HOST:PORT, local:N)"
-            raise ConfigError(f"--dask {self.words!r}: no cluster {valid}")
-        self._address = "" if found[1] else self.words
-        self.at_once = int(found[1] or 1)
+        """Check the address; nothing is started yet."""
+        if not re.fullmatch(r"(?:tcp|tls)://[^/:]+:\d+", self.address):
+            raise ConfigError(f"--dask {self.address!r}: no address (valid: tcp://HOST:PORT)")
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display
@@ -81,15 +71,14 @@ class DaskCluster(Execution):
             return  # and no cluster is needed
         running: dict[Future, tuple[CellTask, FitInput]] = {}
         n_workers, counted = -1, 0.0
-        with ExitStack() as stack:
-            client = self._connected(stack)
+        with self._connected() as client:
             try:
                 while task is not None or running:
                     if time.monotonic() - counted >= SECONDS_BETWEEN_COUNTS:
                         every = client.scheduler_info(n_workers=-1)["workers"]  # some count five
                         before, n_workers, counted = n_workers, len(every), time.monotonic()
                         if n_workers == 0 != before:
-                            say(f"--dask {self.words}: there is no worker; waiting for one")
+                            say(f"--dask {self.address}: there is no worker; waiting for one")
                     while task is not None and len(running) < n_workers:
                         display.start(task)
                         given = fit_input(task)
@@ -105,25 +94,16 @@ class DaskCluster(Execution):
                             of_future, given = running.pop(future)
                             yield score(of_future, given, run_id, outcome)
             except OSError as error:  # which Dask may notice only now
-                gone = f"--dask {self.words}: the scheduler has gone; {RESUME_HINT}"
+                gone = f"--dask {self.address}: the scheduler has gone; {RESUME_HINT}"
                 raise ConfigError(gone) from error
 
-    def _connected(self, stack: ExitStack) -> Client:
+    def _connected(self) -> Client:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters, we say
-        how: dict[str, Any] = {"address": self._address, "timeout": SECONDS_TO_CONNECT}
-        if not self._address:
-            scratch = stack.enter_context(TemporaryDirectory(dir=self.output, prefix=".dask-"))
-            how = {"n_workers": self.at_once, "threads_per_worker": 1, "local_directory": scratch}
-            how |= {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
-        # Ctrl-C comes to workers of our own, too, which would print a traceback each
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            return stack.enter_context(Client(**how))
+            return Client(self.address, timeout=SECONDS_TO_CONNECT)
         except (OSError, ValueError) as error:
             why = f"no scheduler answers there ({error})"
-            raise ConfigError(f"--dask {self.words}: {why}") from error
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            raise ConfigError(f"--dask {self.address}: {why}") from error
 
     def _outcome(self, future: Future) -> FitOutcome:
         """Return what became of a fit.
@@ -145,7 +125,7 @@ class DaskCluster(Execution):
             reason = f"{n_workers} workers ended while they computed it"
             return FitOutcome(failure=reason, cause="killed its workers")
         raise ConfigError(
-            f"--dask {self.words}: a worker cannot run this stiffbench: {type(error).__name__}: "
+            f"--dask {self.address}: a worker cannot run this stiffbench: {type(error).__name__}: "
             f"{error}; stop it, and {RESUME_HINT}"
         )
 

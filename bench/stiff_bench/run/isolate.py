@@ -20,6 +20,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from multiprocessing.util import get_temp_dir
 from pathlib import Path
+from types import ModuleType
 
 import orjson
 import psutil
@@ -27,8 +28,7 @@ from pebble import ProcessExpired, ProcessFuture, concurrent
 
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import plugin_files
-from stiff_bench.run.cell import fit_input, score
-from stiff_bench.run.execution import Execution
+from stiff_bench.run.cell import Execution, fit_input, score
 from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.fit_process import (
     LOG,
@@ -57,6 +57,7 @@ LARGEST_LOG = 2**22
 """Bytes of a log: how large it gets before all of it is thrown away."""
 _NOISE = ("Extension modules:", "/multiprocessing/", 'File "<string>"', "/stiff_bench/", "/pebble/")
 """In lines of faulthandler that do not concern the model: names of modules, our own beginning."""
+_OURS = ("stiff_models.", "stiff_protocols.")
 TIMED_OUT, OUT_OF_MEMORY, NO_OUTCOME = "timed out", "out of memory", "no outcome"
 
 
@@ -64,12 +65,11 @@ def work_of(task: CellTask, given: FitInput, limits: Limits) -> Work:
     """Return what is sent to the process that computes the fit of a cell."""
     model_info(REFERENCE_MODEL).load()
     loaded = list(sys.modules)  # another thread may import meanwhile
-    ours = sorted(name for name in loaded if name.startswith(("stiff_models.", "stiff_protocols.")))
     return Work(
         task=pickle.dumps((task.model, given)),
         model_version=task.cell.model_version,
         plugins=plugin_files(),
-        imports=(*(("torch",) if "torch" in loaded else ()), *ours),
+        imports=tuple(name for name in loaded if name == "torch" or name.startswith(_OURS)),
         limits=limits,
     )
 
@@ -92,7 +92,6 @@ class RunningFit:
         self._folder = Path(tempfile.mkdtemp(prefix=folder_prefix(os.getpid())))
         self._family: set[psutil.Process] = set()
         self._too_much = 0
-        self._report = b""
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["stiff_bench.run.fit_process", "pebble", *work.imports])
         start = concurrent.process(  # type: ignore[call-overload]  # pebble's hints have mp_context
@@ -132,9 +131,8 @@ class RunningFit:
         self._looked = now
         with suppress(OSError, TypeError, ValueError):  # none yet, or half written
             report = (self._folder / PROGRESS).read_bytes()
-            if report != self._report:
-                listener(Progress(**orjson.loads(report)))
-                self._report = report
+            (self._folder / PROGRESS).unlink()
+            listener(Progress(**orjson.loads(report)))
         with suppress(OSError):
             if (self._folder / LOG).stat().st_size > LARGEST_LOG:
                 os.truncate(self._folder / LOG, 0)
@@ -201,15 +199,11 @@ def _main_not_imported() -> Iterator[None]:
     multiprocessing does so in case that it needs a function of it. It takes time, and a user's
     script without a main guard would start itself.
     """
-    main = sys.modules["__main__"]
-    kept = {name: getattr(main, name) for name in ("__file__", "__spec__") if hasattr(main, name)}
-    main.__spec__ = None
-    with suppress(AttributeError):
-        del main.__file__
+    main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
     try:
         yield
     finally:
-        vars(main).update(kept)
+        sys.modules["__main__"] = main
 
 
 def _kill(processes: Iterable[psutil.Process]) -> None:

@@ -9,7 +9,7 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -28,13 +28,8 @@ SECONDS_BETWEEN_LINES, SECONDS_BETWEEN_CELLS = 5.0, 1.0
 class Display:
     """Is told how a run goes, and shows nothing."""
 
-    def begin(
-        self, missing: Sequence[CellTask], n_cached: int, seconds: Mapping[str, float]
-    ) -> None:
-        """Cells that are `missing` are about to be computed.
-
-        `n_cached` others are there; `seconds` has the mean time of a model's stored fits, s.
-        """
+    def begin(self, n_cells: int, n_cached: int) -> None:
+        """So many cells are about to be computed; `n_cached` others are there."""
 
     def start(self, task: CellTask) -> None:
         """A cell starts."""
@@ -47,7 +42,7 @@ class Display:
 
 
 class RunDisplay(Display):
-    """Two bars: cells, each as long as its model's stored fits took; and the phase of a cell.
+    """Two bars: of cells, and of the phase of a cell.
 
     Off a terminal, lines say the same: one for each cell and phase, and every few seconds between.
     """
@@ -60,19 +55,14 @@ class RunDisplay(Display):
         self._begun: tuple[str, int] | None = None
         self._last_line = -math.inf
 
-    def begin(
-        self, missing: Sequence[CellTask], n_cached: int, seconds: Mapping[str, float]
-    ) -> None:
+    def begin(self, n_cells: int, n_cached: int) -> None:
         """Say how many cells there are."""
-        models = [task.shown.model for task in missing]
-        is_known = seconds.keys() >= {*models}
-        self._seconds = seconds if is_known else dict.fromkeys(models, 1.0)
-        self._bars.update(self._cells, total=sum(self._seconds[model] for model in models))
-        self._n_cells, self._n_started = len(missing), 0
+        self._bars.update(self._cells, total=n_cells)
+        self._n_cells, self._n_started = n_cells, 0
         self._ended = Counter({"cached": n_cached} if n_cached else {})
         if n_cached:
-            n_all = len(missing) + n_cached
-            self._show(f"{n_cached} of {n_all} fits are stored; {len(missing)} to compute")
+            n_all = n_cells + n_cached
+            self._show(f"{n_cached} of {n_all} fits are stored; {n_cells} to compute")
 
     def start(self, task: CellTask) -> None:
         """Name the cell; off a terminal not too often, as a leave-one-out run has hundreds."""
@@ -105,8 +95,7 @@ class RunDisplay(Display):
     def end(self, result: CellResult) -> None:
         """Move the first bar; of a cell that failed, show reason and end of the log at once."""
         self._ended[result.status] += 1
-        seconds = self._seconds.get(result.shown.model, 0.0)
-        self._bars.update(self._cells, advance=seconds, note=self._counts)
+        self._bars.update(self._cells, advance=1, note=self._counts)
         if result.status == "failed":
             self._show(f"  {result.shown.model}: FAILED: {result.failure}")
             for line in result.log[-SHOWN_LOG_LINES:]:

@@ -62,12 +62,7 @@ def _torch() -> dict[str, str]:
     torch = sys.modules.get("torch")
     if torch is None:
         return {"gpu": "", "torch threads": _NOT_LOADED, "torch arithmetic": _NOT_LOADED}
-    arithmetic = {
-        "capability": torch.backends.cpu.get_cpu_capability(),
-        "float32": torch.get_float32_matmul_precision(),
-        "oneDNN": torch.backends.mkldnn.is_available(),
-        "deterministic": torch.are_deterministic_algorithms_enabled(),
-    }
+    arithmetic = {"capability": torch.backends.cpu.get_cpu_capability()}
     if (ours := sys.modules.get("stiff_models.device")) is not None:
         arithmetic["bfloat16"] = ours.has_fast_bfloat16(torch.device("cpu"))
         arithmetic["medium is float32"] = ours.medium_is_float32()

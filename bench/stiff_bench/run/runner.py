@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import time
 import uuid
 from collections import Counter
@@ -12,29 +11,20 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-import psutil
-
 from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import OURS, Registry
 from stiff_bench.plan.request import RunPlan
+from stiff_bench.run.cell import COUNTING, Execution, Rerun
 from stiff_bench.run.costs import peak_memory_bytes
-from stiff_bench.run.execution import COUNTING, Execution, Rerun
 from stiff_bench.run.fit_process import Limits
-from stiff_bench.run.isolate import OUT_OF_MEMORY, TIMED_OUT, LocalProcesses
+from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
-from stiff_bench.store.database import ResultStore, mean_seconds, read_manifests, read_results
+from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.record import CellResult, RunManifest
-
-PROCESS = "process"
-"""Entry of the environment in the manifest of a run that has not ended."""
-SECONDS_APART = 1.0
-"""Between the starts of two processes of one number, at least."""
-_OWN_WORDS = (TIMED_OUT, OUT_OF_MEMORY)
-"""Causes that are counted by themselves."""
 
 
 @dataclass(frozen=True)
@@ -53,21 +43,20 @@ class Finished:
 
     @property
     def summary(self) -> str:
-        """What became of the cells: "18 ok, 1 failed (SIGKILL), 1 timed out, 3 cached"."""
+        """What became of the cells: "18 ok, 2 failed (1 SIGKILL, 1 timed out), 3 cached"."""
         counts, causes = Counter[str](), Counter[str]()
         for result in self.results:
-            if result.status != "failed":
-                counts["cached" if result.cell.key in self.cached else result.status] += 1
-            elif result.cause in _OWN_WORDS:
-                counts[result.cause] += 1
-            else:
-                counts["failed"] += 1
+            if result.status == "failed":
                 causes[result.cause or "error"] += 1
-        numbered = [f"{number} {cause}" for cause, number in causes.most_common()]
-        why = {"failed": f" ({', '.join(causes if len(causes) == 1 else numbered)})"}
-        shown = ("failed", *_OWN_WORDS, "skipped", "cached")
-        words = [f"{counts[word]} {word}{why.get(word, '')}" for word in shown if counts[word]]
-        return ", ".join([f"{counts['ok']} ok", *words])
+            else:
+                counts["cached" if result.cell.key in self.cached else result.status] += 1
+        words = [f"{counts['ok']} ok"]
+        if causes:
+            numbered = [f"{number} {cause}" for cause, number in causes.most_common()]
+            why = numbered if len(causes) > 1 else causes
+            words.append(f"{causes.total()} failed ({', '.join(why)})")
+        words += [f"{counts[word]} {word}" for word in ("skipped", "cached") if counts[word]]
+        return ", ".join(words)
 
 
 def chosen_execution(
@@ -112,7 +101,7 @@ def chosen_execution(
         require(f"--dask {dask}", "distributed")
         from stiff_bench.run.dask_cluster import DaskCluster
 
-        return DaskCluster(words=dask, limits=limits, output=plan.output, **how)
+        return DaskCluster(address=dask, limits=limits, **how)
     if strangers and not isolated:
         names = ", ".join(sorted(strangers))
         say(f"warning: {names}: in the run's own process, where a model could read test labels")
@@ -153,7 +142,7 @@ def run_cells(
                 cached.add(task.cell.key)
                 display.end(other)
 
-    display.begin(missing, len(cached), mean_seconds(store.folder))
+    display.begin(len(missing), len(cached))
     with _described(tasks, command, store, execution) as run_id:
         sets = {task.cell.data_sha256: task.data for task in tasks}
         sets |= {one.cell.source_sha256: one.source for one in tasks if one.source is not None}
@@ -185,35 +174,7 @@ def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict
 
 def _as_asked(result: CellResult, task: CellTask) -> CellResult:
     """Return a stored result with what this run puts beside its numbers."""
-    if (result.shown, result.n_splits) == (task.shown, task.n_splits):
-        return result
     return replace(result, shown=task.shown, n_splits=task.n_splits)
-
-
-def _say_unfinished(store: ResultStore) -> None:
-    """Say once of each run that it ended without a word, as by a signal that nothing catches."""
-    for run in read_manifests(store.folder):
-        if run.status == "running" and _has_ended(run.environment.get(PROCESS, "")):
-            when = run.started.replace("T", " ")
-            say(f"the run of {when} ended without finishing, its results are kept: {run.command}")
-            store.write_manifest(replace(run, status="interrupted"))
-
-
-def _this_process() -> str:
-    """Return what tells the process from every other one: number, start [s], machine."""
-    process = psutil.Process()
-    return f"{process.pid} {process.create_time():.2f} {platform.node()}"
-
-
-def _has_ended(process: str) -> bool:
-    """Return whether a process of `_this_process` has ended; False if nobody here can tell."""
-    number, started, machine = [*process.split(" ", 2), "", "", ""][:3]
-    if machine != platform.node():
-        return False
-    try:
-        return abs(psutil.Process(int(number)).create_time() - float(started)) >= SECONDS_APART
-    except psutil.Error:
-        return True
 
 
 @contextmanager
@@ -222,7 +183,6 @@ def _described(
 ) -> Iterator[str]:
     """Keep the manifest of a run while it lasts, and give its name."""
     started = time.perf_counter()
-    _say_unfinished(store)
     manifest = RunManifest(
         run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}-{uuid.uuid4().hex[:6]}",
         command=command,
@@ -231,8 +191,7 @@ def _described(
         environment=environment() | dict(execution.facts),
         cells=tuple(task.cell.key for task in tasks),
     )
-    running = {**manifest.environment, PROCESS: _this_process()}
-    store.write_manifest(replace(manifest, environment=running))
+    store.write_manifest(manifest)
 
     def complete(status: Literal["finished", "interrupted"]) -> None:
         measured: dict[str, Any] = {

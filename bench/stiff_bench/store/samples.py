@@ -69,9 +69,8 @@ class StoredData:
 
 def what_differs(data_sets: Sequence[StoredData]) -> str:
     """Return in what data sets of one name differ, for people; TCPs in their order."""
-    tcps = [_place(data.robot.tcp_on_flange) for data in data_sets]
-    changed = [tcp for tcp, before in zip(tcps, ["", *tcps[:-1]], strict=True) if tcp != before]
-    parts = [f"TCP {' -> '.join(changed)} m"] if len(changed) > 1 else []
+    tcps = dict.fromkeys(_place(data.robot.tcp_on_flange) for data in data_sets)
+    parts = [f"TCP {' -> '.join(tcps)} m"] if len(tcps) > 1 else []
     if len({_samples_bytes(data.samples) for data in data_sets}) > 1:
         parts.append("samples")
     return " and ".join(parts) or "robot's geometry"

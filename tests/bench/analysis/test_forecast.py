@@ -14,7 +14,7 @@ from stiff_bench.analysis.forecast import (
     time_fits,
     untimed_fits,
 )
-from stiff_bench.run.execution import Execution
+from stiff_bench.run.cell import Execution
 from stiff_bench.run.isolate import TIMED_OUT
 from stiff_bench.store.database import ResultStore
 from stiff_protocols.contract.record import CellResult, Cost

@@ -11,8 +11,7 @@ from helpers.run_requests import computed, planned, with_model
 from stiff_bench.analysis.collected import StoredResults, same_name_other_data
 from stiff_bench.analysis.leaderboard import of_newest_data
 from stiff_bench.plan.cells import cell_tasks, made_model
-from stiff_bench.run.cell import fit_input
-from stiff_bench.run.execution import Execution
+from stiff_bench.run.cell import Execution, fit_input
 from stiff_bench.run.fit import fit_and_predict
 from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells

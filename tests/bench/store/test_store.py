@@ -275,7 +275,7 @@ for index in range(100_000):
 
 def test_a_writer_that_is_killed_at_any_moment_loses_nothing_that_it_had_stored(tmp_path):
     rng = np.random.default_rng(0)
-    for number in range(4):
+    for number in range(2):
         folder = tmp_path / str(number)
         words = [sys.executable, "-c", WRITER, str(folder)]
         with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as writer:
