@@ -52,7 +52,6 @@ REFUSED = {
     f"{PREDICT} out.xlsx": [".csv, .parquet"],
     "predict --model bytes --input good.csv --output y": ["bytes: no model file"],
     "export --model vjm.stiff --output good.csv": ["good.csv: exists"],
-    "show vjm@tcp=fit": ["'vjm@tcp=fit'", "give 'vjm'"],
     "leaderboard --results absent": ["--results absent", "no such folder"],
     "compare a b --results folder": ["--results folder", "no results"],
     "merge absent --output new": ["absent", "no such folder"],

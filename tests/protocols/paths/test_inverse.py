@@ -76,7 +76,7 @@ def test_joint_positions_put_pinocchios_tool_on_the_path_without_a_jump(kr10, kr
     data = model.createData()
     for q, position, rotation in zip(found.q, path.position, path.rotation, strict=True):
         pin.forwardKinematics(model, data, q)
-        tool = data.oMi[model.njoints - 1] * pin.SE3(np.eye(3), kr10_chain.tcp)
+        tool = data.oMi[model.njoints - 1] * pin.SE3(np.eye(3), kr10_chain.robot.tcp)
         np.testing.assert_allclose(tool.translation, position, atol=2e-8)
         np.testing.assert_allclose(tool.rotation, rotation, atol=2e-8)
 
