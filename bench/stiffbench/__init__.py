@@ -62,6 +62,7 @@ _PLACES = {
     "tool_paths": ("compensate_path", "example_path"),
 }
 _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}
+__all__ = [*_PLACE_OF]
 
 
 def __getattr__(name: str) -> Any:
@@ -71,4 +72,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*_PLACE_OF]
+    return __all__

@@ -24,6 +24,9 @@ RESULTS = Path("results/runs")
 
 def __getattr__(name: str) -> ModuleType:
     """Import a module of this package where it is first used: help answers without them."""
-    if name.startswith("__"):
-        raise AttributeError(name)
-    return importlib.import_module(f"stiff_bench.api.{name}")
+    try:
+        return importlib.import_module(f"stiff_bench.api.{name}")
+    except ModuleNotFoundError as error:
+        if error.name != f"stiff_bench.api.{name}":
+            raise
+        raise AttributeError(f"module 'stiff_bench.api' has no attribute {name!r}") from None

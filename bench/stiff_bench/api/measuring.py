@@ -84,12 +84,13 @@ def plan_poses(
     output, arm = Path(output), as_robot(robot)
     check_plan_file(output)
     options = FileOptions(**file_options)
-    if after is None and (model, workspace, options) != (None, None, DEFAULTS):
-        raise ConfigError(
-            "model, workspace, no_torque, sheet and pose_tolerance describe what comes after a "
-            "measurement; give it too",
-            "after",
-        )
+    if after is None:
+        of_after = {"model": (model, None), "workspace": (workspace, None)}
+        for name in ("no_torque", "sheet", "pose_tolerance"):
+            of_after[name] = (getattr(options, name), getattr(DEFAULTS, name))
+        for name, (given, default) in of_after.items():
+            if given != default:
+                raise ConfigError("requires a measurement to go on from: --after FILE", name)
     payload = payload_of(arm) if payload is None else payload
     if payload is None:
         raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")

@@ -231,11 +231,15 @@ def compensate_path(
                 interval = model.predict_interval(found.q, wrench, coverage)
                 interval = interval_at_tcp(fitted, interval, found.q, wrench)
         extrapolates = known.extrapolates(found.q, wrench)
+        carried = 0.0
+        if offers(fitted, "predict_at_tcp"):
+            with blamed_on(model.file):
+                own = fitted.predict(found.q, wrench)
+            carried = np.linalg.norm(predict(found.q, wrench) - own, axis=1).max()
         write_table(output, [corrected_table(table, arm, found, extrapolates, interval)])
     if not wrench.any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
-    carried = np.abs(predict(found.q, wrench) - fitted.predict(found.q, wrench)).max()
-    if offers(fitted, "predict_at_tcp") and carried:
+    if carried:
         say(
             f"warning: {file}: the model was fitted to another point of the tool than the TCP; the "
             f"rotation of the tool, which was not measured, changes the deflections by up to "
@@ -314,14 +318,17 @@ def held_positions(
     """
     held, factors = np.full(robot.n_joints, np.nan), file_units(robot)
     units = ["deg" if turns else "mm" for turns in robot.turns]
-    numbers = {name: joint_number(robot, name) for name in hold}
+    try:
+        numbers = {name: joint_number(robot, name) for name in hold}
+    except ConfigError as error:
+        raise ConfigError(str(error), "hold") from error
     spare = max(robot.n_joints - 6, 0)
     if not len({*numbers.values()}) == len(hold) == spare:
         pairs = zip(robot.joint_names, units, strict=True)
         joints = ", ".join(f"{name} [{unit}]" for name, unit in pairs)
         raise ConfigError(
-            f"{', '.join(hold)}: of {robot.name} hold {spare}, not {len(hold)}, each by "
-            f"JOINT=VALUE and once; a pose of the tool determines the other joints of {joints}",
+            f"{', '.join(hold) or 'none'} (valid: {spare} of {joints}, each once as JOINT=VALUE; "
+            f"a pose of the tool determines the other joints of {robot.name})",
             "hold",
         )
     for name, number in numbers.items():

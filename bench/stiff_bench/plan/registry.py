@@ -118,6 +118,8 @@ class Registry:
         if families and (family := self._family(key)) is not None:
             return family.member(key)
         known = [*chain(*tables), *(f"{family.prefix}..." for family in families)]
+        if (head := key.partition("@")[0]) in known:
+            raise ConfigError(f"key {key!r} has options; give {head!r}")
         raise unknown_name(kind or "key", key, known)
 
     def _family(self, key: str) -> ModelFamily | None:

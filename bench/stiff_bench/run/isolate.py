@@ -13,6 +13,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, wait
@@ -88,7 +89,6 @@ class RunningFit:
             OSError: there can be no process more.
         """
         self._limits, self._began = work.limits, time.monotonic()
-        self._looked = self._there = self._began
         self._folder = Path(tempfile.mkdtemp(prefix=folder_prefix(os.getpid())))
         self._family: set[psutil.Process] = set()
         self._too_much = 0
@@ -104,6 +104,7 @@ class RunningFit:
         except BaseException:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
+        self._looked = self._there = time.monotonic()  # the server of the first took seconds
 
     def outcome(self, listener: Callable[[Progress], None] = lambda _: None) -> FitOutcome | None:
         """Return what became of the fit, and end it; None while it is computed.
@@ -192,6 +193,9 @@ def _keep_socket_names_short() -> None:
             tempfile.tempdir = before
 
 
+_MAIN_LOCK = threading.Lock()
+
+
 @contextmanager
 def _main_not_imported() -> Iterator[None]:
     """Keep a process that is started inside the block from importing the main module.
@@ -199,11 +203,12 @@ def _main_not_imported() -> Iterator[None]:
     multiprocessing does so in case that it needs a function of it. It takes time, and a user's
     script without a main guard would start itself.
     """
-    main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
+    with _MAIN_LOCK:
+        main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+        try:
+            yield
+        finally:
+            sys.modules["__main__"] = main
 
 
 def _kill(processes: Iterable[psutil.Process]) -> None:
