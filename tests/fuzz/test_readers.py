@@ -17,7 +17,7 @@ from fuzz.readers import READERS, Prepared
 
 from stiff_protocols.contract.errors import StiffBenchError, StiffBenchWarning
 
-FEW, MANY = 20, int(os.environ.get("FUZZ_INPUTS", "500"))
+FEW, MANY = 20, int(os.environ.get("FUZZ_INPUTS", "200"))
 """Inputs a reader."""
 SECONDS = 2.0
 """Of processor time that an input may take: more is a hang."""

@@ -143,12 +143,9 @@ def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measure
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of few poses
 @pytest.mark.slow
-@pytest.mark.parametrize("case", [planned_poses.CASES[0], planned_poses.CASES[-1]], ids=str)
-def test_planned_poses_tell_a_fifth_more_than_random_ones_on_twins(case):
-    """docs/how-to/own-robot.md states the ratios.
-
-    Springs of few poses err less, too; of many poses the model's own error remains.
-    """
+def test_planned_poses_tell_a_fifth_more_than_random_ones_on_twins():
+    """docs/how-to/own-robot.md states the ratios, those of other models, too."""
+    case = planned_poses.CASES[0]
     outcomes = {
         twin: [planned_poses.outcome(twin, *case, seed) for seed in range(planned_poses.SEEDS)]
         for twin in planned_poses.TWINS
@@ -157,4 +154,4 @@ def test_planned_poses_tell_a_fifth_more_than_random_ones_on_twins(case):
         assert np.mean([one.ratio for one in of_twin]) > 1.2
     errors = [one.errors for of_twin in outcomes.values() for one in of_twin]
     _, random, planned = np.mean(errors, axis=0)
-    assert case != ("vjm", 5, 5) or planned < 0.97 * random
+    assert planned < 0.97 * random
