@@ -113,7 +113,7 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
     "mlp": (
         {},
         {"training": "normal"},
-        {"activation": "tanh"},
+        *({"activation": name} for name in ("tanh", "sigmoid")),
         {"angle_encoding": "raw", "layers": 2},
     ),
     "mlp-pretrained": (

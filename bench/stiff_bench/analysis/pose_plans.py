@@ -299,7 +299,7 @@ def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
     springs, model = not measured.is_process, measured.model
     predicting = REFERENCE_MODEL if springs else model.name
     lines = [f"Predictions of {predicting}, an axis, over the workspace: {place}."]
-    if np.isfinite(gain.before):
+    if 0.0 < gain.before < np.inf:
         lines.append(
             f"The plan lowers their mean variance by {1.0 - gain.plan / gain.before:.0%}, "
             f"{gain.ratio:.2f} times as much as random poses."

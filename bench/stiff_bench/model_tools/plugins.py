@@ -160,14 +160,14 @@ def new_model(name: str, folder: Path, registry: Registry) -> str:
         raise ConfigError(f"key {key!r} is taken by {registry.origins[key]}; give another name")
     make_folder(folder)
     plugin, test = folder / f"{module}.py", folder / f"test_{module}.py"
-    templates = {plugin: "model.py.txt", test: "test.py.txt"}
-    for path in templates:
+    for path in (plugin, test):
         check_new_file(path)
     if importlib.util.find_spec(module) is not None:
         raise ConfigError(f"Python already has a module {module!r}; give another name")
-    for path, template in templates.items():
-        with written_whole(path) as temporary:
-            temporary.write_text(_filled_in(template, names), encoding="utf-8")
+    with written_whole(plugin) as first:  # which has its name only when the other is written
+        first.write_text(_filled_in("model.py.txt", names), encoding="utf-8")
+        with written_whole(test) as second:
+            second.write_text(_filled_in("test.py.txt", names), encoding="utf-8")
     at = shlex.quote(str(plugin))
     return "\n".join(
         [

@@ -64,7 +64,7 @@ def figure_9(results: PaperResults) -> Prepared:
 def _tested(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
     """Draw the test samples of the methods, each of which has a result, on shared splits."""
     found = results.on_shared_splits([METHODS[method] for method in methods], PAPER_PROTOCOL)
-    if found.missing:
+    if found.failures or found.missing:
         why = " ".join(found.absences())
         raise StoreError(f"{results.folder}: {why.removesuffix('.')}", "results")
     tested = {one: pooled_prediction(found.results[METHODS[one].name]) for one in methods}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +22,8 @@ PAPER_RESULTS = Path("results/paper/runs")
 """Where `bench reproduce paper` stores what the paper's tables and figures show."""
 REPRODUCE = "`bench reproduce paper` (or `paper-quick`)"
 """The command that makes results."""
+RERUN = f"{REPRODUCE} with `--rerun failed`"
+"""The same, which tries again what failed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +33,15 @@ class Found:
     Attributes:
         protocol: its name.
         results: model -> its results, one a split; none of models that have none, or failed on one.
-        missing: models without results -> their names for people, with the reason of a failure.
+        failures: model -> its name, with the reason why it has no numbers though it was run.
+        missing: models that were never run.
         n_left_out: splits on which some of the models have a result, and others do not.
     """
 
     protocol: str
     results: dict[str, list[CellResult]]
-    missing: Mapping[str, str]
+    failures: Mapping[str, str]
+    missing: Sequence[str]
     n_left_out: int = 0
 
     @property
@@ -53,14 +57,17 @@ class Found:
         return f"{self.protocol}, {counted(n_splits, 'split')}, seed {SEED}.{with_them}"
 
     def absences(self) -> Iterator[str]:
-        """Yield what is missing, and the command that makes it."""
+        """Yield what is missing or failed, and the command that makes it."""
         if self.n_left_out:
             yield (
                 f"Left out: {counted(self.n_left_out, 'split')} of {self.protocol} that only some "
                 f"of the models have; {REPRODUCE} makes the others'."
             )
+        if self.failures:
+            reasons = ", ".join(self.failures.values())
+            yield f"Failed under {self.protocol}: {reasons}; {RERUN} computes it again."
         if self.missing:
-            names = first_few([*self.missing.values()])
+            names = first_few(self.missing)
             yield f"Without a result under {self.protocol}: {names}; {REPRODUCE} makes it."
 
 
@@ -83,7 +90,7 @@ class PaperResults(StoredResults):
 
         They are of the newest case under the protocol: other seeds and older data are others.
         """
-        results, missing = dict[str, list[CellResult]](), dict[str, str]()
+        results, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
         of_case = (DATASET, protocol, "", SEED)
         cases = [
             case
@@ -95,15 +102,15 @@ class PaperResults(StoredResults):
         for variant in models:
             model, stored_name = variant.name, meant(variant, newest)
             if stored_name is None:
-                missing[model] = model
+                missing.append(model)
                 continue
             competitor = newest[0].competitors[stored_name]
             if competitor.failures:
                 first = next(iter(competitor.failures.values()))
-                missing[model] = f"{model} ({first.why_none})"
+                failures[model] = f"{model} ({first.why_none})"
             else:
                 results[model] = list(competitor.done.values())
-        return Found(protocol, results, missing)
+        return Found(protocol, results, failures, missing)
 
     def on_shared_splits(self, models: Iterable[Variant], protocol: str) -> Found:
         """Return the results of models on the splits that all of them have, of those that have any.
@@ -116,12 +123,14 @@ class PaperResults(StoredResults):
         any_of = set[Slot]().union(*slots)
         shared = any_of.intersection(*slots)
         if not shared:
-            why = f"no result of {first_few([*found.missing.values()])}"
+            why, command = f"no result of {first_few(found.missing)}", REPRODUCE
             if found.results:
                 why = f"no split in common of {', '.join(found.results)}"
+            elif found.failures:
+                why, command = f"failed: {', '.join(found.failures.values())}", RERUN
             raise StoreError(
                 f"{self.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
-                f"{REPRODUCE} makes it",
+                f"{command} makes it",
                 "results",
             )
         on_shared = {

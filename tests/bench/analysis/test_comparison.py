@@ -322,6 +322,16 @@ def test_csv_and_json_hold_the_numbers_of_the_report_in_mm(tmp_path):
     assert found["text"] == sentence(report)
 
 
+def test_the_seed_moves_the_pose_intervals_and_not_those_over_splits(tmp_path):
+    models = {"a": spread(1e-4, 4e-5, seed=1), "b": spread(1.2e-4, 4e-5, seed=2)}
+    folder = store_results(tmp_path, models)
+    (first,), (other,) = (
+        report_on(folder, question=Question(seed=seed)).comparisons for seed in (0, 1)
+    )
+    assert first.row("norm").over_splits == other.row("norm").over_splits
+    assert first.row("norm").over_poses.low != other.row("norm").over_poses.low
+
+
 def test_the_command_takes_a_rope_in_mm(tmp_path):
     folder = str(store_results(tmp_path, PAIR))
     done = CliRunner().invoke(

@@ -90,6 +90,17 @@ def test_the_workspace_may_be_the_users_own_rows(tmp_path, measured):
     assert plan < random
 
 
+def test_a_workspace_without_loads_has_no_share_to_gain(tmp_path, measured):
+    work = pd.read_csv(tmp_path / measured(14))
+    loads = [name for name in work if name.lower().startswith(("f", "t", "m"))]
+    work.assign(**dict.fromkeys(loads, 0.0)).to_csv(tmp_path / "work.csv", index=False)
+    words = [*UR5, "--after", "my.csv", "--poses", "4", "--workspace", "work.csv"]
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert lowered(done.stdout) == [0.0] * 4
+    assert "lowers" not in done.stdout
+
+
 def test_a_plan_and_what_was_measured_of_it_are_one_file(tmp_path, measured, ur5):
     sb.plan_poses(tmp_path / "plan.csv", robot="ur5", poses=12, candidates=50)
     rows = pd.read_csv(tmp_path / "plan.csv").assign(dx_mm=0.1, dy_mm=-0.2, dz_mm=0.3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -83,6 +84,13 @@ def test_a_file_that_exists_is_left_as_it_is_and_no_other_is_written(tmp_path):
         new_model("spring", tmp_path, build_registry())
     assert [path.name for path in tmp_path.iterdir()] == ["test_spring.py"]
     assert test.read_text() == "mine"
+
+
+def test_a_model_whose_test_cannot_be_written_is_not_written_either(tmp_path):
+    long = "x" * (255 - len(f"..{os.getpid()}.tmp.py"))  # with test_ before it, too long a name
+    with pytest.raises(StoreError, match="cannot be written"):
+        new_model(long, tmp_path, build_registry())
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.fixture()

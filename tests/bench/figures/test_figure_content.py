@@ -13,11 +13,12 @@ from helpers.made_results import TWINS, MadeResults, made_data
 from stiff_bench.analysis.selection import Selection
 from stiff_bench.figures import learning_curves, variants
 from stiff_bench.figures.figure_catalog import FIGURES
-from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.figure_source import FigureSource, marks
 from stiff_bench.figures.samples import errors_by_row, regression_figure
 from stiff_bench.figures.style import short
 from stiff_bench.store.database import ResultStore, read_data, read_results
 from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.record import Presentation
 from stiff_protocols.contract.types import Interval, Prediction
 from stiff_protocols.scoring.metrics import absolute_errors
 
@@ -44,6 +45,18 @@ def test_a_regression_diagram_has_mm_true_across_predicted_up_lines_and_the_pape
         half = np.quantile(absolute_errors(samples)[:, axis], 0.95) * 1e3
         np.testing.assert_allclose(heights, [-half, 0.0, half])
         assert f"(paper {published})" in axes.get_title(loc="left")
+
+
+def test_a_mark_names_the_models_that_have_it_unless_all_do():
+    def said(*picked):
+        return marks(
+            Presentation(model, "twin", "holdout", "simulated", picked_on_test=model in picked)
+            for model in ("a", "b", "c")
+        )
+
+    assert said() == ""
+    assert said("b") == " b: epoch picked on test part."
+    assert said("a", "b", "c") == " All models shown: epoch picked on test part."
 
 
 def test_a_sample_of_several_splits_has_the_mean_of_its_errors():

@@ -18,10 +18,18 @@ from stiff_bench.paper.paper_models import (
     FT_MLP_PAPER_RECIPE,
     VJM,
     pretrained,
+    unfrozen,
 )
 from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, RECIPE, TABLES, read_table
+from stiff_bench.paper.paper_tables import (
+    NEEDS_NO_RESULTS,
+    RECIPE,
+    SPECIMENS,
+    TABLES,
+    read_table,
+)
 from stiff_bench.tables.metric_table import TRAINING_MARK
+from stiff_bench.tables.published import about_table
 from stiff_bench.tables.render import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
@@ -91,6 +99,25 @@ def test_tables_6_and_7_have_the_errors_on_the_source_that_the_networks_report(r
     assert values(part, EARLY, ("tanh",))["train MAE"].value == pytest.approx(0.4)
     assert "Without a result under paper-holdout: mlp-pretrained@activation=sigmoid" in notes(table)
     assert f"Stopped early: {EARLY_STEPS} steps" in notes(table)
+
+
+def test_table_8_keeps_the_rows_of_models_that_failed_and_says_why_each_did(runs):
+    *failed, done = (unfrozen([layer]) for layer in ("1", "2", "3", "4", "out"))
+    runs.of(done, [0.1])
+    for model in failed:
+        runs.of(model, failed=[0])
+    (part,) = (table := TABLES["8"](runs.read))
+    assert labels(part) == [("1 layer", layer) for layer in ("1", "2", "3", "4", "out")]
+    assert set(values(part, OURS, ("1 layer", "4")).values()) == {None}
+    said = notes(table)
+    assert all(f"{model.name} (failed: it broke)" in said for model in failed)
+    assert "with `--rerun failed` computes it again" in said
+
+
+def test_results_that_all_failed_are_refused_with_the_reason_and_the_command(runs):
+    runs.of(unfrozen(["1"]), failed=[0])
+    with pytest.raises(StoreError, match=r"failed: it broke.*--rerun failed"):
+        TABLES["8"](runs.read)
 
 
 def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_samples(runs):
@@ -207,6 +234,11 @@ def test_results_of_another_seed_data_set_or_specimen_do_not_count(runs):
     runs.of(VJM, [0.1], seed=7)
     with pytest.raises(StoreError, match="nothing to print"):
         TABLES["10"](runs.read)
+
+
+def test_table_2_says_of_how_many_specimens_it_is():
+    assert len(SPECIMENS) == 5
+    assert f"over {len(SPECIMENS)} robots" in " ".join(about_table("2")["notes"])
 
 
 def test_the_vjm_of_the_twin_is_near_the_papers_tables_2_and_3_that_it_was_calibrated_by(

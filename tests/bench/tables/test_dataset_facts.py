@@ -11,7 +11,6 @@ import pytest
 
 from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
-from stiff_bench.figures import dataset_picture as dataset_picture_file
 from stiff_bench.figures.dataset_picture import dataset_picture
 from stiff_bench.tables.dataset_facts import dataset_info, facts
 from stiff_bench.tables.render import plain_text
@@ -180,10 +179,15 @@ def test_a_picture_is_made_of_any_chain_even_of_one_sample_without_load(rng, tmp
     assert struct.unpack(">II", content[16:24]) == (1500, 1200)
 
 
-def test_a_large_cloud_is_thinned_and_the_picture_says_so():
-    rows = dataset_picture_file._thinned(100_000)
-    assert len(set(rows)) == 3000 and rows[-1] > 99_000
-    assert dataset_picture_file._of_all(3000, 100_000) == " (3,000 of 100,000 drawn)"
+def test_a_large_cloud_is_thinned_and_the_picture_says_so(rng):
+    data = made_data(chain([("revolute", "z")]), 4000, rng)
+    figure = dataset_picture(data, "made (simulated)").draw()
+    side, above, downwards, upwards = (
+        sum(len(points.get_offsets()) for points in axes.collections) for axes in figure.axes[:4]
+    )
+    assert side == above == downwards + upwards == 3000
+    for page in figure.subfigs[:2]:
+        assert page.get_suptitle().endswith("(3,000 of 4,000 drawn)")
 
 
 FANUC = DatasetInfo(
