@@ -57,7 +57,8 @@ def springs_figure(
         if found:
             straight = 1e3 * at * np.median(1.0 / np.array(found))
             axes.plot(at, straight, **looks(2)[1].connected(), label=REFERENCE_MODEL)
-        axes.set_ylim(bottom=0.0)
+        if at[0] == 0.0:
+            axes.set_ylim(bottom=0.0)
         turns = data.torque_units[joint] == "Nm"
         axes.set_xlabel("torque [N m]" if turns else "force [N]")
         axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")

@@ -117,6 +117,8 @@ def test_springs_are_drawn_as_the_models_reported_them_or_with_the_priors_slope(
     np.testing.assert_allclose(bend.get_xdata(), [0.1])
     torque, deflection = linear.get_xydata()[-1]
     np.testing.assert_allclose(deflection, 1e3 * torque / 2e4)
+    bottom, top = first.get_ylim()
+    assert bottom == 0.0 and top > max(line.get_ydata().max() for line in first.get_lines())
 
 
 def test_curves_of_springs_are_drawn_with_the_band_of_the_first_split_beside_the_linear_ones(
@@ -132,6 +134,7 @@ def test_curves_of_springs_are_drawn_with_the_band_of_the_first_split_beside_the
     *_, curve, linear = panels[0].get_lines()
     np.testing.assert_allclose(curve.get_xydata(), np.stack([at, 0.1 * at], axis=1))
     np.testing.assert_allclose(linear.get_ydata(), 1e3 * at / 2e4)
+    assert panels[0].get_ylim()[0] < curve.get_ydata().min()
     (band,) = panels[0].collections
     heights = band.get_paths()[0].vertices[:, 1]
     np.testing.assert_allclose(heights.max(), 0.2 + 1e-2 * stats.norm.ppf(0.95))
