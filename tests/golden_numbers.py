@@ -106,6 +106,7 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
         {"breakpoints": "search", "segments": 3},
         {"breakpoints": "given", "given_breakpoints": "5,30", "segments": 3},
         {"gravity": False},
+        {"tcp": "fit"},
     ),
     "vjm-full": tuple(
         {"springs": springs, "solver": solver} for springs in (3, 6) for solver in ("nnls", "ridge")

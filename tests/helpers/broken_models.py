@@ -96,6 +96,23 @@ class PredictsEarly(Springs):
         return super().predict(q, wrench)
 
 
+class NothingEarly(Springs):
+    def predict(self, q, wrench):
+        return super().predict(q, wrench) if hasattr(self, "compliance_") else None
+
+
+class OwnError(RuntimeError):
+    """Not hashable, as many a dataclass."""
+
+    def __eq__(self, other):
+        return isinstance(other, OwnError)
+
+
+class RaisesItsOwn(Springs):
+    def learned(self, train, validation, seed):
+        raise OwnError("no licence")
+
+
 class CannotFit(Springs):
     def learned(self, train, validation, seed):
         raise RuntimeError("no licence")
@@ -150,6 +167,12 @@ class AnyRobot(Springs):
     def predict(self, q, wrench):
         check_is_fitted(self)
         return wrench @ self.compliance_
+
+
+class NaNForAnyRobot(Springs):
+    def predict(self, q, wrench):
+        found = AnyRobot.predict(self, q, wrench)
+        return found if q.shape[1] == self.n_joints_ else np.full_like(found, np.nan)
 
 
 class Narrows(Springs):
@@ -227,6 +250,8 @@ BROKEN = [
     (ForeignAnnotation, "options can be listed", "raised NameError: name 'NotThere'"),
     (PredictsEarly, "predict before fit", "returned numbers"),
     (CannotFit, "fit learns", r"raised RuntimeError: no licence \(broken_models.py:\d+\)"),
+    (NothingEarly, "predict before fit", "returned numbers"),
+    (RaisesItsOwn, "fit learns", "raised OwnError: no licence"),
     (WritesIntoTrain, "fit learns", "fit writes into the samples"),
     (ReturnsNothing, "fit learns", "fit returned NoneType"),
     (ChangesOption, "fit learns", r"fit changes scale from 1\.0 to np\.float64"),
@@ -242,6 +267,7 @@ BROKEN = [
     (ForgetsRows, "a fit learns from its own rows", "gives the numbers of the first"),
     (Remembers, "a second fit forgets", "fitted to other rows before differs"),
     (AnyRobot, "joint angles of another robot", "numbers for 5 joints after a fit to 6"),
+    (NaNForAnyRobot, "joint angles of another robot", "numbers for 5 joints after a fit to 6"),
     (NoNumber, "diagnostics", "raised ValueError: could not convert string"),
     (Narrows, "intervals", "narrower than that of 0.5"),
     (WidensWithTheBatch, "an interval", "an interval predicted alone differs by up to"),

@@ -206,21 +206,29 @@ class _Problem:
             twists = moved_twists(twists, lever)
         return self.regressor(twists, wrench).reshape(3 * len(wrench), -1)
 
-    def fitted(self, offset: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the compliances, and the (3 n,) residuals that they leave."""
+    def fitted(self, offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the regressor, its compliances, and the (3 n,) residuals that they leave."""
         matrix, measured = self.matrix(offset), self.samples.deflection.reshape(-1)
         compliance = least_compliance(matrix, measured)
-        return compliance, measured - matrix @ compliance
+        return matrix, compliance, measured - matrix @ compliance
 
     def slopes(self, offset: FloatArray) -> FloatArray:
-        """Return (3 n, 3) how the residuals change with the offset, the compliances following."""
-        here = self.fitted(offset)[1]
-        moved = [self.fitted(offset + STEP * axis)[1] for axis in np.eye(3)]
-        return np.stack([(there - here) / STEP for there in moved], axis=1)
+        """Return (3 n, 3) how the residuals change with the offset, the compliances following.
+
+        Of the change at constant compliances, springs that are not rigid take up their part
+        (Kaufman 1975).
+        """
+        matrix, compliance, _ = self.fitted(offset)
+        shifted = [self.matrix(offset + STEP * axis) for axis in np.eye(3)]
+        changes = [(matrix - moved) @ compliance / STEP for moved in shifted]
+        change = np.stack(changes, axis=1)
+        active = matrix[:, compliance > 0.0]
+        basis = np.linalg.qr(active / np.linalg.norm(active, axis=0))[0]
+        return np.asarray(change - basis @ (basis.T @ change))
 
     def noise(self, offset: FloatArray) -> float:
         """Return the standard deviation of the residuals [m], as identification takes it."""
-        compliance, residual = self.fitted(offset)
+        _, compliance, residual = self.fitted(offset)
         measured = self.samples.deflection.reshape(-1)
         free = max(len(measured) - int((compliance > 0.0).sum()) - len(offset), 0)
         least = LEAST_NOISE**2 * float(measured @ measured) / len(measured)
@@ -232,7 +240,7 @@ class _Problem:
             return start
 
         def residuals(offset: FloatArray) -> FloatArray:
-            return np.concatenate([self.fitted(offset)[1] / noise, offset / sigma])
+            return np.concatenate([self.fitted(offset)[2] / noise, offset / sigma])
 
         def derivative(offset: FloatArray) -> FloatArray:
             return np.concatenate([self.slopes(offset) / noise, np.eye(3) / sigma])
@@ -251,7 +259,7 @@ class _Problem:
         if not noise:
             return np.asarray(sigma**2 * np.eye(3))
         slopes = self.slopes(offset) / noise
-        residual = self.fitted(offset)[1] / noise
+        residual = self.fitted(offset)[2] / noise
         independent = np.linalg.inv(slopes.T @ slopes + prior)
         pose = np.repeat(np.unique(self.samples.pose_id, return_inverse=True)[1], 3)
         scores = np.zeros((int(pose.max()) + 1, 3))

@@ -24,6 +24,7 @@ Shapes: a "row" is one axis of one sample; matrices over rows have the order axi
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -108,42 +109,54 @@ class SpringCovariance:
     def between(self, first: SpringLoads, second: SpringLoads) -> FloatArray:
         """Return the (3 n, 3 m) covariance of deflections without noise, m^2."""
         left_over = None if self.remainder is None else self.remainder_between(first, second)
-        return self.assembled(first, second, self.turns(first, second)[0], left_over)
+
+        def turned(rows: slice) -> FloatArray:
+            return np.asarray(self.turns(first.take(rows), second, _matern32)[0])
+
+        return self.assembled(first, second, turned, left_over)
 
     def assembled(
         self,
         first: SpringLoads,
         second: SpringLoads,
-        turned: FloatArray,
+        turned: Callable[[slice], FloatArray],
         left_over: FloatArray | None,
     ) -> FloatArray:
-        """Return `between`, of its parts: `turns` and `remainder_between`."""
+        """Return `between`, of its parts: `turns` of rows of `first`, and `remainder_between`."""
         matrix = (self.regressor(first).T * self.term_variance) @ self.regressor(second)
         blocks = matrix.reshape(3, len(first), 3, len(second))
         weighed = (first.move * self.bend[:, None, None]).transpose(2, 1, 0)
-        for axis in range(3):
-            part = weighed @ (turned * second.move[:, axis])
-            blocks[:, :, axis] += part.transpose(1, 0, 2)
-            if left_over is not None:
+        for rows in row_blocks(len(first), len(self.scale) * max(1, len(second))):
+            turns = turned(rows)
+            for axis in range(3):
+                part = weighed[rows] @ (turns * second.move[:, axis])
+                blocks[:, rows, axis] += part.transpose(1, 0, 2)
+        if left_over is not None:
+            for axis in range(3):
                 blocks[axis, :, axis] += left_over
         return matrix
 
-    def turns(self, first: SpringLoads, second: SpringLoads) -> tuple[FloatArray, FloatArray]:
-        """Return the (n, n_springs, m) correlations of turns, and their derivatives by ln l.
+    def turns(
+        self,
+        first: SpringLoads,
+        second: SpringLoads,
+        *parts: Callable[[FloatArray], FloatArray],
+    ) -> FloatArray:
+        """Return the (n_parts, n, n_springs, m) correlations of turns, loaded minus unloaded.
 
-        They are of the Matern parts, loaded minus unloaded.
+        `parts` are functions of distances as `_matern32` is, which stands last: it overwrites them.
         """
         n, m, unit = len(first), len(second), ROOT3 / self.unit_length[:, None]
         rows, columns = (
             unit * np.hstack([loads.loaded, loads.unloaded]) for loads in (first, second)
         )
-        turned, bent = np.empty((2, n, len(unit), m))
+        turned = np.empty((len(parts), n, len(unit), m))
         for s in range(len(unit)):
             apart = np.abs(np.subtract.outer(rows[s], columns[s]))
-            slope = apart**2 * np.exp(-apart)
-            for out, part in ((turned[:, s], _matern32(apart)), (bent[:, s], slope)):
-                out[:] = part[:n, :m] + part[n:, m:] - part[:n, m:] - part[n:, :m]
-        return turned, bent
+            for out, part in zip(turned[:, :, s], parts, strict=True):
+                k = part(apart)
+                out[:] = k[:n, :m] + k[n:, m:] - k[:n, m:] - k[n:, :m]
+        return turned
 
     def remainder_between(self, first: SpringLoads, second: SpringLoads) -> FloatArray:
         """Return the (n, m) covariance of one axis of the remainder, m^2; there must be one."""
@@ -208,6 +221,11 @@ def _matern32(distance: FloatArray) -> FloatArray:
     return distance
 
 
+def _matern32_slope(distance: FloatArray) -> FloatArray:
+    """Return the derivative of k by the logarithm of the length."""
+    return np.asarray(distance**2 * np.exp(-distance))
+
+
 def likelihood_slopes(
     covariance: SpringCovariance, loads: SpringLoads, deflection: FloatArray
 ) -> LikelihoodSlopes:
@@ -218,12 +236,12 @@ def likelihood_slopes(
     """
     n, n_springs, move, outputs = len(loads), len(covariance.scale), loads.move, deflection.ravel()
     regressor, bend, remainder = covariance.regressor(loads), covariance.bend, covariance.remainder
-    turned, bent = covariance.turns(loads, loads)
+    bent, turned = covariance.turns(loads, loads, _matern32_slope, _matern32)
     left_over = None
     if remainder is not None:
         scaled, shares = remainder.scaled(loads.features), loads.load @ loads.load.T
         left_over, stretch = (part * shares for part in remainder.with_slope(scaled))
-    matrix = covariance.assembled(loads, loads, turned, left_over)
+    matrix = covariance.assembled(loads, loads, turned.__getitem__, left_over)
     matrix[np.diag_indices(3 * n)] += covariance.noise
     try:
         # the matrix is symmetric: its transpose is in the order that LAPACK writes over

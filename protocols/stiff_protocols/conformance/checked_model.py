@@ -136,17 +136,22 @@ class CheckedModel:
         return self.predict(model, self.test.q, self.test.wrench)
 
     def predict(self, model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the checked (n, 3) prediction [m] from writable copies.
+        """Return the checked (n, 3) prediction [m]."""
+        predicted = np.asarray(self.answer(model, q, wrench))
+        check_prediction(predicted, len(q))
+        return predicted
+
+    def answer(self, model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> object:
+        """Return whatever predict returns for writable copies.
 
         What the model does to them is a side effect.
         """
         before, given = {"q": q, "wrench": wrench}, {"q": q.copy(), "wrench": wrench.copy()}
-        predicted = np.asarray(self._watched(lambda: model.predict(**given)))
+        answer: object = self._watched(lambda: model.predict(**given))
         if written := [name for name in before if not np.array_equal(given[name], before[name])]:
             effect = f"predict writes into {' and '.join(written)}"
             self.side_effects.append(Failed(effect, "copy an array before you change it"))
-        check_prediction(predicted, len(q))
-        return predicted
+        return answer
 
     def interval(
         self, model: StiffnessModel, q: FloatArray, wrench: FloatArray, coverage: float

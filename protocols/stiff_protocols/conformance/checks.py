@@ -84,7 +84,7 @@ def run_checks(subject: object) -> list[Check]:
     An error that several checks meet is reported by the first; the others are not applicable.
     """
     results = []
-    first_check: dict[BaseException, str] = {}
+    first_check: dict[int, tuple[BaseException, str]] = {}  # by id, of errors that are kept alive
     for method, check in vars(type(subject)).items():
         if method.startswith("_") or not inspect.isfunction(check):
             continue
@@ -94,7 +94,7 @@ def run_checks(subject: object) -> list[Check]:
         except NotApplicable as answer:
             result = Check(name, "not applicable", str(answer))
         except (Exception, SystemExit) as error:
-            first = first_check.setdefault(error, name)
+            _, first = first_check.setdefault(id(error), (error, name))
             if first == name:
                 advice = " ".join((inspect.getdoc(check) or "").split()).removesuffix(".")
                 result = _failed(name, error, advice)
