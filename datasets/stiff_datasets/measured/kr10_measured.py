@@ -30,9 +30,16 @@ COMMAND = f"bench data register {KR10_MEASURED} FILE.csv"
 
 
 def home() -> Path:
-    """Return the folder of the user; it need not exist yet."""
+    """Return the folder of the user; it need not exist yet.
+
+    Raises:
+        DataError: the variable names a user who does not exist.
+    """
     named = os.environ.get(VARIABLE)
-    return Path(named).expanduser() if named else platformdirs.user_data_path("stiffbench")
+    try:
+        return Path(named).expanduser() if named else platformdirs.user_data_path("stiffbench")
+    except RuntimeError as error:
+        raise DataError(f"{VARIABLE}={named}: {error}") from error
 
 
 def registry_file() -> Path:
@@ -129,10 +136,18 @@ def registration() -> Registration:
     table = read_toml(path).get(KR10_MEASURED) if path.exists() else None
     if table is None:
         raise DataError(f"no file registered: {COMMAND}")
+    from pydantic import TypeAdapter, ValidationError
+
     try:
-        entry = Registration(**table)
-    except (TypeError, ConfigError) as error:
-        reason = f"{path}: table [{KR10_MEASURED}]: {error}; register again: {COMMAND}"
+        entry = TypeAdapter(Registration).validate_python(table)
+        Registration(**table)  # has no further keys
+    except (ValidationError, TypeError, ConfigError) as error:
+        problems = error.errors() if isinstance(error, ValidationError) else []
+        wrong = "; ".join(
+            f"{'.'.join(map(str, each['loc']))}: {each['msg']}, not {each['input']!r}"
+            for each in problems
+        )
+        reason = f"{path}: table [{KR10_MEASURED}]: {wrong or error}; register again: {COMMAND}"
         raise DataError(reason) from error
     for file in filter(None, (entry.csv, entry.urdf)):
         if not Path(file).is_file():

@@ -93,8 +93,9 @@ def table_problems(
     repeated = sorted({name for name in names if names.count(name) > 1})
     named = {"missing": missing, "repeated": repeated}
     if missing:
-        named["columns not used:"] = list(sheet.unused)
+        named["columns not used:"] = [name for name in sheet.unused if name not in sheet.odd_units]
     parts = [f"{what} {', '.join(some)}" for what, some in named.items() if some]
+    parts += [f"unit of {name!r} (valid: {units})" for name, units in sheet.odd_units.items()]
     if missing or repeated:
         valid = ",".join(columns) + (f"; optional: {', '.join(optional)}" if optional else "")
         if missing and {*missing} <= {*TORQUE_COLUMNS}:
@@ -227,16 +228,24 @@ def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
     Returns:
         (n,) number of each row's pose, in the order in which poses come first.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from scipy.cluster.hierarchy import DisjointSet
     from scipy.spatial import cKDTree
 
-    rows = pd.DataFrame(np.clip(np.nan_to_num(q_file), -LARGEST_NUMBER, LARGEST_NUMBER))
-    place = rows.groupby([*rows], sort=False).ngroup().to_numpy()
-    places = cKDTree(rows.drop_duplicates())
-    pairs = places.query_pairs(tolerance + LIMIT_SLACK, p=np.inf, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(places.n, places.n))
-    return np.asarray(connected_components(graph, directed=False)[1][place], dtype=np.int64)
+    reach = tolerance + LIMIT_SLACK
+    q_file = np.clip(np.nan_to_num(q_file), -LARGEST_NUMBER, LARGEST_NUMBER)  # others are refused
+    cells = pd.DataFrame(np.floor(q_file / reach))  # all rows of a cell are linked
+    cell = cells.groupby([*cells], sort=False).ngroup().to_numpy()
+    rows = np.split(np.argsort(cell, kind="stable"), np.cumsum(np.bincount(cell))[:-1])
+    places = [cKDTree(np.unique(q_file[some], axis=0)) for some in rows]
+    beside = cKDTree(cells.drop_duplicates()).query_pairs(1.5, p=np.inf, output_type="ndarray")
+    poses = DisjointSet(range(len(places)))
+    for a, b in beside.tolist():
+        if poses.connected(a, b):
+            continue
+        nearest, _ = places[a].query(places[b].data, p=np.inf, distance_upper_bound=2.0 * reach)
+        if nearest.min() <= reach:
+            poses.merge(a, b)
+    return np.asarray(pd.factorize(np.array([poses[i] for i in cell.tolist()]))[0], dtype=np.int64)
 
 
 def near_poses_text(pose_id: TextArray, near: IntArray, lines: IntArray, reach: str) -> str:

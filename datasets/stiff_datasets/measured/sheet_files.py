@@ -76,6 +76,7 @@ class Sheet:
         factors: column -> factor from its unit in the file to ours, where that is another.
         headers: column -> its name in the file, where that is another.
         unused: names of columns that are not ours.
+        odd_units: those of them that are ours but for their unit -> the units that are valid.
         notes: how the file was understood, where that is not plain from its header.
     """
 
@@ -86,6 +87,7 @@ class Sheet:
     factors: Mapping[str, float] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
+    odd_units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
@@ -132,12 +134,16 @@ class Sheet:
         usual = {split_header(column)[0]: column for column in columns}
         kept: dict[int, str] = {}
         factors: dict[str, float] = {}
+        odd_units: dict[str, str] = {}
         for i, header in enumerate(self.cells.columns):
             name, unit = split_header(header)
             column = usual.get(name, "")
             ours = column.rpartition("_")[2]
             ours = ours if ours in UNITS else ""
             factor = UNITS[ours].get(unit) if ours and unit else 1.0
+            if factor is None:
+                others = (one for one in UNITS[ours] if one.isascii() and one != ours.lower())
+                odd_units[header] = ", ".join([ours, *others])
             if not column or factor is None or (unit and not ours):
                 continue
             kept[i] = column
@@ -150,6 +156,7 @@ class Sheet:
             factors=factors,
             headers={column: found[i] for i, column in kept.items()},
             unused=tuple(name for i, name in enumerate(found) if i not in kept),
+            odd_units=odd_units,
         )
 
 
@@ -274,12 +281,19 @@ def _filled_lines(text: Iterable[str]) -> Iterator[tuple[int, str]]:
 
 def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Iterator[_Row]:
     """Yield the rows, all as wide as the first; a cell in quotes may have several lines."""
-    numbers, texts = zip(*lines, strict=True)
-    reader = csv.reader(texts, delimiter=separator, skipinitialspace=True, strict=True)
     begun = width = 0
+
+    def texts() -> Iterator[str]:
+        nonlocal begun
+        for number, line in lines:
+            begun = begun or number
+            yield line
+        if begun:
+            raise csv.Error("the file ends inside a cell")
+
     try:
-        for cells in reader:
-            number, begun, width = numbers[begun], reader.line_num, width or len(cells)
+        for cells in csv.reader(texts(), delimiter=separator, skipinitialspace=True):
+            number, begun, width = begun, 0, width or len(cells)
             if len(cells) > width:
                 hint = "; decimal commas need semicolons between columns" * (separator == ",")
                 reason = f"row {number} has {len(cells)} cells, the header {width}{hint}"
@@ -288,7 +302,7 @@ def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Itera
             if any(cells):
                 yield number, cells + [""] * (width - len(cells))
     except csv.Error as error:
-        reason = f"row {numbers[begun]}: {error} (a quotation mark that is not closed?)"
+        reason = f"row {begun}: {error} (a quotation mark that is not closed?)"
         raise DataError(f"{path}: not a CSV table: {reason}") from error
 
 
@@ -335,20 +349,18 @@ def _with_units(path: Path, names: list[str], units: list[str], number: int) -> 
 
 def _read_excel(path: Path, sheet: str | None) -> Sheet:
     require(f"{path}: Excel", "openpyxl")
-    try:
-        found = pd.read_excel(
-            path,
-            engine="openpyxl",
-            sheet_name=None,  # all of them
-            header=None,
-            dtype=object,
-            na_filter=False,
-        )
-    except FileNotFoundError:
-        raise
-    except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
-        reason = " ".join(str(error).split())
-        raise DataError(f"{path}: not an Excel table (.xlsx): {reason}") from error
+    with path.open("rb") as file:
+        try:
+            found = pd.read_excel(
+                file,
+                engine="openpyxl",
+                sheet_name=None,  # all of them
+                header=None,
+                dtype=object,
+                na_filter=False,
+            )
+        except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
+            raise DataError(f"{path}: not an Excel file (.xlsx), or a damaged one") from error
     tables = {title: [*_excel_rows(cells)] for title, cells in found.items()}
     title, first = _table_sheet(path, tables, sheet)
     notes = (f"sheet {title!r} read",) if sheet is None and title != next(iter(tables)) else ()
@@ -389,13 +401,12 @@ def _read_parquet(path: Path) -> Sheet:
     import pyarrow as pa
     from pyarrow.parquet import ParquetFile
 
-    try:
-        with path.open("rb") as file:
+    with path.open("rb") as file:
+        try:
             cells = ParquetFile(file).read().to_pandas(ignore_metadata=True)
-        return sheet_of(path, _named(cells.astype(object).rename(columns=str)))
-    except (ValueError, KeyError, pa.ArrowException) as error:
-        reason = " ".join(str(error).split())
-        raise DataError(f"{path}: not a Parquet table: {reason}") from error
+        except (OSError, ValueError, KeyError, pa.ArrowException) as error:
+            raise DataError(f"{path}: not a Parquet file, or a damaged one") from error
+    return sheet_of(path, _named(cells.astype(object).rename(columns=str)))
 
 
 def _named(cells: pd.DataFrame, *, strip: bool = True) -> pd.DataFrame:

@@ -271,8 +271,8 @@ def _spring_findings(
     elif _explains_little(given):
         yield warning(
             f"joint springs explain only {given.explained:.0%} of the squared deflection, and none "
-            "of the mistakes that were tried explains much more; check units, joint angles, TCP "
-            "and frames"
+            "of the mistakes that were tried explains much more; check the robot, units, joint "
+            "angles, TCP and frames"
         )
     if diagnosis.elsewhere:
         yield warning(_elsewhere_text(diagnosis.elsewhere))

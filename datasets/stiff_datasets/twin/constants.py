@@ -123,6 +123,12 @@ def _or_rigid(low: float, high: float) -> AfterValidator:
     return AfterValidator(check)
 
 
+def _gear_kind(gear: object) -> str | None:
+    if isinstance(gear, dict | Gear):
+        return "table"
+    return "size" if isinstance(gear, int) else None
+
+
 class JointTable(TomlTable):
     """The elasticity of one joint.
 
@@ -135,7 +141,11 @@ class JointTable(TomlTable):
 
     gear: Annotated[
         Annotated[StrictInt, Tag("size")] | Annotated[Gear, Tag("table")],
-        Discriminator(lambda gear: "size" if isinstance(gear, int) else "table"),
+        Discriminator(
+            _gear_kind,
+            custom_error_type="gear",
+            custom_error_message="Input should be an integer size or a table",
+        ),
     ]
     structure_Nm_per_rad: Annotated[float, _or_rigid(SOFTEST, STIFFEST)]
     tilting_ratio: Annotated[float, _or_rigid(SMALLEST_RATIO, LARGEST_RATIO)]

@@ -67,7 +67,7 @@ REFUSED = {
     "figure regresion": ["did you mean 'regression'"],
     "figure 4 --results runs": ["results runs", "figure 4"],
     "data info bytes": ["bytes: no file of samples", ".csv"],
-    "data info bytes.xlsx --robot ur5": ["bytes.xlsx: not an Excel table"],
+    "data info bytes.xlsx --robot ur5": ["bytes.xlsx: not an Excel file"],
     "data info good.csv": ["good.csv", "--urdf", "--robot"],
     "data info robot-twin": ["robot-twin@constants=..."],
     "data info kr10-twin --robot ur5": ["kr10-twin: no file of samples"],

@@ -95,13 +95,31 @@ def test_a_registered_file_that_is_gone_is_named_with_what_to_do(csv):
     assert missing().endswith("FILE.csv")
 
 
+def test_a_folder_of_a_user_who_does_not_exist_is_named(monkeypatch):
+    monkeypatch.setenv("STIFFBENCH_HOME", "~nosuchuser/x")
+    with pytest.raises(DataError, match="STIFFBENCH_HOME=~nosuchuser/x: "):
+        Kr10Measured().load()
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("[kr10-measured\n", "not TOML"),
         ("caf\xe9 = 1\n", "not TOML"),
         ("kr10-measured = 3\n", r"table \[kr10-measured\]: .*; register again"),
-        ('[kr10-measured]\ncsv = "a.csv"\n', r"table \[kr10-measured\]: .*'tcp'; register again"),
+        ('[kr10-measured]\ncsv = "a.csv"\n', r"table \[kr10-measured\]: tcp: .*; register again"),
+        (
+            "[kr10-measured]\ncsv = 5\ntcp = [0, 0, 1]\n",
+            r"table \[kr10-measured\]: csv: .* string, not 5; register again",
+        ),
+        (
+            '[kr10-measured]\ncsv = "a.csv"\nurdf = 3\ntcp = [0, 0, "a"]\n',
+            r"table \[kr10-measured\]: tcp.2: .* number.*, not 'a'; urdf: .* string, not 3; reg",
+        ),
+        (
+            '[kr10-measured]\ncsv = "a.csv"\ntcp = [0, 0, 1]\nsha256 = "a"\n',
+            r"table \[kr10-measured\]: .*'sha256'; register again",
+        ),
         (f"a = {'[' * 999}{']' * 999}\n", "not TOML: nested too deeply"),
         (f"a = {'9' * 5000}\n", "not TOML: .*4300 digits"),
     ],

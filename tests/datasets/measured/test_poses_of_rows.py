@@ -96,6 +96,13 @@ def test_near_rows_are_linked_in_every_order(q, n_poses):
         assert len(pairs) == n_poses
 
 
+def test_many_rows_of_jittering_poses_are_linked_in_time():
+    random = np.random.default_rng(0)
+    pose = random.integers(0, 2, 20_000)
+    q = 90.0 * pose[:, None] + random.normal(scale=0.01, size=(len(pose), 6))
+    assert (linked_rows(q, 0.05) == abs(pose - pose[0])).all()
+
+
 def test_rows_of_one_name_may_differ_by_the_tolerance_and_no_more(repeats, kr10, tmp_path):
     table = repeats.assign(load_id=np.arange(len(repeats)))
     table.to_csv(tmp_path / "my.csv", index=False)

@@ -140,6 +140,20 @@ def test_a_row_without_data_is_one_problem(tmp_path, kr10, junk):
         read_samples(write(tmp_path, HEADER, GOOD, junk, line(pose_id="P2")), kr10)
 
 
+@pytest.mark.filterwarnings("ignore:.*columns not used")
+@pytest.mark.parametrize("note", ['"tool" ', '"5" tool', '5" tool'])
+def test_text_behind_or_before_a_quotation_mark_is_read(tmp_path, kr10, note):
+    lines = [f"note,{HEADER}", f"{note},{GOOD}", f"calm,{line(load_id=2)}"]
+    assert len(read_samples(write(tmp_path, *lines), kr10)) == 2
+
+
+@pytest.mark.parametrize("name", ["my.csv", "my.xlsx", "my.parquet"])
+def test_a_folder_in_place_of_a_file_is_named(tmp_path, kr10, name):
+    (tmp_path / name).mkdir()
+    with pytest.raises(DataError, match=rf"{name}: cannot be read: "):
+        read_samples(tmp_path / name, kr10)
+
+
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
@@ -147,9 +161,10 @@ def test_a_row_without_data_is_one_problem(tmp_path, kr10, junk):
         ([HEADER], "no data rows"),
         ([GOOD, GOOD], r"no header: the first row holds numbers \(valid: pose_id,"),
         ([HEADER.replace("dz_mm", "dz_inch"), GOOD], "missing dz_mm; columns not used: dz_inch"),
+        ([HEADER.replace("q1_deg", "q1 [rpm]"), GOOD], r"unit of 'q1 \[rpm\]' \(valid: deg, .*rad"),
         (
             [HEADER.replace("fx_N", "Fx [lbf]") + ",note", GOOD + ",windy"],
-            r"missing fx_N; columns not used: Fx \[lbf\], note \(valid: pose_id,",
+            r"missing fx_N; columns not used: note; unit of 'Fx \[lbf\]' \(valid: N, kn, ",
         ),
         (
             [GERMAN[0].replace(";q1_deg", "") + ";Temperatur [°C]", GERMAN[1].replace(";10;", ";")],
@@ -187,6 +202,10 @@ def test_a_row_without_data_is_one_problem(tmp_path, kr10, junk):
             [HEADER + ",note", GOOD + ',"windy', line(load_id=2) + ",calm"],
             r"row 2: .* \(a quotation mark that is not closed\?\)",
         ),
+        (
+            [HEADER + ",note", GOOD + ',"windy', *("x" * 999,) * 200],
+            r"row 2: .* \(a quotation mark that is not closed\?\)",
+        ),
         ([HEADER, *RADIANS], "these look like radians"),
     ],
 )
@@ -201,8 +220,9 @@ def test_what_is_wrong_is_named_with_file_row_column_and_value(tmp_path, kr10, l
     [
         ("my.csv", None, "cannot be read: No such file"),
         ("my.parquet", None, "cannot be read: No such file"),
-        ("my.parquet", b"pose_id", "not a Parquet table"),
-        ("my.xlsx", HEADER.encode(), "not an Excel table"),
+        ("my.xlsx", None, "cannot be read: No such file"),
+        ("my.parquet", b"pose_id", "not a Parquet file"),
+        ("my.xlsx", HEADER.encode(), "not an Excel file"),
         ("my.csv", bytes(range(256)), r"no text in UTF-8 or UTF-16 \(byte 0x"),
         ("my.csv", f"{HEADER}\n{GOOD}\n".encode("utf-32"), "not a CSV table in UTF-8 or UTF-16"),
         ("my.csv", f"# Prüfstand 2\n{HEADER}\n".encode("cp1252"), ".*save it as 'CSV UTF-8'"),

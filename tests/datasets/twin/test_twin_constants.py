@@ -62,6 +62,10 @@ def test_constants_are_converted_to_springs_in_si_units(tmp_path):
             TOP.replace("payload_kg", "payload") + JOINT,
             "unknown key 'payload'; did you mean 'payload_kg'",
         ),
+        *(
+            (TOP + JOINT.replace("gear = 25", f"gear = {gear}"), "joint.1.gear.*integer size or a")
+            for gear in ('"25"', "25.0", "[1]", "nan")
+        ),
         (TOP + JOINT.replace("25", "23"), r"joint.1.*gear size 23 \(valid: 14, 17, 20, 25, 32\)"),
         (TOP + JOINT.replace("4.0", "9"), r"joint.1.tilting_ratio: 9: .*1 to 8, nor inf"),
         (TOP + SLIDE + "gear = 25\n", r"joint.1: unknown key 'gear' \(valid: drive_N_per_m, guide"),
