@@ -43,11 +43,9 @@ FEW_NEIGHBOURS = [
     ({"vjm + neighbours"}, "fails: .*n_neighbors = 5, n_samples_fit = "),
 ]
 OTHER_LOADS = [({"ft-mlp, paper"}, "warns: .*pre-training forces are .* N, measured forces")]
-NO_MASSES = [
-    (SEGMENTS | CURVES, "warns: robot 'chain' has no masses"),
-    # their teacher may have segments; rounding decides
-    (ANCHORED, "(works|warns: robot 'chain' has no masses)"),
-]
+NO_MASSES = [(SEGMENTS | CURVES, "warns: robot 'chain' has no masses")]
+# the teacher of these may have segments; rounding decides
+MAY_HAVE_SEGMENTS = [*NO_MASSES, (ANCHORED, "(works|warns: robot 'chain' has no masses)")]
 NOT_BOTH = [({"residual-mlp", "mlp"}, "(works|warns: .*none of 3 epochs was better)")]
 
 Outcomes = list[tuple[set[str], str]]
@@ -111,9 +109,9 @@ OUTCOMES: dict[str, Outcomes] = {
     "loads x 1e6": OTHER_LOADS,
     "loads x 1e-6": OTHER_LOADS,
     "deflections x 1e6": [({"vjm-multisegment, search"}, f"(works|{SLOPES}: A5 segment 2)")],
-    "slides and turns": NO_MASSES,
+    "slides and turns": MAY_HAVE_SEGMENTS,
     "slides alone": [
-        *NO_MASSES,
+        *MAY_HAVE_SEGMENTS,
         # a flat likelihood: rounding decides
         ({"gp", "mf-gp"}, "(works|warns: .*likelihood search stopped)"),
     ],

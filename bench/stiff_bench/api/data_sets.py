@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,7 +25,7 @@ from stiff_bench.plan.registry import Kind
 from stiff_bench.plan.request import loaded
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_protocols.contract.errors import ConfigError, warn
 from stiff_protocols.contract.files import make_folder
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
@@ -83,7 +82,7 @@ class Dataset:
 
         dataset = cls(held_data(BenchmarkData(samples, robot), name))
         if near := near_poses(samples, robot, pose_tolerance):
-            warnings.warn(f"{name}: {near}", StiffBenchWarning, stacklevel=2)
+            warn(f"{name}: {near}")
         return dataset
 
     @classmethod

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,7 +21,7 @@ from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
 from stiff_datasets.measured import kr10_measured
 from stiff_datasets.measured import validation_report as validation
-from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
+from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_datasets.planning.design import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
@@ -53,7 +54,9 @@ def plan_poses(
     after: Path | str | None = None,
     model: str | None = None,
     workspace: Path | str | None = None,
-    **file_options: Any,
+    no_torque: bool = False,
+    sheet: str | None = None,
+    pose_tolerance: float = POSE_TOLERANCE,
 ) -> Text:
     """Write a measurement plan to fill in, and return what it gains over random plans.
 
@@ -74,7 +77,10 @@ def plan_poses(
             for its predictions if it is a Gaussian process, else for those of joint springs.
         workspace: file of poses and wrenches where predictions are to be good, with `after`; None:
             all that the robot can reach.
-        file_options: `no_torque`, `sheet` and `pose_tolerance` of `after`, see `read_samples`.
+        no_torque: no torques were measured in `after`.
+        sheet: of `after`, an Excel file; None: the only one that holds a table.
+        pose_tolerance: rows of `after` without `pose_id` whose joint positions differ by no more
+            are of one pose, deg and mm.
 
     Raises:
         ConfigError: an argument is wrong, or the payload is unknown.
@@ -83,14 +89,13 @@ def plan_poses(
     """
     output, arm = Path(output), as_robot(robot)
     check_plan_file(output)
-    options = FileOptions(**file_options)
+    options = FileOptions(no_torque, sheet, pose_tolerance)
     if after is None:
-        of_after = {"model": (model, None), "workspace": (workspace, None)}
-        for name in ("no_torque", "sheet", "pose_tolerance"):
-            of_after[name] = (getattr(options, name), getattr(DEFAULTS, name))
-        for name, (given, default) in of_after.items():
-            if given != default:
-                raise ConfigError("requires a measurement to go on from: --after FILE", name)
+        given = {"model": model, "workspace": workspace, **asdict(options)}
+        for name, value in given.items():
+            if value != vars(DEFAULTS).get(name):
+                needed = "requires a measurement to go on from: --after FILE"
+                raise ConfigError(needed, name.replace("_", "-"))
     payload = payload_of(arm) if payload is None else payload
     if payload is None:
         raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")
@@ -114,14 +119,19 @@ def validate(
     file: Path | str,
     *,
     robot: str | Robot | None = None,
-    **file_options: Any,
+    no_torque: bool = False,
+    sheet: str | None = None,
+    pose_tolerance: float = POSE_TOLERANCE,
 ) -> validation.ValidationReport:
     """Check a measured file and name the likeliest mistake in it.
 
     Args:
         file: CSV, Excel or Parquet.
         robot: that was measured: the name of a shipped one, or a `Robot`; None: the KR10.
-        file_options: `no_torque`, `sheet` and `pose_tolerance`, see `read_samples`.
+        no_torque: no torques were measured: their columns may be missing, or zero.
+        sheet: of an Excel file; None: the only one that holds a table.
+        pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one
+            pose, deg and mm; poses of two names that differ by no more are suspicious.
 
     Returns:
         A report that prints itself; its `verdict` is "ok", "suspicious" or "invalid".
@@ -129,7 +139,7 @@ def validate(
     Raises:
         ConfigError: there is no robot of this name.
     """
-    options = FileOptions(**file_options)
+    options = FileOptions(no_torque, sheet, pose_tolerance)
     return validation.validate(Path(file), as_robot(robot), options, _left_out_errors)
 
 

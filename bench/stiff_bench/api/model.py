@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -29,8 +28,8 @@ from stiff_protocols.contract.errors import (
     DataError,
     NotFittedError,
     StiffBenchError,
-    StiffBenchWarning,
     said_by,
+    warn,
 )
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.plugin import ModelInfo, in_words
@@ -122,7 +121,7 @@ class Model:
             warning = extrapolation_warning(known, self.fitted.robot_, *rows, words)
             self._has_warned = bool(warning)
             if warning:
-                warnings.warn(warning, StiffBenchWarning, stacklevel=2)
+                warn(warning)
         return predicted
 
     def predict_interval(
@@ -234,7 +233,7 @@ class Model:
         write_predictions(Path(output), table, predicted, extrapolates, interval)
         if warning:
             text = f"{warning}; see the column extrapolates"
-            warnings.warn(text, StiffBenchWarning, stacklevel=2)
+            warn(text)
         return len(extrapolates)
 
     def export(self, file: Path | str) -> Text:
@@ -350,7 +349,7 @@ class Model:
         except Exception as error:  # whatever a third-party model raises in its second fit
             self.fitted.left_out_errors_ = np.empty((0, len(AXES)))
             text = f"{self.name} is saved without intervals: {said_by(error)}"
-            warnings.warn(text, StiffBenchWarning, stacklevel=3)
+            warn(text, stacklevel=3)
 
     def __repr__(self) -> str:
         """Name it, and say whether it is fitted."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,12 +27,7 @@ from stiff_datasets.measured.row_checks import Problem, problems_error
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
 from stiff_datasets.measured.sheet_files import write_table
-from stiff_protocols.contract.errors import (
-    ConfigError,
-    ModelError,
-    StiffBenchWarning,
-    unknown_name,
-)
+from stiff_protocols.contract.errors import ConfigError, ModelError, unknown_name, warn
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY, Robot
 from stiff_protocols.contract.stiffness_model import interval_at_tcp, offers, optional
@@ -235,7 +229,7 @@ def compensate_path(
         if offers(fitted, "predict_at_tcp"):
             with blamed_on(model.file):
                 own = fitted.predict(found.q, wrench)
-            carried = np.linalg.norm(predict(found.q, wrench) - own, axis=1).max()
+            carried = np.linalg.norm(found.deflection - own, axis=1).max()
         write_table(output, [corrected_table(table, arm, found, extrapolates, interval)])
     if not wrench.any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
@@ -249,7 +243,7 @@ def compensate_path(
     for warning, column in ((failures, "uncorrected"), (beyond, "extrapolates")):
         if warning:
             text = f"{warning}; see the column {column}"
-            warnings.warn(text, StiffBenchWarning, stacklevel=2)
+            warn(text)
     if figure is not None:
         from stiff_bench.figures.corrected_path import path_picture
 

@@ -27,6 +27,7 @@ from stiff_protocols.contract.errors import (
     StiffBenchWarning,
     TooFewToCalibrate,
     said_by,
+    warn,
 )
 from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.plugin import ModelInfo
@@ -250,7 +251,7 @@ def _interval_source(
         else:  # it learned from fewer rows
             source, messages = conformal, [f"fit for the intervals: {w.message}" for w in caught]
     for message in dict.fromkeys(messages):
-        warnings.warn(message, StiffBenchWarning, stacklevel=1)
+        warn(message, stacklevel=1)
     return source
 
 

@@ -92,6 +92,7 @@ class RunningFit:
         self._folder = Path(tempfile.mkdtemp(prefix=folder_prefix(os.getpid())))
         self._family: set[psutil.Process] = set()
         self._too_much = 0
+        self._report = b""
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["stiff_bench.run.fit_process", "pebble", *work.imports])
         start = concurrent.process(  # type: ignore[call-overload]  # pebble's hints have mp_context
@@ -132,8 +133,9 @@ class RunningFit:
         self._looked = now
         with suppress(OSError, TypeError, ValueError):  # none yet, or half written
             report = (self._folder / PROGRESS).read_bytes()
-            (self._folder / PROGRESS).unlink()
-            listener(Progress(**orjson.loads(report)))
+            if report != self._report:
+                listener(Progress(**orjson.loads(report)))
+                self._report = report
         with suppress(OSError):
             if (self._folder / LOG).stat().st_size > LARGEST_LOG:
                 os.truncate(self._folder / LOG, 0)

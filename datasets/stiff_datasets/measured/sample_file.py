@@ -49,7 +49,7 @@ from stiff_datasets.measured.sample_columns import (
     joint_columns,
 )
 from stiff_datasets.measured.sheet_files import LONGEST_CELL, Sheet, read_sheet, sheet_of
-from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Robot, Samples
 
 LARGEST_DEFLECTION_MM = 50.0
@@ -139,7 +139,7 @@ def _samples(checked: CheckedSamples, hint: str) -> Samples:
         raise problems_error(path, problems, hint)
     near = [f"{path}: {checked.near_poses}"] if checked.near_poses else []
     for oddity in (*checked.sheet.oddities, *near):
-        warnings.warn(oddity, StiffBenchWarning, stacklevel=3)
+        warn(oddity, stacklevel=3)
     return checked.samples
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -16,7 +15,7 @@ from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.twin.constants import TwinConstants, read_constants, shipped_constants
 from stiff_datasets.twin.twin import TwinData
 from stiff_datasets.twin.twin_effects import ALL_EFFECTS, NO_EFFECTS
-from stiff_protocols.contract.errors import StiffBenchWarning
+from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import BenchmarkData
 
 POSES = 151  # as many as the source paper measured
@@ -47,7 +46,7 @@ class RobotTwin(TwinData):
         """
         constants = read_constants(self.constants)
         for note in constants.chain().notes:
-            warnings.warn(note, StiffBenchWarning, stacklevel=2)
+            warn(note)
         poses = random_poses(constants, self.poses, self.seed)
         how = {"loads": self.loads, "loads_per_pose": self.loads_per_pose}
         return self.measured(constants, poses, **how)

@@ -22,7 +22,7 @@ from sklearn.utils import get_tags
 from stiff_models.fitted_model import FittedModel
 from stiff_models.networks.encoded_model import EncodedModel, StandardisedRows
 from stiff_models.physics.vjm import OnPhysics
-from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.errors import ModelError, warn
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 
@@ -72,7 +72,7 @@ def told_as_ours() -> Iterator[None]:
         finding = " ".join(text.split()).partition(" You might")[0]  # advice on other data
         if category is RuntimeWarning:  # numpy's, which does not say whose arithmetic it was
             finding = f"the regressor's arithmetic: {finding}"
-        warnings.warn(finding, StiffBenchWarning, stacklevel=4)
+        warn(finding, stacklevel=4)
 
 
 @contextmanager

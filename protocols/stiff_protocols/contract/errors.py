@@ -59,9 +59,9 @@ class StiffBenchWarning(UserWarning):
     """A finding that does not stop a run but must stand beside its result."""
 
 
-def warn(finding: str) -> None:
-    """Warn the user, with `StiffBenchWarning`."""
-    warnings.warn(finding, StiffBenchWarning, stacklevel=3)
+def warn(finding: str, stacklevel: int = 2) -> None:
+    """Warn the user, with `StiffBenchWarning`; `stacklevel` counts as of `warnings.warn`."""
+    warnings.warn(finding, StiffBenchWarning, stacklevel=stacklevel + 1)
 
 
 def said_by(error: BaseException) -> str:

@@ -5,12 +5,11 @@ A stranger's model may predict mm. Nobody sees that in a table of its own, so it
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 
 import numpy as np
 
-from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.errors import ModelError, warn
 from stiff_protocols.contract.types import FloatArray, Samples
 
 FAR_OFF = 100.0
@@ -80,7 +79,7 @@ def check_units(predicted: FloatArray, measured: FloatArray) -> None:
 def warn_of_rows(train: Samples) -> None:
     """Warn of what these training rows cannot teach a model, whichever it is."""
     for finding in _findings(train):
-        warnings.warn(finding, StiffBenchWarning, stacklevel=2)
+        warn(finding)
 
 
 def _findings(train: Samples) -> Iterator[str]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_protocols.contract.errors import ConfigError, warn
 from stiff_protocols.contract.types import (
     PATH_GROUP,
     BenchmarkData,
@@ -120,11 +119,7 @@ class PathCompensation(Holdout):
         found = compensate(predict, robot, path, q, held=self.held(robot))
         if n_left := int((~found.converged).sum()):
             why = ", ".join(np.unique(found.problem[~found.converged]))
-            warnings.warn(
-                f"{n_left} of {len(q)} path points are left uncorrected: {why}",
-                StiffBenchWarning,
-                stacklevel=2,
-            )
+            warn(f"{n_left} of {len(q)} path points are left uncorrected: {why}")
         return found.q
 
     def scored(

@@ -28,7 +28,7 @@ from stiff_protocols.contract.errors import (
     ConfigError,
     ModelError,
     NotFittedError,
-    StiffBenchWarning,
+    warn,
 )
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.plugin import DEFAULT_GRID, Grid, ModelInfo, Range, in_words
@@ -240,7 +240,7 @@ class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
         for words, score in found.items():
             if score.failure:
                 left_out = f"candidate {words} left out: {score.failure}"
-                warnings.warn(left_out, StiffBenchWarning, stacklevel=1)
+                warn(left_out, stacklevel=1)
         return tuple(found.values())
 
     def _tried(
