@@ -27,6 +27,7 @@ from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.springs.identification import SPRING_CURVE, spring_key
 
 ROW_INCH, HEAD_INCH = 1.75, 0.3
+SPLIT_ALPHA = 0.75
 _POINTS = 200
 _SHARES = (0.5, 0.95)
 """Of the samples: up to which torques they load a joint; shaded."""
@@ -77,7 +78,7 @@ def _draw_segments(
     springs = [_spring(one.diagnostics, data, joint) for one in results]
     curves = np.array([1e3 * _deflection(at, spring) for spring in springs])
     median = np.median(curves, axis=0)
-    axes.plot(at, curves.T, color=blue.color, linewidth=0.5, alpha=0.45)
+    axes.plot(at, curves.T, color=blue.color, linewidth=0.5, alpha=SPLIT_ALPHA)
     model = short(results[0].shown.model)
     axes.plot(at, median, color=blue.color, linewidth=1.6, label=model)
     bends = np.median([bends for bends, _ in springs], axis=0)
@@ -106,7 +107,7 @@ def _draw_curves(
     name = f"{SPRING_CURVE}{data.robot.joint_names[joint]}"
     curves = [result.curves[name] for result in results if name in result.curves]
     for points in curves[1:]:
-        axes.plot(points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=0.45)
+        axes.plot(points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=SPLIT_ALPHA)
     at: FloatArray
     at, turn, deviation = curves[0].T
     low, high = 1e3 * (turn - reach * deviation), 1e3 * (turn + reach * deviation)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from string import ascii_lowercase
 from typing import Any
 
-import seaborn
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -42,8 +41,11 @@ STYLE: dict[str, Any] = {
 
 REFERENCE_COLOR = "0.35"
 """Of identity lines, published values and other things that are no competitor."""
-# Okabe and Ito's, as seaborn's "colorblind" palette has them, without the pale ones
-_ORDER = (0, 3, 2, 1, 4, 5, 9, 7)
+COLORS = ("#0173b2", "#d55e00", "#029e73", "#6a1b4d", "#c873b8", "#2a1a7a", "#858585", "#5b3410")
+"""Blue, orange, green ...: on white each has a contrast of 3:1, which a test computes.
+
+The first three are Okabe and Ito's. The others are dark or pale enough to differ for every eye.
+"""
 _MARKERS = "osD^vP<X"
 _LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 2)), (0, (8, 2)), (0, (3, 2)))
 
@@ -67,10 +69,9 @@ class Look:
 
 def looks(n: int) -> list[Look]:
     """Return `n` looks; beyond eight, colours come again with other markers."""
-    palette = seaborn.color_palette("colorblind").as_hex()
-    shifted = [(number, (number + number // len(_ORDER)) % len(_ORDER)) for number in range(n)]
+    shifted = [(number, (number + number // len(COLORS)) % len(COLORS)) for number in range(n)]
     return [
-        Look(palette[_ORDER[number % len(_ORDER)]], _MARKERS[other], _LINES[other])
+        Look(COLORS[number % len(COLORS)], _MARKERS[other], _LINES[other])
         for number, other in shifted
     ]
 
