@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from stiff_protocols.contract.types import BoolArray, FloatArray
 from stiff_protocols.springs.identification import SPRING_CURVE
 
 MOST_MODELS = 4
-PANEL_INCH, LEGEND_LINE_INCH = 2.3, 0.16
+PANEL_INCH, ROW_INCH, LEGEND_LINE_INCH = 2.3, 1.6, 0.16
 DASHED = (0, (3, 1.2))
 
 
@@ -41,22 +42,49 @@ class LossCurve(NamedTuple):
         return bool(has_place(self.points[:, 2]).any())
 
 
-def losses_figure(curves: Sequence[LossCurve]) -> Figure:
-    """Draw a panel for each phase; models are colours, training solid, validation dashed."""
-    in_order = sorted(curves, key=lambda curve: (curve.number, curve.phase))
-    phases = grouped(in_order, lambda curve: curve.phase)
-    look = style.looks_of(curve.name for curve in curves)
+def losses_figure(data: Mapping[str, Sequence[LossCurve]]) -> Figure:
+    """Draw a row per data set and a panel per phase, all losses relative to their first ones.
+
+    Models are colours; training is solid, validation dashed. `data` are curves by title.
+    """
+    every = sorted(chain.from_iterable(data.values()), key=lambda one: (one.number, one.phase))
+    phases, look = grouped(every, lambda one: one.phase), style.looks_of(_names(data))
     legend = LEGEND_LINE_INCH * (len(look) + 3)
-    figure, panels = style.new_panels(len(phases), PANEL_INCH, legend)
-    for axes, (phase, members) in zip(panels, phases.items(), strict=True):
-        draw_losses(axes, members, look)
-        axes.set_title(phase, loc="left")
-    if any(curve.is_judged for curve in curves):
+    width = style.COLUMN_INCH if len(phases) == 1 else style.PAGE_INCH
+    row_inch = PANEL_INCH if len(data) == 1 else ROW_INCH
+    figure = style.new_figure(width, row_inch * len(data) + legend)
+    grid = figure.subplots(len(data), len(phases), squeeze=False, sharex="col", sharey="col")
+    for (title, curves), row in zip(data.items(), grid, strict=True):
+        by_phase = grouped(map(relative_to_first, curves), lambda one: one.phase)
+        for axes, phase in zip(row, phases, strict=True):
+            draw_losses(axes, by_phase.get(phase, []), look)
+            axes.set(xlabel="", ylabel="loss / first loss" if axes is row[0] else "")
+            axes.set_title(f"{title}\n{phase}".strip() if axes is row[0] else phase, loc="left")
+    for axes in grid[-1]:
+        axes.set_xlabel("iterations")
+    panels = list(grid.flat)
+    if any(curve.is_judged for curve in every):
         for line, part in (("-", "training"), (DASHED, "validation")):
             panels[0].plot([], [], color=style.REFERENCE_COLOR, ls=line, label=f"{part} part")
-    style.name_panels(panels)
-    style.share_legend(figure, panels, ncols=4 if len(panels) > 1 else 2)
+    style.name_panels(panels if len(data) == 1 else list(grid[:, 0]))
+    style.share_legend(figure, panels, ncols=4 if len(phases) > 1 else 2)
     return figure
+
+
+def _names(data: Mapping[str, Sequence[LossCurve]]) -> list[str]:
+    return [curve.name for curves in data.values() for curve in curves]
+
+
+def relative_to_first(curve: LossCurve) -> LossCurve:
+    """Return a curve whose losses are relative to the first of their kind.
+
+    Training and validation losses, and those of two models, may have different units.
+    """
+    points = curve.points.copy()
+    for column in (1, 2):
+        positive = points[has_place(points[:, column]), column]
+        points[:, column] /= positive[0] if len(positive) else 1.0
+    return curve._replace(points=points)
 
 
 def draw_losses(axes: Axes, curves: Sequence[LossCurve], look: Mapping[str, style.Look]) -> None:
@@ -96,17 +124,18 @@ def curves_of(result: CellResult, name: str) -> list[LossCurve]:
 def loss_curves(source: FigureSource) -> Prepared:
     """Show training and validation loss per step, on the first split that all models have."""
     made_by = "`bench run --model ft-mlp` makes one"
-    compared = source.compared(
-        MOST_MODELS, lambda one: curves_of(one, ""), "a training curve", made_by
-    )
-    of_models = compared.case.competitors
-    curves = [
-        curve
-        for name in compared.models
-        for curve in curves_of(of_models[name].done[compared.slots[0]], name)
-    ]
+    panels = source.panels(MOST_MODELS, lambda one: curves_of(one, ""), "a training curve", made_by)
+    curves = {
+        title: [
+            curve
+            for name in one.models
+            for curve in curves_of(one.case.competitors[name].done[one.slots[0]], name)
+        ]
+        for title, one in zip(panels.titles, panels.shown, strict=True)
+    }
     caption = (
-        "Loss on standardised outputs, first split with curves of all models; ring: least "
-        f"validation loss. {compared.setting}"
+        "Losses relative to the first stored one (training and validation have different ones), "
+        "first split with curves of all models; ring: least validation loss. "
+        f"{panels.setting}"
     )
-    return Prepared("Loss curves", caption, partial(losses_figure, curves), compared.subtitle)
+    return Prepared("Loss curves", caption, partial(losses_figure, curves), panels.subtitle)

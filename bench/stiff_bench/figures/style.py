@@ -126,6 +126,16 @@ def name_panels(panels: Sequence[Axes]) -> None:
         axes.set_title(f"({letter}) {axes.get_title(loc='left')}".rstrip(), loc="left")
 
 
+def label_left(panels: Iterable[Axes], label: str = "") -> None:
+    """Label the y axes of panels in the first column, which those beside them share."""
+    for axes in panels:
+        place = axes.get_subplotspec()
+        if place is None or place.is_first_col():
+            axes.set_ylabel(label)
+        else:
+            axes.tick_params(labelleft=False)
+
+
 def share_legend(figure: Figure, panels: Iterable[Axes], *, ncols: int = 4, **spacing: Any) -> None:
     """Draw one legend for all panels below them, each name once."""
     handles: dict[str, Any] = {}
