@@ -312,6 +312,11 @@ class Panels:
         return " ".join(filter(None, [about, self.notes]))
 
     @property
+    def titled(self) -> list[tuple[str, Compared]]:
+        """Each panel with its title."""
+        return list(zip(self.titles, self.shown, strict=True))
+
+    @property
     def titles(self) -> list[str]:
         """What tells the panels from each other, on one line or two; [""] for one."""
         cases = [one.case for one in self.shown]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,19 +41,21 @@ class LossCurve(NamedTuple):
         return bool(has_place(self.points[:, 2]).any())
 
 
-def losses_figure(data: Mapping[str, Sequence[LossCurve]]) -> Figure:
+def losses_figure(data: Sequence[tuple[str, Sequence[LossCurve]]]) -> Figure:
     """Draw a row per data set and a panel per phase, all losses relative to their first ones.
 
-    Models are colours; training is solid, validation dashed. `data` are curves by title.
+    Models are colours; training is solid, validation dashed. `data` are titles with curves.
     """
-    every = sorted(chain.from_iterable(data.values()), key=lambda one: (one.number, one.phase))
-    phases, look = grouped(every, lambda one: one.phase), style.looks_of(_names(data))
+    in_order = [curve for _, curves in data for curve in curves]
+    look = style.looks_of(curve.name for curve in in_order)
+    every = sorted(in_order, key=lambda curve: (curve.number, curve.phase))
+    phases = grouped(every, lambda curve: curve.phase)
     legend = LEGEND_LINE_INCH * (len(look) + 3)
     width = style.COLUMN_INCH if len(phases) == 1 else style.PAGE_INCH
     row_inch = PANEL_INCH if len(data) == 1 else ROW_INCH
     figure = style.new_figure(width, row_inch * len(data) + legend)
     grid = figure.subplots(len(data), len(phases), squeeze=False, sharex="col", sharey="col")
-    for (title, curves), row in zip(data.items(), grid, strict=True):
+    for (title, curves), row in zip(data, grid, strict=True):
         by_phase = grouped(map(relative_to_first, curves), lambda one: one.phase)
         for axes, phase in zip(row, phases, strict=True):
             draw_losses(axes, by_phase.get(phase, []), look)
@@ -69,10 +70,6 @@ def losses_figure(data: Mapping[str, Sequence[LossCurve]]) -> Figure:
     style.name_panels(panels if len(data) == 1 else list(grid[:, 0]))
     style.share_legend(figure, panels, ncols=4 if len(phases) > 1 else 2)
     return figure
-
-
-def _names(data: Mapping[str, Sequence[LossCurve]]) -> list[str]:
-    return [curve.name for curves in data.values() for curve in curves]
 
 
 def relative_to_first(curve: LossCurve) -> LossCurve:
@@ -125,17 +122,20 @@ def loss_curves(source: FigureSource) -> Prepared:
     """Show training and validation loss per step, on the first split that all models have."""
     made_by = "`bench run --model ft-mlp` makes one"
     panels = source.panels(MOST_MODELS, lambda one: curves_of(one, ""), "a training curve", made_by)
-    curves = {
-        title: [
-            curve
-            for name in one.models
-            for curve in curves_of(one.case.competitors[name].done[one.slots[0]], name)
-        ]
-        for title, one in zip(panels.titles, panels.shown, strict=True)
-    }
+    data = [
+        (
+            title,
+            [
+                curve
+                for name in one.models
+                for curve in curves_of(one.case.competitors[name].done[one.slots[0]], name)
+            ],
+        )
+        for title, one in panels.titled
+    ]
     caption = (
         "Losses relative to the first stored one (training and validation have different ones), "
         "first split with curves of all models; ring: least validation loss. "
         f"{panels.setting}"
     )
-    return Prepared("Loss curves", caption, partial(losses_figure, curves), panels.subtitle)
+    return Prepared("Loss curves", caption, partial(losses_figure, data), panels.subtitle)

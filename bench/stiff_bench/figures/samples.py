@@ -52,11 +52,16 @@ def regression_figure(
     return figure
 
 
-def regression_panels(data: Mapping[str, Mapping[str, Prediction]], names: Sequence[str]) -> Figure:
-    """Draw error over true deflection, a row of three panels per data set, all models in each."""
+def regression_panels(
+    data: Sequence[tuple[str, Mapping[str, Prediction]]], names: Sequence[str]
+) -> Figure:
+    """Draw error over true deflection, a row of three panels per data set, all models in each.
+
+    `data` are titles with predictions by model; `names` are all models, in the order of colours.
+    """
     figure, grid = _error_grid(len(data), DATA_INCH, sharex=False, sharey="row")
     looks = style.looks_of(names)
-    for (title, models), row in zip(data.items(), grid, strict=True):
+    for (title, models), row in zip(data, grid, strict=True):
         for axis, axes in enumerate(row):
             _draw_axis(axes, models, axis, looks)
             heading = f"{title}\n" * (axis == 0)
@@ -102,13 +107,10 @@ def _draw_axis(
 def regression(source: FigureSource) -> Prepared:
     """Show the error of each sample over its true deflection, a panel per axis."""
     panels = source.panels(MOST_MODELS)
-    tested = [one.tested for one in panels.shown]
-    if len(tested) == 1:
-        paint = partial(regression_figure, tested[0])
-    else:
-        paint = partial(
-            regression_panels, dict(zip(panels.titles, tested, strict=True)), panels.models
-        )
+    data = [(title, one.tested) for title, one in panels.titled]
+    paint = partial(regression_panels, data, panels.models)
+    if len(data) == 1:
+        paint = partial(regression_figure, data[0][1])
     caption = (
         "Error of each test sample of all splits over the true deflection of the TCP, base frame. "
         f"{LINES_NOTE} {panels.setting}"
@@ -171,7 +173,7 @@ def sample_errors(source: FigureSource) -> Prepared:
             {name: errors_by_row(of_model).to_numpy() for name, of_model in one.tested.items()},
             one.noise_floor,
         )
-        for title, one in zip(panels.titles, panels.shown, strict=True)
+        for title, one in panels.titled
     ]
     caption = (
         "Cumulative distribution of the 3-D error of the tested samples, each the mean over the "
@@ -207,8 +209,8 @@ class ScorePanel(NamedTuple):
 
 def scores_figure(panels: Sequence[ScorePanel]) -> Figure:
     """Draw a row per model, the best first over all panels: mean 3-D errors with intervals."""
-    means = pd.DataFrame({panel.title: panel.errors["mean"] for panel in panels}).clip(lower=LEAST)
-    logarithms = np.log(means)
+    means = pd.concat([panel.errors["mean"] for panel in panels], axis=1)
+    logarithms = np.log(means.clip(lower=LEAST))
     order = (logarithms - logarithms.mean()).mean(axis=1).sort_values(kind="stable").index
     row_inch = HEAD_INCH + SCORE_INCH * len(order)
     figure, grid = style.new_panels(len(panels), row_inch, LEGEND_LINE_INCH)
@@ -236,7 +238,7 @@ def mean_errors(source: FigureSource) -> Prepared:
     panels = source.panels(MOST_SCORES)
     scores = [
         ScorePanel(title, _score_table(source, one), one.linear_error, one.noise_floor)
-        for title, one in zip(panels.titles, panels.shown, strict=True)
+        for title, one in panels.titled
     ]
     caption = (
         "Mean 3-D error of the test samples of all splits, the best model first; bars: "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import NamedTuple, TypeVar
 
@@ -93,11 +93,11 @@ class Strategies(NamedTuple):
     linear: Sequence[float]
 
 
-def freezing_figure(data: Mapping[str, Strategies]) -> Figure:
+def freezing_figure(data: Sequence[tuple[str, Strategies]]) -> Figure:
     """Draw the error of each strategy, a panel per data set."""
-    n_lines = max(one.errors["layers"].nunique() for one in data.values())
+    n_lines = max(one.errors["layers"].nunique() for _, one in data)
     figure, panels = style.new_panels(len(data), FRAME_INCH + LINE_INCH * n_lines, LEGEND_INCH)
-    for axes, (title, one) in zip(panels, data.items(), strict=True):
+    for axes, (title, one) in zip(panels, data, strict=True):
         draw_strategies(axes, one.errors, one.linear)
         axes.set_title(title, loc="left")
     style.name_panels(panels)
@@ -170,11 +170,11 @@ def _of_each(
     source: FigureSource,
     cases: Sequence[Case],
     gather: Callable[[FigureSource, Case], tuple[str, Compared, Shown]],
-) -> tuple[Panels, dict[str, Shown], str]:
+) -> tuple[Panels, list[tuple[str, Shown]], str]:
     """Gather the numbers of each case that has enough of them.
 
     Returns:
-        The panels, the numbers by the panels' titles, and the names of the models.
+        The panels, their titles with the numbers, and the names of the models.
 
     Raises:
         StoreError: no case has enough; the reason is that of the first.
@@ -193,7 +193,7 @@ def _of_each(
     more = [f"Not shown: {', '.join(others)}."] if others else []
     names = dict.fromkeys(name for one in compared for name in one.models)
     panels = Panels(compared, tuple(names), " ".join(filter(None, [*notes, *more])))
-    return panels, dict(zip(panels.titles, numbers, strict=True)), ", ".join(dict.fromkeys(models))
+    return panels, list(zip(panels.titles, numbers, strict=True)), ", ".join(dict.fromkeys(models))
 
 
 FEWEST_NETWORKS = 4  # networks of one kind that make a sweep
@@ -242,10 +242,10 @@ def draw_lines(axes: Axes, errors: pd.DataFrame, across: str = "width", /, **wor
     style.plain_numbers(axes.yaxis)
 
 
-def sweep_figure(data: Mapping[str, pd.DataFrame]) -> Figure:
+def sweep_figure(data: Sequence[tuple[str, pd.DataFrame]]) -> Figure:
     """Draw `errors_on_source` over width and depth, a panel per data set."""
     figure, panels = style.new_panels(len(data), HEIGHT_INCH, 0.0)
-    for axes, (title, errors) in zip(panels, data.items(), strict=True):
+    for axes, (title, errors) in zip(panels, data, strict=True):
         axes.sharey(panels[0])
         across = max(LINES, key=lambda size: errors[size].nunique())
         draw_lines(axes, errors, across)

@@ -252,7 +252,7 @@ def frozen(folder, **errors_of_strategies):
 
 def test_freeze_strategies_stand_with_single_layers_first_and_their_splits(tmp_path):
     pair = {"layers:1,2": [0.3, 0.6], "layers:4": [0.6, 0.6], "full": [3, 3]}
-    ((errors, linear),) = frozen(tmp_path, **pair).paint.args[0].values()
+    ((_, (errors, linear)),) = frozen(tmp_path, **pair).paint.args[0]
     assert errors["layers"].unique().tolist() == ["4", "1 + 2", "full"]
     of_pair = errors.loc[errors["layers"] == "1 + 2", "error"]
     np.testing.assert_allclose(of_pair, [0.1, 0.2])  # all axes together: the error is along z

@@ -98,6 +98,14 @@ def test_more_data_sets_than_panels_are_named_in_the_caption(tmp_path):
     assert f"Not shown: {names[-2]}, {names[-1]}." in content.caption
 
 
+@pytest.mark.parametrize("name", ["scores", "errors", "regression"])
+def test_data_sets_whose_names_are_alike_when_shortened_keep_their_panels(name, tmp_path):
+    long = "a-name-that-is-long-{}-and-goes-on-for-a-while"
+    asked(tmp_path, (long.format(1), long.format(2)), measured=0)
+    titles = [title for title in titles_of(drawn(tmp_path, name)) if "a-name" in title]
+    assert len(titles) == 2
+
+
 def test_the_plain_protocol_is_drawn_before_its_conditions_and_other_words_choose(tmp_path):
     made = MadeResults(tmp_path)
     keys = made.add("vjm", [0.1], condition="n = 5", protocol="sample-efficiency")
