@@ -42,6 +42,7 @@ def calibration_figure(held: pd.DataFrame) -> Figure:
     row_inch = FRAME_INCH + len(rows) * (GAP_INCH + MODEL_INCH * len(names))
     figure, panels = style.new_panels(len(nominal), row_inch, legend)
     place = {name: number for number, name in enumerate(rows)}
+    labels = style.short_names(names)
     offsets = np.linspace(-0.3, 0.3, len(names)) if len(names) > 1 else [0.0]
     for axes, level in zip(panels, nominal, strict=True):
         of_level = held[held["nominal"] == level]
@@ -53,10 +54,10 @@ def calibration_figure(held: pd.DataFrame) -> Figure:
             height = [place[data] + offset for data in found["data"]]
             dots: dict[str, Any] = look.points() | {"capsize": 1.5, "elinewidth": 0.8}
             reach = [share - low, high - share]
-            axes.errorbar(share, height, xerr=reach, **dots, label=style.short(name))
+            axes.errorbar(share, height, xerr=reach, **dots, label=labels[name])
         if len(nominal) > 1:
             axes.set_title(f"{percent(level)} intervals", loc="left")
-        axes.set_yticks(range(len(rows)), [style.short(name) for name in rows])
+        axes.set_yticks(range(len(rows)), style.short_names(rows).values())
         axes.grid(visible=False, axis="y")
         axes.set(xlabel="test samples inside [%]", ylim=(len(rows) - 0.5, -0.5))
         axes.set_xlim(right=101.0)

@@ -61,8 +61,9 @@ def learning_figure(
     n_columns = 2 if len(panels) == 1 else 3
     legend = LEGEND_LINE_INCH * -(-(len(names) + bool(noise_floors)) // n_columns)
     figure, grid = style.new_panels(len(panels), PANEL_INCH, legend)
+    labels = style.short_names(names)
     for name, look in style.looks_of(names).items():
-        grid[0].plot([], [], color=look.color, marker=look.marker, label=style.short(name))
+        grid[0].plot([], [], color=look.color, marker=look.marker, label=labels[name])
     for axes, (title, errors) in zip(grid, panels.items(), strict=True):
         axes.sharey(grid[0])
         _draw(axes, errors, names)

@@ -20,6 +20,7 @@ from stiff_protocols.springs.identification import SPRING_CURVE
 
 MOST_MODELS = 4
 PANEL_INCH, ROW_INCH, LEGEND_LINE_INCH = 2.3, 1.6, 0.16
+MANY_DECADES = 200.0  # times, from which on each decade has one number
 DASHED = (0, (3, 1.2))
 
 
@@ -58,9 +59,13 @@ def losses_figure(data: Sequence[tuple[str, Sequence[LossCurve]]]) -> Figure:
     for (title, curves), row in zip(data, grid, strict=True):
         by_phase = grouped(map(relative_to_first, curves), lambda one: one.phase)
         for axes, phase in zip(row, phases, strict=True):
-            draw_losses(axes, by_phase.get(phase, []), look)
+            found = by_phase.get(phase, [])
+            draw_losses(axes, found, look)
             axes.set(xlabel="", ylabel="loss / first loss" if axes is row[0] else "")
-            axes.set_title(f"{title}\n{phase}".strip() if axes is row[0] else phase, loc="left")
+            if not found:
+                axes.set_axis_off()
+            heading = phase if found else f"{phase}: none"
+            axes.set_title(f"{title}\n{heading}".strip() if axes is row[0] else heading, loc="left")
     for axes in grid[-1]:
         axes.set_xlabel("iterations")
     panels = list(grid.flat)
@@ -86,17 +91,21 @@ def relative_to_first(curve: LossCurve) -> LossCurve:
 
 def draw_losses(axes: Axes, curves: Sequence[LossCurve], look: Mapping[str, style.Look]) -> None:
     """Draw curves of one phase; ringed: the least validation loss that is stored."""
+    labels = style.short_names(look)
     for curve in curves:
         step, train, validation = curve.points.T
         drawn = look[curve.name]
         shown: dict[str, Any] = {"color": drawn.color, "marker": drawn.marker, "linewidth": 1.0}
-        axes.plot(step, train, **shown, markevery=0.3, label=style.short(curve.name))
+        axes.plot(
+            step, train, **shown, markevery=0.3 if len(step) > 1 else 1, label=labels[curve.name]
+        )
         if curve.is_judged:
             ring: dict[str, Any] = {"markevery": [least_at(validation)], "markersize": 5.0}
             axes.plot(step, validation, **shown, ls=DASHED, **ring, markeredgecolor="black")
     axes.set(xscale="log", yscale="log", xlabel="iterations", ylabel="loss [standardised]")
-    for axis in (axes.xaxis, axes.yaxis):
-        style.plain_numbers(axis, (1.0,))
+    style.plain_numbers(axes.xaxis, (1.0, 3.0))
+    low, high = axes.get_ylim()
+    style.plain_numbers(axes.yaxis, (1.0,) if high > MANY_DECADES * low else (1.0, 2.0, 5.0))
 
 
 def has_place(losses: FloatArray) -> BoolArray:

@@ -67,8 +67,9 @@ def regression_panels(
             heading = f"{title}\n" * (axis == 0)
             axes.set_title(f"{heading}d{AXES[axis]}", loc="left")
     style.name_panels(list(grid[:, 0]))
+    labels = style.short_names(names)
     for name, look in looks.items():
-        grid[0, 0].plot([], [], **look.points(), label=style.short(name))
+        grid[0, 0].plot([], [], **look.points(), label=labels[name])
     style.share_legend(figure, [grid[0, 0]])
     return figure
 
@@ -144,10 +145,10 @@ def errors_figure(panels: Sequence[ErrorPanel], names: Sequence[str]) -> Figure:
     n_columns = 2 if len(panels) == 1 else 4
     legend = LEGEND_LINE_INCH * -(-(len(names) + 1) // n_columns)
     figure, grid = style.new_panels(len(panels), PANEL_INCH, legend)
-    looks = style.looks_of(names)
+    looks, labels = style.looks_of(names), style.short_names(names)
     for axes, panel in zip(grid, panels, strict=True):
         for name, errors in panel.errors.items():
-            axes.ecdf(MM * errors, **looks[name].connected(), label=style.short(name))
+            axes.ecdf(MM * errors, **looks[name].connected(), label=labels[name])
         draw_noise_floor(axes.axvline, panel.noise_floor)
         axes.set_title(panel.title, loc="left")
         axes.set(xlabel="3-D error [mm]", xlim=(0.0, None), ylim=(0.0, 1.02))
@@ -223,7 +224,7 @@ def scores_figure(panels: Sequence[ScorePanel]) -> Figure:
         if panel.linear_error is not None:
             axes.axvline(MM * panel.linear_error, **linear)
         draw_noise_floor(axes.axvline, panel.noise_floor)
-        axes.set_yticks(range(len(order)), [style.short(name) for name in order])
+        axes.set_yticks(range(len(order)), style.short_names(order).values())
         axes.set_title(panel.title, loc="left")
         axes.set(xlabel="mean 3-D error [mm]", xlim=(0.0, None), ylim=(len(order) - 0.5, -0.5))
         axes.locator_params(axis="x", nbins=5)

@@ -99,7 +99,10 @@ def freezing_figure(data: Sequence[tuple[str, Strategies]]) -> Figure:
     figure, panels = style.new_panels(len(data), FRAME_INCH + LINE_INCH * n_lines, LEGEND_INCH)
     for axes, (title, one) in zip(panels, data, strict=True):
         draw_strategies(axes, one.errors, one.linear)
+        axes.locator_params(axis="x", nbins=5)
         axes.set_title(title, loc="left")
+    if len({tuple(one.errors["layers"].unique()) for _, one in data}) == 1:
+        style.label_left(panels, panels[0].get_ylabel())
     style.name_panels(panels)
     style.share_legend(figure, panels, columnspacing=1.0, handletextpad=0.4)
     return figure
@@ -244,15 +247,21 @@ def draw_lines(axes: Axes, errors: pd.DataFrame, across: str = "width", /, **wor
 
 def sweep_figure(data: Sequence[tuple[str, pd.DataFrame]]) -> Figure:
     """Draw `errors_on_source` over width and depth, a panel per data set."""
-    figure, panels = style.new_panels(len(data), HEIGHT_INCH, 0.0)
+    n_columns = 2 if len(data) == 1 else 4
+    figure, panels = style.new_panels(len(data), HEIGHT_INCH, LEGEND_INCH)
+    every = pd.concat([errors for _, errors in data])
+    across = max(LINES, key=lambda size: every[size].nunique())
+    sizes = sorted(every[LINES[across]].unique())
+    for size, look in style.looks_of(sizes).items():
+        label = f"{size} {LABELS[LINES[across]]}"
+        panels[0].plot([], [], color=look.color, marker=look.marker, label=label)
     for axes, (title, errors) in zip(panels, data, strict=True):
         axes.sharey(panels[0])
-        across = max(LINES, key=lambda size: errors[size].nunique())
-        draw_lines(axes, errors, across)
-        axes.legend(title=LABELS[LINES[across]])
+        draw_lines(axes, errors, across, legend=False, **style.seaborn_looks(sizes))
         axes.set_title(title, loc="left")
     style.label_left(panels, panels[0].get_ylabel())
     style.name_panels(panels)
+    style.share_legend(figure, panels[:1], ncols=n_columns)
     return figure
 
 

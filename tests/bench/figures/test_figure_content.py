@@ -15,7 +15,7 @@ from stiff_bench.figures import learning_curves, variants
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource, marks
 from stiff_bench.figures.samples import errors_by_row, regression_figure
-from stiff_bench.figures.style import short
+from stiff_bench.figures.style import short, short_names
 from stiff_bench.store.database import ResultStore, read_data, read_results
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import Presentation
@@ -223,7 +223,8 @@ def test_a_sweep_has_the_mean_error_of_networks_that_differ_in_size_alone(tmp_pa
     with_fields(made, "net@layers=4@width=80", diagnostics={"source test MAE [mm]": 0.32})
     content = variants.sweep(FigureSource.of(tmp_path))
     (axes,) = content.paint().axes
-    assert [line.get_ydata().tolist() for line in axes.get_lines()[:2]] == [
+    lines = [line for line in axes.get_lines() if len(line.get_ydata())]
+    assert [line.get_ydata().tolist() for line in lines] == [
         pytest.approx([0.12, 0.24]),
         pytest.approx([0.16, 0.32]),
     ]
@@ -237,7 +238,7 @@ def test_a_sweep_over_more_depths_than_widths_has_the_depth_across(tmp_path):
         made.add(name, [0.1], options=NET | {"layers": depth, "width": 40})
         with_fields(made, name, diagnostics={"source test MAE [mm]": 1.0 / depth})
     (axes,) = variants.sweep(FigureSource.of(tmp_path)).draw().axes
-    line = axes.get_lines()[0]
+    (line,) = [one for one in axes.get_lines() if len(one.get_ydata())]
     np.testing.assert_allclose(line.get_xydata(), [(n, 1.0 / n) for n in (2, 3, 4, 5)])
     assert axes.get_xlabel() == "hidden layers"
 
@@ -274,3 +275,17 @@ def test_long_names_lose_their_middle_and_no_control_character_is_drawn():
     assert short("a" * 40 + "end").endswith("aend")
     assert len(short("a" * 99)) == 34
     assert short("a\x1b[2J") == "a\\x1b[2J"
+
+
+def test_names_that_are_alike_when_short_differ_in_a_legend():
+    long = "net@a-first-option=300@freeze={}@the-last-option=9999"
+    names = [
+        long.format("layers:1"),
+        long.format("full"),
+        "vjm",
+        "x" * 50 + "y" * 50,
+        "x" * 60 + "y" * 40,
+    ]
+    texts = short_names(names)
+    assert len(set(texts.values())) == len(names) and max(map(len, texts.values())) <= 34
+    assert "freeze=full" in texts[names[1]] and texts["vjm"] == "vjm"
