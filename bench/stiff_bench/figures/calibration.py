@@ -61,7 +61,7 @@ def calibration_figure(held: pd.DataFrame) -> Figure:
         axes.grid(visible=False, axis="y")
         axes.set(xlabel="test samples inside [%]", ylim=(len(rows) - 0.5, -0.5))
         axes.set_xlim(right=101.0)
-        axes.locator_params(axis="x", nbins=5)
+        axes.locator_params(axis="x", nbins=6)
     style.label_left(panels)
     style.name_panels(panels)
     style.share_legend(figure, panels, ncols=n_columns)

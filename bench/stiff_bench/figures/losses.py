@@ -20,7 +20,8 @@ from stiff_protocols.springs.identification import SPRING_CURVE
 
 MOST_MODELS = 4
 PANEL_INCH, ROW_INCH, LEGEND_LINE_INCH = 2.3, 1.6, 0.16
-MANY_DECADES = 200.0  # times, from which on each decade has one number
+STEPS = {6.0: style.FINE_STEPS, 200.0: (1.0, 2.0, 5.0), np.inf: (1.0,)}
+"""Numbers of a decade on an axis whose end is less than so many times its beginning."""
 DASHED = (0, (3, 1.2))
 
 
@@ -105,7 +106,8 @@ def draw_losses(axes: Axes, curves: Sequence[LossCurve], look: Mapping[str, styl
     axes.set(xscale="log", yscale="log", xlabel="iterations", ylabel="loss [standardised]")
     style.plain_numbers(axes.xaxis, (1.0, 3.0))
     low, high = axes.get_ylim()
-    style.plain_numbers(axes.yaxis, (1.0,) if high > MANY_DECADES * low else (1.0, 2.0, 5.0))
+    steps = next(steps for span, steps in STEPS.items() if high < span * low)
+    style.plain_numbers(axes.yaxis, steps)
 
 
 def has_place(losses: FloatArray) -> BoolArray:
