@@ -219,7 +219,7 @@ class FigureSource:
             )
         notes = []
         if len(names) < len(models):
-            always = f", and {REFERENCE_MODEL} always" * (REFERENCE_MODEL in names)
+            always = f"; {REFERENCE_MODEL} is always among them" * (REFERENCE_MODEL in names)
             notes.append(f"Best {len(names)} of {len(models)} models{always}.")
         drawn = [one.case for one in shown]
         data = {case.name.dataset: case.measured_sha256 for case in drawn}

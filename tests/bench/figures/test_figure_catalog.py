@@ -89,7 +89,7 @@ def test_the_best_of_the_models_with_most_splits_are_shown_and_the_linear_one_in
     assert source.compared(3).models == ("gp", "mlp", "vjm")
     caption = caption_of("regression", source)
     assert "twin (simulated), holdout, 2 splits, seed 0." in caption
-    assert "Best 3 of 5 models, and vjm always." in caption
+    assert "Best 3 of 5 models; vjm is always among them." in caption
     assert FigureSource.of(tmp_path, Selection(models=("mlp",))).compared(3).models == ("mlp",)
 
 

@@ -219,3 +219,13 @@ def test_freeze_strategies_have_a_panel_per_data_set_that_has_two(tmp_path):
     made.add_run("run-1", keys)
     first, second = titles_of(drawn(tmp_path, "freezing"))
     assert "z (simulated)" in first and "a (simulated)" in second
+
+
+def test_results_on_older_data_of_a_name_are_left_out_and_named(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("vjm", [0.1], "a", run_id="run-1")
+    made.add("vjm", [0.3], "a", version=1, run_id="run-2")
+    source = FigureSource.of(tmp_path)
+    (axes,) = FIGURES["scores"](source).draw().axes
+    np.testing.assert_allclose(lines_of(axes, "vjm"), [[0.3, 0.3]])
+    assert "Results on older data named a are left out." in FIGURES["scores"](source).caption
