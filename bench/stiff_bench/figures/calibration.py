@@ -1,4 +1,4 @@
-"""Whether intervals hold as often as they promise."""
+"""Coverage of intervals: how many test samples they hold."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def calibration_figure(held: pd.DataFrame) -> Figure:
         line: dict[str, Any] = {"color": style.REFERENCE_COLOR, "linestyle": "--", "linewidth": 0.9}
         axes.axvline(100.0 * level, **line, label="nominal")
         for (name, look), offset in zip(style.looks_of(names).items(), offsets, strict=True):
-            found = of_level[of_level["model"] == name]
-            share, low, high = (100.0 * found[key] for key in ("share", "low", "high"))
-            height = [place[data] + offset for data in found["data"]]
+            of_model = of_level[of_level["model"] == name]
+            share, low, high = (100.0 * of_model[key] for key in ("share", "low", "high"))
+            height = [place[data] + offset for data in of_model["data"]]
             dots: dict[str, Any] = look.points() | {"capsize": 1.5, "elinewidth": 0.8}
             reach = [share - low, high - share]
             axes.errorbar(share, height, xerr=reach, **dots, label=labels[name])
@@ -74,10 +74,10 @@ def calibration(source: FigureSource) -> Prepared:
     panels = source.panels(MOST_MODELS, _has_interval, "intervals", made_by, most_panels=MOST_ROWS)
     text = data_text if panels.condition else subtitle
     rows = [
-        {"data": text(one.case), "model": name, **share}
-        for one in panels.shown
-        for name in one.models
-        for share in _shares(source, one, name)
+        {"data": text(compared.case), "model": name, **share}
+        for compared in panels.compared
+        for name in compared.models
+        for share in _shares(source, compared, name)
     ]
     caption = (
         "Share of the test samples of all splits inside their intervals, mean of X, Y and Z; bars: "
@@ -90,16 +90,17 @@ def calibration(source: FigureSource) -> Prepared:
 
 def _shares(source: FigureSource, compared: Compared, name: str) -> Iterator[dict[str, float]]:
     """Yield the share inside and its interval for each coverage that every split has."""
-    # of each split its competitors have the newest coverage alone, which other figures show
-    each = filter(_has_interval, compared.case.every)
-    of_split = grouped(each, _whatever_coverage)
+    # the case's competitors have only the newest coverage of each split
+    with_interval = filter(_has_interval, compared.case.every)
+    of_split = grouped(with_interval, _key_without_coverage)
     results = compared.case.results(name, compared.slots)
-    splits = [of_split[_whatever_coverage(one)] for one in results]
-    of_coverage = grouped(chain.from_iterable(splits), lambda one: one.cell.coverage or 0.0)
+    splits = [of_split[_key_without_coverage(result)] for result in results]
+    every = chain.from_iterable(splits)
+    of_coverage = grouped(every, lambda result: result.cell.coverage or 0.0)
     pose_id = read_data(source.folder, compared.case.name.data_sha256).samples.pose_id
-    for coverage, found in of_coverage.items():
-        if len(found) == len(splits):
-            yield {"nominal": coverage, **_share_inside(found, pose_id)}
+    for coverage, members in of_coverage.items():
+        if len(members) == len(splits):
+            yield {"nominal": coverage, **_share_inside(members, pose_id)}
 
 
 def _share_inside(results: Sequence[CellResult], pose_id: TextArray) -> dict[str, float]:
@@ -119,5 +120,5 @@ def _has_interval(result: CellResult) -> bool:
     return result.prediction is not None and result.prediction.interval is not None
 
 
-def _whatever_coverage(result: CellResult) -> str:
+def _key_without_coverage(result: CellResult) -> str:
     return replace(result.cell, coverage=None).key

@@ -21,13 +21,13 @@ from stiff_bench.tables.units import counted
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult, Presentation
-from stiff_protocols.contract.types import Prediction
+from stiff_protocols.contract.types import FloatArray, Prediction
 from stiff_protocols.scoring.metrics import norm_errors
 
 LEAST = 1e-12
 """m: an error of nothing has no logarithm."""
 NOISE = "noise"
-"""Key of `KNOWN`: what instruments without an error of the model would score."""
+"""Key of `KNOWN`: the deflection before the instruments' noise."""
 Has = Callable[[CellResult], object]
 """What is true of a result that has what a figure shows."""
 
@@ -123,7 +123,7 @@ class FigureSource:
     def newest(self) -> tuple[Case, ...]:
         """The cases of each name's newest data: measured first, then in the order of asking.
 
-        Those whose reported rows hold training rows are shown only where there are no others.
+        Those whose reported rows hold training rows are shown only if all do.
         """
         newest = {case.name for case in of_newest_data(self.cases)}
         in_order = [case for case in self.cases if case.name in newest]
@@ -136,17 +136,17 @@ class FigureSource:
         Raises:
             ConfigError: a word has no results in the folder.
         """
-        known, asked = competitor_names(self.cases), dict[str, None]()
+        every_name, names = competitor_names(self.cases), dict[str, None]()
         for word in self.models:
-            found = [name for name in known if stands_for(word, name)]
-            asked |= dict.fromkeys(found or [competitor_meant(word, self.cases)])
-        done = {name for one in cases for name, found in one.competitors.items() if found.done}
-        return [name for name in (asked or known) if name in done]
+            matches = [name for name in every_name if stands_for(word, name)]
+            names |= dict.fromkeys(matches or [competitor_meant(word, self.cases)])
+        done = {name for case in cases for name, model in case.competitors.items() if model.done}
+        return [name for name in (names or every_name) if name in done]
 
     def results(self, case: Case, has: Has) -> list[CellResult]:
         """Return the results of a case, of the models asked for, that have what is shown."""
-        each = (one for name in self.names([case]) for one in case.results(name))
-        return [one for one in each if has(one)]
+        names = self.names([case])
+        return [result for name in names for result in case.results(name) if has(result)]
 
     def cases_with(self, has: Has, needs: str, *, most_first: bool = False) -> list[Case]:
         """Return the case to draw of each data set: measured first, then in the order of asking.
@@ -204,14 +204,14 @@ class FigureSource:
         }
         models = list(dict.fromkeys(name for names in able.values() for name in names))
         names = models if self.models else _best(able, most)
-        shown = []
+        panels = []
         for case in cases:
             there = tuple(name for name in names if name in able[case])
             shared = case.shared_slots(there) if there else []
             slots = [at for at in shared if all(has(case.competitors[n].done[at]) for n in there)]
             if slots:
-                shown.append(Compared(case, there, tuple(slots)))
-        if not shown:
+                panels.append(Compared(case, there, tuple(slots)))
+        if not panels:
             raise StoreError(
                 f"{self.folder}: {cases[0].name.text}: {', '.join(names)}: no split on which all "
                 f"have {what}; as many splits of each make them",
@@ -221,24 +221,20 @@ class FigureSource:
         if len(names) < len(models):
             always = f"; {REFERENCE_MODEL} is always among them" * (REFERENCE_MODEL in names)
             notes.append(f"Best {len(names)} of {len(models)} models{always}.")
-        drawn = [one.case for one in shown]
-        data = {case.name.dataset: case.measured_sha256 for case in drawn}
-        if others := [case.name.dataset for case in every if case not in drawn]:
-            notes.append(f"Not shown: {', '.join(others)}.")
-        older = [
-            c
-            for c in self.cases
-            if c.measured_sha256 != data.get(c.name.dataset, c.measured_sha256)
-        ]
-        if older:
-            names_of_older = dict.fromkeys(case.name.dataset for case in older)
-            notes.append(f"Results on older data named {', '.join(names_of_older)} are left out.")
-        return Panels(tuple(shown), tuple(names), " ".join(notes))
+        drawn = [panel.case.name.dataset for panel in panels]
+        if hidden := [case.name.dataset for case in every if case.name.dataset not in drawn]:
+            notes.append(f"Not shown: {', '.join(hidden)}.")
+        data = {case.name.dataset: set[str]() for case in self.cases}
+        for case in self.cases:
+            data[case.name.dataset].add(case.measured_sha256)
+        if older := [dataset for dataset in drawn if len(data[dataset]) > 1]:
+            notes.append(f"Results on older data named {', '.join(older)} are left out.")
+        return Panels(tuple(panels), tuple(names), " ".join(notes))
 
     def compared(self, most: int) -> Compared:
         """Return the first of `panels`, for a figure of one data set."""
-        found = self.panels(most, most_panels=1)
-        return replace(found.shown[0], notes=found.notes)
+        panels = self.panels(most, most_panels=1)
+        return replace(panels.compared[0], notes=panels.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,13 +276,11 @@ class Compared:
         name = REFERENCE_MODEL if REFERENCE_MODEL in self.models else self.models[0]
         tested = pooled_prediction(self.case.results(name, self.slots))
         linear = tested.predicted if name == REFERENCE_MODEL else tested.reference
-        return (
-            None if linear is None else float(norm_errors(replace(tested, predicted=linear)).mean())
-        )
+        return None if linear is None else _mean_distance(linear, tested.measured)
 
     @property
     def noise_floor(self) -> float | None:
-        """Mean length of the error that the instruments' noise alone makes, m; None: not known."""
+        """Mean length of the error from the instruments' noise, m; None: not known."""
         return noise_floor(self.case.results(self.models[0], self.slots))
 
 
@@ -295,31 +289,35 @@ class Panels:
     """Data sets that a figure shows, a panel each.
 
     Attributes:
-        shown: at least one.
+        compared: at least one.
         models: all names, in the order of their colours.
         notes: what is left out.
     """
 
-    shown: tuple[Compared, ...]
+    compared: tuple[Compared, ...]
     models: tuple[str, ...]
     notes: str = ""
 
     @property
     def setting(self) -> str:
         """Data, protocols, splits, seed, marks of models, and what is left out."""
-        n_splits = [len(one.case.results(n, one.slots)) for one in self.shown for n in one.models]
-        about = setting([one.case for one in self.shown], self.models, n_splits)
+        n_splits = [
+            len(panel.case.results(name, panel.slots))
+            for panel in self.compared
+            for name in panel.models
+        ]
+        about = setting([panel.case for panel in self.compared], self.models, n_splits)
         return " ".join(filter(None, [about, self.notes]))
 
     @property
     def titled(self) -> list[tuple[str, Compared]]:
         """Each panel with its title."""
-        return list(zip(self.titles, self.shown, strict=True))
+        return list(zip(self.titles, self.compared, strict=True))
 
     @property
     def titles(self) -> list[str]:
-        """What tells the panels from each other, on one line or two; [""] for one."""
-        cases = [one.case for one in self.shown]
+        """Data set of each panel, on one line or two; [""] for a single panel."""
+        cases = [panel.case for panel in self.compared]
         if len(cases) == 1:
             return [""]
         names = [short(case.name.dataset, TITLE_LETTERS) for case in cases]
@@ -335,28 +333,34 @@ class Panels:
 
     @property
     def subtitle(self) -> str:
-        """What all panels share: of one panel its data set, too; "" where they share nothing."""
-        return self.shown[0].subtitle if len(self.shown) == 1 else self.condition
+        """`condition`; for a single panel with its data set."""
+        return self.compared[0].subtitle if len(self.compared) == 1 else self.condition
 
     @property
     def condition(self) -> str:
         """Protocol and condition that all panels share; "" where they differ."""
-        conditions = {condition_text(one.case) for one in self.shown}
+        conditions = {condition_text(panel.case) for panel in self.compared}
         return conditions.pop() if len(conditions) == 1 else ""
 
 
 def noise_floor(results: Iterable[CellResult]) -> float | None:
-    """Return the mean length of the error that instrument noise alone makes, m; None: not known.
+    """Return the mean length of the error from the instruments' noise, m; None: not known.
 
     `results` are of the splits that are shown; one model's are enough.
     """
-    errors = []
+    noise, measured = [], []
     for result in results:
         tested = result.prediction
-        if tested is None or (noise := tested.known.get(NOISE)) is None:
+        if tested is None or NOISE not in tested.known:
             return None
-        errors.append(np.linalg.norm(noise - tested.measured, axis=1))
-    return float(np.concatenate(errors).mean()) if errors else None
+        noise.append(tested.known[NOISE])
+        measured.append(tested.measured)
+    return _mean_distance(np.concatenate(noise), np.concatenate(measured)) if noise else None
+
+
+def _mean_distance(predicted: FloatArray, measured: FloatArray) -> float:
+    """Return the mean distance between the rows of two (n, 3) arrays [m], m."""
+    return float(np.linalg.norm(predicted - measured, axis=1).mean())
 
 
 def mean_length(results: Sequence[CellResult]) -> float:
@@ -374,9 +378,8 @@ def _best(able: Mapping[Case, Sequence[str]], most: int) -> list[str]:
     logarithms = pd.DataFrame(errors).clip(lower=LEAST).map(np.log)  # a row per model
     relative = (logarithms - logarithms.mean()).mean(axis=1)
     n_panels = logarithms.count(axis=1)
-    return with_linear(
-        sorted(logarithms.index, key=lambda one: (-n_panels[one], relative[one])), most
-    )
+    ordered = sorted(logarithms.index, key=lambda name: (-n_panels[name], relative[name]))
+    return with_linear(ordered, most)
 
 
 def with_linear(ordered: Sequence[str], most: int) -> list[str]:

@@ -21,7 +21,6 @@ from stiff_bench.figures import style
 from stiff_bench.figures.figure_source import (
     LEAST,
     MOST_PANELS,
-    NOISE,
     FigureSource,
     between,
     marks_in,
@@ -30,12 +29,11 @@ from stiff_bench.figures.figure_source import (
     with_linear,
 )
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.figures.samples import draw_noise_floor
+from stiff_bench.figures.samples import draw_noise_floor, noise_note
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, counted
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.types import KNOWN
 from stiff_protocols.splits.sample_efficiency import condition_of
 
 CONFIDENCE = 0.95
@@ -49,17 +47,20 @@ _NEEDS = (
 
 
 def learning_figure(
-    panels: Mapping[str, pd.DataFrame], names: Sequence[str], noise_floors: Mapping[str, float]
+    panels: Mapping[str, pd.DataFrame],
+    names: Sequence[str],
+    noise_floors: Mapping[str, float | None],
 ) -> Figure:
     """Draw errors against training poses, both logarithmic, a panel per type of robot.
 
     Args:
         panels: type of robot -> its `errors_of`.
         names: models, in the order of their colours.
-        noise_floors: type of robot -> mean 3-D error of the instruments' noise, m, where known.
+        noise_floors: type of robot -> mean 3-D error of the instruments' noise, m; None: not
+            known.
     """
     n_columns = 2 if len(panels) == 1 else 3
-    legend = LEGEND_LINE_INCH * -(-(len(names) + bool(noise_floors)) // n_columns)
+    legend = LEGEND_LINE_INCH * -(-(len(names) + any(noise_floors.values())) // n_columns)
     figure, grid = style.new_panels(len(panels), PANEL_INCH, legend)
     labels = style.short_names(names)
     for name, look in style.looks_of(names).items():
@@ -67,7 +68,7 @@ def learning_figure(
     for axes, (title, errors) in zip(grid, panels.items(), strict=True):
         axes.sharey(grid[0])
         _draw(axes, errors, names)
-        draw_noise_floor(axes.axhline, noise_floors.get(title))
+        draw_noise_floor(axes.axhline, noise_floors[title])
         axes.set_title(style.short(title), loc="left")
     style.label_left(grid, "mean 3-D error [mm]")
     style.name_panels(grid)
@@ -143,7 +144,7 @@ def learning_curves(source: FigureSource) -> Prepared:
     names = source.names(of_protocol)
     members = {
         f"{family} ({of_family[0].shown.kind})": of_family
-        for family, of_family in grouped(of_protocol, lambda one: family_of(one.name)).items()
+        for family, of_family in grouped(of_protocol, lambda case: family_of(case.name)).items()
     }
     families = {title: errors_of(names, of_family) for title, of_family in members.items()}
     models = names if source.models else _best(families.values())
@@ -157,35 +158,26 @@ def learning_curves(source: FigureSource) -> Prepared:
             "results",
         )
     drawn = {name for errors in panels.values() for name in errors.index.unique("model")}
-    shown = [name for name in models if name in drawn]
-    floors = {title: _noise_floor(members[title], shown) for title in panels}
-    known = {title: floor for title, floor in floors.items() if floor is not None}
-    others = [name for name in names if name not in drawn]
-    others += [title for title in families if title not in panels]
-    caption = _caption(panels, of_protocol, drawn)
-    if known:
-        caption += f" Dotted: mean 3-D error that the {KNOWN[NOISE]} alone makes."
-    if others:
-        caption += f" Not shown: {', '.join(others)}."
-    paint = partial(learning_figure, panels, shown, known)
+    drawn_models = [name for name in models if name in drawn]
+    floors = {title: _noise_floor(members[title], drawn_models) for title in panels}
+    hidden = [name for name in names if name not in drawn]
+    hidden += [title for title in families if title not in panels]
+    caption = _caption(panels, of_protocol, drawn) + noise_note(floors.values())
+    if hidden:
+        caption += f" Not shown: {', '.join(hidden)}."
+    paint = partial(learning_figure, panels, drawn_models, floors)
     return Prepared("Error over training poses", caption, paint, protocol)
 
 
 def _noise_floor(cases: Sequence[Case], names: Sequence[str]) -> float | None:
-    """Return the geometric mean of the noise floors [m] of some cases; None where one lacks it."""
-    floors = [
-        next(
-            (
-                noise_floor(results)
-                for name in names
-                if (results := case.results_of_all_slots(name))
-            ),
-            None,
-        )
-        for case in cases
-    ]
-    known = [floor for floor in floors if floor is not None]
-    return float(np.exp(np.mean(np.log(known)))) if known and len(known) == len(floors) else None
+    """Return the geometric mean of the cases' noise floors, m; None: one is not known."""
+    floors = []
+    for case in cases:
+        complete = filter(None, map(case.results_of_all_slots, names))
+        if (floor := noise_floor(next(complete, []))) is None:
+            return None
+        floors.append(floor)
+    return float(np.exp(np.mean(np.log(floors))))
 
 
 def _best(families: Iterable[pd.DataFrame]) -> list[str]:

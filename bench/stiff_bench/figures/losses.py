@@ -21,7 +21,7 @@ from stiff_protocols.springs.identification import SPRING_CURVE
 MOST_MODELS = 4
 PANEL_INCH, ROW_INCH, LEGEND_LINE_INCH = 2.3, 1.6, 0.16
 STEPS = {6.0: style.FINE_STEPS, 200.0: (1.0, 2.0, 5.0), np.inf: (1.0,)}
-"""Numbers of a decade on an axis whose end is less than so many times its beginning."""
+"""Ratio of an axis's ends -> numbers of a decade on an axis of a smaller ratio."""
 DASHED = (0, (3, 1.2))
 
 
@@ -58,14 +58,14 @@ def losses_figure(data: Sequence[tuple[str, Sequence[LossCurve]]]) -> Figure:
     figure = style.new_figure(width, row_inch * len(data) + legend)
     grid = figure.subplots(len(data), len(phases), squeeze=False, sharex="col", sharey="col")
     for (title, curves), row in zip(data, grid, strict=True):
-        by_phase = grouped(map(relative_to_first, curves), lambda one: one.phase)
+        by_phase = grouped(map(relative_to_first, curves), lambda curve: curve.phase)
         for axes, phase in zip(row, phases, strict=True):
-            found = by_phase.get(phase, [])
-            draw_losses(axes, found, look)
+            members = by_phase.get(phase, [])
+            draw_losses(axes, members, look)
             axes.set(xlabel="", ylabel="loss / first loss" if axes is row[0] else "")
-            if not found:
+            if not members:
                 axes.set_axis_off()
-            heading = phase if found else f"{phase}: none"
+            heading = phase if members else f"{phase}: none"
             axes.set_title(f"{title}\n{heading}".strip() if axes is row[0] else heading, loc="left")
     for axes in grid[-1]:
         axes.set_xlabel("iterations")
@@ -79,7 +79,7 @@ def losses_figure(data: Sequence[tuple[str, Sequence[LossCurve]]]) -> Figure:
 
 
 def relative_to_first(curve: LossCurve) -> LossCurve:
-    """Return a curve whose losses are relative to the first of their kind.
+    """Divide the losses of a curve by the first training and validation loss.
 
     Training and validation losses, and those of two models, may have different units.
     """
@@ -138,11 +138,11 @@ def loss_curves(source: FigureSource) -> Prepared:
             title,
             [
                 curve
-                for name in one.models
-                for curve in curves_of(one.case.competitors[name].done[one.slots[0]], name)
+                for name in compared.models
+                for curve in curves_of(compared.case.results(name, compared.slots)[0], name)
             ],
         )
-        for title, one in panels.titled
+        for title, compared in panels.titled
     ]
     caption = (
         "Losses relative to the first stored one (training and validation have different ones), "

@@ -92,8 +92,10 @@ def _draw_axis(
     axes: Axes, models: Mapping[str, Prediction], axis: int, looks: Mapping[str, style.Look]
 ) -> dict[str, float]:
     """Draw the errors of models along an axis, the best on top; return each MAE, mm."""
-    mean = {name: MM * float(absolute_errors(one)[:, axis].mean()) for name, one in models.items()}
-    for name in sorted(models, key=lambda name: -mean[name]):
+    mae = {
+        name: MM * float(absolute_errors(tested)[:, axis].mean()) for name, tested in models.items()
+    }
+    for name in sorted(models, key=lambda name: -mae[name]):
         tested, look = models[name], looks[name]
         true = MM * tested.measured[:, axis]
         error = MM * tested.predicted[:, axis] - true
@@ -102,13 +104,13 @@ def _draw_axis(
             axes.axhline(height, **look.connected(), linewidth=0.8)
         size, is_dense = 3.0 if len(true) < _MANY else 2.0, len(true) > 10 * _MANY
         axes.plot(true, error, **look.points(), ms=size, alpha=0.65, mew=0.0, rasterized=is_dense)
-    return mean
+    return mae
 
 
 def regression(source: FigureSource) -> Prepared:
     """Show the error of each sample over its true deflection, a panel per axis."""
     panels = source.panels(MOST_MODELS)
-    data = [(title, one.tested) for title, one in panels.titled]
+    data = [(title, compared.tested) for title, compared in panels.titled]
     paint = partial(regression_panels, data, panels.models)
     if len(data) == 1:
         paint = partial(regression_figure, data[0][1])
@@ -127,7 +129,7 @@ class ErrorPanel(NamedTuple):
     """A panel of cumulative curves.
 
     `errors` has each model's (n,) 3-D errors of the tested samples, m, and `noise_floor` their mean
-    from the instruments' noise alone, m; None: not known.
+    from the instruments' noise, m; None: not known.
     """
 
     title: str
@@ -171,24 +173,24 @@ def sample_errors(source: FigureSource) -> Prepared:
     errors = [
         ErrorPanel(
             title,
-            {name: errors_by_row(of_model).to_numpy() for name, of_model in one.tested.items()},
-            one.noise_floor,
+            {name: errors_by_row(tested).to_numpy() for name, tested in compared.tested.items()},
+            compared.noise_floor,
         )
-        for title, one in panels.titled
+        for title, compared in panels.titled
     ]
     caption = (
         "Cumulative distribution of the 3-D error of the tested samples, each the mean over the "
-        f"splits that test it. {noise_note(panels.shown)}{panels.setting}"
+        f"splits that test it.{noise_note(panel.noise_floor for panel in errors)} {panels.setting}"
     )
     paint = partial(errors_figure, errors, panels.models)
     return Prepared("Distribution of the error", caption, paint, panels.subtitle)
 
 
-def noise_note(shown: Iterable[Compared]) -> str:
+def noise_note(noise_floors: Iterable[float | None]) -> str:
     """Return the sentence on `draw_noise_floor`; "" where no panel has one."""
-    if all(one.noise_floor is None for one in shown):
+    if all(floor is None for floor in noise_floors):
         return ""
-    return f"Dotted: mean 3-D error that the {KNOWN[NOISE]} alone makes. "
+    return f" Dotted: mean 3-D error from the {KNOWN[NOISE]}."
 
 
 MOST_SCORES = 12
@@ -218,9 +220,9 @@ def scores_figure(panels: Sequence[ScorePanel]) -> Figure:
     look: dict[str, Any] = {"fmt": "o", "color": "black", "capsize": 2.0, "elinewidth": 0.8}
     linear: dict[str, Any] = {"color": style.REFERENCE_COLOR, "ls": "--", "label": REFERENCE_MODEL}
     for axes, panel in zip(grid, panels, strict=True):
-        found = MM * panel.errors.reindex(order)
-        reach = [found["mean"] - found["low"], found["high"] - found["mean"]]
-        axes.errorbar(found["mean"], range(len(found)), xerr=reach, **look)
+        errors = MM * panel.errors.reindex(order)
+        reach = [errors["mean"] - errors["low"], errors["high"] - errors["mean"]]
+        axes.errorbar(errors["mean"], range(len(errors)), xerr=reach, **look)
         if panel.linear_error is not None:
             axes.axvline(MM * panel.linear_error, **linear)
         draw_noise_floor(axes.axvline, panel.noise_floor)
@@ -238,13 +240,16 @@ def mean_errors(source: FigureSource) -> Prepared:
     """Show the mean 3-D error of each model, with 95 % intervals over poses."""
     panels = source.panels(MOST_SCORES)
     scores = [
-        ScorePanel(title, _score_table(source, one), one.linear_error, one.noise_floor)
-        for title, one in panels.titled
+        ScorePanel(
+            title, _score_table(source, compared), compared.linear_error, compared.noise_floor
+        )
+        for title, compared in panels.titled
     ]
     caption = (
         "Mean 3-D error of the test samples of all splits, the best model first; bars: "
         f"{percent(1 - LEVEL)} bootstrap intervals over poses, with the fitted models held fixed. "
-        f"Dashed: {REFERENCE_MODEL}. {noise_note(panels.shown)}{panels.setting}"
+        f"Dashed: {REFERENCE_MODEL}.{noise_note(panel.noise_floor for panel in scores)} "
+        f"{panels.setting}"
     )
     return Prepared("Mean error by model", caption, partial(scores_figure, scores), panels.subtitle)
 

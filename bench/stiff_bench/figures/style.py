@@ -128,7 +128,7 @@ def name_panels(panels: Sequence[Axes]) -> None:
 
 
 def label_left(panels: Iterable[Axes], label: str = "") -> None:
-    """Label the y axes of panels in the first column, which those beside them share."""
+    """Label the y axes of the first column of panels; the others share them."""
     for axes in panels:
         place = axes.get_subplotspec()
         is_first = place is None or place.is_first_col()
@@ -183,8 +183,8 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
         shared = set.intersection(*(set(split_word(name)[1]) for name in alike))
         for name in alike:
             key, options = split_word(name)
-            own = [option for option in options if option not in shared]
-            texts[name] = short(OPTION_MARK.join([key, *own, "…"]))
+            differing = [option for option in options if option not in shared]
+            texts[name] = short(OPTION_MARK.join([key, *differing, "…"]))
     for alike in _alike(texts):
         for number, name in enumerate(alike, start=1):
             texts[name] = short(f"{number}: {name}")

@@ -87,7 +87,7 @@ def strategies(results: Iterable[CellResult]) -> pd.DataFrame:
 
 
 class Strategies(NamedTuple):
-    """`strategies` of a data set and the linear model's errors of its splits, mm."""
+    """Freeze strategies on a data set: `strategies`, and the linear model's error per split, mm."""
 
     errors: pd.DataFrame
     linear: Sequence[float]
@@ -95,13 +95,13 @@ class Strategies(NamedTuple):
 
 def freezing_figure(data: Sequence[tuple[str, Strategies]]) -> Figure:
     """Draw the error of each strategy, a panel per data set."""
-    n_lines = max(one.errors["layers"].nunique() for _, one in data)
+    n_lines = max(errors["layers"].nunique() for _, (errors, _) in data)
     figure, panels = style.new_panels(len(data), FRAME_INCH + LINE_INCH * n_lines, LEGEND_INCH)
-    for axes, (title, one) in zip(panels, data, strict=True):
-        draw_strategies(axes, one.errors, one.linear)
+    for axes, (title, (errors, linear)) in zip(panels, data, strict=True):
+        draw_strategies(axes, errors, linear)
         axes.locator_params(axis="x", nbins=5)
         axes.set_title(title, loc="left")
-    if len({tuple(one.errors["layers"].unique()) for _, one in data}) == 1:
+    if len({tuple(errors["layers"].unique()) for _, (errors, _) in data}) == 1:
         style.label_left(panels, panels[0].get_ylabel())
     style.name_panels(panels)
     style.share_legend(figure, panels, columnspacing=1.0, handletextpad=0.4)
@@ -132,7 +132,7 @@ def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: Sequence[float]) -
 def freezing(source: FigureSource) -> Prepared:
     """Show the error of one model by its freeze strategy."""
     cases = source.cases_with(freeze_of, _STRATEGIES, most_first=True)
-    panels, data, model = _of_each(source, cases, _strategies_of)
+    panels, data, model = _gather(source, cases, _strategies_of)
     caption = (
         f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning trains "
         "(numbered from the input; out: the output layer). Symbol: mean over splits; ticks: "
@@ -144,43 +144,43 @@ def freezing(source: FigureSource) -> Prepared:
 def _strategies_of(source: FigureSource, case: Case) -> tuple[str, Compared, Strategies]:
     """Return the model with most strategies in a case, and its errors on their shared splits."""
     model, results = variants_of(source.results(case, freeze_of), "freeze")
-    each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
-    if len(each) < FEWEST_STRATEGIES:
+    slots_of_each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
+    if len(slots_of_each) < FEWEST_STRATEGIES:
         raise StoreError(f"{source.folder}: no model has results of {_STRATEGIES}", "results")
-    slots = set.intersection(*each)
+    slots = set.intersection(*slots_of_each)
     if not slots:
         raise StoreError(
             f"{source.folder}: the freeze strategies of {model} have no split in common; "
             "as many splits of each make them",
             "results",
         )
-    is_part = len(slots) < len(set.union(*each))
+    is_part = len(slots) < len(set.union(*slots_of_each))
     notes = "Splits that only some strategies have are left out." * is_part
-    names = dict.fromkeys(one.shown.model for one in results)
-    errors = strategies(one for one in results if slot_of(one) in slots)
+    names = dict.fromkeys(result.shown.model for result in results)
+    errors = strategies(result for result in results if slot_of(result) in slots)
     linear = case.competitors[REFERENCE_MODEL].done if REFERENCE_MODEL in case.competitors else {}
     of_linear = [
         mean_absolute_error_mm(linear[slot]) for slot in sorted(slots) if slots <= linear.keys()
     ]
-    shown = Compared(case, tuple(names), tuple(sorted(slots)), notes)
-    return model, shown, Strategies(errors, of_linear)
+    compared = Compared(case, tuple(names), tuple(sorted(slots)), notes)
+    return model, compared, Strategies(errors, of_linear)
 
 
-Shown = TypeVar("Shown")
+Numbers = TypeVar("Numbers")
 
 
-def _of_each(
+def _gather(
     source: FigureSource,
     cases: Sequence[Case],
-    gather: Callable[[FigureSource, Case], tuple[str, Compared, Shown]],
-) -> tuple[Panels, list[tuple[str, Shown]], str]:
+    gather: Callable[[FigureSource, Case], tuple[str, Compared, Numbers]],
+) -> tuple[Panels, list[tuple[str, Numbers]], str]:
     """Gather the numbers of each case that has enough of them.
 
     Returns:
         The panels, their titles with the numbers, and the names of the models.
 
     Raises:
-        StoreError: no case has enough; the reason is that of the first.
+        StoreError: no case has enough; it names the first case's reason.
     """
     gathered, reasons = [], []
     for case in cases:
@@ -191,11 +191,12 @@ def _of_each(
     if not gathered:
         raise reasons[0]
     models, compared, numbers = zip(*gathered[:MOST_PANELS], strict=True)
-    notes = dict.fromkeys(one.notes for one in compared)
-    others = [shown.case.name.dataset for _, shown, _ in gathered[MOST_PANELS:]]
-    more = [f"Not shown: {', '.join(others)}."] if others else []
-    names = dict.fromkeys(name for one in compared for name in one.models)
-    panels = Panels(compared, tuple(names), " ".join(filter(None, [*notes, *more])))
+    notes = list(dict.fromkeys(panel.notes for panel in compared))
+    hidden = [panel.case.name.dataset for _, panel, _ in gathered[MOST_PANELS:]]
+    if hidden:
+        notes.append(f"Not shown: {', '.join(hidden)}.")
+    names = dict.fromkeys(name for panel in compared for name in panel.models)
+    panels = Panels(compared, tuple(names), " ".join(filter(None, notes)))
     return panels, list(zip(panels.titles, numbers, strict=True)), ", ".join(dict.fromkeys(models))
 
 
@@ -227,7 +228,7 @@ def errors_on_source(results: Iterable[CellResult], error: str = SOURCE_MAE) -> 
 
 LABELS = {"width": "nodes per layer", "depth": "hidden layers"}
 LINES = {"width": "depth", "depth": "width"}
-"""What lies across -> what the lines are."""
+"""Size across -> size that the lines differ in."""
 
 
 def draw_lines(axes: Axes, errors: pd.DataFrame, across: str = "width", /, **words: object) -> None:
@@ -268,7 +269,7 @@ def sweep_figure(data: Sequence[tuple[str, pd.DataFrame]]) -> Figure:
 def sweep(source: FigureSource) -> Prepared:
     """Show the error on the simulated pre-training data over width and depth of a network."""
     cases = source.cases_with(is_swept, _NETWORKS, most_first=True)
-    panels, data, model = _of_each(source, cases, _networks_of)
+    panels, data, model = _gather(source, cases, _networks_of)
     caption = (
         f"Mean absolute error of {model} on the test part (30 %) of the simulated pre-training "
         f"data, all axes together. Bands: range over the splits. {panels.setting}"
@@ -283,6 +284,6 @@ def _networks_of(source: FigureSource, case: Case) -> tuple[str, Compared, pd.Da
     errors = errors_on_source(results)
     if len(errors.groupby(["depth", "width"])) < FEWEST_NETWORKS:
         raise StoreError(f"{source.folder}: no result has {_NETWORKS}", "results")
-    names = dict.fromkeys(one.shown.model for one in results)
+    names = dict.fromkeys(result.shown.model for result in results)
     slots = sorted(set(map(slot_of, results)))
     return model, Compared(case, tuple(names), tuple(slots)), errors

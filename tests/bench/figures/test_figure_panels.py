@@ -20,7 +20,7 @@ ERRORS = {"vjm": 0.4, "gp": 0.1, "knn": 0.8}
 NOISE_MM = 0.05
 
 
-def asked(folder, names=NAMES, measured=1, **about) -> MadeResults:
+def make_results(folder, names=NAMES, measured=1, **about) -> MadeResults:
     """Three models on some data sets, whose numbers depend on their places."""
     made, keys = MadeResults(folder), []
     for place, name in enumerate(names):
@@ -33,7 +33,7 @@ def asked(folder, names=NAMES, measured=1, **about) -> MadeResults:
 
 
 def with_noise(folder, *datasets: str) -> None:
-    """Give the results of some data sets what the noise of instruments alone would score."""
+    """Give the results of some data sets a prediction with an error of instrument noise."""
     store = ResultStore(folder)
     for result in list(read_results(folder)):
         if result.shown.dataset in datasets:
@@ -60,7 +60,7 @@ IN_ORDER = ("measured-data", "z-twin", "a", "longest-name-of-all")
 
 @pytest.mark.parametrize("name", ["scores", "errors"])
 def test_each_data_set_has_a_panel_measured_first_then_in_the_order_of_asking(name, tmp_path):
-    asked(tmp_path)
+    make_results(tmp_path)
     figure = drawn(tmp_path, name)
     assert len(figure.axes) == len(NAMES)
     for dataset, title in zip(IN_ORDER, titles_of(figure), strict=True):
@@ -69,7 +69,7 @@ def test_each_data_set_has_a_panel_measured_first_then_in_the_order_of_asking(na
 
 
 def test_one_data_set_asked_for_is_one_panel_that_names_it_in_the_picture(tmp_path):
-    asked(tmp_path)
+    make_results(tmp_path)
     figure = drawn(tmp_path, datasets=("a",))
     assert titles_of(figure) == [""]
     assert figure.get_suptitle() == "a (simulated), holdout"
@@ -83,8 +83,8 @@ def test_a_renamed_data_set_gives_the_same_picture_but_for_its_title(name, tmp_p
         lines = [line.get_xydata() for axes in figure.axes for line in axes.get_lines()]
         return [line.tolist() for line in lines]
 
-    asked(tmp_path / "one")
-    asked(tmp_path / "two", ("b", "zz", "y-with-a-far-longer-name-than-before", "c"))
+    make_results(tmp_path / "one")
+    make_results(tmp_path / "two", ("b", "zz", "y-with-a-far-longer-name-than-before", "c"))
     one, two = (drawn(tmp_path / folder, name) for folder in ("one", "two"))
     assert numbers(one) == numbers(two)
     assert titles_of(one) != titles_of(two)
@@ -92,7 +92,7 @@ def test_a_renamed_data_set_gives_the_same_picture_but_for_its_title(name, tmp_p
 
 def test_more_data_sets_than_panels_are_named_in_the_caption(tmp_path):
     names = tuple(f"d{number}" for number in range(MOST_PANELS, -2, -1))
-    asked(tmp_path, names)
+    make_results(tmp_path, names)
     content = FIGURES["errors"](FigureSource.of(tmp_path))
     assert len(content.draw().axes) == MOST_PANELS
     assert f"Not shown: {names[-2]}, {names[-1]}." in content.caption
@@ -101,7 +101,7 @@ def test_more_data_sets_than_panels_are_named_in_the_caption(tmp_path):
 @pytest.mark.parametrize("name", ["scores", "errors", "regression"])
 def test_data_sets_whose_names_are_alike_when_shortened_keep_their_panels(name, tmp_path):
     long = "a-name-that-is-long-{}-and-goes-on-for-a-while"
-    asked(tmp_path, (long.format(1), long.format(2)), measured=0)
+    make_results(tmp_path, (long.format(1), long.format(2)), measured=0)
     titles = [title for title in titles_of(drawn(tmp_path, name)) if "a-name" in title]
     assert len(titles) == 2
 
@@ -126,7 +126,7 @@ def test_panels_of_different_protocols_name_them(tmp_path):
 
 
 def test_scores_share_the_models_and_have_the_linear_ones_line_and_the_noise_where_known(tmp_path):
-    asked(tmp_path)
+    make_results(tmp_path)
     with_noise(tmp_path, "a")
     panels = drawn(tmp_path).axes
     assert [label.get_text() for label in panels[0].get_yticklabels()] == ["gp", "vjm", "knn"]
@@ -145,7 +145,7 @@ def test_scores_without_the_linear_model_have_the_line_of_what_each_cell_stores_
 
 
 def test_errors_are_a_curve_per_model_from_nothing_to_all_samples_with_the_noise_floor(tmp_path):
-    asked(tmp_path)
+    make_results(tmp_path)
     with_noise(tmp_path, *NAMES)
     figure = drawn(tmp_path, "errors")
     (legend,) = figure.legends
@@ -159,7 +159,7 @@ def test_errors_are_a_curve_per_model_from_nothing_to_all_samples_with_the_noise
 
 
 def test_regression_has_a_row_per_data_set_whose_axes_share_the_scale_of_errors(tmp_path):
-    asked(tmp_path, NAMES[:2])
+    make_results(tmp_path, NAMES[:2])
     figure = drawn(tmp_path, "regression")
     rows = np.reshape(figure.axes, (2, 3))
     for row, dataset in zip(rows, IN_ORDER, strict=False):
@@ -170,14 +170,14 @@ def test_regression_has_a_row_per_data_set_whose_axes_share_the_scale_of_errors(
 
 
 def test_calibration_has_a_row_per_data_set_in_the_same_order(tmp_path):
-    asked(tmp_path, coverage=0.9)
+    make_results(tmp_path, coverage=0.9)
     (axes,) = drawn(tmp_path, "calibration").axes
     labels = [label.get_text().partition(" ")[0] for label in axes.get_yticklabels()]
     assert labels == [*IN_ORDER]
 
 
 def test_losses_have_a_row_per_data_set_and_a_panel_per_phase(tmp_path):
-    made = asked(tmp_path, NAMES[:2])
+    made = make_results(tmp_path, NAMES[:2])
     with_fields(made, "gp", curves={"pre-training": CURVE, "fine-tuning": CURVE})
     figure = drawn(tmp_path, "losses")
     titles = titles_of(figure)
