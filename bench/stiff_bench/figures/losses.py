@@ -65,7 +65,7 @@ def losses_figure(data: Sequence[tuple[str, Sequence[LossCurve]]]) -> Figure:
             axes.set(xlabel="", ylabel="loss / first loss" if axes is row[0] else "")
             if not members:
                 axes.set_axis_off()
-            heading = phase if members else f"{phase}: none"
+            heading = style.short(phase) if members else f"{style.short(phase)}: none"
             axes.set_title(f"{title}\n{heading}".strip() if axes is row[0] else heading, loc="left")
     for axes in grid[-1]:
         axes.set_xlabel("iterations")

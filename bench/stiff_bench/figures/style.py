@@ -188,7 +188,8 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
     for alike in _alike(texts):
         for number, name in enumerate(alike, start=1):
             texts[name] = short(f"{number}: {name}")
-    return texts
+    # matplotlib leaves labels that begin with an underscore out of a legend
+    return {name: f" {text}" if text.startswith("_") else text for name, text in texts.items()}
 
 
 def _alike(texts: Mapping[str, str]) -> list[list[str]]:

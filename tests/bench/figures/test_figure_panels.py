@@ -169,6 +169,12 @@ def test_regression_has_a_row_per_data_set_whose_axes_share_the_scale_of_errors(
     assert [text.get_text() for text in legend.get_texts()] == ["gp", "vjm", "knn"]
 
 
+def test_a_model_whose_name_begins_with_an_underscore_is_in_the_legend(tmp_path):
+    MadeResults(tmp_path).add_each({"vjm": [0.1], "_mine": [0.2]})
+    (legend,) = drawn(tmp_path, "errors").legends
+    assert {text.get_text().strip() for text in legend.get_texts()} == {"vjm", "_mine"}
+
+
 def test_calibration_has_a_row_per_data_set_in_the_same_order(tmp_path):
     make_results(tmp_path, coverage=0.9)
     (axes,) = drawn(tmp_path, "calibration").axes
