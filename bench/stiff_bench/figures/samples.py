@@ -103,7 +103,8 @@ def _draw_axis(
         for height in (half, -half):
             axes.axhline(height, **look.connected(), linewidth=0.8)
         size, is_dense = 3.0 if len(true) < _MANY else 2.0, len(true) > 10 * _MANY
-        axes.plot(true, error, **look.points(), ms=size, alpha=0.65, mew=0.0, rasterized=is_dense)
+        points = look.points() | {"mec": "white", "mew": 0.25}  # an edge parts close points
+        axes.plot(true, error, **points, ms=size, rasterized=is_dense)
     return mae
 
 
