@@ -143,7 +143,7 @@ class Robot(Shown, SerialChain):
             limits = (f"{end:.0f} {unit}" if np.isfinite(end) else "-" for end in ends)
             rows.append([name, kind, *limits])
         tcp = f"{_lengths(1000.0 * self.tcp_on_flange)} mm in the frame of the last link"
-        facts = {"TCP": f"{tcp}; {self.tcp_text}"}
+        facts = [("TCP", f"{tcp}; {self.tcp_text}")]
         return Screen(
             f"Robot {self.summary}", facts, ("joint", "type", "lower limit", "upper limit"), rows
         )

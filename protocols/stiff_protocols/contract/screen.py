@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import textwrap
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 
 WIDTH = 100
 """Characters of a line of text at most."""
-MOST_ROWS = 12
+MOST_ROWS = 8
 """Rows of a table at most; the last line counts the others."""
 _NO_FORMULAS = "tex2jax_ignore mathjax_ignore"
 """Classes of HTML in which a notebook reads no `$` as a formula."""
@@ -39,7 +39,7 @@ class Screen:
 
     Attributes:
         title: first line.
-        facts: name -> value, with its unit.
+        facts: names with values and their units.
         columns: headings of the table; none: there is no table.
         rows: texts of the table's cells, a row each.
         notes: sentences below.
@@ -47,7 +47,7 @@ class Screen:
     """
 
     title: str
-    facts: Mapping[str, str] = field(default_factory=dict)
+    facts: Sequence[tuple[str, str]] = ()
     columns: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
     notes: Sequence[str] = ()
@@ -55,9 +55,9 @@ class Screen:
 
     def text(self) -> str:
         """Return lines of at most `WIDTH` characters for a terminal."""
-        width = max(map(len, self.facts), default=0) + 2
+        width = max((len(name) for name, _ in self.facts), default=0) + 2
         lines = [_wrapped(self.title)]
-        lines += [_wrapped(value, f"  {name:<{width}}") for name, value in self.facts.items()]
+        lines += [_wrapped(value, f"  {name:<{width}}") for name, value in self.facts]
         if self.columns and self.in_text:
             lines += ["", *(f"  {line.rstrip()}"[:WIDTH] for line in self._table("plain"))]
         return "\n".join([*lines, *(_wrapped(note, "  ") for note in self.notes)])
@@ -66,7 +66,7 @@ class Screen:
         """Return a block of HTML for a notebook."""
         parts = [f"<p><strong>{escape(one_line(self.title))}</strong></p>"]
         if self.facts:
-            parts += _table("html", (), [*self.facts.items()], ("left", "left"))
+            parts += _table("html", (), self.facts, ("left", "left"))
         if self.columns:
             parts += self._table("html")
         parts += [f"<p>{escape(one_line(note))}</p>" for note in self.notes]
@@ -98,7 +98,7 @@ def _table(
     return text.splitlines()
 
 
-def shorten(text: str, most: int = 24) -> str:
+def shorten(text: str, most: int = 40) -> str:
     """Return the first characters of a text."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 

@@ -86,16 +86,15 @@ class Samples(Shown):
         return len(self.q)
 
     @property
-    def facts(self) -> dict[str, str]:
+    def facts(self) -> list[tuple[str, str]]:
         """Counts, and the ranges of loads and deflections, for people."""
         n_poses = len(np.unique(self.pose_id))
-        return {
-            "samples": f"{len(self)} at {n_poses} pose{'s' * (n_poses != 1)}",
-            "loads": (
-                f"force {_range(self.wrench[:, :3])} N, torque {_range(self.wrench[:, 3:])} N m"
-            ),
-            "deflections": f"{_range(1000.0 * self.deflection)} mm",
-        }
+        force, torque = self.wrench[:, :3], self.wrench[:, 3:]
+        return [
+            ("samples", f"{len(self)} at {n_poses} pose{'s' * (n_poses != 1)}"),
+            ("loads", f"force {_range(force)} N, torque {_range(torque)} N m"),
+            ("deflections", f"{_range(1000.0 * self.deflection)} mm"),
+        ]
 
     def screen(self) -> Screen:
         """Return counts and ranges, and the first rows in N, N m and mm."""
@@ -295,10 +294,18 @@ class BenchmarkData(Shown):
                 f"robot {self.robot.name!r} has {self.robot.n_joints} joints"
             )
 
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """Robot and TCP, and the facts of the samples."""
+        return [
+            ("robot", self.robot.summary),
+            ("TCP", self.robot.tcp_text),
+            *self.samples.facts,
+        ]
+
     def screen(self) -> Screen:
         """Return robot, counts and ranges."""
-        robot = {"robot": self.robot.summary, "TCP": self.robot.tcp_text}
-        return Screen("Samples and their robot", {**robot, **self.samples.facts})
+        return Screen("Samples and their robot", self.facts)
 
     def without_truth(self) -> BenchmarkData:
         """Return the same samples and robot, without what only a simulation knows."""
