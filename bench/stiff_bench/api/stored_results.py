@@ -24,6 +24,7 @@ from stiff_protocols.scoring.metrics import METRICS, metric
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from stiff_bench.analysis.answer import Answer
     from stiff_bench.figures.prepared_figure import Prepared
     from stiff_bench.run.runner import Finished
     from stiff_bench.store.merging import Merged
@@ -180,6 +181,29 @@ class Results:
         asked = {"equivalence_mm": equivalence_mm, "confidence": confidence}
         about = {"a": found.a, "b": found.b, **asked}
         return Tables(comparison_tables(found), self.command, sentence(found), about)
+
+    def answer(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Answer:
+        """Return which model is best, how much better than the VJM, and how sure that is.
+
+        Args:
+            metric: to score by; a key.
+            axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
+            seed: of the resampling of poses.
+
+        Raises:
+            ConfigError: no model has a score, or the metric cannot rank.
+            StoreError: the folder holds no results, or corrupt ones.
+        """
+        from stiff_bench.analysis.answer import Answer
+        from stiff_bench.analysis.sort_key import sort_key
+
+        key = sort_key(metric, axis)
+        if self.finished is not None:  # what was run now, not what else the folder holds
+            return Answer.of(StoredResults.of_results(self.folder, self.cells), key, seed=seed)
+        stored = StoredResults.read(self.folder)
+        cases = self.selection.cases_of(stored.cases)
+        models = self.selection.models_of(cases)
+        return Answer.of(stored, key, cases, models, seed=seed)
 
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0

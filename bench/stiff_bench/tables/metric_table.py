@@ -120,15 +120,15 @@ def _beside_models(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[C
     rows = {}
     for name in names:
         for results in by_model.values():
-            found = [one for result in results if (one := _beside(result, name)) is not None]
+            found = [one for result in results if (one := known_result(result, name)) is not None]
             if len(found) == len(results):
                 rows[name] = found
                 break
     return rows
 
 
-def _beside(result: CellResult, name: str) -> CellResult | None:
-    """Return the result that another prediction of a cell is; None where it has none."""
+def known_result(result: CellResult, name: str) -> CellResult | None:
+    """Return the VJM's result, or one of `KNOWN`, that a cell holds; None where it has none."""
     found = result.prediction
     if found is None:
         return None
