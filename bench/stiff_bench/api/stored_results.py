@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.selection import EVERYTHING
+from stiff_bench.analysis.selection import EVERYTHING, stands_for
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
 from stiff_bench.api.tables import Tables
@@ -205,6 +205,27 @@ class Results:
         models = self.selection.models_of(cases)
         return Answer.of(stored, key, cases, models, seed=seed)
 
+    def summary(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Tables:
+        """Return the answer as a headline, the errors of each model, and sentences.
+
+        The arguments and errors are those of `answer`.
+        """
+        from stiff_bench.analysis.answer_text import headline, matrix_table, sentences
+
+        answer = self.answer(metric, axis, seed=seed)
+        matrix, statuses = matrix_table(answer), [one.status for one in self.cells]
+        failed = statuses.count("failed")
+        notes = [
+            *matrix.notes,
+            *(f"{sentence.label}: {sentence.text}" for sentence in sentences(answer)),
+            f"{failed} of {len(statuses)} fits failed; frame() has the reasons." if failed else "",
+        ]
+        return Tables([replace(matrix, notes=notes)], self.command, headline(answer))
+
+    def plot(self, name: str = "scores") -> Prepared:
+        """Return a figure of the results; see `figure` and `list_figures`."""
+        return figure(name, self)
+
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
     ) -> Tables:
@@ -274,12 +295,33 @@ class Results:
         """Return the number of results and failures."""
         return len(self.cells)
 
+    def __getitem__(self, model: str) -> Results:
+        """Return the results of one model, or of all variants of a key.
+
+        Raises:
+            ConfigError: the model has no results.
+        """
+        names = list(dict.fromkeys(one.shown.model for one in self.cells))
+        if not isinstance(model, str) or not any(stands_for(model, name) for name in names):
+            raise unknown_name("model with results", str(model), names)
+        return self.select(models=[model])
+
+    __iter__ = None
+    """Results are not a sequence; `cells` has them."""
+
+    def _shown(self) -> Tables:
+        """Return the answer; the tables where no model has a score."""
+        try:
+            return self.summary()
+        except ConfigError:
+            return self.table()
+
     def __repr__(self) -> str:
-        """Return the tables for a terminal."""
-        return repr(self.table())
+        """Return the answer for a terminal."""
+        return repr(self._shown())
 
     def _repr_html_(self) -> str:
-        return self.table().text_as("html")
+        return self._shown()._repr_html_()
 
 
 def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:

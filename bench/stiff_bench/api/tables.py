@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from typing import TYPE_CHECKING
 
+from stiff_bench.console import printable
 from stiff_bench.tables.render import of_format, render
+from stiff_protocols.contract.screen import html_block
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -20,6 +23,10 @@ class Text(str):
     def __repr__(self) -> str:
         """Return the text itself."""
         return str(self)
+
+    def _repr_html_(self) -> str:
+        """Return the text with its columns, long lines wrapped."""
+        return html_block(f'<pre style="white-space: pre-wrap;">{escape(printable(self))}</pre>')
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,4 +60,4 @@ class Tables:
         return self.text_as("github")
 
     def _repr_html_(self) -> str:
-        return self.text_as("html")
+        return html_block(self.text_as("html"))

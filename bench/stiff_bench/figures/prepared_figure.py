@@ -12,12 +12,13 @@ from typing import Any, BinaryIO, TypeVar
 import matplotlib
 from matplotlib.figure import Figure
 
+from stiff_bench.console import one_line
 from stiff_bench.figures.style import STYLE, add_subtitle
 from stiff_bench.tables.picture_file import METADATA, check_suffix
 from stiff_protocols.contract.files import written_whole
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Prepared:
     """A figure that can be drawn: its numbers are gathered.
 
@@ -60,6 +61,9 @@ class Prepared:
         held = io.BytesIO()
         self._write(held, suffix)
         return held.getvalue()
+
+    def __repr__(self) -> str:
+        return one_line(f"Figure: {self.title}" + f" ({self.subtitle})" * bool(self.subtitle))
 
     def _repr_png_(self) -> bytes:
         return self.picture(".png")
