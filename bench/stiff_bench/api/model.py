@@ -23,6 +23,7 @@ from stiff_bench.run.whole_fit import left_out_errors, whole_fit
 from stiff_bench.tables.fit_notes import springs_table
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Table
+from stiff_bench.tables.units import counted
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -411,9 +412,8 @@ class Model(Shown):
             return Screen(f"Model {self.name}, not fitted", [fact for fact in facts if fact[1]])
         if self.data is not None:
             data, seed = self.data
-            (thing, counts), *_ = data.samples.facts
-            kind = data.choice.info.kind
-            facts.append(("fitted to", f"{data.name} ({kind}), {thing} {counts}, seed {seed}"))
+            kind, n = data.choice.info.kind, counted(len(data), "sample")
+            facts.append(("fitted to", f"{data.name} ({kind}), {n}, seed {seed}"))
         if self.file is not None:
             facts.append(("read from", str(self.file)))
         facts.append(("robot", self.fitted.robot_.summary))
