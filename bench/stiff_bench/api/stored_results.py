@@ -310,7 +310,9 @@ class Results:
     """Results are not a sequence; `cells` has them."""
 
     def _shown(self) -> Tables:
-        """Return the answer; the tables where no model has a score."""
+        """Return the answer; the tables of one model, or where no model has a score."""
+        if len({one.shown.model for one in self.cells}) < 2:
+            return self.table()
         try:
             return self.summary()
         except ConfigError:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import TYPE_CHECKING
 
-from stiff_bench.console import printable
-from stiff_bench.tables.render import of_format, render
+from stiff_bench.console import one_line, printable
+from stiff_bench.tables.render import html_text, of_format, render
 from stiff_protocols.contract.screen import html_block
 
 if TYPE_CHECKING:
@@ -60,4 +60,9 @@ class Tables:
         return self.text_as("github")
 
     def _repr_html_(self) -> str:
-        return html_block(self.text_as("html"))
+        """Return the text and the tables, with titles no larger than a notebook's text."""
+        found = render(self.tables, "html", "")
+        for tag, small in (("<h2>", "<p><strong>"), ("</h2>", "</strong></p>"), ("<ul></ul>", "")):
+            found = found.replace(tag, small)
+        text = f"<p><strong>{html_text(one_line(self.text))}</strong></p>\n" if self.text else ""
+        return html_block(text + found)

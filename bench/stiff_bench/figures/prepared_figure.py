@@ -17,6 +17,9 @@ from stiff_bench.figures.style import STYLE, add_subtitle
 from stiff_bench.tables.picture_file import METADATA, check_suffix
 from stiff_protocols.contract.files import written_whole
 
+NOTEBOOK_DPI, MOST_PIXELS = 130, 900
+"""Pixels per inch of a figure in a notebook, and its largest width; the picture has more."""
+
 
 @dataclass(frozen=True, repr=False)
 class Prepared:
@@ -65,8 +68,11 @@ class Prepared:
     def __repr__(self) -> str:
         return one_line(f"Figure: {self.title}" + f" ({self.subtitle})" * bool(self.subtitle))
 
-    def _repr_png_(self) -> bytes:
-        return self.picture(".png")
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        """Return the picture and the width at which a notebook shows it, pixels."""
+        image = self.picture(".png")
+        inches = int.from_bytes(image[16:20], "big") / self.style.get("savefig.dpi", 100.0)
+        return image, {"width": min(round(inches * NOTEBOOK_DPI), MOST_PIXELS)}
 
     def _write(self, target: Path | BinaryIO, suffix: str) -> None:
         with _only_settings(self.style):
