@@ -24,7 +24,7 @@ from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import Slot
 from stiff_bench.tables.metric_table import known_result, mark_of
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.arrays import BriefFields
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import KNOWN

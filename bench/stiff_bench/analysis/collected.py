@@ -28,7 +28,7 @@ from stiff_bench.store.newest import (
     slot_of,
 )
 from stiff_bench.store.samples import StoredData, what_differs
-from stiff_protocols.contract.arrays import BriefFields
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 

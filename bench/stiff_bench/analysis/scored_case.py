@@ -26,7 +26,7 @@ from stiff_bench.store.names import CaseName, grouped, without_options
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import pooled_prediction
-from stiff_protocols.contract.arrays import BriefFields
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray

@@ -238,7 +238,7 @@ def as_dataset(data: object, robot: str | Robot | None = None) -> Dataset:
             "make one"
         )
     if robot is not None:
-        raise ConfigError("the data set has its own; give one with a DataFrame only", "robot")
+        raise ConfigError("is part of the data set; only a DataFrame needs it", "robot")
     return data if isinstance(data, Dataset) else Dataset(held_data(data, "own-data"))
 
 

@@ -157,12 +157,12 @@ class Model(Shown):
         self.check_fitted()
         if not isinstance(q, DataFrame):
             if wrench is None:
-                raise ConfigError("(n, 6) N and N m are missing; a DataFrame has them", "wrench")
+                raise ConfigError("is missing: (n, 6) N and N m; a DataFrame has its own", "wrench")
             return q, wrench
         from stiff_datasets.measured.load_file import loads_of
 
         if wrench is not None:
-            raise ConfigError("the DataFrame has the loads; give one of them", "wrench")
+            raise ConfigError("is in the DataFrame already; leave it out", "wrench")
         loads = loads_of("loads", q, self.fitted.robot_)
         for oddity in loads.oddities:
             warn(oddity, stacklevel=3)

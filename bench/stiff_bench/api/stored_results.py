@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +16,7 @@ from stiff_bench.api import RESULTS
 from stiff_bench.api.tables import Tables
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
-from stiff_bench.tables.units import MM, PRINTED
+from stiff_bench.tables.units import MM, PRINTED, counted, first_few
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import AXES, Prediction
@@ -213,12 +214,13 @@ class Results:
         from stiff_bench.analysis.answer_text import headline, matrix_table, sentences
 
         answer = self.answer(metric, axis, seed=seed)
-        matrix, statuses = matrix_table(answer), [one.status for one in self.cells]
-        failed = statuses.count("failed")
+        matrix = matrix_table(answer)
+        failures = Counter(one.shown.model for one in self.cells if one.status == "failed")
+        failed = [f"{model} ({counted(number, 'fit')})" for model, number in failures.items()]
         notes = [
             *matrix.notes,
             *(f"{sentence.label}: {sentence.text}" for sentence in sentences(answer)),
-            f"{failed} of {len(statuses)} fits failed; frame() has the reasons." if failed else "",
+            f"Failed: {first_few(failed)}; frame() has the reasons." if failed else "",
         ]
         return Tables([replace(matrix, notes=notes)], self.command, headline(answer))
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 from stiff_bench.console import one_line, printable
 from stiff_bench.tables.render import html_text, of_format, render
-from stiff_protocols.contract.screen import html_block
+from stiff_protocols.contract.screen import WIDTH, html_block
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -17,12 +19,21 @@ if TYPE_CHECKING:
     from stiff_bench.tables.table import Table
 
 
+_COLUMNS = re.compile(r"\S  +\S")
+"""Spaces between the columns of a table."""
+
+
 class Text(str):
     """A text that a notebook shows as it is printed, line by line."""
 
     def __repr__(self) -> str:
-        """Return the text itself."""
-        return str(self)
+        """Return the text, with sentences in lines that a screen has room for."""
+        lines = printable(self).splitlines()
+        is_table = [_COLUMNS.search(line) for line in lines]
+        return "\n".join(
+            line if columns else fill(line, WIDTH, break_long_words=False, break_on_hyphens=False)
+            for line, columns in zip(lines, is_table, strict=True)
+        )
 
     def _repr_html_(self) -> str:
         """Return the text with its columns, long lines wrapped."""

@@ -22,7 +22,7 @@ from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
 from stiff_bench.store.database import ResultStore, read_results
-from stiff_protocols.contract.arrays import BriefFields
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.record import CellResult, RunManifest

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
-from dataclasses import fields
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -44,30 +40,3 @@ def freeze(owner: object, **shapes: tuple[int | None, ...]) -> None:
     """Make attributes of a frozen dataclass `frozen_array`s of these shapes; DataError as there."""
     for name, shape in shapes.items():
         object.__setattr__(owner, name, frozen_array(getattr(owner, name), name, shape))
-
-
-class _Brief(reprlib.Repr):
-    """Shorten values to a few characters, arrays to their shape."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxlevel, self.maxother, self.maxstring = 2, 60, 60
-        self.maxdict = self.maxtuple = self.maxlist = 3
-
-    def repr_ndarray(self, array: Any, level: int) -> str:
-        """Return the shape."""
-        return f"<array {'x'.join(map(str, array.shape))}>"
-
-    def repr_instance(self, x: Any, level: int) -> str:
-        """Return the first line of the object's own text, shortened."""
-        return super().repr_instance(x, level).partition("\n")[0]
-
-
-class BriefFields:
-    """Show the fields of a dataclass (with `repr=False`) in a line, arrays by their shape."""
-
-    def __repr__(self) -> str:
-        brief = _Brief()
-        known: Any = self
-        parts = [f"{item.name}={brief.repr(getattr(self, item.name))}" for item in fields(known)]
-        return f"{type(self).__name__}({', '.join(parts)})"

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
-from stiff_protocols.contract.arrays import BriefFields, FloatArray
+from stiff_protocols.contract.arrays import FloatArray
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.types import Prediction
 
 

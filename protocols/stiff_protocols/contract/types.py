@@ -15,11 +15,12 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from stiff_protocols.contract.arrays import BoolArray as BoolArray
-from stiff_protocols.contract.arrays import BriefFields, freeze
 from stiff_protocols.contract.arrays import FloatArray as FloatArray
 from stiff_protocols.contract.arrays import IntArray as IntArray
 from stiff_protocols.contract.arrays import TextArray as TextArray
+from stiff_protocols.contract.arrays import freeze
 from stiff_protocols.contract.arrays import frozen_array as frozen_array
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.robot import Robot as Robot
 from stiff_protocols.contract.screen import Screen, Shown

@@ -13,12 +13,12 @@ import numpy as np
 
 from stiff_protocols.contract.arrays import (
     BoolArray,
-    BriefFields,
     FloatArray,
     IntArray,
     TextArray,
     frozen_array,
 )
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.types import Deflection

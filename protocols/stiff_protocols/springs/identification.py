@@ -24,7 +24,8 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 from scipy.special import ndtri
 
-from stiff_protocols.contract.arrays import BoolArray, BriefFields, FloatArray, IntArray
+from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.robot import Robot
 
