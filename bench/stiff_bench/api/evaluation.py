@@ -186,7 +186,10 @@ def evaluate(
             "and which other processes cannot import; leave out output=... and jobs=..., or define "
             "it in a file and call use_plugin(file)"
         )
-    data = [one if isinstance(one, str) else as_dataset(one) for one in _listed(datasets)]
+    data = [
+        dataset if isinstance(dataset, str) else as_dataset(dataset)
+        for dataset in _listed(datasets)
+    ]
     folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
     run = prepare_run(
         asked,

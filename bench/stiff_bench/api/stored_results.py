@@ -209,13 +209,13 @@ class Results:
     def summary(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Tables:
         """Return the answer as a headline, the errors of each model, and sentences.
 
-        The arguments and errors are those of `answer`.
+        It takes the arguments of `answer`, and raises the same errors.
         """
         from stiff_bench.analysis.answer_text import headline, matrix_table, sentences
 
         answer = self.answer(metric, axis, seed=seed)
         matrix = matrix_table(answer)
-        failures = Counter(one.shown.model for one in self.cells if one.status == "failed")
+        failures = Counter(cell.shown.model for cell in self.cells if cell.status == "failed")
         failed = [f"{model} ({counted(number, 'fit')})" for model, number in failures.items()]
         notes = [
             *matrix.notes,
@@ -303,7 +303,7 @@ class Results:
         Raises:
             ConfigError: the model has no results.
         """
-        names = list(dict.fromkeys(one.shown.model for one in self.cells))
+        names = list(dict.fromkeys(cell.shown.model for cell in self.cells))
         if not isinstance(model, str) or not any(stands_for(model, name) for name in names):
             raise unknown_name("model with results", str(model), names)
         return self.select(models=[model])
@@ -311,9 +311,9 @@ class Results:
     __iter__ = None
     """Results are not a sequence; `cells` has them."""
 
-    def _shown(self) -> Tables:
+    def _view(self) -> Tables:
         """Return the answer; the tables of one model, or where no model has a score."""
-        if len({one.shown.model for one in self.cells}) < 2:
+        if len({cell.shown.model for cell in self.cells}) < 2:
             return self.table()
         try:
             return self.summary()
@@ -322,10 +322,10 @@ class Results:
 
     def __repr__(self) -> str:
         """Return the answer for a terminal."""
-        return repr(self._shown())
+        return repr(self._view())
 
     def _repr_html_(self) -> str:
-        return self._shown()._repr_html_()
+        return self._view()._repr_html_()
 
 
 def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:

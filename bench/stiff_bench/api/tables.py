@@ -72,8 +72,8 @@ class Tables:
 
     def _repr_html_(self) -> str:
         """Return the text and the tables, with titles no larger than a notebook's text."""
-        found = render(self.tables, "html", "")
+        page = render(self.tables, "html", "")
         for tag, small in (("<h2>", "<p><strong>"), ("</h2>", "</strong></p>"), ("<ul></ul>", "")):
-            found = found.replace(tag, small)
+            page = page.replace(tag, small)
         text = f"<p><strong>{html_text(one_line(self.text))}</strong></p>\n" if self.text else ""
-        return html_block(text + found)
+        return html_block(text + page)

@@ -82,7 +82,8 @@ def read_loads(path: Path, robot: Robot, sheet_name: str | None = None) -> LoadT
 def loads_of(name: str, table: pd.DataFrame, robot: Robot) -> LoadTable:
     """Return the loads of a table with the columns of a file, once it is checked.
 
-    Errors are those of `read_loads` and say `name`. Rows count from 0, as in `table.iloc`.
+    It raises the errors of `read_loads`, with `name` for the file. Rows count from 0, as in
+    `table.iloc`.
     """
     return _loads(sheet_of(Path(name), table, first_row=0), robot)
 

@@ -106,9 +106,10 @@ class ValidationReport:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        found = [(one.level, one.message + _rows(one)) for one in (*self.errors, *self.warnings)]
-        facts = [one.message.partition(": ")[::2] for one in self.facts]
-        return Screen(_verdict(self), [*found, *facts]).html()
+        problems = (*self.errors, *self.warnings)
+        texts = [(finding.level, finding.message + _rows(finding)) for finding in problems]
+        facts = [finding.message.partition(": ")[::2] for finding in self.facts]
+        return Screen(_verdict(self), [*texts, *facts]).html()
 
 
 LeftOutErrors = Callable[[Samples, Robot], FloatArray]

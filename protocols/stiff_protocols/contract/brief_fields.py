@@ -29,6 +29,6 @@ class BriefFields:
 
     def __repr__(self) -> str:
         brief = _Brief()
-        known: Any = self
-        parts = [f"{item.name}={brief.repr(getattr(self, item.name))}" for item in fields(known)]
+        record: Any = self
+        parts = [f"{item.name}={brief.repr(getattr(self, item.name))}" for item in fields(record)]
         return f"{type(self).__name__}({', '.join(parts)})"

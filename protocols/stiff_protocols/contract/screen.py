@@ -40,7 +40,7 @@ class Screen:
     Attributes:
         title: first line.
         facts: names with values and their units.
-        columns: headings of the table; none: there is no table.
+        columns: headings of the table; none: without a table.
         rows: texts of the table's cells, a row each.
         notes: sentences below.
         in_text: False: the table is shown in a notebook only.

@@ -213,7 +213,7 @@ def test_what_there_is_is_a_table_and_what_it_is_a_text():
         (sb.list_metrics(), "mae"),
     ):
         assert key in set(listed.frame()["key"])
-        assert f"\n{key} " in repr(listed) and f"<td>{key} " in listed._repr_html_()
+        assert f"\n{key} " in repr(listed) and f">{key} " in listed._repr_html_()
     assert "knn.neighbours" in repr(sb.show("knn"))
     assert sb.check("zero").kept
 

@@ -28,18 +28,20 @@ def cells(tmp_path_factory):
         NotebookClient(
             notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": folder}}
         ).execute()
-    code = [one for one in notebook.cells if one.cell_type == "code"]
-    return {one.source.splitlines()[-1]: one.outputs for one in code}
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    return {cell.source.splitlines()[-1]: cell.outputs for cell in code}
 
 
 def test_the_notebook_is_kept_without_outputs():
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     nbformat.validate(notebook)
-    assert not any(one.get("outputs") for one in notebook.cells)
+    assert not any(cell.get("outputs") for cell in notebook.cells)
 
 
 def test_nothing_is_written_to_a_stream(cells):
-    streams = [one for outputs in cells.values() for one in outputs if one.output_type == "stream"]
+    streams = [
+        output for outputs in cells.values() for output in outputs if output.output_type == "stream"
+    ]
     assert streams == []
 
 

@@ -1,4 +1,4 @@
-"""What a terminal and a notebook show of every object that `import stiffbench` gives."""
+"""The views in a terminal and a notebook of every object that `import stiffbench` gives."""
 
 from __future__ import annotations
 
@@ -72,9 +72,9 @@ def reachable(given):
             continue
         seen.add(id(thing))
         if isinstance(thing, list | tuple | set | frozenset):
-            queue += [(f"{name}[]", one) for one in [*thing][:3]]
+            queue += [(f"{name}[]", item) for item in [*thing][:3]]
         elif isinstance(thing, dict):
-            queue += [(f"{name}[{key}]", one) for key, one in [*thing.items()][:3]]
+            queue += [(f"{name}[{key}]", item) for key, item in [*thing.items()][:3]]
         elif type(thing).__module__.startswith("stiff"):
             yield name, thing
             for attribute in [*dir(type(thing)), *vars(thing)]:
@@ -87,13 +87,13 @@ def reachable(given):
 
 
 def test_every_object_that_can_be_reached_prints_at_most_2000_characters(given):
-    found = {name: thing for name, thing in reachable(given)}
-    kinds = {type(thing).__name__ for thing in found.values()}
+    things = {name: thing for name, thing in reachable(given)}
+    kinds = {type(thing).__name__ for thing in things.values()}
     assert {"BenchmarkData", "Samples", "CellResult", "Prediction", "ScoredCase"} <= kinds
     assert len(kinds) > 25
     long = {
         name: len(repr(thing))
-        for name, thing in found.items()
+        for name, thing in things.items()
         if not isinstance(thing, DOCUMENTS) and len(repr(thing)) > MOST_CHARACTERS
     }
     assert long == {}
@@ -106,7 +106,7 @@ SHOWN = (
 TABLES = ("results", "of_one_model", "comparison")
 
 
-@pytest.mark.parametrize("name", [one for one in SHOWN if one not in TABLES])
+@pytest.mark.parametrize("name", [name for name in SHOWN if name not in TABLES])
 def test_what_is_shown_most_fits_a_screen(given, name):
     lines = repr(getattr(given, name)).splitlines()
     assert len(lines) <= MOST_LINES
@@ -115,8 +115,8 @@ def test_what_is_shown_most_fits_a_screen(given, name):
 
 @pytest.mark.parametrize("name", [name for name in SHOWN if name != "figure"])
 def test_a_notebook_shows_html_of_a_few_kilobytes(given, name):
-    found = getattr(given, name)._repr_html_()
-    assert found.startswith("<div") and len(found) < 20_000
+    page = getattr(given, name)._repr_html_()
+    assert page.startswith("<div") and len(page) < 20_000
 
 
 def test_a_figure_is_a_picture_of_a_width_that_fits_a_notebook(given):
@@ -151,7 +151,7 @@ def test_names_with_html_formulas_and_control_signs_are_shown_as_they_are(given)
 
 
 def test_results_of_a_model_are_those_of_its_name_and_an_unknown_name_is_refused(given):
-    assert {one.shown.model for one in given.results["knn"].cells} == {"knn"}
+    assert {cell.shown.model for cell in given.results["knn"].cells} == {"knn"}
     for name in ("gp", 0):
         with pytest.raises(ConfigError, match="knn"):
             given.results[name]

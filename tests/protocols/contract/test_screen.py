@@ -26,19 +26,19 @@ def test_no_line_of_text_is_wider_than_a_screen(long):
 
 
 def test_rows_that_are_left_out_are_counted_in_text_and_html(long):
-    for shown in (long.text(), long.html()):
-        assert "... and 3 more" in shown
-        assert shown.count("a cell ") >= MOST_ROWS
-        assert str(MOST_ROWS + 2) not in re.findall(r"\d+", shown.replace("left", ""))
+    for view in (long.text(), long.html()):
+        assert "... and 3 more" in view
+        assert view.count("a cell ") >= MOST_ROWS
+        assert str(MOST_ROWS + 2) not in re.findall(r"\d+", view)
 
 
 def test_a_hostile_name_is_text_in_every_place():
     screen = Screen(HOSTILE, [(HOSTILE, HOSTILE)], (HOSTILE,), [[HOSTILE]], (HOSTILE,))
-    found = screen.html()
-    assert "<img" not in found and found.count("&lt;img") == 6
-    assert 'class="tex2jax_ignore mathjax_ignore"' in found  # $ is no formula
-    for shown in (found, screen.text()):
-        assert "\x1b" not in shown and "[red]" in shown
+    page = screen.html()
+    assert "<img" not in page and page.count("&lt;img") == 6
+    assert 'class="tex2jax_ignore mathjax_ignore"' in page  # $ begins no formula
+    for view in (page, screen.text()):
+        assert "\x1b" not in view and "[red]" in view
 
 
 def test_a_table_of_a_notebook_only_is_not_in_the_text():
@@ -48,8 +48,8 @@ def test_a_table_of_a_notebook_only_is_not_in_the_text():
 
 def test_a_table_without_rows_has_its_headings():
     screen = Screen("title", columns=("first", "second"))
-    for shown in (screen.text(), screen.html()):
-        assert "first" in shown and "second" in shown
+    for view in (screen.text(), screen.html()):
+        assert "first" in view and "second" in view
 
 
 @dataclass(frozen=True, eq=False, repr=False)
