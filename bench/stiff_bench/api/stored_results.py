@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +14,7 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.selection import EVERYTHING, stands_for
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
-from stiff_bench.api.tables import Tables
+from stiff_bench.api.tables import Tables, table_screen
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.units import MM, PRINTED, counted, first_few
@@ -207,22 +208,27 @@ class Results:
         return Answer.of(stored, key, cases, models, seed=seed)
 
     def summary(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Tables:
-        """Return the answer as a headline, the errors of each model, and sentences.
+        """Return the answer: a headline, each model against the VJM, and its errors by data set.
 
         It takes the arguments of `answer`, and raises the same errors.
         """
-        from stiff_bench.analysis.answer_text import headline, matrix_table, sentences
+        from stiff_bench.analysis.answer_text import (
+            headline,
+            matrix_table,
+            model_table,
+            sentences,
+        )
 
         answer = self.answer(metric, axis, seed=seed)
-        matrix = matrix_table(answer)
         failures = Counter(cell.shown.model for cell in self.cells if cell.status == "failed")
         failed = [f"{model} ({counted(number, 'fit')})" for model, number in failures.items()]
         notes = [
-            *matrix.notes,
             *(f"{sentence.label}: {sentence.text}" for sentence in sentences(answer)),
             f"Failed: {first_few(failed)}; frame() has the reasons." if failed else "",
         ]
-        return Tables([replace(matrix, notes=notes)], self.command, headline(answer))
+        title = f"{answer.key.text} against the VJM's"
+        models = replace(model_table(answer), title=title, notes=[*filter(None, notes)])
+        return Tables([models, matrix_table(answer)], self.command, headline(answer))
 
     def plot(self, name: str = "scores") -> Prepared:
         """Return a figure of the results; see `figure` and `list_figures`."""
@@ -311,21 +317,23 @@ class Results:
     __iter__ = None
     """Results are not a sequence; `cells` has them."""
 
-    def _view(self) -> Tables:
-        """Return the answer; the tables of one model, or where no model has a score."""
-        if len({cell.shown.model for cell in self.cells}) < 2:
-            return self.table()
-        try:
-            return self.summary()
-        except ConfigError:
-            return self.table()
+    def _summary(self) -> Tables | None:
+        """Return the answer; None: of one model, or where no model has a score."""
+        if len({cell.shown.model for cell in self.cells}) > 1:
+            with suppress(ConfigError):
+                return self.summary()
+        return None
 
     def __repr__(self) -> str:
-        """Return the answer for a terminal."""
-        return repr(self._view())
+        """Return the answer in a screen; of one model its tables."""
+        if (summary := self._summary()) is None:
+            return repr(self.table())
+        models, matrix = summary.tables
+        facts = [("compared by", models.title), ("on", first_few(matrix.headings()[1:]))]
+        return table_screen(summary.text, models, facts).text()
 
     def _repr_html_(self) -> str:
-        return self._view()._repr_html_()
+        return (self._summary() or self.table())._repr_html_()
 
 
 def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from stiff_bench.console import one_line, printable
 from stiff_bench.tables.render import html_text, of_format, render
-from stiff_protocols.contract.screen import WIDTH, html_block
+from stiff_protocols.contract.screen import WIDTH, Screen, html_block
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -40,7 +40,15 @@ class Text(str):
         return html_block(f'<pre style="white-space: pre-wrap;">{escape(printable(self))}</pre>')
 
 
-@dataclass(frozen=True, eq=False)
+def table_screen(title: str, table: Table, facts: Sequence[tuple[str, str]] = ()) -> Screen:
+    """Return a short view of a table, without its columns that are empty."""
+    cells = [*zip(table.headings(), *table.texts(), strict=True)]
+    columns = [column for column in cells if {*column[1:]} != {"-"}]
+    headings, *rows = zip(*columns, strict=True) if columns else [()]
+    return Screen(title, facts, headings, rows, table.notes)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Tables:
     """Tables that print themselves, in a terminal and in a notebook.
 

@@ -10,6 +10,8 @@ from html import escape
 
 WIDTH = 100
 """Characters of a line of text at most."""
+CELL_WIDTHS = (40, 30, 20, 12)
+"""Characters of a cell at most: the first with which the table fits the width."""
 MOST_ROWS = 8
 """Rows of a table at most; the last line counts the others."""
 _NO_FORMULAS = "tex2jax_ignore mathjax_ignore"
@@ -59,7 +61,9 @@ class Screen:
         lines = [_wrapped(self.title)]
         lines += [_wrapped(value, f"  {name:<{width}}") for name, value in self.facts]
         if self.columns and self.in_text:
-            lines += ["", *(f"  {line.rstrip()}"[:WIDTH] for line in self._table("plain"))]
+            tables = (self._table("plain", most) for most in CELL_WIDTHS)
+            narrowest = (line[:WIDTH] for line in self._table("plain", CELL_WIDTHS[-1]))
+            lines += ["", *next(filter(_fits, tables), narrowest), *[""] * bool(self.notes)]
         return "\n".join([*lines, *(_wrapped(note, "  ") for note in self.notes)])
 
     def html(self) -> str:
@@ -68,39 +72,45 @@ class Screen:
         if self.facts:
             parts += _table("html", (), self.facts, ("left", "left"))
         if self.columns:
-            parts += self._table("html")
+            parts += self._table("html", None)
         parts += [f"<p>{escape(one_line(note))}</p>" for note in self.notes]
         return html_block("\n".join(parts))
 
-    def _table(self, fmt: str) -> list[str]:
-        """Return the lines of the table, with the number of rows that are left out."""
+    def _table(self, fmt: str, most: int | None) -> list[str]:
+        """Return the lines of the table with cells of `most` characters; see `MOST_ROWS`."""
         rows, n_more = self.rows[:MOST_ROWS], len(self.rows[MOST_ROWS:])
         columns = zip(*rows, strict=True) if rows else [()] * len(self.columns)
-        lines = _table(fmt, self.columns, rows, [*map(_alignment, columns)])
+        lines = _table(fmt, self.columns, rows, [*map(_alignment, columns)], most)
         more = f"... and {n_more} more"
-        return [*lines, f"<p>{more}</p>" if fmt == "html" else more] if n_more else lines
+        lines += [f"<p>{more}</p>" if fmt == "html" else more] * bool(n_more)
+        return lines if fmt == "html" else [f"  {line.rstrip()}" for line in lines]
 
 
 def _table(
-    fmt: str, headings: Sequence[str], rows: Sequence[Sequence[str]], alignments: Sequence[str]
+    fmt: str,
+    headings: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    alignments: Sequence[str],
+    most: int | None = None,
 ) -> list[str]:
     """Return the lines of a table in a format of tabulate's, which escapes HTML."""
     from tabulate import tabulate  # 50 ms, which a command's help does without
 
-    cells = [[one_line(cell) for cell in row] for row in (headings, *rows)]
-    if fmt == "plain":  # tabulate pads headings of its own
-        cells, heads = [[shorten(cell) for cell in row] for row in cells], []
-    else:
-        heads, *cells = cells
+    cells = [[shorten(one_line(cell), most) for cell in row] for row in (headings, *rows)]
+    heads = cells.pop(0) if fmt == "html" else []  # tabulate pads headings of a text
     text = tabulate(
         cells, heads, fmt, disable_numparse=True, colalign=alignments if cells else None
     )
     return text.splitlines()
 
 
-def shorten(text: str, most: int = 40) -> str:
-    """Return the first characters of a text."""
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+def shorten(text: str, most: int | None) -> str:
+    """Return the first characters of a text; None: all of them."""
+    return text if most is None or len(text) <= most else f"{text[: max(most - 3, 1)]}..."
+
+
+def _fits(lines: Sequence[str]) -> bool:
+    return max(map(len, lines), default=0) <= WIDTH
 
 
 def html_block(content: str) -> str:
