@@ -14,7 +14,7 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.selection import EVERYTHING, stands_for
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
-from stiff_bench.api.tables import Tables, table_screen
+from stiff_bench.api.tables import Comparison, Tables, table_screen
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.units import MM, PRINTED, counted, first_few
@@ -182,7 +182,7 @@ class Results:
         found = compare_folder(self.folder, a, b, question, self.selection)
         asked = {"equivalence_mm": equivalence_mm, "confidence": confidence}
         about = {"a": found.a, "b": found.b, **asked}
-        return Tables(comparison_tables(found), self.command, sentence(found), about)
+        return Comparison(comparison_tables(found), self.command, sentence(found), about)
 
     def answer(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Answer:
         """Return which model is best, how much better than the VJM, and how sure that is.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from textwrap import fill
@@ -40,10 +40,12 @@ class Text(str):
         return html_block(f'<pre style="white-space: pre-wrap;">{escape(printable(self))}</pre>')
 
 
-def table_screen(title: str, table: Table, facts: Sequence[tuple[str, str]] = ()) -> Screen:
-    """Return a short view of a table, without its columns that are empty."""
+def table_screen(
+    title: str, table: Table, facts: Sequence[tuple[str, str]] = (), without: Collection[str] = ()
+) -> Screen:
+    """Return a short view of a table, without its empty columns and those named in `without`."""
     cells = [*zip(table.headings(), *table.texts(), strict=True)]
-    columns = [column for column in cells if {*column[1:]} != {"-"}]
+    columns = [column for column in cells if {*column[1:]} != {"-"} and column[0] not in without]
     headings, *rows = zip(*columns, strict=True) if columns else [()]
     return Screen(title, facts, headings, rows, table.notes)
 
@@ -85,3 +87,17 @@ class Tables:
             page = page.replace(tag, small)
         text = f"<p><strong>{html_text(one_line(self.text))}</strong></p>\n" if self.text else ""
         return html_block(text + page)
+
+
+class Comparison(Tables):
+    """A comparison of two models: a terminal shows its first table, a notebook and files all."""
+
+    def __repr__(self) -> str:
+        """Return the verdict with the differences in a screen."""
+        first = self.tables[0].shown()
+        facts = [("compared by", first.title)]
+        return table_screen(self.text, first, facts, without=_DETAILS).text()
+
+
+_DETAILS = ("splits", "p", "P(A better)", "P(equivalent)", "P(B better)", "interval over poses")
+"""Columns of a comparison that a screen has no room for."""

@@ -11,7 +11,7 @@ from html import escape
 WIDTH = 100
 """Characters of a line of text at most."""
 CELL_WIDTHS = (40, 30, 20, 12)
-"""Characters of a cell at most: the first with which the table fits the width."""
+"""Characters of a heading or a cell of text: the first with which the table fits the width."""
 MOST_ROWS = 8
 """Rows of a table at most; the last line counts the others."""
 _NO_FORMULAS = "tex2jax_ignore mathjax_ignore"
@@ -96,8 +96,14 @@ def _table(
     """Return the lines of a table in a format of tabulate's, which escapes HTML."""
     from tabulate import tabulate  # 50 ms, which a command's help does without
 
-    cells = [[shorten(one_line(cell), most) for cell in row] for row in (headings, *rows)]
-    heads = cells.pop(0) if fmt == "html" else []  # tabulate pads headings of a text
+    limits = [most if alignment == "left" else None for alignment in alignments]
+    cells = [
+        [shorten(one_line(cell), limit) for cell, limit in zip(row, limits, strict=True)]
+        for row in rows
+    ]
+    heads = [shorten(one_line(heading), most) for heading in headings]
+    if fmt != "html":  # tabulate pads headings of a text
+        cells, heads = [heads, *cells], []
     text = tabulate(
         cells, heads, fmt, disable_numparse=True, colalign=alignments if cells else None
     )

@@ -103,7 +103,7 @@ SHOWN = (
     *("data", "measured", "part", "model", "new_model", "many_springs", "results"),
     *("of_one_model", "comparison", "validation", "plan", "simulation", "figure"),
 )
-TABLES = ("of_one_model", "comparison")
+TABLES = ("of_one_model",)
 
 
 @pytest.mark.parametrize("name", [name for name in SHOWN if name not in TABLES])
