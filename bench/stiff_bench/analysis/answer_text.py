@@ -19,13 +19,10 @@ from stiff_bench.analysis.scored_case import ScoredCase
 from stiff_bench.analysis.verdict import Verdict
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.metric_table import number_format
-from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
+from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, first_few, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.paired import LEVEL
-
-BEST_MARK = "*"
-
 
 class Sentence(NamedTuple):
     """One line of the answer: what it is about, and its text."""

@@ -392,8 +392,8 @@ def figure(
         name: one of `list_figures`; numbers are the source paper's.
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
             paper's figures `bench reproduce`. `Results.select` chooses among them; else a figure
-            shows the models that it is clear with, of measured data, then of the data set with
-            most models, then of the one that was asked for first.
+            shows the models that it is clear with, and the data sets in panels: measured ones
+            first, then in the order of asking.
 
     Raises:
         ConfigError: there is no such figure, or a name has no results.
