@@ -11,28 +11,13 @@ from collections.abc import Iterator
 import click
 
 from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.screen import one_line as one_line
+from stiff_protocols.contract.screen import printable as printable
 
 
 def say(message: str) -> None:
     """Print one line for people."""
     click.echo(f"bench: {one_line(message)}", err=True)
-
-
-def one_line(text: str) -> str:
-    """Return a text as `printable` has it, its line breaks as spaces."""
-    return printable(" ".join(text.splitlines()))
-
-
-def printable(text: str) -> str:
-    """Return a text with all but its printable characters, line breaks and tabs escaped.
-
-    Names in strangers' files may hold what moves a terminal's cursor, or turns the text around.
-    """
-    if text.isprintable():
-        return text
-    return "".join(
-        sign if sign.isprintable() or sign in "\n\t" else ascii(sign)[1:-1] for sign in text
-    )
 
 
 @contextlib.contextmanager

@@ -9,9 +9,9 @@ from stiff_bench.analysis.answer import NOISE_FLOOR, Answer
 from stiff_bench.analysis.scored_case import ScoredCase
 from stiff_bench.analysis.verdict import Estimate
 from stiff_bench.tables.fit_notes import outcome_notes
-from stiff_bench.tables.metric_table import mark_of, mean_over, metric_values
+from stiff_bench.tables.metric_table import mark_of, metric_values
 from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, Table
-from stiff_bench.tables.units import MM, PRINTED, counted, percent
+from stiff_bench.tables.units import MM, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES, KNOWN

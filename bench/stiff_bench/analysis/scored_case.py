@@ -26,6 +26,7 @@ from stiff_bench.store.names import CaseName, grouped, without_options
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import known_result, pooled_prediction
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
@@ -46,8 +47,8 @@ def family_of(name: CaseName) -> str:
     return without_options(name.dataset, SEED, SPECIMEN)
 
 
-@dataclass(frozen=True, eq=False)
-class ScoredCase:
+@dataclass(frozen=True, eq=False, repr=False)
+class ScoredCase(BriefFields):
     """A case with the scores of those who take part in it.
 
     Attributes:
