@@ -41,9 +41,16 @@ FILE = FilePath(path_type=Path)
 
 
 class Bounded(click.ParamType[float]):
-    """A number within bounds; click's own takes "nan" for one, and "inf" where no bound is."""
+    """A number within bounds that errors name and help does not.
+
+    click's own also accepts "nan", and "inf" without a bound.
+    """
 
     kind, unit = "a number", ""
+    min: Any
+    max: Any
+    min_open: bool
+    max_open: bool
 
     def convert(self, value: Any, param: Parameter, ctx: Context) -> Any:
         """Return the number, or refuse it naming what is valid."""
@@ -53,18 +60,36 @@ class Bounded(click.ParamType[float]):
                 return number
         except click.BadParameter:
             pass
-        bounds = self._describe_range()  # type: ignore[attr-defined]
-        self.fail(f"{value!r} (valid: {self.kind}, {bounds})", param, ctx)
+        self.fail(f"{value!r} (valid: {self.kind}, {self._bounds()})", param, ctx)
+
+    def _describe_range(self) -> str:
+        """Return nothing: bounds such as 1<=x<=10000 do not help to choose a number."""
+        return ""
+
+    def _bounds(self) -> str:
+        """Return the bounds as words: "at least 1 and at most 10000"."""
+        lower = "above" if self.min_open else "at least"
+        upper = "below" if self.max_open else "at most"
+        bounds = ((lower, self.min), (upper, self.max))
+        return " and ".join(f"{word} {bound:.15g}" for word, bound in bounds if bound is not None)
 
 
 class WholeRange(Bounded, click.IntRange):
     """A whole number within bounds."""
 
-    kind = "a whole number"
+    name, kind = "n", "a whole number"
 
 
 class FiniteRange(Bounded, click.FloatRange):
     """A number within bounds."""
+
+    name = "number"
+
+
+class Fraction(FiniteRange):
+    """A number within bounds in 0 to 1."""
+
+    name = "fraction"
 
 
 class Millimetres(FiniteRange):
@@ -116,7 +141,7 @@ class Size(click.ParamType[int]):
         return size
 
 
-PROBABILITY = FiniteRange(0, 1, min_open=True, max_open=True)
+PROBABILITY = Fraction(0, 1, min_open=True, max_open=True)
 
 
 def coverage_option(text: str) -> Callable[[Command], Command]:

@@ -21,7 +21,7 @@ from stiff_bench.cli.click_options import (
     settings_option,
     urdf_options,
 )
-from stiff_bench.cli.refusals import Commands
+from stiff_bench.cli.help_pages import group
 from stiff_bench.console import print_text, warnings_said
 from stiff_datasets.measured.file_options import FileOptions
 
@@ -29,12 +29,14 @@ if TYPE_CHECKING:
     from stiff_protocols.contract.types import Robot
 
 
-@click.group(cls=Commands)
+@group(
+    epilog="bench data plan --robot ur5 --output plan.csv\nbench data validate my.csv --robot ur5"
+)
 def data() -> None:
     """Plan, check, simulate and inspect data sets."""
 
 
-@data.command()
+@data.command(epilog="bench data info fanuc-r2000ic")
 @click.argument("key", metavar="KEY|FILE")
 @robot_of_data
 @file_options
@@ -58,7 +60,7 @@ def info(
     print_text(dataset.describe(output))
 
 
-@data.command()
+@data.command(epilog="bench data plan --robot ur5 --poses 60 --output plan.csv")
 @robot_options
 @click.option(
     "--poses",
@@ -121,7 +123,7 @@ def plan(**words: Any) -> None:
     print_text(api.measuring.plan_poses(**words))
 
 
-@data.command()
+@data.command(epilog="bench data validate my.csv --robot ur5")
 @click.argument("file", type=FILE)
 @robot_options
 @file_options
@@ -137,7 +139,7 @@ def validate(file: Path, robot: Robot | None, **stated: Any) -> int:
     return ("ok", "suspicious", "invalid").index(report.verdict)
 
 
-@data.command()
+@data.command(epilog="bench data simulate --twin ur5 --samples 1000 --output simulated.csv")
 @click.option(
     "--twin",
     default="kr10-r1100-2",
@@ -177,7 +179,7 @@ def simulate(**words: Any) -> None:
     print_text(api.measuring.simulate(**words))
 
 
-@data.command()
+@data.command(epilog="bench data register kr10-measured my.csv")
 @click.argument("key", type=click.Choice(["kr10-measured"]), metavar="KEY")
 @click.argument("file", type=FILE)
 @urdf_options

@@ -11,10 +11,11 @@ import sys
 import click
 
 from stiff_bench.cli.data_commands import data
+from stiff_bench.cli.help_pages import WIDEST_PAGE, group
 from stiff_bench.cli.model_commands import export, fit, predict
 from stiff_bench.cli.path_commands import path
 from stiff_bench.cli.plugin_commands import check, list_, new, show
-from stiff_bench.cli.refusals import Commands, refusal
+from stiff_bench.cli.refusals import refusal
 from stiff_bench.cli.result_commands import compare, figure, leaderboard, merge, report, table
 from stiff_bench.cli.run_commands import reproduce, run
 from stiff_bench.console import replace_closed_streams, say
@@ -73,8 +74,15 @@ def _stop(number: int, _: object) -> None:
     raise Stopped(number)
 
 
-@click.group(
-    cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True}
+@group(
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "show_default": True,
+        "max_content_width": WIDEST_PAGE,
+    },
+    epilog="bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5\n"
+    "bench leaderboard\n"
+    "bench run --help",
 )
 @click.version_option(package_name="stiffbench", prog_name="bench")
 @click.option(

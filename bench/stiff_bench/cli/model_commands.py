@@ -22,6 +22,7 @@ from stiff_bench.cli.click_options import (
     several_keys,
     sheet_option,
 )
+from stiff_bench.cli.help_pages import command
 from stiff_bench.console import print_text, warnings_said
 from stiff_protocols.contract.files import check_new_file
 
@@ -30,7 +31,7 @@ model_file_option = click.option(
 )
 
 
-@click.command()
+@command(epilog="bench fit --model gp-springs --data my.csv --robot ur5 --output my.stiff")
 @several_keys("--model", "models", required=True, help="Model to fit.")
 @several_keys("--dataset", "datasets", help="Data set to fit it to.")
 @data_options
@@ -63,7 +64,7 @@ def fit(
     print_text(f"{output}: {model.report(samples, seed)}")
 
 
-@click.command()
+@command(epilog="bench predict --model my.stiff --input poses.csv --output deflections.csv")
 @model_file_option
 @click.option(
     "--input",
@@ -97,7 +98,7 @@ def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
     print_text(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
 
 
-@click.command()
+@command(epilog="bench export --model mlp.stiff --output mlp.onnx")
 @model_file_option
 @output_option("FILE.onnx")
 def export(model: Path, output: Path) -> None:

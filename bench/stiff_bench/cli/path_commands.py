@@ -20,8 +20,8 @@ from stiff_bench.cli.click_options import (
     robot_options,
     sheet_option,
 )
+from stiff_bench.cli.help_pages import group
 from stiff_bench.cli.model_commands import model_file_option
-from stiff_bench.cli.refusals import Commands
 from stiff_bench.console import print_text, warnings_said
 
 FRAME = Numbers("six finite numbers, x,y,z in mm and a,b,c in deg", 6)
@@ -60,12 +60,15 @@ hold_option = click.option(
 )
 
 
-@click.group(cls=Commands)
+@group(
+    epilog="bench path example --output square.csv\n"
+    "bench path compensate --model my.stiff --path square.csv --output corrected.csv"
+)
 def path() -> None:
     """Correct tool paths for the deflection under load."""
 
 
-@path.command()
+@path.command(epilog="bench path example --shape circle --size 300mm --output circle.csv")
 @click.option(
     "--shape",
     type=click.Choice(["square", "circle", "line", "iso9283"]),
@@ -92,7 +95,9 @@ def example(**words: Any) -> None:
     print_text(api.tool_paths.example_path(**words))
 
 
-@path.command()
+@path.command(
+    epilog="bench path compensate --model my.stiff --path circle.csv --output corrected.csv"
+)
 @model_file_option
 @click.option(
     "--path", "points", type=FILE, required=True, metavar="FILE", help="Points of the tool."

@@ -8,13 +8,13 @@ import click
 
 from stiff_bench import api
 from stiff_bench.cli.click_options import FILE, format_option, plugin_option, settings_option
-from stiff_bench.cli.refusals import Commands
+from stiff_bench.cli.help_pages import command, group
 from stiff_bench.console import print_text
 
 KINDS = ("models", "datasets", "protocols", "metrics", "figures")
 
 
-@click.command("list")
+@command("list", epilog="bench list models")
 @click.argument("kind", metavar="KIND", type=click.Choice(KINDS))
 @plugin_option
 @format_option
@@ -26,7 +26,7 @@ def list_(kind: str, fmt: str) -> None:
     print_text(getattr(api.registered, f"list_{kind}")().text_as(fmt))
 
 
-@click.command()
+@command(epilog="bench show vjm-gp")
 @click.argument("key")
 @plugin_option
 def show(key: str) -> None:
@@ -34,7 +34,7 @@ def show(key: str) -> None:
     print_text(api.registered.show(key))
 
 
-@click.command()
+@command(epilog="bench check my-model --plugin my_model.py")
 @click.argument("key")
 @click.option(
     "--dataset",
@@ -54,12 +54,12 @@ def check(key: str, dataset: str, settings: tuple[str, ...]) -> int:
     return 0 if checked.kept else 1
 
 
-@click.group(cls=Commands)
+@group(epilog="bench new model my-model")
 def new() -> None:
     """Write the first files of a plugin."""
 
 
-@new.command()
+@new.command(epilog="bench new model my-model")
 @click.argument("name")
 @click.option("--output", type=FILE, default=Path(), metavar="DIR", help="Folder to write to.")
 def model(name: str, output: Path) -> None:

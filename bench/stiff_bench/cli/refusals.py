@@ -7,20 +7,6 @@ import click
 from stiff_protocols.contract.errors import unknown_name
 
 
-class Commands(click.Group):
-    """A group that answers an unknown command with those that it has."""
-
-    group_class = type
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command; ConfigError: there is none of this name."""
-        if not args[0].startswith("-") and args[0] not in self.commands:
-            raise unknown_name(f"{ctx.command_path} command", args[0], self.commands)
-        return super().resolve_command(ctx, args)
-
-
 def refusal(error: click.ClickException) -> str:
     """Return a message of click's, with what is valid where click does not say it."""
     message = error.format_message().removesuffix(".")

@@ -22,13 +22,14 @@ from stiff_bench.cli.click_options import (
     seed_option,
     selection_options,
 )
+from stiff_bench.cli.help_pages import command
 from stiff_bench.console import print_text, say
 
 if TYPE_CHECKING:
     from stiff_bench.analysis.selection import Selection
 
 
-@click.command()
+@command(epilog="bench leaderboard --results results/runs")
 @results_option
 @ranking_options
 @format_option
@@ -37,7 +38,7 @@ def leaderboard(results: Path, selection: Selection, fmt: str, **ranking: Any) -
     print_text(_stored(results, selection).leaderboard(**ranking).text_as(fmt))
 
 
-@click.command()
+@command(epilog="bench compare vjm-gp vjm --dataset fanuc-r2000ic")
 @click.argument("a")
 @click.argument("b")
 @results_option
@@ -67,7 +68,7 @@ def _stored(folder: Path, selection: Selection) -> api.stored_results.Results:
     return api.stored_results.Results(folder, command=command_line(), selection=selection)
 
 
-@click.command()
+@command(epilog="bench table 10")
 @click.argument(
     "number", type=click.Choice([str(number) for number in range(1, 11)]), metavar="NUMBER"
 )
@@ -89,7 +90,7 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     print_text(api.stored_results.paper_table(number, results, command=command_line()).text_as(fmt))
 
 
-@click.command()
+@command(epilog="bench report --output report.html")
 @click.option(
     "--results",
     "folders",
@@ -112,7 +113,7 @@ def report(folders: tuple[Path, ...], output: Path, selection: Selection, **rank
     say(f"{output}: written")
 
 
-@click.command()
+@command(epilog="bench figure learning-curves --output learning_curves.png")
 @click.argument("name")
 @click.option(
     "--results",
@@ -140,7 +141,7 @@ def figure(name: str, results: Path | None, output: Path | None, selection: Sele
     print_text(f"{target}: {prepared.title}. {prepared.caption}")
 
 
-@click.command()
+@command(epilog="bench merge laptop/runs server/runs --output results/runs")
 @click.argument("folders", metavar="DIR...", type=FILE, nargs=-1, required=True)
 @output_option("DIR", "Folder to merge into, new or with results.")
 def merge(folders: tuple[Path, ...], output: Path) -> None:

@@ -27,13 +27,14 @@ from stiff_bench.cli.click_options import (
     settings_option,
     several_keys,
 )
+from stiff_bench.cli.help_pages import command
 from stiff_bench.console import print_text, say
 
 HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
 """Options that a study leaves to the command line."""
 
 
-@click.command()
+@command(epilog="bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5")
 @several_keys(
     "--model",
     "models",
@@ -138,7 +139,7 @@ def show_plan(run: api.evaluation.Run, fmt: str) -> int:
     return 0
 
 
-@click.command()
+@command(epilog="bench reproduce paper-quick")
 @click.argument("name")
 @click.option(
     "--output",
