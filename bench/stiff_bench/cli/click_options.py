@@ -165,13 +165,13 @@ def output_option(metavar: str, text: str = "A new file.") -> Callable[[Command]
 sheet_option = click.option(
     "--sheet",
     metavar="NAME",
-    help="Sheet of an Excel file.  [default: the only one that holds a table]",
+    help="Sheet of an Excel file.  [default: the only one with a table]",
 )
 file_options = together(
     click.option(
         "--no-torque",
         is_flag=True,
-        help="No torques were measured: the columns tx_Nm.. may be missing, or zero.",
+        help="Torques were not measured: tx_Nm, ty_Nm and tz_Nm may be missing or zero.",
     ),
     sheet_option,
     click.option(
@@ -179,8 +179,8 @@ file_options = together(
         type=FiniteRange(0, LARGEST_POSE_TOLERANCE),
         default=POSE_TOLERANCE,
         metavar="DEG",
-        help="Largest difference of the joint positions of one pose, in deg (mm of prismatic "
-        "joints): rows without pose_id are grouped by it.",
+        help="Rows without pose_id are one pose if their joint positions differ by at most this, "
+        "in deg (prismatic joints: mm).",
     ),
 )
 
@@ -192,21 +192,21 @@ plugin_option = click.option(
     callback=lambda _, __, files: api.registered.use_only(files),
     type=FILE,
     metavar="FILE.py",
-    help="Python file that defines MODELS, DATASETS or PROTOCOLS; may be repeated.",
+    help="Python file with your MODELS, DATASETS or PROTOCOLS; may be repeated.",
 )
 settings_option = click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="KEY.OPTION=VALUE",
-    help="An option of a model, data set or protocol; `bench show KEY` lists them.",
+    help="Set an option that `bench show KEY` lists; may be repeated.",
 )
 results_option = click.option(
     "--results",
     type=FILE,
     default=RESULTS,
     metavar="DIR",
-    help="Folder of results, the --output of `bench run`.",
+    help="Folder of results: the --output of `bench run`.",
 )
 seed_option = click.option(
     "--seed",
@@ -252,13 +252,15 @@ def _selection(
     return api.stored_results.Selection(models, datasets, protocols, conditions)
 
 
-_VARIANTS = "A {}, or a key for all its variants; may be repeated."
+_VARIANTS = "Only this {}, or all variants of a key; may be repeated."
 case_options = gathered(
     "selection",
     _selection,
     several_keys("--dataset", "datasets", help=_VARIANTS.format("data set")),
     several_keys("--protocol", "protocols", help=_VARIANTS.format("protocol")),
-    several_keys("--condition", "conditions", help='Condition of a protocol: "n = 40".'),
+    several_keys(
+        "--condition", "conditions", help='Only this condition of a protocol, such as "n = 40".'
+    ),
 )
 """Options that choose among stored results, of a command that names its models itself."""
 selection_options = together(
@@ -279,7 +281,7 @@ urdf_options = together(
     click.option(
         "--tip",
         metavar="LINK",
-        help="Last link of the robot in the URDF.  [default: the end of the longest chain, without "
+        help="Last link of the robot in the URDF.  [default: end of the longest chain, without "
         "fingers]",
     ),
     click.option(
@@ -321,7 +323,7 @@ def _robot(
 _robot_option = click.option(
     "--robot",
     metavar="NAME",
-    help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic "
+    help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic, "
     "or an arm of `arm-family` such as gp12.",
 )
 robot_options = gathered("robot", _robot, _robot_option, urdf_options)
@@ -354,7 +356,7 @@ data_options = gathered(
         type=FILE,
         multiple=True,
         metavar="FILE",
-        help="Your own measurement (.csv, .xlsx or .parquet), with --urdf or --robot; may be "
+        help="Your measurement (.csv, .xlsx or .parquet); requires --urdf or --robot; may be "
         "repeated.",
     ),
     file_options,
@@ -373,25 +375,25 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
         click.option(
             "--jobs",
             type=WholeRange(1, 1024),
-            help=f"Number of fits at once, each in its own process.  [default: {usual_jobs}]",
+            help=f"Number of parallel fits, each in its own process.  [default: {usual_jobs}]",
         ),
         click.option(
             "--isolate/--no-isolate",
             default=None,
-            help="Run each fit in its own process.  [default: with several jobs, a limit, a "
-            "cluster or a plugin's model]",
+            help="Run each fit in its own process.  [default: only with several jobs, a limit, a "
+            "cluster or a model of a plugin]",
         ),
         click.option(
             "--timeout",
             type=FiniteRange(0, 1e7, min_open=True),
             metavar="SECONDS",
-            help="Limit on the wall time of a fit.  [default: none]",
+            help="Time limit of each fit.  [default: none]",
         ),
         click.option(
             "--memory",
             type=Size(),
             metavar="SIZE",
-            help="Limit on the memory of a fit, such as 2GiB or 500MB.  [default: none]",
+            help="Memory limit of each fit, such as 2GiB or 500MB.  [default: none]",
         ),
         click.option(
             "--threads",
@@ -404,20 +406,19 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
             default="",
             show_default=False,
             metavar="CLUSTER",
-            help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler.",
+            help="Compute on a Dask cluster; give its scheduler, tcp://HOST:PORT.",
         ),
         click.option(
             "--rerun",
             type=click.Choice(["missing", "failed", "all"]),
             default="missing",
-            help="Fits to run: those without a stored result or failure, the failed ones too, or "
-            "all.",
+            help="Fits to run: those without a stored result, the failed ones too, or all.",
         ),
         click.option(
             "--plan",
             "plan_only",
             is_flag=True,
-            help="Only print how many fits are missing and how long they would take; a fit of each "
-            "model without a stored one is timed.",
+            help="Only estimate: print how many fits are missing and how long they take. One fit "
+            "per new model is timed.",
         ),
     )

@@ -22,7 +22,7 @@ from stiff_bench.console import replace_closed_streams, say
 from stiff_bench.run.machine import prepare
 from stiff_protocols.contract.errors import StiffBenchError
 
-INTERRUPTION = "interrupted; what is stored stays, the same command computes the rest"
+INTERRUPTION = "interrupted. Results so far are saved; run the same command to continue."
 USAGE_ERROR, CELLS_FAILED = 2, 1
 
 
@@ -86,7 +86,10 @@ def _stop(number: int, _: object) -> None:
 )
 @click.version_option(package_name="stiffbench", prog_name="bench")
 @click.option(
-    "--debug", is_flag=True, expose_value=False, help="Show tracebacks; valid for every command."
+    "--debug",
+    is_flag=True,
+    expose_value=False,
+    help="Show the traceback of an error; valid for every command.",
 )
 def bench() -> None:
     """Benchmark stiffness models of industrial robots."""

@@ -51,8 +51,8 @@ def fit(
 ) -> None:
     """Fit a model to all samples of a data set and save it.
 
-    As in `bench run`, a network finds its number of epochs by cross-validation and then learns
-    from every sample; with `training=best`, a fifth of the poses chooses the epoch instead.
+    As in `bench run`, a network chooses its number of epochs by cross-validation, then learns from
+    every sample. With `training=best`, a fifth of the poses chooses the epoch instead.
     """
     model, samples = api.evaluation.model_and_data(
         models, [*datasets, *data], settings=settings, device=device
@@ -75,16 +75,16 @@ def fit(
     help="Poses and wrenches; deflections are ignored.",
 )
 @output_option(
-    "FILE.csv", "New file: the same rows with dx_mm, dy_mm, dz_mm; - for standard output."
+    "FILE.csv", "New file: the same rows with dx_mm, dy_mm, dz_mm; `-` for standard output."
 )
-@coverage_option("Add prediction intervals of this coverage, of each axis.")
+@coverage_option("Add prediction intervals of this coverage, per axis.")
 @sheet_option
 @plugin_option
 def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
     """Predict the deflections of a file of poses and wrenches.
 
-    The column extrapolates names what is unlike the training samples: joints, pose-gap, load or
-    load-gap. There a prediction is a guess.
+    The column `extrapolates` names what is unlike the training samples: joints, pose-gap, load or
+    load-gap. Such a prediction is a guess.
     """
     found = api.model.load_model(model)
     with TemporaryDirectory() as folder:

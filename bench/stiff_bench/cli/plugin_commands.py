@@ -19,9 +19,9 @@ KINDS = ("models", "datasets", "protocols", "metrics", "figures")
 @plugin_option
 @format_option
 def list_(kind: str, fmt: str) -> None:
-    """List what can be named.
+    """List models, data sets, protocols, metrics or figures.
 
-    KIND is models, datasets, protocols, metrics or figures.
+    KIND is one of models, datasets, protocols, metrics and figures.
     """
     print_text(getattr(api.registered, f"list_{kind}")().text_as(fmt))
 
@@ -40,14 +40,14 @@ def show(key: str) -> None:
     "--dataset",
     default="fanuc-r2000ic",
     metavar="KEY",
-    help="Data set that a model or protocol is checked on.",
+    help="Data set to check a model or protocol on.",
 )
 @settings_option
 @plugin_option
 def check(key: str, dataset: str, settings: tuple[str, ...]) -> int:
-    """Check that a model, data set or protocol meets its contract.
+    """Check the interface of a model, data set or protocol.
 
-    Exit status: 0 nothing failed, 1 a check failed, 2 it cannot be checked.
+    Exit status: 0 no check failed; 1 a check failed; 2 it cannot be checked.
     """
     checked = api.registered.check(key, dataset=dataset, settings=settings)
     print_text(repr(checked))
