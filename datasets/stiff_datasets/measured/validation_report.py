@@ -40,7 +40,7 @@ from stiff_datasets.measured.outliers_and_drift import (
     left_out_rms,
     outlier_findings,
 )
-from stiff_datasets.measured.row_checks import LIMIT_SLACK, Problem, row_ranges
+from stiff_datasets.measured.row_checks import LIMIT_SLACK, NO_TORQUE_HINT, Problem, row_ranges
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units, joint_columns
 from stiff_datasets.measured.sample_file import (
     SMALL_UNITS,
@@ -242,8 +242,8 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
             yield warning("every wrench is zero, so no stiffness can be identified")
         elif not no_torque:
             yield warning(
-                "every torque is zero, which is right only if each force acted at the TCP; say "
-                "no-torque if none were measured"
+                "every torque is zero, which is right only if each force acted at the TCP; "
+                f"{NO_TORQUE_HINT}"
             )
     yield fact("deflection", f"{_range(samples.deflection * MM_PER_M)} mm")
     units, q = file_units(robot), samples.q * file_units(robot)

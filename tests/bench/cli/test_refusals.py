@@ -43,7 +43,7 @@ REFUSED = {
     f"{RUN} --tcp 1,2": ["--tcp", "'1,2'", "in m"],
     f"{RUN} --tcp 80,0,60": ["tcp", "in m"],
     "run --model vjm --data forces.csv --robot kr10-r1100-2": ["missing tx_Nm", "no-torque"],
-    "run --model vjm --data plan.csv --robot kr10-r1100-2": ["not filled in", "1 of 1 row"],
+    "run --model vjm --data plan.csv --robot kr10-r1100-2": ["not filled in", "1 of 1 row", "dx_mm, dy_mm, dz_mm"],
     "run --model vjm --dataset kr10-measured": ["bench data register kr10-measured"],
     f"{READ} bytes": ["bytes: cannot read the URDF", "UTF-8"],
     f"{FIT} vjm.stiff": ["vjm.stiff: exists"],

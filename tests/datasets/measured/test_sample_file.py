@@ -175,7 +175,10 @@ def test_a_folder_in_place_of_a_file_is_named(tmp_path, kr10, name):
         ([HEADER, GOOD, "--- end of the log"], r"row 3, column pose_id: '--- end of the log'"),
         ([HEADER, GOOD, line(pose_id="P2", fx_N="abc")], r"row 3, column fx_N: 'abc'"),
         *(
-            ([HEADER, line(dy_mm=cell)], rf"row 2, column dy_mm: '{cell}', expected a finite numb")
+            (
+                [HEADER, GOOD, line(load_id=2, dy_mm=cell)],
+                rf"row 3, column dy_mm: '{cell}', expected a finite numb",
+            )
             for cell in ("nan", "", "inf")
         ),
         ([HEADER, line(pose_id="")], r"row 2, column pose_id: '', expected a name"),
