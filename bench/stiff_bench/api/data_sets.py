@@ -58,7 +58,7 @@ class Dataset:
     def of_file(cls, file: Path | str, robot: str | Robot | None, options: FileOptions) -> Dataset:
         """Return the data set of a file, which is read when it is needed; see `read_samples`."""
         if robot is None:
-            raise ConfigError(f"{file}: needs its robot too: --urdf FILE.urdf or --robot NAME")
+            raise ConfigError(f"{file}: name the measured robot: --urdf FILE.urdf or --robot NAME")
         return cls(measured_file(Path(file), as_robot(robot), options))
 
     @classmethod
@@ -257,7 +257,7 @@ def dataset_of_word(
         return Dataset.of_file(path, robot, options)
     if robot is not None or options != DEFAULTS or path.is_file():
         raise ConfigError(
-            f"{word}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
+            f"{word}: not a file of samples (valid: .csv, .xlsx or .parquet; a KEY takes no "
             "--robot, --urdf, --tip, --tcp, --no-torque, --sheet or --pose-tolerance)"
         )
     return Dataset(chosen_dataset(word, settings, registry()))

@@ -317,6 +317,8 @@ def held_positions(
     except ConfigError as error:
         raise ConfigError(str(error), "hold") from error
     spare = max(robot.n_joints - 6, 0)
+    if hold and not spare:
+        raise ConfigError(f"{', '.join(hold)}: {robot.name} has no joint to hold", "hold")
     if not len({*numbers.values()}) == len(hold) == spare:
         pairs = zip(robot.joint_names, units, strict=True)
         joints = ", ".join(f"{name} [{unit}]" for name, unit in pairs)

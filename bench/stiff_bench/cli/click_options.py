@@ -96,7 +96,7 @@ class Millimetres(FiniteRange):
     """A length within bounds, such as 0.01 or 0.01mm."""
 
     name = unit = "mm"
-    kind = "a length such as 0.01mm or 0.01"
+    kind = "a length in mm such as 0.5 or 0.5mm"
 
 
 class Numbers(click.ParamType[tuple[float, ...]]):
@@ -115,7 +115,7 @@ class Numbers(click.ParamType[tuple[float, ...]]):
         except ValueError:
             numbers = (math.nan,)
         if not all(map(math.isfinite, numbers)) or self.count not in (None, len(numbers)):
-            self.fail(f"{value!r}: expected {self.what}", param, ctx)
+            self.fail(f"{value!r} (valid: {self.what})", param, ctx)
         return numbers
 
 
@@ -129,7 +129,7 @@ class Size(click.ParamType[int]):
     name = "size"
 
     def convert(self, value: Any, param: Parameter, ctx: Context) -> int:
-        """Return the bytes, or refuse a text that is no size."""
+        """Return the bytes, or refuse a text without a size."""
         from pydantic import ByteSize, TypeAdapter, ValidationError
 
         try:
@@ -137,7 +137,11 @@ class Size(click.ParamType[int]):
         except ValidationError:
             size = 0
         if size < SMALLEST_SIZE:
-            self.fail(f"{value!r} is no size (valid: 2GiB, 500MB, ... from 1MiB)", param, ctx)
+            self.fail(
+                f"{value!r} (valid: a size with its unit, such as 2GiB or 500MB, at least 1MiB)",
+                param,
+                ctx,
+            )
         return size
 
 
@@ -299,15 +303,15 @@ def _robot_of_data(
 ) -> Robot | None:
     """Return the robot that is named; None without any option."""
     if urdf is not None and robot is not None:
-        raise ConfigError(f"{robot} and urdf {urdf}: give one of them", "robot")
+        raise ConfigError(f"{robot} and --urdf {urdf}: give only one of them", "robot")
     if urdf is not None:
         return api.robots.read_robot(urdf, tcp=tcp, tip=tip)
     if tip is not None:
-        raise ConfigError(f"{tip}: names a link of a URDF; give --urdf too", "tip")
+        raise ConfigError(f"{tip} requires --urdf", "tip")
     if robot is not None:
         return api.robots.load_robot(robot, tcp=tcp)
     if tcp is not None:
-        raise ConfigError(f"{tcp}: of which robot? Give --urdf or --robot too", "tcp")
+        raise ConfigError("requires --urdf or --robot", "tcp")
     return None
 
 
@@ -342,8 +346,7 @@ def _data(
     options = FileOptions(no_torque, sheet, pose_tolerance)
     if not data and (robot is not None or options != DEFAULTS):
         raise ConfigError(
-            "--robot, --urdf, --no-torque, --sheet and --pose-tolerance are of a measured file; "
-            "give --data too"
+            "--robot, --urdf, --no-torque, --sheet and --pose-tolerance require --data FILE"
         )
     return [api.data_sets.Dataset.of_file(file, robot, options) for file in data]
 

@@ -65,7 +65,7 @@ def main(arguments: list[str] | None = None) -> None:
     except Exception as error:
         if debug:
             raise
-        say(f"internal error: {type(error).__name__}: {error} (--debug shows where)")
+        say(f"internal error: {type(error).__name__}: {error} (add --debug for the traceback)")
         status = CELLS_FAILED
     sys.exit(status if isinstance(status, int) else 0)
 

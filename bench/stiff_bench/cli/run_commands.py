@@ -29,6 +29,7 @@ from stiff_bench.cli.click_options import (
 )
 from stiff_bench.cli.help_pages import command
 from stiff_bench.console import print_text, say
+from stiff_protocols.contract.errors import ConfigError
 
 HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
 """Options that a study leaves to the command line."""
@@ -108,7 +109,9 @@ def run(
         for option in ctx.command.params:
             name = option.name or ""
             if name not in left and ctx.get_parameter_source(name) == ParameterSource.COMMANDLINE:
-                raise click.UsageError(f"{option.opts[0]}: leave it out, or write it in {study}")
+                raise ConfigError(
+                    f"{option.opts[0]} cannot be combined with --study; set it in {study}"
+                )
         asked = api.evaluation.run_of_study(study, output=output, command=command_line(), **how)
     return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
 

@@ -139,7 +139,7 @@ def _names(name: str) -> dict[str, str]:
     plain = module.isascii() and module.isidentifier() and module[0].isalpha()
     if not plain or keyword.iskeyword(module):
         raise ConfigError(
-            f"{name!r} is no name for a model (valid: letters, digits, '-' and '_', a letter "
+            f"{name!r} is not a valid model name (valid: letters, digits, '-' and '_', a letter "
             "first, and no Python keyword)"
         )
     words = [word for word in module.split("_") if word]

@@ -63,9 +63,9 @@ def test_a_new_model_passes_its_own_test_and_the_suite_and_can_be_run_as_it_stan
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("2nd", "no name"),
+        ("2nd", "not a valid model name"),
         ("_x", "a letter first"),
-        ("../up", "no name"),
+        ("../up", "not a valid model name"),
         ("class", "keyword"),
         ("FT-MLP", "taken"),
         ("numpy", "already has a module"),

@@ -226,7 +226,7 @@ def test_what_is_wrong_is_named_with_file_row_column_and_value(tmp_path, kr10, l
         ("my.xlsx", None, "cannot be read: No such file"),
         ("my.parquet", b"pose_id", "not a Parquet file"),
         ("my.xlsx", HEADER.encode(), "not an Excel file"),
-        ("my.csv", bytes(range(256)), r"no text in UTF-8 or UTF-16 \(byte 0x"),
+        ("my.csv", bytes(range(256)), r"not a text in UTF-8 or UTF-16 \(byte 0x"),
         ("my.csv", f"{HEADER}\n{GOOD}\n".encode("utf-32"), "not a CSV table in UTF-8 or UTF-16"),
         ("my.csv", f"# Prüfstand 2\n{HEADER}\n".encode("cp1252"), ".*save it as 'CSV UTF-8'"),
     ],
