@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -68,7 +69,8 @@ SAME_UNIT = 2.2
 TIES_SHOWN = 2
 LARGEST_SHOWN = 5
 FEWEST_CURVE_POSES, MOST_CURVE_SAMPLES = 10, 200
-WIDTH = 100
+WIDEST_TEXT = 100
+"""Characters of a line of the report, where the terminal is not narrower."""
 
 
 @dataclass(frozen=True)
@@ -413,12 +415,13 @@ def _section(title: str, findings: Sequence[Finding]) -> list[str]:
         parts = (finding.message.partition(": ") for finding in findings)
         items = [(name, value) for name, _, value in parts]
     width = max(len(head) for head, _ in items)
+    text_width = min(WIDEST_TEXT, shutil.get_terminal_size((WIDEST_TEXT, 24)).columns)
     lines = ["", title]
     for head, text in items:
         start = f"  {head:<{width}} "
         lines += textwrap.wrap(
             text,
-            WIDTH,
+            text_width,
             initial_indent=start,
             subsequent_indent=" " * len(start),
             break_long_words=False,
