@@ -72,9 +72,9 @@ class CorrectedPath:
         before, after = MM_PER_M * self.error_before, MM_PER_M * self.error_after
         done = int(self.found.converged.sum())
         return (
-            f"{done} of {len(before)} points corrected; predicted path error before "
-            f"{before.mean():.4g} mm mean, {before.max():.4g} mm largest, after "
-            f"{after.mean():.2g} mm mean, {after.max():.2g} mm largest"
+            f"{done} of {len(before)} points corrected\n"
+            f"predicted path error before: {before.mean():.4g} mm mean, {before.max():.4g} mm "
+            f"largest; after: {after.mean():.2g} mm mean, {after.max():.2g} mm largest"
         )
 
 

@@ -171,4 +171,4 @@ def compensate(model: Path, points: Path, output: Path, **words: Any) -> None:
     found = api.model.load_model(model)
     with warnings_said():
         corrected = api.tool_paths.compensate_path(found, points, output, **words)
-    print_text(f"{output}: {corrected!r} ({found.name}, robot {found.fitted.robot_.name})")
+    print_text(f"{output}: {found.name}, robot {found.fitted.robot_.name}; {corrected!r}")
