@@ -138,16 +138,15 @@ def show(key: str) -> Text:
         parts += [f"reasoning: {info.reasoning}"] if info.reasoning else []
         parts += [f"warning: {info.warning}"] if info.warning else []
     options = options_of(info.load()).values()
-    if not options:
-        return Text("\n".join([*parts, "", "no options"]))
     heading = f"options: --set {info.key}.OPTION=VALUE, or {info.key}@OPTION=VALUE as the name"
-    lines = [wrapped(part, indent="  ") for part in (*parts, heading)]
-    return Text("\n".join([*lines[:-1], "", lines[-1], *_option_lines(options)]))
+    parts += ["", heading if options else "no options"]
+    lines = [wrapped(part, indent="  ") for part in parts]
+    return Text("\n".join([*lines, *_option_lines(options)]))
 
 
 def _option_lines(options: Collection[Option]) -> list[str]:
     """Return each option with its default and valid values, then its description."""
-    width = max(len(option.name) for option in options) + 4
+    width = max((len(option.name) for option in options), default=0) + 4
     lines = []
     for option in options:
         values = f"{_default(option)} (valid: {option.type_text})"
