@@ -101,6 +101,17 @@ def print_text(text: str) -> None:
             raise StoreError(f"standard output: cannot be written: {error.strerror}") from error
 
 
+def print_markdown(text: str) -> None:
+    """Print Markdown: laid out on a terminal, elsewhere as it is."""
+    if not sys.stdout.isatty():
+        print_text(text)
+        return
+    from rich.console import Console  # 0.1 s
+    from rich.markdown import Markdown
+
+    Console(width=text_width()).print(Markdown(printable(text), hyperlinks=False))
+
+
 def replace_closed_streams() -> None:
     """Open the null device in place of standard streams that the caller has closed.
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import click
 import pytest
 
-from stiff_bench.console import print_text, wrapped, wrapped_lines
+from stiff_bench.console import print_markdown, print_text, wrapped, wrapped_lines
 
 PRINTS = """
 import sys
@@ -66,3 +67,17 @@ def test_a_result_is_broken_for_a_terminal_and_whole_for_a_pipe(monkeypatch, cap
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     print_text(sentence)
     assert max(map(len, capsys.readouterr().out.splitlines())) <= 60
+
+
+def test_markdown_is_laid_out_on_a_terminal_and_harmless(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "60")
+    text = "# Card\n\n| key | what |\n|---|---|\n| a | " + "word " * 30 + "|\n\n[red]\x1b[31m"
+    print_markdown(text)
+    assert "| a | word" in capsys.readouterr().out
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    print_markdown(text)
+    out = capsys.readouterr().out
+    assert "[red]" in out and r"\x1b[31m" in out
+    lines = click.unstyle(out).splitlines()
+    assert max(map(len, lines)) <= 60 and "|---|" not in out

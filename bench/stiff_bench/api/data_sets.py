@@ -139,8 +139,15 @@ class Dataset:
 
         return sample_table(self.samples, self.robot)
 
+    @property
+    def card(self) -> Text:
+        """Data card in Markdown, "" without one; DataError: it is not in the package."""
+        from stiff_bench.tables.dataset_facts import card_text
+
+        return Text(card_text(self.choice.info.key, self.choice.info.card))
+
     def describe(self, folder: Path | str) -> Text:
-        """Draw the data set's picture in a folder, and return its card and facts.
+        """Draw the data set's picture in a folder, and return its facts.
 
         Raises:
             StoreError: the picture cannot be written.

@@ -22,7 +22,7 @@ from stiff_bench.cli.click_options import (
     urdf_options,
 )
 from stiff_bench.cli.help_pages import group
-from stiff_bench.console import print_text, warnings_said
+from stiff_bench.console import print_markdown, print_text, warnings_said
 from stiff_datasets.measured.file_options import FileOptions
 
 if TYPE_CHECKING:
@@ -52,12 +52,15 @@ def data() -> None:
 def info(
     key: str, robot: Robot | None, output: Path, settings: tuple[str, ...], **stated: Any
 ) -> None:
-    """Print the card and statistics of a data set, and draw an overview.
+    """Print statistics and the card of a data set, and draw an overview.
 
     KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
     """
     dataset = api.data_sets.dataset_of_word(key, robot, FileOptions(**stated), settings)
+    card = dataset.card
     print_text(dataset.describe(output))
+    if card:
+        print_markdown(f"\n{card}")
 
 
 @data.command(epilog="bench data plan --robot ur5 --poses 60 --output plan.csv")

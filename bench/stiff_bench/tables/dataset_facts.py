@@ -143,29 +143,31 @@ def _range(values: FloatArray) -> Quantity:
 
 
 def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options: str = "") -> str:
-    """Return what is known of a data set: catalogue line, facts, card, place of the picture.
-
-    The card describes the data set without options ("name=value, ...").
+    """Return the catalogue line of a data set, its facts and the path of its picture.
 
     Raises:
-        DataError: there are no samples, or the card is not in the package.
+        DataError: there are no samples.
     """
     lines = [f"{info.key} ({info.kind}): {info.summary}"]
     if options:
-        note = " (the card below describes the defaults)" if info.card else ""
+        note = " (its data card describes the defaults)" if info.card else ""
         lines.append(f"options: {options}{note}")
     if info.reference:
         lines.append(f"reference: {info.reference}")
     lines += [f"caveat: {caveat}" for caveat in info.caveats]
     counts, *others = facts(data)
     parts = ["\n".join(lines), plain_text(counts, widths=[None, 70]), *map(plain_text, others)]
-    if info.card:
-        parts.append(_card_text(info.key, info.card))
     return "\n\n".join([*parts, f"picture: {picture}"])
 
 
-def _card_text(key: str, card: str) -> str:
-    """Read a data card, named by its path inside stiff_datasets."""
+def card_text(key: str, card: str) -> str:
+    """Read a data card, named by its path inside stiff_datasets; "" without one.
+
+    Raises:
+        DataError: the card is not in the package.
+    """
+    if not card:
+        return ""
     try:
         text = files("stiff_datasets").joinpath(card).read_text(encoding="utf-8")
     except OSError as error:
