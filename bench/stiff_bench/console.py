@@ -23,8 +23,9 @@ _BULLET_AND_SENTENCE = re.compile(r"(\s*(?:\W )?)(.*)")
 
 
 def say(message: str) -> None:
-    """Print one line for people."""
-    click.echo(f"bench: {one_line(message)}", err=True)
+    """Print a message on standard error, as one line except on a terminal."""
+    line = f"bench: {one_line(message)}"
+    click.echo(wrapped(line, indent="  ") if sys.stderr.isatty() else line, err=True)
 
 
 def one_line(text: str) -> str:

@@ -138,7 +138,9 @@ def validate(file: Path, robot: Robot | None, **stated: Any) -> int:
     report = api.measuring.validate(file, robot=robot, **stated)
     print_text(repr(report))
     if robot is None:
-        print_text(f"Robot: {api.measuring.DEFAULT_ROBOT}, the default (--robot, --urdf).")
+        print_text(
+            f"Robot: {api.measuring.DEFAULT_ROBOT}, the default; name yours: --robot or --urdf"
+        )
     return ("ok", "suspicious", "invalid").index(report.verdict)
 
 
