@@ -173,6 +173,11 @@ class StoredResults:
         results = read_results(folder)
         if not results:
             raise StoreError(f"{folder}: {why_no_results(folder)}{where_from}", "results")
+        return cls.of_results(folder, results)
+
+    @classmethod
+    def of_results(cls, folder: Path, results: Sequence[CellResult]) -> Self:
+        """Sort some results of a folder into cases, as `read` does with all."""
         manifests = tuple(read_manifests(folder))
         runs = Runs.of(manifests)
         cases = [_case(of_case, runs) for of_case in grouped(results, case_name_of).values()]

@@ -24,6 +24,7 @@ from stiff_protocols.scoring.metrics import METRICS, metric
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from stiff_bench.analysis.answer import Answer
     from stiff_bench.figures.prepared_figure import Prepared
     from stiff_bench.run.runner import Finished
     from stiff_bench.store.merging import Merged
@@ -181,6 +182,29 @@ class Results:
         about = {"a": found.a, "b": found.b, **asked}
         return Tables(comparison_tables(found), self.command, sentence(found), about)
 
+    def answer(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Answer:
+        """Return which model is best, how much better than the VJM, and how sure that is.
+
+        Args:
+            metric: to score by; a key.
+            axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
+            seed: of the resampling of poses.
+
+        Raises:
+            ConfigError: no model has a score, or the metric cannot rank.
+            StoreError: the folder holds no results, or corrupt ones.
+        """
+        from stiff_bench.analysis.answer import Answer
+        from stiff_bench.analysis.sort_key import sort_key
+
+        key = sort_key(metric, axis)
+        if self.finished is not None:  # what was run now, not what else the folder holds
+            return Answer.of(StoredResults.of_results(self.folder, self.cells), key, seed=seed)
+        stored = StoredResults.read(self.folder)
+        cases = self.selection.cases_of(stored.cases)
+        models = self.selection.models_of(cases)
+        return Answer.of(stored, key, cases, models, seed=seed)
+
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
     ) -> Tables:
@@ -314,8 +338,8 @@ def figure(
         name: one of `list_figures`; numbers are the source paper's.
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
             paper's figures `bench reproduce`. `Results.select` chooses among them; else a figure
-            shows the models that it is clear with, of measured data, then of the data set with
-            most models, then of the one that was asked for first.
+            shows the models that it is clear with, and the data sets in panels: measured ones
+            first, then in the order of asking.
 
     Raises:
         ConfigError: there is no such figure, or a name has no results.

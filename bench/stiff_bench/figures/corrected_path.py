@@ -17,6 +17,7 @@ from stiff_protocols.paths.compensation import Compensation
 from stiff_protocols.paths.inverse import evenly_spaced
 
 HEIGHT_INCH = 2.9
+WANTED_COLOR = "0.55"
 MOST_POINTS, ARROWS = 2_000, 40
 """Points of a line that are drawn, and error vectors."""
 SHOWN_SHARE = 0.2
@@ -43,7 +44,7 @@ def _painted(found: Compensation, interval: Interval | None) -> Figure:
 
     figure = new_figure(PAGE_INCH, HEIGHT_INCH)
     space = figure.add_subplot(1, 2, 1, projection="3d")
-    space.plot(*place[rows].T, color="0.75", linewidth=2.6, label="wanted")
+    space.plot(*place[rows].T, color=WANTED_COLOR, linewidth=2.6, label="wanted")
     moved, corrected = place + times * before, place + times * after
     space.plot(*moved[rows].T, color=orange.color, linewidth=0.8, label="without correction")
     vectors = np.stack([place[arrows], moved[arrows]], axis=1)

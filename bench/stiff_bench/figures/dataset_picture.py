@@ -14,7 +14,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.figures.style import STYLE
+from stiff_bench.figures.style import COLORS, STYLE
 from stiff_bench.store.samples import load_torque
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, IntArray, TextArray
@@ -30,7 +30,6 @@ _SCREEN: dict[str, Any] = {
     "grid.linewidth": 0.8,
     "savefig.dpi": 150,
 }
-_PALETTE = "colorblind"
 
 MOST_POINTS = 3000  # in a cloud; more hide each other
 MOST_GROUPS = 6  # in the legend
@@ -95,8 +94,9 @@ def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
     _head(page, f"(a) TCP positions, base frame{_of_all(len(rows), len(poses))}")
     side, above = page.subplots(1, 2)
     groups = _most_groups(data.samples.group[rows])
-    look = {"palette": _PALETTE, "linewidth": 0.0, "alpha": 0.7, "rasterized": True}
+    look = {"linewidth": 0.0, "alpha": 0.85, "rasterized": True}
     look["s"] = 1.5 * _point_area(len(rows))
+    look["palette"] = COLORS[: len(dict.fromkeys(groups.tolist()))]
     for axes, across, up in ((side, np.hypot(x, y), z), (above, x, y)):
         seaborn.scatterplot(x=across, y=up, hue=groups, style=groups, ax=axes, **look)
         axes.plot(0.0, 0.0, "k+", markersize=9.0, label="base")
@@ -168,15 +168,15 @@ def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:
     torques = {"load (Jᵀw)": load_torque(data.robot, data.samples)}
     if robot.masses.any():
         torques["weight of the links"] = robot.gravity_torque(data.samples.q)
-    width, colors = 0.7 / len(torques), seaborn.color_palette(_PALETTE)
+    width = 0.7 / len(torques)
     middle = np.arange(len(joints)) - width * (len(torques) - 1) / 2.0
     look: dict[str, Any] = {"widths": 0.85 * width, "whis": (0.0, 100.0), "patch_artist": True}
     look |= {"medianprops": {"color": "black"}, "manage_ticks": False}
     for number, (label, torque) in enumerate(torques.items()):
-        box = {"facecolor": colors[number], "alpha": 0.6}
+        box = {"facecolor": COLORS[number], "alpha": 0.6}
         axes.boxplot(torque, positions=middle + number * width, boxprops=box, label=label, **look)
     axes.set_xticks(range(len(joints)), joints)
-    axes.axhline(0.0, color="0.6", linewidth=0.8, zorder=0.5)
+    axes.axhline(0.0, color="0.5", linewidth=0.8, zorder=0.5)
     axes.grid(visible=False, axis="x")
     if max(map(len, joints)) > LONGEST_LABEL:
         axes.tick_params(axis="x", rotation=25.0)

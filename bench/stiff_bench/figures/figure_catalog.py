@@ -11,6 +11,7 @@ from stiff_bench.figures import (
     samples,
     springs,
     variants,
+    workspace,
 )
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Figures
@@ -23,7 +24,7 @@ FIGURES: Figures[FigureSource] = {
     "sweep": variants.sweep,
     "freezing": variants.freezing,
     "learning-curves": learning_curves.learning_curves,
-    "workspace": samples.workspace,
+    "workspace": workspace.workspace,
     "springs": springs.springs,
     "calibration": calibration.calibration,
 }

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
-from stiff_bench.figures.figure_source import FigureSource, subtitle
+from stiff_bench.figures.figure_source import FigureSource, setting, subtitle
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
 from stiff_bench.plan.registry import build_registry
@@ -27,6 +27,7 @@ from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.springs.identification import SPRING_CURVE, spring_key
 
 ROW_INCH, HEAD_INCH = 1.75, 0.3
+SPLIT_ALPHA = 0.75
 _POINTS = 200
 _SHARES = (0.5, 0.95)
 """Of the samples: up to which torques they load a joint; shaded."""
@@ -77,7 +78,7 @@ def _draw_segments(
     springs = [_spring(one.diagnostics, data, joint) for one in results]
     curves = np.array([1e3 * _deflection(at, spring) for spring in springs])
     median = np.median(curves, axis=0)
-    axes.plot(at, curves.T, color=blue.color, linewidth=0.5, alpha=0.45)
+    axes.plot(at, curves.T, color=blue.color, linewidth=0.5, alpha=SPLIT_ALPHA)
     model = short(results[0].shown.model)
     axes.plot(at, median, color=blue.color, linewidth=1.6, label=model)
     bends = np.median([bends for bends, _ in springs], axis=0)
@@ -106,7 +107,9 @@ def _draw_curves(
     name = f"{SPRING_CURVE}{data.robot.joint_names[joint]}"
     curves = [result.curves[name] for result in results if name in result.curves]
     for points in curves[1:]:
-        axes.plot(points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=0.45)
+        axes.plot(
+            points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=SPLIT_ALPHA
+        )
     at: FloatArray
     at, turn, deviation = curves[0].T
     low, high = 1e3 * (turn - reach * deviation), 1e3 * (turn + reach * deviation)
@@ -155,7 +158,7 @@ def springs(source: FigureSource) -> Prepared:
             "below; a panel ends at the largest."
         )
         draw = partial(_draw_segments, stored, np.abs(torque), results)
-    caption = f"{about} {source.setting(case, [model], [len(results)])}"
+    caption = f"{about} {setting([case], [model], [len(results)])}"
     paint = partial(springs_figure, stored, draw, linear)
     return Prepared("Torque and deflection of each joint", caption, paint, subtitle(case))
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
 from typing import Any
 
-import seaborn
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from stiff_bench.console import one_line
+from stiff_bench.store.names import OPTION_MARK, grouped, split_word
 
 COLUMN_INCH, PAGE_INCH = 3.46, 7.09
 """One column of a journal (88 mm), and both (180 mm)."""
@@ -42,8 +42,11 @@ STYLE: dict[str, Any] = {
 
 REFERENCE_COLOR = "0.35"
 """Of identity lines, published values and other things that are no competitor."""
-# Okabe and Ito's, as seaborn's "colorblind" palette has them, without the pale ones
-_ORDER = (0, 3, 2, 1, 4, 5, 9, 7)
+COLORS = ("#0173b2", "#d55e00", "#029e73", "#6a1b4d", "#c873b8", "#2a1a7a", "#858585", "#5b3410")
+"""Blue, orange, green ...: on white each has a contrast of 3:1, which a test computes.
+
+The first three are Okabe and Ito's. The others are dark or pale enough to differ for every eye.
+"""
 _MARKERS = "osD^vP<X"
 _LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 2)), (0, (8, 2)), (0, (3, 2)))
 
@@ -67,10 +70,9 @@ class Look:
 
 def looks(n: int) -> list[Look]:
     """Return `n` looks; beyond eight, colours come again with other markers."""
-    palette = seaborn.color_palette("colorblind").as_hex()
-    shifted = [(number, (number + number // len(_ORDER)) % len(_ORDER)) for number in range(n)]
+    shifted = [(number, (number + number // len(COLORS)) % len(COLORS)) for number in range(n)]
     return [
-        Look(palette[_ORDER[number % len(_ORDER)]], _MARKERS[other], _LINES[other])
+        Look(COLORS[number % len(COLORS)], _MARKERS[other], _LINES[other])
         for number, other in shifted
     ]
 
@@ -125,6 +127,15 @@ def name_panels(panels: Sequence[Axes]) -> None:
         axes.set_title(f"({letter}) {axes.get_title(loc='left')}".rstrip(), loc="left")
 
 
+def label_left(panels: Iterable[Axes], label: str = "") -> None:
+    """Label the y axes of the first column of panels; the others share them."""
+    for axes in panels:
+        place = axes.get_subplotspec()
+        is_first = place is None or place.is_first_col()
+        axes.set_ylabel(label if is_first else "")
+        axes.tick_params(labelleft=is_first)
+
+
 def share_legend(figure: Figure, panels: Iterable[Axes], *, ncols: int = 4, **spacing: Any) -> None:
     """Draw one legend for all panels below them, each name once."""
     handles: dict[str, Any] = {}
@@ -159,3 +170,27 @@ def short(name: str, most: int = MOST_LETTERS) -> str:
         return text
     head = (most - 1) * 2 // 3
     return f"{text[:head]}…{text[len(text) - (most - 1 - head) :]}"
+
+
+def short_names(names: Iterable[str]) -> dict[str, str]:
+    """Return a different short text for each name.
+
+    Names that are alike when short lose the options that they share; if they still are, they
+    begin with a number.
+    """
+    texts = {name: short(name) for name in names}
+    for alike in _alike(texts):
+        shared = set.intersection(*(set(split_word(name)[1]) for name in alike))
+        for name in alike:
+            key, options = split_word(name)
+            differing = [option for option in options if option not in shared]
+            texts[name] = short(OPTION_MARK.join([key, *differing, "…"]))
+    for alike in _alike(texts):
+        for number, name in enumerate(alike, start=1):
+            texts[name] = short(f"{number}: {name}")
+    # matplotlib leaves labels that begin with an underscore out of a legend
+    return {name: f" {text}" if text.startswith("_") else text for name, text in texts.items()}
+
+
+def _alike(texts: Mapping[str, str]) -> list[list[str]]:
+    return [names for names in grouped(texts, texts.__getitem__).values() if len(names) > 1]

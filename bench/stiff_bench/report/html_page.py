@@ -105,7 +105,7 @@ def _page_cell(column: Column, cell: Entry, style: str) -> tuple[str, str, str]:
     if found is None or found.order is None:
         return text, "", style
     tone = " worse" if found.order < 0.0 else " better" if found.order > 0.0 else ""
-    return text, f"{found.order:.12g}", style + tone * column.by_sign
+    return text, f"{found.order:.12g}", style + tone * (column.by_sign > 0)
 
 
 def render_page(parts: Mapping[str, Sequence[Block]], command: str) -> str:

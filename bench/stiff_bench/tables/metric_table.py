@@ -120,15 +120,15 @@ def _beside_models(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[C
     rows = {}
     for name in names:
         for results in by_model.values():
-            found = [one for result in results if (one := _beside(result, name)) is not None]
+            found = [one for result in results if (one := known_result(result, name)) is not None]
             if len(found) == len(results):
                 rows[name] = found
                 break
     return rows
 
 
-def _beside(result: CellResult, name: str) -> CellResult | None:
-    """Return the result that another prediction of a cell is; None where it has none."""
+def known_result(result: CellResult, name: str) -> CellResult | None:
+    """Return the VJM's result, or one of `KNOWN`, that a cell holds; None where it has none."""
     found = result.prediction
     if found is None:
         return None
@@ -145,17 +145,11 @@ def _beside(result: CellResult, name: str) -> CellResult | None:
     )
 
 
-def setting(
-    shown: Presentation, condition: str, n_splits: int | str, seed: int, *, after_data: str = " | "
-) -> str:
-    """Return data set, protocol, condition, splits and seed, as a title has them.
-
-    A text of `n_splits` says how many, such as "1 to 5 splits".
-    """
+def setting(shown: Presentation, condition: str, n_splits: int, seed: int) -> str:
+    """Return data set, protocol, condition, splits and seed, as a title has them."""
     data = f"{shown.dataset} ({shown.kind})"
     protocol = " | ".join(filter(None, (shown.protocol, condition)))
-    splits = n_splits if isinstance(n_splits, str) else counted(n_splits, "split")
-    return f"{data}{after_data}{protocol}, {splits}, seed {seed}"
+    return f"{data} | {protocol}, {counted(n_splits, 'split')}, seed {seed}"
 
 
 def _title(first: CellResult, n_splits: int, metrics: Sequence[Metric]) -> str:

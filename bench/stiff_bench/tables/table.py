@@ -94,7 +94,7 @@ class Column:
         about: facts on it for csv and json, such as metric and axis.
         hidden: csv and json alone hold it, because the title says it to people.
         marks_shown: False: csv and json alone have the marks of its cells, as a note says them.
-        by_sign: the page colours its cells: above zero is better, below is worse.
+        by_sign: 1: cells above zero are coloured as better, below as worse; -1: the other way.
         value: makes its cell from what a row is of, such as a model; None: the row has it under the
             column's name. See `Table.of`.
     """
@@ -107,7 +107,7 @@ class Column:
     about: Mapping[str, object] = field(default_factory=dict)
     hidden: bool = False
     marks_shown: bool = True
-    by_sign: bool = False
+    by_sign: int = 0
     value: Callable[[Any], Entry] | None = None
 
     def text(self, cell: Entry) -> str:
@@ -132,6 +132,8 @@ VALUE_FIELDS = (
 )
 """Of each number, in csv and json."""
 MOST_NOTES = 4
+BEST_MARK = "*"
+"""Stands behind the best number of a column."""
 ALL_BUT_CSV = ("github", "latex", "html", "json")
 
 

@@ -50,7 +50,7 @@ def test_a_figure_is_written_where_it_is_asked_for_and_its_caption_printed(tmp_p
     done = run("regression", "--results", tmp_path / "runs", "--output", tmp_path / "a.svg")
     assert done.exit_code == 0, done.exception
     assert "deflection dx [mm]" in (tmp_path / "a.svg").read_text()
-    assert done.output.startswith(f"{tmp_path / 'a.svg'}: Predicted against true deflection.")
+    assert done.output.startswith(f"{tmp_path / 'a.svg'}: Error over true deflection.")
     assert "seed 0" in done.output
 
 
