@@ -85,8 +85,10 @@ def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
 
 
 def _error(row: _Row) -> Entry:
-    return Quantity(status=row.status.partition(":")[0]) if row.status else row.value(
-        "norm", "", spread=True
+    return (
+        Quantity(status=row.status.partition(":")[0])
+        if row.status
+        else row.value("norm", "", spread=True)
     )
 
 
