@@ -14,7 +14,7 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.selection import EVERYTHING, stands_for
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
-from stiff_bench.api.tables import Comparison, Tables, table_screen
+from stiff_bench.api.tables import Comparison, Tables, screen, short_table
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.units import MM, PRINTED, counted, first_few
@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from stiff_bench.figures.prepared_figure import Prepared
     from stiff_bench.run.runner import Finished
     from stiff_bench.store.merging import Merged
+
+
+SCREEN_METRICS = ("mae", "norm", "norm-max")
+"""Metrics of the tables of one model, where none were asked for."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -324,16 +328,21 @@ class Results:
                 return self.summary()
         return None
 
+    def _tables(self) -> Tables:
+        return self.table(*(() if self.metrics else SCREEN_METRICS))
+
     def __repr__(self) -> str:
-        """Return the answer in a screen; of one model its tables."""
+        """Return the answer in a screen; of one model its first table."""
         if (summary := self._summary()) is None:
-            return repr(self.table())
+            first, *others = self._tables().tables
+            more = f"... and {counted(len(others), 'more table')}: .table()" if others else ""
+            return screen([replace(short_table(first), notes=[more] * bool(more))])
         models, matrix = summary.tables
-        facts = [("compared by", models.title), ("on", first_few(matrix.headings()[1:]))]
-        return table_screen(summary.text, models, facts).text()
+        title = f"{models.title} on {first_few(matrix.headings()[1:])}"
+        return screen([short_table(replace(models, title=title))], summary.text)
 
     def _repr_html_(self) -> str:
-        return (self._summary() or self.table())._repr_html_()
+        return (self._summary() or self._tables())._repr_html_()
 
 
 def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:

@@ -103,10 +103,9 @@ SHOWN = (
     *("data", "measured", "part", "model", "new_model", "many_springs", "results"),
     *("of_one_model", "comparison", "validation", "plan", "simulation", "figure"),
 )
-TABLES = ("of_one_model",)
 
 
-@pytest.mark.parametrize("name", [name for name in SHOWN if name not in TABLES])
+@pytest.mark.parametrize("name", SHOWN)
 def test_what_is_shown_most_fits_a_screen(given, name):
     lines = repr(getattr(given, name)).splitlines()
     assert len(lines) <= MOST_LINES
