@@ -253,13 +253,8 @@ class Answer(BriefFields):
 
     def noise(self, case: ScoredCase) -> float | None:
         """Return the score of a perfect model, which is the instrument's noise; None: unknown."""
-        for results in case.results.values():
-            floor = [known_result(one, NOISE_FLOOR) for one in results]
-            known = [one for one in floor if one is not None]
-            if len(known) == len(results):
-                values = self.key.of_splits(known)
-                return None if values is None else float(values.mean())
-        return None
+        values = self.key.of_splits(known) if (known := case.known(NOISE_FLOOR)) else None
+        return None if values is None else float(values.mean())
 
     def mean_ratio(self, model: str, cases: Iterable[ScoredCase]) -> float | None:
         """Return the geometric mean of ratios over data sets and protocols, each counted once."""

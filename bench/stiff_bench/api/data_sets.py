@@ -61,7 +61,7 @@ class Dataset(Shown):
     def of_file(cls, file: Path | str, robot: str | Robot | None, options: FileOptions) -> Dataset:
         """Return the data set of a file, which is read when it is needed; see `read_samples`."""
         if robot is None:
-            raise ConfigError(f"{file}: needs its robot too: --urdf FILE.urdf or --robot NAME")
+            raise ConfigError(f"{file}: name the measured robot: --urdf FILE.urdf or --robot NAME")
         return cls(measured_file(Path(file), as_robot(robot), options))
 
     @classmethod
@@ -143,8 +143,15 @@ class Dataset(Shown):
 
         return sample_table(self.samples, self.robot)
 
+    @property
+    def card(self) -> Text:
+        """Data card in Markdown, "" without one; DataError: it is not in the package."""
+        from stiff_bench.tables.dataset_facts import card_text
+
+        return Text(card_text(self.choice.info.key, self.choice.info.card))
+
     def describe(self, folder: Path | str) -> Text:
-        """Draw the data set's picture in a folder, and return its card and facts.
+        """Draw the data set's picture in a folder, and return its facts.
 
         Raises:
             StoreError: the picture cannot be written.
@@ -298,7 +305,7 @@ def dataset_of_word(
         return Dataset.of_file(path, robot, options)
     if robot is not None or options != DEFAULTS or path.is_file():
         raise ConfigError(
-            f"{word}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
+            f"{word}: not a file of samples (valid: .csv, .xlsx or .parquet; a KEY takes no "
             "--robot, --urdf, --tip, --tcp, --no-torque, --sheet or --pose-tolerance)"
         )
     return Dataset(chosen_dataset(word, settings, registry()))

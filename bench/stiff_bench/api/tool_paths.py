@@ -82,9 +82,9 @@ class CorrectedPath:
         before, after = MM_PER_M * self.error_before, MM_PER_M * self.error_after
         done = int(self.found.converged.sum())
         return (
-            f"{done} of {len(before)} points corrected; predicted path error before "
-            f"{before.mean():.4g} mm mean, {before.max():.4g} mm largest, after "
-            f"{after.mean():.2g} mm mean, {after.max():.2g} mm largest"
+            f"{done} of {len(before)} points corrected\n"
+            f"predicted path error before: {before.mean():.4g} mm mean, {before.max():.4g} mm "
+            f"largest; after: {after.mean():.2g} mm mean, {after.max():.2g} mm largest"
         )
 
 
@@ -326,6 +326,8 @@ def held_positions(
     except ConfigError as error:
         raise ConfigError(str(error), "hold") from error
     spare = max(robot.n_joints - 6, 0)
+    if hold and not spare:
+        raise ConfigError(f"{', '.join(hold)}: {robot.name} has no joint to hold", "hold")
     if not len({*numbers.values()}) == len(hold) == spare:
         pairs = zip(robot.joint_names, units, strict=True)
         joints = ", ".join(f"{name} [{unit}]" for name, unit in pairs)

@@ -30,7 +30,12 @@ from stiff_bench.report.score_blocks import Asked, data_block, score_block
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
 from stiff_bench.tables.units import PRINTED, counted, first_few
-from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    StiffBenchError,
+    StoreError,
+    unsupported_extension,
+)
 from stiff_protocols.contract.files import written_whole
 
 
@@ -193,10 +198,7 @@ def write_report(folders: Sequence[Path], choice: PageOptions, output: Path, com
         StoreError: a folder holds no results or corrupt ones, or the file cannot be written.
     """
     if output.suffix.lower() not in SUFFIXES:
-        valid = ", ".join(SUFFIXES)
-        raise ConfigError(
-            f"{output}: suffix {output.suffix!r} is no page's (valid: {valid})", "output"
-        )
+        raise unsupported_extension(output, SUFFIXES, "output")
     for number, folder in enumerate(folders):
         if folder.resolve() in {other.resolve() for other in folders[:number]}:
             raise ConfigError(f"{folder}: is named twice", "results")

@@ -256,7 +256,7 @@ def _read_csv(path: Path) -> Sheet:
     except UnicodeDecodeError as error:
         byte = f"byte 0x{content[error.start]:02x} at {error.start}"
         raise DataError(
-            f"{path}: no text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
+            f"{path}: not a text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
         ) from error
     if "\0" in text:
         raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: it has NUL characters")

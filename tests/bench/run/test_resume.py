@@ -17,6 +17,7 @@ from helpers.made_results import damage
 from helpers.run_requests import planned
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.api.evaluation import Run
+from stiff_bench.cli.main import INTERRUPTION
 from stiff_bench.cli.run_commands import execute
 from stiff_bench.run.cell import Execution
 from stiff_bench.store.database import (
@@ -171,7 +172,7 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     caught = number in (signal.SIGINT, signal.SIGTERM)
     assert command.returncode == (128 + number if caught else -number) and printed == ""
     assert manifest.status == ("interrupted" if caught else "running")
-    assert not caught or said.strip().splitlines()[-1].startswith("bench: interrupted; ")
+    assert not caught or said.strip().splitlines()[-1] == f"bench: {INTERRUPTION}"
     assert "Traceback" not in said
     done = bench_here(*words, cwd=tmp_path)
     assert done.returncode == 0
