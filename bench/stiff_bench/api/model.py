@@ -404,7 +404,7 @@ class Model(Shown):
             text = f"{self.name} is saved without intervals: {said_by(error)}"
             warn(text, stacklevel=3)
 
-    def screen(self) -> Screen:
+    def view(self) -> Screen:
         """Return whether it is fitted, to which data, and the parameters that it learned."""
         info = self.choice.info
         facts = [("what it is", info.summary)]
