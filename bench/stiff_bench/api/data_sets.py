@@ -194,7 +194,7 @@ class Dataset(Shown):
         title = ", ".join(filter(None, (f"{info.key} ({info.kind})", options)))
         return dataset_picture(self.data, title)
 
-    def screen(self) -> Screen:
+    def view(self) -> Screen:
         """Return its kind, robot, ranges and source; in a notebook the first rows as well."""
         info, file = self.choice.info, self.choice.context.get("csv")
         facts = [

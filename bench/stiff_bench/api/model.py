@@ -13,7 +13,7 @@ import numpy as np
 from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of
 from stiff_bench.api.registered import registry
 from stiff_bench.api.stored_results import metric_lines
-from stiff_bench.api.tables import Text, table_screen
+from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
@@ -404,7 +404,7 @@ class Model(Shown):
             text = f"{self.name} is saved without intervals: {said_by(error)}"
             warn(text, stacklevel=3)
 
-    def screen(self) -> Screen:
+    def view(self) -> Screen:
         """Return whether it is fitted, to which data, and the parameters that it learned."""
         info = self.choice.info
         facts = [("what it is", info.summary)]
@@ -429,7 +429,8 @@ class Model(Shown):
         if len(numbers) > MOST_NUMBERS:
             facts.append(("more", f"{len(numbers) - MOST_NUMBERS} numbers in .diagnostics"))
         facts = [fact for fact in facts if fact[1]]
-        return table_screen(f"Model {self.name}, fitted", table, facts)
+        headings = table.headings()
+        return Screen(f"Model {self.name}, fitted", facts, headings, table.texts(), table.notes)
 
 
 def model_choice(model: str | type | Model, options: dict[str, Any]) -> Choice[ModelInfo]:

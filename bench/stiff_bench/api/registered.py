@@ -101,6 +101,10 @@ def _rows(known: Mapping[str, PluginInfo]) -> list[list[Entry]]:
 
 
 class _List(Tables):
+    def __repr__(self) -> str:
+        """Return the list."""
+        return self.text_as("github")
+
     def text_as(self, fmt: str) -> str:
         """Return the list; for people it has no title."""
         return plain_text(self.tables[0]) if fmt == "github" else super().text_as(fmt)

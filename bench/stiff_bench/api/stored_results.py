@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +13,7 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.selection import EVERYTHING, stands_for
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
-from stiff_bench.api.tables import Comparison, Tables, table_screen
+from stiff_bench.api.tables import Comparison, Tables, screen, short_table
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.table import SCREEN
@@ -209,27 +208,30 @@ class Results:
         return Answer.of(stored, key, cases, models, seed=seed)
 
     def summary(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Tables:
-        """Return the answer: a headline, each model against the VJM, and its errors by data set.
+        """Return the answer as a headline and tables with notes.
 
-        It takes the arguments of `answer`, and raises the same errors.
+        Of one comparison the table has each model's errors; of several there is a table of the
+        models against the VJM, and one of their errors in each comparison. It takes the arguments
+        of `answer`, and raises the same errors.
         """
-        from stiff_bench.analysis.answer_text import (
-            headline,
-            matrix_table,
-            model_table,
-            sentences,
-        )
+        from stiff_bench.analysis import answer_text, case_text
 
         answer = self.answer(metric, axis, seed=seed)
+        if len(answer.cases) == 1 and metric == "norm":
+            (case,) = answer.cases
+            table = case_text.case_table(answer, case, case_text.case_title(case))
+            notes = [case_text.case_facts(case), *case_text.case_notes(case)]
+            text = case_text.verdict_sentence(answer, case)
+            return Tables([replace(table, notes=notes, brief=True)], self.command, text)
         failures = Counter(cell.shown.model for cell in self.cells if cell.status == "failed")
         failed = [f"{model} ({counted(number, 'fit')})" for model, number in failures.items()]
-        notes = [
-            *(f"{sentence.label}: {sentence.text}" for sentence in sentences(answer)),
-            f"Failed: {first_few(failed)}; frame() has the reasons." if failed else "",
-        ]
-        title = f"{answer.key.text} against the VJM's"
-        models = replace(model_table(answer), title=title, notes=[*filter(None, notes)])
-        return Tables([models, matrix_table(answer)], self.command, headline(answer))
+        notes = [f"{label}: {text}" for label, text in answer_text.sentences(answer)]
+        notes += [f"Failed: {first_few(failed)}; frame() has the reasons."] * bool(failed)
+        matrix = answer_text.matrix_table(answer)
+        where = first_few(matrix.headings()[1:])
+        title = f"{answer.key.text} against the VJM's on {where}"
+        models = replace(answer_text.model_table(answer), title=title, notes=notes)
+        return Tables([models, matrix], self.command, answer_text.headline(answer))
 
     def screen(self, *facts: str, verbose: bool = False) -> str:
         """Return the answer as a terminal shows it, or the tables where no model has a score.
@@ -336,23 +338,20 @@ class Results:
     __iter__ = None
     """Results are not a sequence; `cells` has them."""
 
-    def _summary(self) -> Tables | None:
-        """Return the answer; None: of one model, or where no model has a score."""
-        if len({cell.shown.model for cell in self.cells}) > 1:
-            with suppress(ConfigError):
-                return self.summary()
-        return None
+    def _view(self) -> Tables:
+        """Return the answer; the tables where no model has a score."""
+        try:
+            return self.summary()
+        except ConfigError:
+            return self.table()
 
     def __repr__(self) -> str:
-        """Return the answer in a screen; of one model its tables."""
-        if (summary := self._summary()) is None:
-            return repr(self.table())
-        models, matrix = summary.tables
-        facts = [("compared by", models.title), ("on", first_few(matrix.headings()[1:]))]
-        return table_screen(summary.text, models, facts).text()
+        """Return the answer for a screen, with its first table."""
+        view = self._view()
+        return screen([short_table(view.tables[0])], view.text)
 
     def _repr_html_(self) -> str:
-        return (self._summary() or self.table())._repr_html_()
+        return self._view()._repr_html_()
 
 
 def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:

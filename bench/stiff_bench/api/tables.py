@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from textwrap import fill
 from typing import TYPE_CHECKING
 
 from stiff_bench.console import one_line, printable
 from stiff_bench.tables.render import html_text, of_format, render
-from stiff_protocols.contract.screen import WIDTH, Screen, html_block
+from stiff_protocols.contract.screen import MOST_ROWS, WIDTH, html_block
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -40,14 +40,22 @@ class Text(str):
         return html_block(f'<pre style="white-space: pre-wrap;">{escape(printable(self))}</pre>')
 
 
-def table_screen(
-    title: str, table: Table, facts: Sequence[tuple[str, str]] = (), without: Collection[str] = ()
-) -> Screen:
-    """Return a short view of a table, without its empty columns and those named in `without`."""
-    cells = [*zip(table.headings(), *table.texts(), strict=True)]
-    columns = [column for column in cells if {*column[1:]} != {"-"} and column[0] not in without]
-    headings, *rows = zip(*columns, strict=True) if columns else [()]
-    return Screen(title, facts, headings, rows, table.notes)
+def short_table(table: Table, without: Collection[str] = ()) -> Table:
+    """Return the first rows of a table, without empty columns and those named in `without`."""
+    table = table.shown()
+    texts = [*zip(*table.texts(), strict=True)]
+    numbers = [
+        number
+        for number, column in enumerate(table.columns)
+        if column.name not in without and (not table.rows or {*texts[number]} != {"-"})
+    ]
+    n_more = len(table.rows) - MOST_ROWS
+    return replace(
+        table,
+        columns=[table.columns[number] for number in numbers],
+        rows=[[row[number] for number in numbers] for row in table.rows[:MOST_ROWS]],
+        notes=[*[f"... and {n_more} more rows"] * (n_more > 0), *table.notes],
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,7 +86,7 @@ class Tables:
 
     def __repr__(self) -> str:
         """Return the tables for a terminal."""
-        return self.text_as("github")
+        return screen(of_format(self.tables, "github"), self.text)
 
     def _repr_html_(self) -> str:
         """Return the text and the tables, with titles no larger than a notebook's text."""
@@ -94,10 +102,16 @@ class Comparison(Tables):
 
     def __repr__(self) -> str:
         """Return the verdict with the differences in a screen."""
-        first = self.tables[0].shown()
-        facts = [("compared by", first.title)]
-        return table_screen(self.text, first, facts, without=_DETAILS).text()
+        return screen([short_table(self.tables[0], without=_DETAILS)], self.text)
 
 
 _DETAILS = ("splits", "p", "P(A better)", "P(equivalent)", "P(B better)", "interval over poses")
 """Columns of a comparison that a screen has no room for."""
+
+
+def screen(tables: Sequence[Table], text: str = "") -> str:
+    """Return tables in lines that a screen has room for; `text` stands above."""
+    from stiff_bench.tables.terminal import screen_console, screen_text
+
+    lines = screen_text(tables, text=text, console=screen_console(WIDTH, colors=False))
+    return "\n".join(line.rstrip() for line in lines.splitlines())

@@ -53,6 +53,7 @@ def screen_console(width: int | None = None, *, colors: bool | None = None) -> C
         markup=False,
         emoji=False,
         legacy_windows=False,
+        force_jupyter=False,  # else a notebook shows each line as an output
     )
 
 

@@ -133,7 +133,7 @@ class Robot(Shown, SerialChain):
         (place,) = 1000.0 * self.tcp_position(np.zeros((1, self.n_joints)))
         return f"{_lengths(place)} mm at zero positions, base frame"
 
-    def screen(self) -> Screen:
+    def view(self) -> Screen:
         """Return its joints with their limits, deg or mm, and its TCP."""
         rows = []
         joints = zip(self.joint_names, self.joint_types, self.lower, self.upper, strict=True)

@@ -146,11 +146,11 @@ class Shown:
     """An object with a `Screen`, which a terminal and a notebook show."""
 
     @abstractmethod
-    def screen(self) -> Screen:
+    def view(self) -> Screen:
         """Return the view of the object."""
 
     def __repr__(self) -> str:
-        return self.screen().text()
+        return self.view().text()
 
     def _repr_html_(self) -> str:
-        return self.screen().html()
+        return self.view().html()

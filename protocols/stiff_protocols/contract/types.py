@@ -97,7 +97,7 @@ class Samples(Shown):
             ("deflections", f"{_range(1000.0 * self.deflection)} mm"),
         ]
 
-    def screen(self) -> Screen:
+    def view(self) -> Screen:
         """Return counts and ranges, and the first rows in N, N m and mm."""
         names = ["pose_id", "load_id", *(f"f{axis}_N" for axis in AXES)]
         names += [*(f"t{axis}_Nm" for axis in AXES), *(f"d{axis}_mm" for axis in AXES)]
@@ -304,7 +304,7 @@ class BenchmarkData(Shown):
             *self.samples.facts,
         ]
 
-    def screen(self) -> Screen:
+    def view(self) -> Screen:
         """Return robot, counts and ranges."""
         return Screen("Samples and their robot", self.facts)
 

@@ -103,10 +103,9 @@ SHOWN = (
     *("data", "measured", "part", "model", "new_model", "many_springs", "results"),
     *("of_one_model", "comparison", "validation", "plan", "simulation", "figure"),
 )
-TABLES = ("of_one_model",)
 
 
-@pytest.mark.parametrize("name", [name for name in SHOWN if name not in TABLES])
+@pytest.mark.parametrize("name", SHOWN)
 def test_what_is_shown_most_fits_a_screen(given, name):
     lines = repr(getattr(given, name)).splitlines()
     assert len(lines) <= MOST_LINES
@@ -133,7 +132,7 @@ def test_a_view_says_what_an_engineer_asks_for(given):
     for part in ("fitted", given.data.name, "151 samples", "A6 [Nm/rad]"):
         assert part in model
     assert "not fitted" in repr(given.new_model)
-    for part in ("vjm", "knn", "3-D error [mm]", "kr10-twin", "How sure"):
+    for part in ("vjm", "knn", "3-D error", "mm", "kr10-twin", "2 splits", "instrument noise"):
         assert part in repr(given.results)
 
 
@@ -165,18 +164,34 @@ def test_a_selection_outlives_the_results_that_it_is_of(given):
     assert len(part.cells) == 1 and "knn" in repr(part)
 
 
-def test_a_summary_is_the_answer_with_failures_counted(given):
-    class Broken:
-        def fit(self, train, *, robot, validation=None, seed=0):
-            raise RuntimeError("no luck")
+class Broken:
+    def fit(self, train, *, robot, validation=None, seed=0):
+        raise RuntimeError("no luck")
 
-        def predict(self, q, wrench):
-            return np.zeros((len(q), 3))
+    def predict(self, q, wrench):
+        return np.zeros((len(q), 3))
 
+
+def test_a_summary_of_one_comparison_has_errors_by_axis_and_failures_with_reasons(given):
     results = sb.evaluate([Broken, "vjm", "knn"], given.data, splits=2)
-    summary = results.summary()
-    assert [str(row[0]) for row in summary.tables[0].rows][:2] == ["vjm", "knn"]
-    assert any("Broken (2 fits)" in note for note in summary.tables[0].notes)
+    (table,) = results.summary().tables
+    assert [str(row[0]) for row in table.rows][:3] == ["vjm", "knn", "Broken"]
+    assert {"X", "Y", "Z"} <= {column.name for column in table.columns}
+    assert any("no luck" in note for note in table.notes)
+    assert "FAILED" in repr(results) or "failed" in repr(results)
+
+
+def test_a_summary_of_several_comparisons_is_each_model_against_the_vjm_and_a_matrix(given):
+    data = [given.data, given.measured]
+    results = sb.evaluate([Broken, "vjm", "knn"], data, splits=2)
+    models, matrix = results.summary().tables
+    assert [str(row[0]) for row in models.rows] == ["vjm", "knn"]
+    assert len(matrix.columns) == 1 + len(data)
+    assert any("Broken (4 fits)" in note for note in models.notes)
+    assert len(repr(results).splitlines()) <= MOST_LINES
+
+
+def test_results_without_a_score_show_why(given):
     assert "Broken" in repr(sb.evaluate([Broken], given.data, splits=1))
 
 
