@@ -9,7 +9,9 @@ import html
 import json
 import math
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from tabulate import tabulate
@@ -60,10 +62,16 @@ def of_format(tables: Sequence[Table], fmt: str) -> list[Table]:
 
 
 def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
-    """Return headings and cells in columns for a terminal, without the title; then the notes.
+    """Return headings and cells in columns, without the title; then the notes.
 
-    `widths` are those of columns that are broken into lines, characters.
+    On a terminal they are as narrow as it is. `widths` are those of columns that are broken into
+    lines elsewhere, characters.
     """
+    if sys.stdout.isatty():
+        from stiff_bench.tables.terminal import screen_console, screen_text  # rich: 0.1 s
+
+        untitled = replace(table, title="")
+        return screen_text([untitled], console=screen_console(colors=False)).strip("\n")
     body = _columns(table, "simple", str, maxcolwidths=[*widths] or None)
     return "\n".join([body, *table.notes])
 
