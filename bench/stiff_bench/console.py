@@ -14,6 +14,8 @@ from collections.abc import Iterator
 import click
 
 from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.screen import one_line as one_line
+from stiff_protocols.contract.screen import printable as printable
 
 WIDEST_TEXT = 100
 """Characters of a line of text."""
@@ -26,23 +28,6 @@ def say(message: str) -> None:
     """Print a message on standard error, as one line except on a terminal."""
     line = f"bench: {one_line(message)}"
     click.echo(wrapped(line, indent="  ") if sys.stderr.isatty() else line, err=True)
-
-
-def one_line(text: str) -> str:
-    """Return a text as `printable` has it, its line breaks as spaces."""
-    return printable(" ".join(text.splitlines()))
-
-
-def printable(text: str) -> str:
-    """Return a text with all but its printable characters, line breaks and tabs escaped.
-
-    Names in strangers' files may hold what moves a terminal's cursor, or turns the text around.
-    """
-    if text.isprintable():
-        return text
-    return "".join(
-        sign if sign.isprintable() or sign in "\n\t" else ascii(sign)[1:-1] for sign in text
-    )
 
 
 def text_width() -> int:

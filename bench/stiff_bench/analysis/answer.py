@@ -24,6 +24,7 @@ from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import Slot
 from stiff_bench.tables.metric_table import known_result, mark_of
 from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import KNOWN
@@ -63,8 +64,8 @@ class ModelAnswer:
     fit_s: float | None
 
 
-@dataclass(frozen=True, eq=False)
-class MatrixColumn:
+@dataclass(frozen=True, eq=False, repr=False)
+class MatrixColumn(BriefFields):
     """Comparisons under one heading of the matrix: the specimens of one data set.
 
     Attributes:
@@ -89,8 +90,8 @@ class MatrixColumn:
         return " | ".join(filter(None, (self.dataset, self.protocol, self.condition)))
 
 
-@dataclass(frozen=True, eq=False)
-class Answer:
+@dataclass(frozen=True, eq=False, repr=False)
+class Answer(BriefFields):
     """Scores of models in several comparisons, each next to the VJM's.
 
     Attributes:
@@ -252,13 +253,8 @@ class Answer:
 
     def noise(self, case: ScoredCase) -> float | None:
         """Return the score of a perfect model, which is the instrument's noise; None: unknown."""
-        for results in case.results.values():
-            floor = [known_result(one, NOISE_FLOOR) for one in results]
-            known = [one for one in floor if one is not None]
-            if len(known) == len(results):
-                values = self.key.of_splits(known)
-                return None if values is None else float(values.mean())
-        return None
+        values = self.key.of_splits(known) if (known := case.known(NOISE_FLOOR)) else None
+        return None if values is None else float(values.mean())
 
     def mean_ratio(self, model: str, cases: Iterable[ScoredCase]) -> float | None:
         """Return the geometric mean of ratios over data sets and protocols, each counted once."""

@@ -24,6 +24,7 @@ from stiff_bench.tables.units import PRINTED, counted, first_few, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.paired import LEVEL
 
+
 class Sentence(NamedTuple):
     """One line of the answer: what it is about, and its text."""
 

@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.scoring.paired import (
@@ -82,8 +83,8 @@ def corrected(results: Sequence[Estimate]) -> list[Estimate]:
     return [replace(result, p_value=p) for result, p in zip(results, p_values, strict=True)]
 
 
-@dataclass(frozen=True, eq=False)
-class SharedErrors:
+@dataclass(frozen=True, eq=False, repr=False)
+class SharedErrors(BriefFields):
     """Errors on the same rows, in SI units; smaller is better.
 
     A column is a model, or one axis of a model.

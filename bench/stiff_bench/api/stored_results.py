@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.selection import EVERYTHING
+from stiff_bench.analysis.selection import EVERYTHING, stands_for
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
-from stiff_bench.api.tables import Tables
+from stiff_bench.api.tables import Comparison, Tables, table_screen
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
-from stiff_bench.tables.units import MM, PRINTED
+from stiff_bench.tables.units import MM, PRINTED, counted, first_few
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import AXES, Prediction
@@ -180,7 +182,7 @@ class Results:
         found = compare_folder(self.folder, a, b, question, self.selection)
         asked = {"equivalence_mm": equivalence_mm, "confidence": confidence}
         about = {"a": found.a, "b": found.b, **asked}
-        return Tables(comparison_tables(found), self.command, sentence(found), about)
+        return Comparison(comparison_tables(found), self.command, sentence(found), about)
 
     def answer(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Answer:
         """Return which model is best, how much better than the VJM, and how sure that is.
@@ -204,6 +206,33 @@ class Results:
         cases = self.selection.cases_of(stored.cases)
         models = self.selection.models_of(cases)
         return Answer.of(stored, key, cases, models, seed=seed)
+
+    def summary(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Tables:
+        """Return the answer: a headline, each model against the VJM, and its errors by data set.
+
+        It takes the arguments of `answer`, and raises the same errors.
+        """
+        from stiff_bench.analysis.answer_text import (
+            headline,
+            matrix_table,
+            model_table,
+            sentences,
+        )
+
+        answer = self.answer(metric, axis, seed=seed)
+        failures = Counter(cell.shown.model for cell in self.cells if cell.status == "failed")
+        failed = [f"{model} ({counted(number, 'fit')})" for model, number in failures.items()]
+        notes = [
+            *(f"{sentence.label}: {sentence.text}" for sentence in sentences(answer)),
+            f"Failed: {first_few(failed)}; frame() has the reasons." if failed else "",
+        ]
+        title = f"{answer.key.text} against the VJM's"
+        models = replace(model_table(answer), title=title, notes=[*filter(None, notes)])
+        return Tables([models, matrix_table(answer)], self.command, headline(answer))
+
+    def plot(self, name: str = "scores") -> Prepared:
+        """Return a figure of the results; see `figure` and `list_figures`."""
+        return figure(name, self)
 
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
@@ -274,12 +303,37 @@ class Results:
         """Return the number of results and failures."""
         return len(self.cells)
 
+    def __getitem__(self, model: str) -> Results:
+        """Return the results of one model, or of all variants of a key.
+
+        Raises:
+            ConfigError: the model has no results.
+        """
+        names = list(dict.fromkeys(cell.shown.model for cell in self.cells))
+        if not isinstance(model, str) or not any(stands_for(model, name) for name in names):
+            raise unknown_name("model with results", str(model), names)
+        return self.select(models=[model])
+
+    __iter__ = None
+    """Results are not a sequence; `cells` has them."""
+
+    def _summary(self) -> Tables | None:
+        """Return the answer; None: of one model, or where no model has a score."""
+        if len({cell.shown.model for cell in self.cells}) > 1:
+            with suppress(ConfigError):
+                return self.summary()
+        return None
+
     def __repr__(self) -> str:
-        """Return the tables for a terminal."""
-        return repr(self.table())
+        """Return the answer in a screen; of one model its tables."""
+        if (summary := self._summary()) is None:
+            return repr(self.table())
+        models, matrix = summary.tables
+        facts = [("compared by", models.title), ("on", first_few(matrix.headings()[1:]))]
+        return table_screen(summary.text, models, facts).text()
 
     def _repr_html_(self) -> str:
-        return self.table().text_as("html")
+        return (self._summary() or self.table())._repr_html_()
 
 
 def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:

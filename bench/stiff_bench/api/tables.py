@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
+from textwrap import fill
 from typing import TYPE_CHECKING
 
-from stiff_bench.tables.render import of_format, render
+from stiff_bench.console import one_line, printable
+from stiff_bench.tables.render import html_text, of_format, render
+from stiff_protocols.contract.screen import WIDTH, Screen, html_block
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -14,15 +19,38 @@ if TYPE_CHECKING:
     from stiff_bench.tables.table import Table
 
 
+_COLUMNS = re.compile(r"\S  +\S")
+"""Spaces between the columns of a table."""
+
+
 class Text(str):
     """A text that a notebook shows as it is printed, line by line."""
 
     def __repr__(self) -> str:
-        """Return the text itself."""
-        return str(self)
+        """Return the text, with sentences in lines that a screen has room for."""
+        lines = printable(self).splitlines()
+        is_table = [_COLUMNS.search(line) for line in lines]
+        return "\n".join(
+            line if columns else fill(line, WIDTH, break_long_words=False, break_on_hyphens=False)
+            for line, columns in zip(lines, is_table, strict=True)
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the text with its columns, long lines wrapped."""
+        return html_block(f'<pre style="white-space: pre-wrap;">{escape(printable(self))}</pre>')
 
 
-@dataclass(frozen=True, eq=False)
+def table_screen(
+    title: str, table: Table, facts: Sequence[tuple[str, str]] = (), without: Collection[str] = ()
+) -> Screen:
+    """Return a short view of a table, without its empty columns and those named in `without`."""
+    cells = [*zip(table.headings(), *table.texts(), strict=True)]
+    columns = [column for column in cells if {*column[1:]} != {"-"} and column[0] not in without]
+    headings, *rows = zip(*columns, strict=True) if columns else [()]
+    return Screen(title, facts, headings, rows, table.notes)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Tables:
     """Tables that print themselves, in a terminal and in a notebook.
 
@@ -53,4 +81,23 @@ class Tables:
         return self.text_as("github")
 
     def _repr_html_(self) -> str:
-        return self.text_as("html")
+        """Return the text and the tables, with titles no larger than a notebook's text."""
+        page = render(self.tables, "html", "")
+        for tag, small in (("<h2>", "<p><strong>"), ("</h2>", "</strong></p>"), ("<ul></ul>", "")):
+            page = page.replace(tag, small)
+        text = f"<p><strong>{html_text(one_line(self.text))}</strong></p>\n" if self.text else ""
+        return html_block(text + page)
+
+
+class Comparison(Tables):
+    """A comparison of two models: a terminal shows its first table, a notebook and files all."""
+
+    def __repr__(self) -> str:
+        """Return the verdict with the differences in a screen."""
+        first = self.tables[0].shown()
+        facts = [("compared by", first.title)]
+        return table_screen(self.text, first, facts, without=_DETAILS).text()
+
+
+_DETAILS = ("splits", "p", "P(A better)", "P(equivalent)", "P(B better)", "interval over poses")
+"""Columns of a comparison that a screen has no room for."""

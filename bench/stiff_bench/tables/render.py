@@ -34,7 +34,7 @@ def render(
     Args:
         tables: in this order.
         fmt: "github", "latex", "csv", "html" or "json".
-        command: that makes them.
+        command: that makes them; html leaves an empty one out.
         text: a paragraph above; csv leaves it out.
         about: facts on all tables, for json.
     """
@@ -200,7 +200,7 @@ def html_text(text: str) -> str:
 def _html(table: Table, command: str) -> str:
     body = _columns(table, "unsafehtml", html_text)  # what is printed is escaped by us
     notes = "".join(f"<li>{html_text(note)}</li>" for note in table.notes)
-    made_by = f"<li>made by: <code>{html.escape(command)}</code></li>"
+    made_by = f"<li>made by: <code>{html.escape(command)}</code></li>" if command else ""
     return (
         f"<section>\n<h2>{html_text(table.title)}</h2>\n{body}\n<ul>{notes}{made_by}</ul>\n"
         "</section>"

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import Any, Literal, Self
 
+from stiff_protocols.contract.brief_fields import BriefFields
+
 
 @dataclass(frozen=True)
 class Name:
@@ -137,8 +139,8 @@ BEST_MARK = "*"
 ALL_BUT_CSV = ("github", "latex", "html", "json")
 
 
-@dataclass(frozen=True)
-class Table:
+@dataclass(frozen=True, repr=False)
+class Table(BriefFields):
     """Rows of typed cells.
 
     Attributes:

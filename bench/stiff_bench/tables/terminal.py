@@ -151,18 +151,16 @@ def _rich_table(table: Table, block: dict[int, int]) -> Any:
             overflow="fold",
         )
     for row in table.rows:
-        made.add_row(*(_cell(table.columns[number], row[number], block[number]) for number in block))
+        made.add_row(*(_cell(table.columns[number], row[number]) for number in block))
     return made
 
 
-def _cell(column: Column, entry: Entry, width: int) -> Any:
+def _cell(column: Column, entry: Entry) -> Any:
     """Return a cell: the best of a column is bold, what is better or worse has a colour."""
     from rich.text import Text
 
     text = one_line(column.text(entry))
     found = quantity(entry)
-    if column.kind == "text":
-        return Text(text if column.kind == "text" else text)
     style = ""
     if found is not None and BEST_MARK in found.mark:
         style = f"bold {BETTER}"

@@ -126,9 +126,9 @@ def samples_of(
     """Return the samples of a table with the columns of a file, once it is checked.
 
     Warnings and errors are those of `read_samples`; errors name `path`, and `hint` follows the
-    first of several problems.
+    first of several problems. Rows count from 0, as in `table.iloc`.
     """
-    return _samples(check_sheet(sheet_of(path, table), robot, options), hint)
+    return _samples(check_sheet(sheet_of(path, table, first_row=0), robot, options), hint)
 
 
 def near_poses(samples: Samples, robot: Robot, tolerance: float = DEFAULTS.pose_tolerance) -> str:

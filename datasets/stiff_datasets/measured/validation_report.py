@@ -52,6 +52,7 @@ from stiff_datasets.measured.sample_file import (
 from stiff_datasets.measured.sheet_files import read_sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
+from stiff_protocols.contract.screen import Screen
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.springs.identification import Identified, identify, typical_joints
 
@@ -105,6 +106,12 @@ class ValidationReport:
             *_section("Facts", self.facts),
         ]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        problems = (*self.errors, *self.warnings)
+        texts = [(finding.level, finding.message + _rows(finding)) for finding in problems]
+        facts = [finding.message.partition(": ")[::2] for finding in self.facts]
+        return Screen(_verdict(self), [*texts, *facts]).html()
 
 
 LeftOutErrors = Callable[[Samples, Robot], FloatArray]

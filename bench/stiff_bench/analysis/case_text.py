@@ -1,0 +1,185 @@
+"""One comparison as a terminal shows it: a table of models, the verdict, and facts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from stiff_bench.analysis.answer import NOISE_FLOOR, Answer
+from stiff_bench.analysis.scored_case import ScoredCase
+from stiff_bench.analysis.verdict import Estimate
+from stiff_bench.tables.fit_notes import outcome_notes
+from stiff_bench.tables.metric_table import mark_of, metric_values
+from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, Table
+from stiff_bench.tables.units import MM, counted, percent
+from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import AXES, KNOWN
+from stiff_protocols.scoring.metrics import METRICS
+from stiff_protocols.scoring.paired import LEVEL, ROPE_M
+
+_METRICS = tuple(METRICS[key] for key in ("norm", "mae", "norm-p95", "norm-max", "removed"))
+FORMAT = ".3f"
+"""Of mm on a terminal: a thousandth is below every instrument's noise."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    """What a row of the table is of: results of a model, or of what a simulation knows."""
+
+    name: Name
+    results: Sequence[CellResult]
+    ratio: float | None = None
+    is_best: bool = False
+    status: str = ""
+
+    def value(self, metric: str, axis: str, *, spread: bool = False) -> Entry:
+        """Return a mean over splits, as printed; with its deviation where asked for."""
+        found = metric_values(self.results, _METRICS).get((metric, axis)) if self.results else None
+        if found is None:
+            return None
+        mark = BEST_MARK * self.is_best * spread
+        return Quantity(found.value, found.spread if spread else None, n=found.n, mark=mark)
+
+
+def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
+    """Return models by 3-D error: change against the VJM, axes and the largest error.
+
+    Models without a result, and what only a simulation knows, come last.
+    """
+    models = sorted(case.models, key=case.mean)
+    rows = [
+        _Row(
+            Name(name, mark_of(case.case.competitors[name].shown)),
+            case.results[name],
+            None if name == REFERENCE_MODEL else answer.ratio(name, case),
+            name == models[0],
+        )
+        for name in models
+    ]
+    rows += [_Row(Name(name), (), status=case.missing[name]) for name in sorted(case.missing)]
+    rows += [_Row(Name(name), known) for name in KNOWN.values() if (known := case.known(name))]
+    has_paths = case.case.has_paths
+    n_splits = len(case.slots)
+    spread = " ± sd over splits" if n_splits > 1 else ""
+    axes = [
+        Column(axis.upper(), format=FORMAT, value=lambda row, axis=axis: row.value("mae", axis))
+        for axis in AXES
+    ]
+    paths = [
+        Column("95 % below", format=FORMAT, value=lambda row: row.value("norm-p95", "")),
+        Column("removed", unit="%", format=".0f", value=lambda row: row.value("removed", "")),
+    ]
+    return Table.of(
+        title,
+        [
+            Column("model", "text", value=lambda row: row.name),
+            Column("3-D error", format=FORMAT, value=_error),
+            Column("vs VJM", format=_change, by_sign=-1, value=_ratio),
+            *(paths if has_paths else axes),
+            Column("largest", format=FORMAT, value=lambda row: row.value("norm-max", "")),
+        ],
+        rows,
+        unit=f"mm{spread}",
+    )
+
+
+def _error(row: _Row) -> Entry:
+    return (
+        Quantity(status=row.status.partition(":")[0])
+        if row.status
+        else row.value("norm", "", spread=True)
+    )
+
+
+def _ratio(row: _Row) -> Entry:
+    if row.name.text == NOISE_FLOOR:
+        return Quantity(status="floor")
+    return None if row.ratio is None else Quantity(100.0 * (row.ratio - 1.0))
+
+
+def _change(found: Quantity) -> str:
+    return f"{found.value:+.0f} %".replace("-", "−")
+
+
+def case_title(case: ScoredCase) -> str:
+    """Return data set, kind, protocol, splits and unit in one line."""
+    shown, n_splits = case.case.shown, len(case.slots)
+    protocol = ", ".join(filter(None, (shown.protocol, case.name.condition)))
+    spread = ", mean ± sd over splits" if n_splits > 1 else ""
+    where = "path error" if case.case.has_paths else "error"
+    return (
+        f"{shown.dataset} ({shown.kind}) · {protocol}, {counted(n_splits, 'split')} · "
+        f"{where} in mm{spread}"
+    )
+
+
+def verdict_sentence(answer: Answer, case: ScoredCase) -> str:
+    """Return whether the best model is better than the VJM, by how much, and how sure that is."""
+    others = [name for name in case.models if name != REFERENCE_MODEL]
+    if REFERENCE_MODEL not in case.scores or not others:
+        return ""
+    model = min(others, key=case.mean)
+    verdict, found = answer.verdict(model, case), answer.estimates(model, case)
+    if verdict is None or not found:
+        return f"{model} against vjm: one split and one pose allow no test."
+    gain = MM * (case.mean(REFERENCE_MODEL) - case.mean(model))
+    amount = f"{abs(gain):.3f} mm {'less' if gain >= 0.0 else 'more'} error"
+    main = max(found, key=lambda one: one.high - one.low)
+    if verdict == "equivalent":
+        rope = f"{MM * ROPE_M:g} mm"
+        return f"{model} and vjm are equivalent: their errors differ by less than {rope}."
+    if verdict in ("a", "b"):
+        better = "better" if verdict == "a" else "worse"
+        less = " No model is better than vjm." if verdict == "b" else ""
+        return f"{model} is {better} than vjm: {amount} ({_interval(main, gain)}).{less}"
+    return (
+        f"No model is reliably better than vjm. The best, {model}, has {amount} "
+        f"({_interval(main, gain)}).{_disagreement(found, gain)}"
+    )
+
+
+def _interval(found: Estimate, gain: float) -> str:
+    """Return bounds of the gain, or of the loss where the model is worse."""
+    bounds = (-found.high, -found.low) if gain >= 0.0 else (found.low, found.high)
+    low, high = (f"{MM * bound:.3f}" for bound in bounds)
+    return f"{percent(1.0 - LEVEL)} interval {low} to {high}"
+
+
+def _disagreement(found: Sequence[Estimate], gain: float) -> str:
+    """Return in words where splits are sure and poses are not, or the other way; else ""."""
+    if len(found) < 2:
+        return ""
+    splits, poses = (one.low > 0.0 or one.high < 0.0 for one in (found[0], found[-1]))
+    if splits and not poses:
+        return " The splits agree on it, but a few poses could turn it: measure more poses."
+    if poses and not splits:
+        return " The poses agree on it, but it changes from split to split: use more --splits."
+    return ""
+
+
+def case_facts(case: ScoredCase) -> str:
+    """Return kind of the data and the sizes of training and test part."""
+    results = next(iter(case.results.values()))
+    trained = [one.n_train for one in results]
+    tested = [len(one.prediction.rows) for one in results if one.prediction is not None]
+    kind = f"{case.case.shown.kind.capitalize()} robot."
+    sizes = f"Trained on {_range(trained)} samples, tested on {_range(tested)}."
+    return f"{kind} {sizes}" if any(trained) else kind
+
+
+def _range(numbers: Sequence[int]) -> str:
+    low, high = min(numbers), max(numbers)
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def case_notes(case: ScoredCase) -> list[str]:
+    """Return caveats of the data, warnings of fits and reasons of failures."""
+    every = case.case.competitors.values()
+    outcomes = [
+        note
+        for one in every
+        for note in outcome_notes([*one.done.values(), *one.failures.values()])
+    ]
+    shown = case.case.shown
+    return [*filter(None, [shown.warning]), *outcomes, *shown.caveats]
