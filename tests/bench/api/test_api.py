@@ -214,7 +214,7 @@ def test_what_there_is_is_a_table_and_what_it_is_a_text():
     ):
         assert key in set(listed.frame()["key"])
         assert f"\n{key} " in repr(listed) and f">{key} " in listed._repr_html_()
-    assert "knn.neighbours" in repr(sb.show("knn"))
+    assert "neighbours" in repr(sb.show("knn"))
     assert sb.check("zero").kept
 
 
