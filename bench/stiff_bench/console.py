@@ -70,17 +70,20 @@ def printing_to_stderr() -> Iterator[None]:
         yield
 
 
-def print_text(text: str) -> None:
+def print_text(text: str, *, laid_out: bool = False) -> None:
     """Print a result; a closed pipe (`| head`) is not an error.
 
-    On a terminal, lines that are too wide are broken between words.
+    On a terminal, lines that are too wide are broken between words, unless the text is laid out
+    for it: then its parts are escaped, and it may hold colours.
 
     Raises:
         StoreError: standard output cannot be written, as on a full disk.
     """
     try:
-        text = printable(text)
-        click.echo(wrapped_lines(text) if sys.stdout.isatty() else text)
+        if not laid_out:
+            text = printable(text)
+            text = wrapped_lines(text) if sys.stdout.isatty() else text
+        click.echo(text)
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # flushed again at exit
         if not isinstance(error, BrokenPipeError):

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+from typing import TYPE_CHECKING
 
 from stiff_bench.analysis.answer import NOISE_FLOOR, Answer
+from stiff_bench.analysis.answer_text import headline, matrix_table, sentences
 from stiff_bench.analysis.scored_case import ScoredCase
 from stiff_bench.analysis.verdict import Estimate
 from stiff_bench.tables.fit_notes import outcome_notes
 from stiff_bench.tables.metric_table import mark_of, metric_values
 from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, Table
+from stiff_bench.tables.terminal import print_lines, print_table, screen_console, screen_of
 from stiff_bench.tables.units import MM, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES, KNOWN
 from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.scoring.paired import LEVEL, ROPE_M
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 _METRICS = tuple(METRICS[key] for key in ("norm", "mae", "norm-p95", "norm-max", "removed"))
 FORMAT = ".3f"
@@ -60,12 +69,7 @@ def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
     rows += [_Row(Name(name), (), status=case.missing[name]) for name in sorted(case.missing)]
     rows += [_Row(Name(name), known) for name in KNOWN.values() if (known := case.known(name))]
     has_paths = case.case.has_paths
-    n_splits = len(case.slots)
-    spread = " ± sd over splits" if n_splits > 1 else ""
-    axes = [
-        Column(axis.upper(), format=FORMAT, value=lambda row, axis=axis: row.value("mae", axis))
-        for axis in AXES
-    ]
+    axes = [Column(axis.upper(), format=FORMAT, value=partial(_axis_error, axis)) for axis in AXES]
     paths = [
         Column("95 % below", format=FORMAT, value=lambda row: row.value("norm-p95", "")),
         Column("removed", unit="%", format=".0f", value=lambda row: row.value("removed", "")),
@@ -80,8 +84,12 @@ def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
             Column("largest", format=FORMAT, value=lambda row: row.value("norm-max", "")),
         ],
         rows,
-        unit=f"mm{spread}",
+        unit="mm",
     )
+
+
+def _axis_error(axis: str, row: _Row) -> Entry:
+    return row.value("mae", axis)
 
 
 def _error(row: _Row) -> Entry:
@@ -99,7 +107,7 @@ def _ratio(row: _Row) -> Entry:
 
 
 def _change(found: Quantity) -> str:
-    return f"{found.value:+.0f} %".replace("-", "−")
+    return f"{found.value:+.0f} %".replace("-", "\u2212")
 
 
 def case_title(case: ScoredCase) -> str:
@@ -183,3 +191,41 @@ def case_notes(case: ScoredCase) -> list[str]:
     ]
     shown = case.case.shown
     return [*filter(None, [shown.warning]), *outcomes, *shown.caveats]
+
+
+def answer_screen(
+    answer: Answer, facts: str = "", *, verbose: bool = False, console: Console | None = None
+) -> str:
+    """Return an answer as a terminal shows it: a table, the verdict, facts, and what to do next.
+
+    One comparison is a table of its models; several are a matrix, and with `verbose` their tables.
+
+    Args:
+        answer: at least one comparison.
+        facts: what was run, and where it is stored.
+        verbose: with every note.
+        console: of `screen_console`; None: that of the terminal.
+    """
+    console = console or screen_console()
+    one = answer.cases[0] if len(answer.cases) == 1 else None
+    if one is None:
+        print_table(console, replace(matrix_table(answer), notes=[]))
+        console.print()
+    for case in answer.cases if one is None and verbose else filter(None, [one]):
+        print_table(console, case_table(answer, case, case_title(case)))
+        console.print()
+    if one is None:
+        print_lines(console, f"{headline(answer)}.", style="bold")
+        for sentence in sentences(answer):
+            print_lines(console, sentence.text)
+    else:
+        print_lines(console, verdict_sentence(answer, one), style="bold")
+    print_lines(console, f"{case_facts(one)} {facts}" if one else facts)
+    notes = Table("", (), (), [*chain(*map(case_notes, answer.cases))], brief=not verbose).shown()
+    for note in notes.notes:
+        print_lines(console, note, style="dim")
+    best = next((model.name for model in answer.models if model.name != REFERENCE_MODEL), "")
+    compared = f"bench compare {shlex.quote(best)} {REFERENCE_MODEL} · " if best else ""
+    report = "bench report --output report.html"
+    print_lines(console, f"Next: {compared}{report} · more metrics: --metric stde", style="dim")
+    return screen_of(console)

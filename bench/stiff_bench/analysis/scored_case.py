@@ -110,7 +110,7 @@ class ScoredCase(BriefFields):
         return decide_pairs(self.errors, columns, question, p_values)
 
     def known(self, name: str) -> list[CellResult]:
-        """Return what a simulation knows, one of `KNOWN`, on these splits; none where it does not."""
+        """Return what a simulation knows on these splits, a name of `KNOWN`; else nothing."""
         for results in self.results.values():
             known = [one for result in results if (one := known_result(result, name)) is not None]
             if known and len(known) == len(results):

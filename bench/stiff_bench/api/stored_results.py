@@ -17,6 +17,7 @@ from stiff_bench.api import RESULTS
 from stiff_bench.api.tables import Comparison, Tables, table_screen
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.metric_table import build_tables
+from stiff_bench.tables.table import SCREEN
 from stiff_bench.tables.units import MM, PRINTED, counted, first_few
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.record import CellResult, Cost
@@ -229,6 +230,21 @@ class Results:
         title = f"{answer.key.text} against the VJM's"
         models = replace(model_table(answer), title=title, notes=[*filter(None, notes)])
         return Tables([models, matrix_table(answer)], self.command, headline(answer))
+
+    def screen(self, *facts: str, verbose: bool = False) -> str:
+        """Return the answer as a terminal shows it, or the tables where no model has a score.
+
+        Args:
+            facts: of the run, such as how long it took.
+            verbose: with a table of each comparison, and every note.
+        """
+        from stiff_bench.analysis.case_text import answer_screen
+
+        try:
+            answer = self.answer()
+        except ConfigError:
+            return "\n".join([self.table(verbose=verbose).text_as(SCREEN), *facts])
+        return answer_screen(answer, ". ".join([*facts, ""]).strip(), verbose=verbose)
 
     def plot(self, name: str = "scores") -> Prepared:
         """Return a figure of the results; see `figure` and `list_figures`."""

@@ -15,7 +15,9 @@ import click
 
 from stiff_bench import api
 from stiff_bench.api import LARGEST_POSE_TOLERANCE, POSE_TOLERANCE, RESULTS
+from stiff_bench.console import print_text
 from stiff_bench.run.machine import pinned
+from stiff_bench.tables.table import SCREEN
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
 
@@ -226,8 +228,17 @@ device_option = click.option(
 )
 FORMATS = click.Choice(["github", "latex", "csv", "html", "json"])
 format_option = click.option(
-    "--format", "fmt", type=FORMATS, default="github", help="Format of standard output."
+    "--format",
+    "fmt",
+    type=FORMATS,
+    callback=lambda _, __, fmt: fmt or (SCREEN if sys.stdout.isatty() else "github"),
+    help="Format of standard output.  [default: on a terminal, tables that fit it; else github]",
 )
+
+
+def print_tables(tables: api.tables.Tables, fmt: str) -> None:
+    """Print tables in a format of `format_option`."""
+    print_text(tables.text_as(fmt), laid_out=fmt == SCREEN)
 
 
 def gathered(

@@ -7,7 +7,13 @@ from pathlib import Path
 import click
 
 from stiff_bench import api
-from stiff_bench.cli.click_options import FILE, format_option, plugin_option, settings_option
+from stiff_bench.cli.click_options import (
+    FILE,
+    format_option,
+    plugin_option,
+    print_tables,
+    settings_option,
+)
 from stiff_bench.cli.help_pages import command, group
 from stiff_bench.console import print_text
 
@@ -23,7 +29,7 @@ def list_(kind: str, fmt: str) -> None:
 
     KIND is one of models, datasets, protocols, metrics and figures.
     """
-    print_text(getattr(api.registered, f"list_{kind}")().text_as(fmt))
+    print_tables(getattr(api.registered, f"list_{kind}")(), fmt)
 
 
 @command(epilog="bench show vjm-gp")

@@ -17,6 +17,7 @@ from stiff_bench.cli.click_options import (
     command_line,
     format_option,
     output_option,
+    print_tables,
     ranking_options,
     results_option,
     seed_option,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 @format_option
 def leaderboard(results: Path, selection: Selection, fmt: str, **ranking: Any) -> None:
     """Rank models over data sets and protocols, with intervals."""
-    print_text(_stored(results, selection).leaderboard(**ranking).text_as(fmt))
+    print_tables(_stored(results, selection).leaderboard(**ranking), fmt)
 
 
 @command(epilog="bench compare vjm-gp vjm --dataset fanuc-r2000ic")
@@ -61,7 +62,7 @@ def compare(a: str, b: str, results: Path, selection: Selection, fmt: str, **que
 
     A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
     """
-    print_text(_stored(results, selection).compare(a, b, **question).text_as(fmt))
+    print_tables(_stored(results, selection).compare(a, b, **question), fmt)
 
 
 def _stored(folder: Path, selection: Selection) -> api.stored_results.Results:
@@ -94,7 +95,7 @@ def table(number: str, results: Path | None, fmt: str) -> None:
             9   last epoch against best epoch
             10  VJM, FT-MLP and DT-CNN, scored in three ways
     """  # noqa: D301  # click keeps the lines below \b
-    print_text(api.stored_results.paper_table(number, results, command=command_line()).text_as(fmt))
+    print_tables(api.stored_results.paper_table(number, results, command=command_line()), fmt)
 
 
 @command(epilog="bench report --output report.html")

@@ -14,7 +14,6 @@ from stiff_bench import api
 from stiff_bench.api import RESULTS
 from stiff_bench.cli.click_options import (
     FILE,
-    FORMATS,
     WholeRange,
     command_line,
     coverage_option,
@@ -23,12 +22,14 @@ from stiff_bench.cli.click_options import (
     execution_options,
     format_option,
     plugin_option,
+    print_tables,
     seed_option,
     settings_option,
     several_keys,
 )
 from stiff_bench.cli.help_pages import command
 from stiff_bench.console import print_text, say
+from stiff_bench.tables.table import SCREEN
 from stiff_protocols.contract.errors import ConfigError
 
 HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
@@ -78,7 +79,14 @@ HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
     help="Run a study: a file that names models, data sets, protocols and options.",
 )
 @format_option
-@click.option("--verbose", is_flag=True, help="Also print what fits report, such as stiffnesses.")
+@click.option(
+    "--paper", is_flag=True, help="On a terminal, print the source paper's table: MAE, STDE and ME."
+)
+@click.option(
+    "--verbose",
+    is_flag=True,
+    help="Also print a table of each data set, and what fits report, such as stiffnesses.",
+)
 @click.pass_context
 def run(
     ctx: click.Context,
@@ -86,6 +94,7 @@ def run(
     study: Path | None,
     fmt: str,
     plan_only: bool,
+    paper: bool,
     verbose: bool,
     models: tuple[str, ...],
     datasets: Sequence[str | api.data_sets.Dataset],
@@ -105,7 +114,7 @@ def run(
             models, datasets, protocols, how=how, output=output, command=command_line(), **words
         )
     else:
-        left = {*HOW, "output", "study", "plugin", "fmt", "plan_only", "verbose"}
+        left = {*HOW, "output", "study", "plugin", "fmt", "plan_only", "paper", "verbose"}
         for option in ctx.command.params:
             name = option.name or ""
             if name not in left and ctx.get_parameter_source(name) == ParameterSource.COMMANDLINE:
@@ -113,31 +122,43 @@ def run(
                     f"{option.opts[0]} cannot be combined with --study; set it in {study}"
                 )
         asked = api.evaluation.run_of_study(study, output=output, command=command_line(), **how)
-    return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
+    return show_plan(asked, fmt) if plan_only else execute(asked, fmt, paper=paper, verbose=verbose)
 
 
-def execute(run: api.evaluation.Run, fmt: str, *, verbose: bool = False) -> int:
+def execute(
+    run: api.evaluation.Run, fmt: str, *, paper: bool = False, verbose: bool = False
+) -> int:
     """Compute a run and print its tables; return 1 if a cell failed or was skipped, else 0."""
     results = run.compute()
-    print_text(results.table(verbose=verbose).text_as(fmt))
-    say_summary(results)
+    if fmt == SCREEN and not (paper or results.metrics):
+        print_text(results.screen(*summary(results), verbose=verbose), laid_out=True)
+    else:
+        print_tables(results.table(verbose=verbose), fmt)
+        say_summary(results)
     return 0 if all(result.status == "ok" for result in results.cells) else 1
 
 
 def say_summary(results: api.stored_results.Results) -> None:
-    """Say what became of the cells, where results are, and how old failures are computed again."""
+    """Print on standard error how the fits ended, and where results are stored."""
+    for line in summary(results):
+        say(line)
+
+
+def summary(results: api.stored_results.Results) -> list[str]:
+    """Return how the fits ended, where results are stored, and how to repeat old failures."""
     finished = results.finished
     assert finished is not None
-    say(f"{finished.summary}; {finished.wall_s:.1f} s; stored in {results.folder}")
+    lines = [f"{finished.summary}; {finished.wall_s:.1f} s; stored in {results.folder}"]
     failed = [one.cell.key for one in finished.results if one.status == "failed"]
     if old := len(finished.cached.intersection(failed)):
-        say(f"{old} of the failures are of earlier runs; --rerun failed computes them again")
+        lines.append(f"{old} of the failures are of earlier runs; --rerun failed repeats them")
+    return lines
 
 
 def show_plan(run: api.evaluation.Run, fmt: str) -> int:
     """Print what a run would compute, and compute nothing."""
     found = run.forecast()
-    print_text(replace(found, text="").text_as(fmt))
+    print_tables(replace(found, text=""), fmt)
     say(found.text)
     return 0
 
@@ -153,7 +174,7 @@ def show_plan(run: api.evaluation.Run, fmt: str) -> int:
 )
 @click.option("--write-only", is_flag=True, help="Compute nothing; write from stored results.")
 @execution_options("the number of cores")
-@click.option("--format", "fmt", type=FORMATS, default="github", help="Format of the --plan table.")
+@format_option
 def reproduce(
     name: str, output: Path, write_only: bool, plan_only: bool, fmt: str, **how: Any
 ) -> int:

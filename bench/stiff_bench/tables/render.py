@@ -18,7 +18,8 @@ from tabulate import tabulate
 
 from stiff_bench.console import one_line
 from stiff_bench.store.names import grouped
-from stiff_bench.tables.table import VALUE_FIELDS, Column, Entry, Table
+from stiff_bench.tables.table import SCREEN, VALUE_FIELDS, Column, Entry, Table
+from stiff_bench.tables.terminal import screen_text
 
 
 def render(
@@ -33,12 +34,14 @@ def render(
 
     Args:
         tables: in this order.
-        fmt: "github", "latex", "csv", "html" or "json".
+        fmt: "github", "latex", "csv", "html", "json", or "screen" of a terminal.
         command: that makes them; html leaves an empty one out.
         text: a paragraph above; csv leaves it out.
         about: facts on all tables, for json.
     """
     tables = of_format(tables, fmt)
+    if fmt == SCREEN:
+        return screen_text(tables, text=text, command=command)
     if fmt == "csv":
         return _csv(tables)
     if fmt == "json":
@@ -51,7 +54,11 @@ def render(
         "html": (_html, lambda words: f"<p>{html_text(words)}</p>"),
     }[fmt]
     said = [paragraph(one_line(text))] if text else []
-    parts = [one(table.shown(), one_line(command)) for table in tables]
+    last = len(tables) - 1
+    parts = [
+        one(table.shown(), one_line(command) if number == last or fmt == "latex" else "")
+        for number, table in enumerate(tables)
+    ]
     head = [LATEX_NEEDS] if fmt == "latex" else []
     return "\n\n".join([*head, *said, *parts])
 
@@ -110,8 +117,10 @@ def markdown_code(text: str) -> str:
 def _github(table: Table, command: str) -> str:
     body = _columns(table, "github", _markdown_cell)
     notes = [markdown_text(one_line(note)) for note in table.notes]
-    listed = [f"- {note}" for note in (*notes, f"made by: {markdown_code(command)}")]
-    return "\n".join([f"**{markdown_text(one_line(table.title))}**", "", body, "", *listed])
+    notes += [f"made by: {markdown_code(command)}"] if command else []
+    listed = [f"- {note}" for note in notes]
+    title = f"**{markdown_text(one_line(table.title))}**"
+    return "\n".join([title, "", body, "", *listed]).rstrip("\n")
 
 
 LATEX_NEEDS = (

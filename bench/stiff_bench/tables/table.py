@@ -136,7 +136,9 @@ VALUE_FIELDS = (
 MOST_NOTES = 4
 BEST_MARK = "*"
 """Stands behind the best number of a column."""
-ALL_BUT_CSV = ("github", "latex", "html", "json")
+SCREEN = "screen"
+"""Format of a terminal."""
+ALL_BUT_CSV = ("github", "latex", "html", "json", SCREEN)
 
 
 @dataclass(frozen=True, repr=False)

@@ -73,8 +73,13 @@ def screen_text(
     if command:
         console.print()
         print_lines(console, f"made by: {command}", style="dim")
+    return screen_of(console)
+
+
+def screen_of(console: Console) -> str:
+    """Return what was printed on a console of `screen_console`."""
     assert isinstance(console.file, io.StringIO)
-    return console.file.getvalue().rstrip("\n")
+    return "\n".join(line.rstrip() for line in console.file.getvalue().rstrip("\n").split("\n"))
 
 
 def print_lines(console: Console, text: str, style: str = "") -> None:
