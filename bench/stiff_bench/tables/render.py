@@ -19,7 +19,7 @@ from tabulate import tabulate
 from stiff_bench.console import one_line
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import SCREEN, VALUE_FIELDS, Column, Entry, Table
-from stiff_bench.tables.terminal import screen_text
+from stiff_bench.tables.terminal import screen_console, screen_text
 
 
 def render(
@@ -75,8 +75,6 @@ def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
     lines elsewhere, characters.
     """
     if sys.stdout.isatty():
-        from stiff_bench.tables.terminal import screen_console, screen_text  # rich: 0.1 s
-
         untitled = replace(table, title="")
         return screen_text([untitled], console=screen_console(colors=False)).strip("\n")
     body = _columns(table, "simple", str, maxcolwidths=[*widths] or None)
