@@ -24,6 +24,9 @@ from stiff_bench.tables.units import PRINTED, counted, first_few, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.paired import LEVEL
 
+MATRIX_FORMAT = ".3f"
+"""Of mm: a thousandth is below every instrument's noise."""
+
 
 class Sentence(NamedTuple):
     """One line of the answer: what it is about, and its text."""
@@ -221,14 +224,14 @@ def _on_measured(answer: Answer, cases: Sequence[ScoredCase]) -> str:
 def matrix_table(answer: Answer) -> Table:
     """Return models x (data set, protocol): the mean score, the best of each column marked."""
     unit, factor = PRINTED[answer.key.metric.unit]
-    written = number_format(answer.key.metric)
+    written = MATRIX_FORMAT if unit == "mm" else number_format(answer.key.metric)
 
     def cell(error: float | None, is_best: bool = False) -> Entry:
         return None if error is None else Quantity(factor * error, mark=BEST_MARK * is_best)
 
     columns = [
         Column(
-            " | ".join(filter(None, (one.protocol, one.condition))),
+            " ".join(filter(None, (one.protocol, one.condition))),
             unit=unit,
             format=written,
             group=f"{one.dataset} (measured)" if one.is_measured else one.dataset,
@@ -250,10 +253,9 @@ def matrix_table(answer: Answer) -> Table:
     if any(floor is not None for floor in floors):
         rows.append([NOISE_FLOOR, *map(cell, floors)])
     return Table(
-        f"{answer.key.text}, mean over splits",
+        f"{answer.key.text}, mean over splits; {BEST_MARK}: best of the column",
         [Column("model", "text"), *columns],
         rows,
-        [f"{BEST_MARK}: best of the column."],
         unit=unit,
     )
 
@@ -261,7 +263,12 @@ def matrix_table(answer: Answer) -> Table:
 def model_table(answer: Answer) -> Table:
     """Return a row a model: median error, change against the VJM, verdicts and fit time."""
     unit, factor = PRINTED[answer.key.metric.unit]
-    interval = f"{percent(1.0 - LEVEL)} interval over robots"
+    interval = Column(
+        f"{percent(1.0 - LEVEL)} interval over robots",
+        unit="%",
+        format="+.0f",
+        value=lambda one: Quantity(low=_percent(one.low), high=_percent(one.high)),
+    )
     return Table.of(
         headline(answer),
         [
@@ -272,13 +279,12 @@ def model_table(answer: Answer) -> Table:
                 format=number_format(answer.key.metric),
                 value=lambda one: factor * one.median_error,
             ),
-            Column("vs VJM", unit="%", format="+.0f", value=lambda one: _percent(one.ratio)),
             Column(
-                interval,
-                unit="%",
-                format="+.0f",
-                value=lambda one: Quantity(low=_percent(one.low), high=_percent(one.high)),
+                *("vs VJM", "number", "%", "+.0f"),
+                by_sign=-1,
+                value=lambda one: _percent(one.ratio),
             ),
+            *([interval] if answer.claim_robots else []),
             Column("better", value=lambda one: one.counts["a"]),
             Column("worse", value=lambda one: one.counts["b"]),
             Column("open", value=lambda one: one.counts["open"] + one.counts["equivalent"]),

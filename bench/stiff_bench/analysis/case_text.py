@@ -10,12 +10,13 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from stiff_bench.analysis.answer import NOISE_FLOOR, Answer
-from stiff_bench.analysis.answer_text import headline, matrix_table, sentences
+from stiff_bench.analysis.answer_text import MATRIX_FORMAT, headline, matrix_table, sentences
 from stiff_bench.analysis.scored_case import ScoredCase
-from stiff_bench.analysis.verdict import Estimate
+from stiff_bench.analysis.verdict import DISAGREEMENTS, Estimate, disagreement
+from stiff_bench.store.names import grouped
 from stiff_bench.tables.fit_notes import outcome_notes
 from stiff_bench.tables.metric_table import mark_of, metric_values
-from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, Table
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.terminal import print_lines, print_table, screen_console, screen_of
 from stiff_bench.tables.units import MM, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _METRICS = tuple(METRICS[key] for key in ("norm", "mae", "norm-p95", "norm-max", "removed"))
-FORMAT = ".3f"
-"""Of mm on a terminal: a thousandth is below every instrument's noise."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,6 @@ class _Row:
     name: Name
     results: Sequence[CellResult]
     ratio: float | None = None
-    is_best: bool = False
     status: str = ""
 
     def value(self, metric: str, axis: str, *, spread: bool = False) -> Entry:
@@ -47,14 +45,13 @@ class _Row:
         found = metric_values(self.results, _METRICS).get((metric, axis)) if self.results else None
         if found is None:
             return None
-        mark = BEST_MARK * self.is_best * spread
-        return Quantity(found.value, found.spread if spread else None, n=found.n, mark=mark)
+        return Quantity(found.value, found.spread if spread else None, n=found.n)
 
 
 def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
     """Return models by 3-D error: change against the VJM, axes and the largest error.
 
-    Models without a result, and what only a simulation knows, come last.
+    The best comes first; models without a result, and the noise floor, come last.
     """
     models = sorted(case.models, key=case.mean)
     rows = [
@@ -62,29 +59,33 @@ def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
             Name(name, mark_of(case.case.competitors[name].shown)),
             case.results[name],
             None if name == REFERENCE_MODEL else answer.ratio(name, case),
-            name == models[0],
         )
         for name in models
     ]
     rows += [_Row(Name(name), (), status=case.missing[name]) for name in sorted(case.missing)]
-    rows += [_Row(Name(name), known) for name in KNOWN.values() if (known := case.known(name))]
     has_paths = case.case.has_paths
-    axes = [Column(axis.upper(), format=FORMAT, value=partial(_axis_error, axis)) for axis in AXES]
+    bounds = (NOISE_FLOOR, KNOWN["uncorrected"]) if has_paths else (NOISE_FLOOR,)
+    rows += [_Row(Name(name), known) for name in bounds if (known := case.known(name))]
+    axes = [
+        Column(axis.upper(), format=MATRIX_FORMAT, value=partial(_axis_error, axis))
+        for axis in AXES
+    ]
     paths = [
-        Column("95 % below", format=FORMAT, value=lambda row: row.value("norm-p95", "")),
+        Column("95 % below", format=MATRIX_FORMAT, value=lambda row: row.value("norm-p95", "")),
         Column("removed", unit="%", format=".0f", value=lambda row: row.value("removed", "")),
     ]
     return Table.of(
         title,
         [
             Column("model", "text", value=lambda row: row.name),
-            Column("3-D error", format=FORMAT, value=_error),
+            Column("3-D error", format=MATRIX_FORMAT, value=_error),
             Column("vs VJM", format=_change, by_sign=-1, value=_ratio),
             *(paths if has_paths else axes),
-            Column("largest", format=FORMAT, value=lambda row: row.value("norm-max", "")),
+            Column("largest", format=MATRIX_FORMAT, value=lambda row: row.value("norm-max", "")),
         ],
         rows,
         unit="mm",
+        best_first=bool(models),
     )
 
 
@@ -142,7 +143,7 @@ def verdict_sentence(answer: Answer, case: ScoredCase) -> str:
         less = " No model is better than vjm." if verdict == "b" else ""
         return f"{model} is {better} than vjm: {amount} ({_interval(main, gain)}).{less}"
     return (
-        f"No model is reliably better than vjm. The best, {model}, has {amount} "
+        f"No model is reliably better than vjm. The closest, {model}, has {amount} "
         f"({_interval(main, gain)}).{_disagreement(found, gain)}"
     )
 
@@ -156,14 +157,7 @@ def _interval(found: Estimate, gain: float) -> str:
 
 def _disagreement(found: Sequence[Estimate], gain: float) -> str:
     """Return in words where splits are sure and poses are not, or the other way; else ""."""
-    if len(found) < 2:
-        return ""
-    splits, poses = (one.low > 0.0 or one.high < 0.0 for one in (found[0], found[-1]))
-    if splits and not poses:
-        return " The splits agree on it, but a few poses could turn it: measure more poses."
-    if poses and not splits:
-        return " The poses agree on it, but it changes from split to split: use more --splits."
-    return ""
+    return f" {DISAGREEMENTS[disagreement(found[0], found[-1])]}".rstrip()
 
 
 def case_facts(case: ScoredCase) -> str:
@@ -181,14 +175,27 @@ def _range(numbers: Sequence[int]) -> str:
     return f"{low}" if low == high else f"{low} to {high}"
 
 
+def _skipped(cases: Sequence[ScoredCase]) -> str:
+    """Return in one line which models were skipped and why; "" for none."""
+    reasons = {
+        (one.name, " ".join(failure.failure.split()))
+        for case in cases
+        for one in case.case.competitors.values()
+        for failure in one.failures.values()
+        if failure.status == "skipped"
+    }
+    models = grouped(sorted(reasons), lambda pair: pair[1])
+    parts = [f"{', '.join(name for name, _ in of)} ({why})" for why, of in models.items()]
+    return f"Skipped: {'; '.join(parts)}." if parts else ""
+
+
 def case_notes(case: ScoredCase) -> list[str]:
     """Return caveats of the data, warnings of fits and reasons of failures."""
-    every = case.case.competitors.values()
-    outcomes = [
-        note
-        for one in every
-        for note in outcome_notes([*one.done.values(), *one.failures.values()])
+    every = [
+        [*one.done.values(), *(f for f in one.failures.values() if f.status == "failed")]
+        for one in case.case.competitors.values()
     ]
+    outcomes = [note for of_model in every if of_model for note in outcome_notes(of_model)]
     shown = case.case.shown
     return [*filter(None, [shown.warning]), *outcomes, *shown.caveats]
 
@@ -221,7 +228,8 @@ def answer_screen(
     else:
         print_lines(console, verdict_sentence(answer, one), style="bold")
     print_lines(console, f"{case_facts(one)} {facts}" if one else facts)
-    notes = Table("", (), (), [*chain(*map(case_notes, answer.cases))], brief=not verbose).shown()
+    listed = [_skipped(answer.cases), *chain(*map(case_notes, answer.cases))]
+    notes = Table("", (), (), listed, brief=not verbose).shown()
     for note in notes.notes:
         print_lines(console, note, style="dim")
     best = next((model.name for model in answer.models if model.name != REFERENCE_MODEL), "")

@@ -41,7 +41,7 @@ def render(
     """
     tables = of_format(tables, fmt)
     if fmt == SCREEN:
-        return screen_text(tables, text=text, command=command)
+        return screen_text(tables, text=text)
     if fmt == "csv":
         return _csv(tables)
     if fmt == "json":
