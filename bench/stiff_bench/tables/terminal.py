@@ -134,6 +134,8 @@ def _column_width(table: Table, number: int) -> int:
     column = table.columns[number]
     words = f"{column.group} {table.heading(column)}".split()
     cells = [one_line(column.text(row[number])) for row in table.rows]
+    if any(_is_best(row[number]) for row in table.rows):
+        cells = [cell if BEST_MARK in cell else f"{cell} {BEST_MARK}" for cell in cells]
     return max(map(cell_len, [*words, *cells]), default=1)
 
 
