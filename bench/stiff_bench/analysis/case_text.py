@@ -42,10 +42,10 @@ class _Row:
 
     def value(self, metric: str, axis: str, *, spread: bool = False) -> Entry:
         """Return a mean over splits, as printed; with its deviation where asked for."""
-        found = metric_values(self.results, _METRICS).get((metric, axis)) if self.results else None
-        if found is None:
+        mean = metric_values(self.results, _METRICS).get((metric, axis)) if self.results else None
+        if mean is None:
             return None
-        return Quantity(found.value, found.spread if spread else None, n=found.n)
+        return Quantity(mean.value, mean.spread if spread else None, n=mean.n)
 
 
 def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
@@ -65,7 +65,7 @@ def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
     rows += [_Row(Name(name), (), status=case.missing[name]) for name in sorted(case.missing)]
     has_paths = case.case.has_paths
     bounds = (NOISE_FLOOR, KNOWN["uncorrected"]) if has_paths else (NOISE_FLOOR,)
-    rows += [_Row(Name(name), known) for name in bounds if (known := case.known(name))]
+    rows += [_Row(Name(name), results) for name in bounds if (results := case.known(name))]
     axes = [
         Column(axis.upper(), format=MATRIX_FORMAT, value=partial(_axis_error, axis))
         for axis in AXES
@@ -107,34 +107,34 @@ def _ratio(row: _Row) -> Entry:
     return None if row.ratio is None else Quantity(100.0 * (row.ratio - 1.0))
 
 
-def _change(found: Quantity) -> str:
-    return f"{found.value:+.0f} %".replace("-", "\u2212")
+def _change(change: Quantity) -> str:
+    return f"{change.value:+.0f} %".replace("-", "\u2212")
 
 
 def case_title(case: ScoredCase) -> str:
     """Return data set, kind, protocol, splits and unit in one line."""
-    shown, n_splits = case.case.shown, len(case.slots)
-    protocol = ", ".join(filter(None, (shown.protocol, case.name.condition)))
+    presentation, n_splits = case.case.shown, len(case.slots)
+    protocol = ", ".join(filter(None, (presentation.protocol, case.name.condition)))
     spread = ", mean ± sd over splits" if n_splits > 1 else ""
     where = "path error" if case.case.has_paths else "error"
     return (
-        f"{shown.dataset} ({shown.kind}) · {protocol}, {counted(n_splits, 'split')} · "
-        f"{where} in mm{spread}"
+        f"{presentation.dataset} ({presentation.kind}) · {protocol}, "
+        f"{counted(n_splits, 'split')} · {where} in mm{spread}"
     )
 
 
 def verdict_sentence(answer: Answer, case: ScoredCase) -> str:
     """Return whether the best model is better than the VJM, by how much, and how sure that is."""
-    others = [name for name in case.models if name != REFERENCE_MODEL]
-    if REFERENCE_MODEL not in case.scores or not others:
+    rivals = [name for name in case.models if name != REFERENCE_MODEL]
+    if REFERENCE_MODEL not in case.scores or not rivals:
         return ""
-    model = min(others, key=case.mean)
-    verdict, found = answer.verdict(model, case), answer.estimates(model, case)
-    if verdict is None or not found:
+    model = min(rivals, key=case.mean)
+    verdict, results = answer.verdict(model, case), answer.estimates(model, case)
+    if verdict is None or not results:
         return f"{model} against vjm: one split and one pose allow no test."
     gain = MM * (case.mean(REFERENCE_MODEL) - case.mean(model))
     amount = f"{abs(gain):.3f} mm {'less' if gain >= 0.0 else 'more'} error"
-    main = max(found, key=lambda one: one.high - one.low)
+    main = max(results, key=lambda result: result.high - result.low)
     if verdict == "equivalent":
         rope = f"{MM * ROPE_M:g} mm"
         return f"{model} and vjm are equivalent: their errors differ by less than {rope}."
@@ -144,27 +144,27 @@ def verdict_sentence(answer: Answer, case: ScoredCase) -> str:
         return f"{model} is {better} than vjm: {amount} ({_interval(main, gain)}).{less}"
     return (
         f"No model is reliably better than vjm. The closest, {model}, has {amount} "
-        f"({_interval(main, gain)}).{_disagreement(found, gain)}"
+        f"({_interval(main, gain)}).{_disagreement(results, gain)}"
     )
 
 
-def _interval(found: Estimate, gain: float) -> str:
+def _interval(estimate: Estimate, gain: float) -> str:
     """Return bounds of the gain, or of the loss where the model is worse."""
-    bounds = (-found.high, -found.low) if gain >= 0.0 else (found.low, found.high)
+    bounds = (-estimate.high, -estimate.low) if gain >= 0.0 else (estimate.low, estimate.high)
     low, high = (f"{MM * bound:.3f}" for bound in bounds)
     return f"{percent(1.0 - LEVEL)} interval {low} to {high}"
 
 
-def _disagreement(found: Sequence[Estimate], gain: float) -> str:
+def _disagreement(results: Sequence[Estimate], gain: float) -> str:
     """Return in words where splits are sure and poses are not, or the other way; else ""."""
-    return f" {DISAGREEMENTS[disagreement(found[0], found[-1])]}".rstrip()
+    return f" {DISAGREEMENTS[disagreement(results[0], results[-1])]}".rstrip()
 
 
 def case_facts(case: ScoredCase) -> str:
     """Return kind of the data and the sizes of training and test part."""
     results = next(iter(case.results.values()))
-    trained = [one.n_train for one in results]
-    tested = [len(one.prediction.rows) for one in results if one.prediction is not None]
+    trained = [result.n_train for result in results]
+    tested = [len(result.prediction.rows) for result in results if result.prediction is not None]
     kind = f"{case.case.shown.kind.capitalize()} robot."
     sizes = f"Trained on {_range(trained)} samples, tested on {_range(tested)}."
     return f"{kind} {sizes}" if any(trained) else kind
@@ -178,26 +178,29 @@ def _range(numbers: Sequence[int]) -> str:
 def _skipped(cases: Sequence[ScoredCase]) -> str:
     """Return in one line which models were skipped and why; "" for none."""
     reasons = {
-        (one.name, " ".join(failure.failure.split()))
+        (competitor.name, " ".join(failure.failure.split()))
         for case in cases
-        for one in case.case.competitors.values()
-        for failure in one.failures.values()
+        for competitor in case.case.competitors.values()
+        for failure in competitor.failures.values()
         if failure.status == "skipped"
     }
     models = grouped(sorted(reasons), lambda pair: pair[1])
-    parts = [f"{', '.join(name for name, _ in of)} ({why})" for why, of in models.items()]
+    parts = [f"{', '.join(name for name, _ in of)} ({reason})" for reason, of in models.items()]
     return f"Skipped: {'; '.join(parts)}." if parts else ""
 
 
 def case_notes(case: ScoredCase) -> list[str]:
     """Return caveats of the data, warnings of fits and reasons of failures."""
     every = [
-        [*one.done.values(), *(f for f in one.failures.values() if f.status == "failed")]
-        for one in case.case.competitors.values()
+        [
+            *competitor.done.values(),
+            *(f for f in competitor.failures.values() if f.status == "failed"),
+        ]
+        for competitor in case.case.competitors.values()
     ]
     outcomes = [note for of_model in every if of_model for note in outcome_notes(of_model)]
-    shown = case.case.shown
-    return [*filter(None, [shown.warning]), *outcomes, *shown.caveats]
+    presentation = case.case.shown
+    return [*filter(None, [presentation.warning]), *outcomes, *presentation.caveats]
 
 
 def answer_screen(
@@ -214,20 +217,20 @@ def answer_screen(
         console: of `screen_console`; None: that of the terminal.
     """
     console = console or screen_console()
-    one = answer.cases[0] if len(answer.cases) == 1 else None
-    if one is None:
+    single_case = answer.cases[0] if len(answer.cases) == 1 else None
+    if single_case is None:
         print_table(console, replace(matrix_table(answer), notes=[]))
         console.print()
-    for case in answer.cases if one is None and verbose else filter(None, [one]):
+    for case in answer.cases if single_case is None and verbose else filter(None, [single_case]):
         print_table(console, case_table(answer, case, case_title(case)))
         console.print()
-    if one is None:
+    if single_case is None:
         print_lines(console, f"{headline(answer)}.", style="bold")
         for sentence in sentences(answer):
             print_lines(console, sentence.text)
     else:
-        print_lines(console, verdict_sentence(answer, one), style="bold")
-    print_lines(console, f"{case_facts(one)} {facts}" if one else facts)
+        print_lines(console, verdict_sentence(answer, single_case), style="bold")
+    print_lines(console, f"{case_facts(single_case)} {facts}" if single_case else facts)
     listed = [_skipped(answer.cases), *chain(*map(case_notes, answer.cases))]
     notes = Table("", (), (), listed, brief=not verbose).shown()
     for note in notes.notes:

@@ -42,10 +42,10 @@ def screen_console(width: int | None = None, *, colors: bool | None = None) -> C
     has_colors = terminal.is_terminal and terminal.color_system is not None
     if colors is None:
         colors = has_colors and "NO_COLOR" not in os.environ
-    found = width or (terminal.width if terminal.is_terminal else USUAL_WIDTH)
+    characters = width or (terminal.width if terminal.is_terminal else USUAL_WIDTH)
     return Console(
         file=io.StringIO(),
-        width=max(found, SMALLEST_WIDTH),
+        width=max(characters, SMALLEST_WIDTH),
         force_terminal=colors,
         color_system="standard" if colors else None,
         no_color=not colors,
@@ -104,14 +104,14 @@ def _blocks(table: Table, width: int) -> Iterator[dict[int, int]]:
     widths[0] = min(widths[0], FIRST_COLUMN)
     spare = width - sum(widths) - GAP * len(widths)
     texts = [n for n in range(1, len(widths)) if table.columns[n].kind == "text"]
-    for number in (*sorted(texts, key=lambda one: -widths[one]), 0):  # the longest is broken first
+    for number in (*sorted(texts, key=lambda n: -widths[n]), 0):  # the longest is broken first
         if spare < 0 and widths[number] > LONG_TEXT:
             narrower = max(LONG_TEXT, widths[number] + spare)
             spare += widths[number] - narrower
             widths[number] = narrower
     block = {0: widths[0]}
-    rest = range(1, len(widths))
-    for _, of_group in groupby(rest, lambda number: table.columns[number].group or number):
+    numbers = range(1, len(widths))
+    for _, of_group in groupby(numbers, lambda number: table.columns[number].group or number):
         group = [*of_group]
         needed = sum(widths[number] + GAP for number in group)
         room = width - sum(block.values()) - GAP * len(block)
@@ -167,8 +167,8 @@ def _rich_table(table: Table, block: dict[int, int]) -> Any:
 
 
 def _is_best(entry: Entry) -> bool:
-    found = quantity(entry)
-    return found is not None and BEST_MARK in found.mark
+    number = quantity(entry)
+    return number is not None and BEST_MARK in number.mark
 
 
 def _cell(column: Column, entry: Entry, width: int) -> Any:
@@ -178,11 +178,11 @@ def _cell(column: Column, entry: Entry, width: int) -> Any:
     text = one_line(column.text(entry))
     if column.kind == "text" and len(text) > width:
         text = text.replace(OPTION_MARK, f"\n{OPTION_MARK}")
-    found = quantity(entry)
+    number = quantity(entry)
     style = ""
     if _is_best(entry):  # in front, so that numbers stay below each other
         text = f"{BEST_MARK} {text.removesuffix(BEST_MARK).rstrip()}"
         style = f"bold {BETTER}"
-    elif found is not None and column.by_sign and found.order:
-        style = BETTER if found.order * column.by_sign > 0.0 else WORSE
+    elif number is not None and column.by_sign and number.order:
+        style = BETTER if number.order * column.by_sign > 0.0 else WORSE
     return Text(text, style=style)
