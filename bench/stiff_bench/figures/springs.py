@@ -107,7 +107,9 @@ def _draw_curves(
     name = f"{SPRING_CURVE}{data.robot.joint_names[joint]}"
     curves = [result.curves[name] for result in results if name in result.curves]
     for points in curves[1:]:
-        axes.plot(points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=SPLIT_ALPHA)
+        axes.plot(
+            points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=SPLIT_ALPHA
+        )
     at: FloatArray
     at, turn, deviation = curves[0].T
     low, high = 1e3 * (turn - reach * deviation), 1e3 * (turn + reach * deviation)
