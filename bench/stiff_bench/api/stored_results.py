@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from stiff_bench.analysis.answer import Answer
+    from stiff_bench.api.data_sets import Dataset
+    from stiff_bench.api.model import Model
     from stiff_bench.figures.prepared_figure import Prepared
     from stiff_bench.run.runner import Finished
     from stiff_bench.store.merging import Merged
@@ -402,7 +404,10 @@ def merge(folders: Sequence[Path | str], output: Path | str) -> Merged:
 
 def figure(
     name: str,
-    results: Results | Path | str | None = None,
+    results: Results | Dataset | Path | str | None = None,
+    *,
+    model: Model | None = None,
+    row: int | None = None,
 ) -> Prepared:
     """Return a figure with its caption; a notebook shows it, and `save("my.png")` writes it.
 
@@ -411,25 +416,56 @@ def figure(
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
             paper's figures `bench reproduce`. `Results.select` chooses among them; else a figure
             shows the models that it is clear with, and the data sets in panels: measured ones
-            first, then in the order of asking.
+            first, then in the order of asking. The figure "robot" draws a data set, too.
+        model: a fitted model, for the figure "robot": its prediction is drawn. Without `results`
+            it is drawn at one of its training poses.
+        row: of the data set, from 0, for the figure "robot"; None: the largest deflection.
 
     Raises:
         ConfigError: there is no such figure, or a name has no results.
+        NotFittedError: the model is not fitted.
         StoreError: the folder does not hold what it shows.
     """
     from stiff_bench.figures.figure_catalog import FIGURES
     from stiff_bench.figures.figure_source import FigureSource
     from stiff_bench.paper import paper_figures as papers
 
+    if name not in FIGURES and name not in papers.FIGURES:
+        raise unknown_name("figure", name, [*papers.FIGURES, *FIGURES])
+    if name == "robot":
+        return _robot_figure(results, model, row)
+    if model is not None or row is not None or not isinstance(results, _STORED):
+        raise ConfigError(f"{name}: only the figure robot draws a data set, a model or a row")
     folder = _folder(results)
     selection = results.selection if isinstance(results, Results) else EVERYTHING
     if name in FIGURES:
         return FIGURES[name](FigureSource.of(folder or RESULTS, selection))
-    if name not in papers.FIGURES:
-        raise unknown_name("figure", name, [*papers.FIGURES, *FIGURES])
     for kind, word in selection.options:
         raise ConfigError(f"{word}: the paper's figure {name} takes no choice", kind)
     return papers.prepare_figure(name, folder)
+
+
+def _robot_figure(
+    results: Results | Dataset | Path | str | None, model: Model | None, row: int | None
+) -> Prepared:
+    from stiff_bench.figures import robot_picture
+    from stiff_bench.figures.figure_source import FigureSource
+
+    chosen: dict[str, Any] = {"row": row}
+    if model is not None:
+        model.check_fitted()
+        if results is None:
+            if row is not None:
+                raise ConfigError(f"{row}: a model has no rows; give a data set too", "row")
+            return robot_picture.model_picture(model.fitted, model.name)
+        chosen |= {"model": model.fitted, "model_name": model.name}
+    if isinstance(results, _STORED):
+        selection = results.selection if isinstance(results, Results) else EVERYTHING
+        source = FigureSource.of(_folder(results) or RESULTS, selection)
+        return robot_picture.robot(source, **chosen)
+    kind = results.choice.info.kind
+    about = f"{results.name} ({kind})"
+    return robot_picture.robot_picture(results.samples, results.robot, about, kind, **chosen)
 
 
 def paper_table(
@@ -451,6 +487,9 @@ def paper_table(
     tables = read_table(str(number), _folder(results))
     made_by = command or f"stiffbench.paper_table({number})"
     return Tables(tables, made_by)
+
+
+_STORED = Results | Path | str | None
 
 
 def _folder(results: Results | Path | str | None) -> Path | None:

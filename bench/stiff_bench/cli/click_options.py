@@ -17,6 +17,7 @@ from stiff_bench import api
 from stiff_bench.api import LARGEST_POSE_TOLERANCE, POSE_TOLERANCE, RESULTS
 from stiff_bench.console import print_text
 from stiff_bench.run.machine import pinned
+from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.table import SCREEN
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
@@ -40,6 +41,19 @@ class FilePath(click.Path):
 
 
 FILE = FilePath(path_type=Path)
+
+
+class PicturePath(FilePath):
+    """A picture to write; its suffix is checked before anything is computed."""
+
+    def convert(self, value: Any, param: Parameter, ctx: Context) -> Any:
+        """Return the path, or refuse a suffix that names no format."""
+        path = super().convert(value, param, ctx)
+        check_suffix(path)
+        return path
+
+
+PICTURE = PicturePath(path_type=Path)
 
 
 class Bounded(click.ParamType[float]):

@@ -11,6 +11,7 @@ import click
 from stiff_bench import api
 from stiff_bench.cli.click_options import (
     FILE,
+    PICTURE,
     Millimetres,
     Numbers,
     WholeRange,
@@ -157,7 +158,7 @@ def example(**words: Any) -> None:
 @coverage_option("Add prediction intervals of this coverage, per axis.")
 @click.option(
     "--figure",
-    type=FILE,
+    type=PICTURE,
     metavar="FILE.png",
     help="Draw the path and its errors.",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +12,16 @@ from stiff_bench import api
 from stiff_bench.api import RESULTS
 from stiff_bench.cli.click_options import (
     FILE,
+    PICTURE,
     PROBABILITY,
     Millimetres,
+    WholeRange,
     case_options,
     command_line,
+    data_options,
     format_option,
     output_option,
+    plugin_option,
     print_tables,
     ranking_options,
     results_option,
@@ -24,7 +29,8 @@ from stiff_bench.cli.click_options import (
     selection_options,
 )
 from stiff_bench.cli.help_pages import command
-from stiff_bench.console import print_prose, say
+from stiff_bench.console import print_prose, say, warnings_said
+from stiff_protocols.contract.errors import ConfigError
 
 if TYPE_CHECKING:
     from stiff_bench.analysis.selection import Selection
@@ -131,22 +137,63 @@ def report(folders: tuple[Path, ...], output: Path, selection: Selection, **rank
 )
 @click.option(
     "--output",
-    type=FILE,
+    type=PICTURE,
     metavar="FILE.pdf",
     help="File to write: .png, .pdf or .svg.  [default: figure-NAME.png]",
 )
 @selection_options
-def figure(name: str, results: Path | None, output: Path | None, selection: Selection) -> None:
+@data_options
+@click.option(
+    "--model-file",
+    type=FILE,
+    metavar="FILE",
+    help="Model file of `bench fit`, for the figure robot: draw its prediction.",
+)
+@click.option(
+    "--row",
+    type=WholeRange(0),
+    metavar="N",
+    help="Sample of the figure robot, from 0.  [default: the one with the largest deflection]",
+)
+@plugin_option
+def figure(
+    name: str,
+    results: Path | None,
+    output: Path | None,
+    selection: Selection,
+    data: Sequence[api.data_sets.Dataset],
+    model_file: Path | None,
+    row: int | None,
+) -> None:
     """Draw a figure and print its caption.
 
     NAME is a figure of the source paper (4, 5, 6, 8, 9) or a general one: `bench list figures`. The
     caption names the data set and protocol that are shown.
+
+    The figure robot draws results (--results), a data set (--dataset or --data) or a model
+    (--model-file).
     """
+    model = None if model_file is None else api.model.load_model(model_file)
+    dataset = _shown_data_set(results, selection, data) if name == "robot" else None
+    if data and dataset is None:
+        raise ConfigError("--data: drawn by the figure robot only, and without --results")
     stored = _stored(results or RESULTS, selection) if selection.options else results
-    prepared = api.stored_results.figure(name, stored)
+    with warnings_said():
+        prepared = api.stored_results.figure(name, dataset or stored, model=model, row=row)
     target = output or Path(f"figure-{name}.png")
     prepared.save(target)
     print_prose(f"{target}: {prepared.title}. {prepared.caption}")
+
+
+def _shown_data_set(
+    results: Path | None, selection: Selection, data: Sequence[api.data_sets.Dataset]
+) -> api.data_sets.Dataset | None:
+    """Return the data set that the figure robot draws; None where it draws results."""
+    if results is not None or not (data or selection.datasets):
+        return None
+    if len([*data, *selection.options]) > 1:
+        raise ConfigError("the figure robot draws one --dataset or --data, or --results")
+    return next(iter(data), None) or api.data_sets.load_dataset(selection.datasets[0])
 
 
 @command(epilog="bench merge laptop/runs server/runs --output results/runs")

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.figures.style import PAGE_INCH, looks, new_figure, share_legend
+from stiff_bench.figures.style import PAGE_INCH, looks, new_figure, round_factor, share_legend
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.types import Interval
 from stiff_protocols.paths.compensation import Compensation
@@ -39,7 +39,7 @@ def _painted(found: Compensation, interval: Interval | None) -> Figure:
     rows, arrows = evenly_spaced(len(place), MOST_POINTS), evenly_spaced(len(place), ARROWS)
     size_before, size_after = (np.linalg.norm(one, axis=1) for one in (before, after))
     extent, largest = max(float(np.ptp(place, axis=0).max()), 1.0), float(size_before.max())
-    times = _round_number(SHOWN_SHARE * extent / largest) if largest > 0.0 else 1.0
+    times = round_factor(SHOWN_SHARE * extent / largest) if largest > 0.0 else 1.0
     blue, orange = looks(2)
 
     figure = new_figure(PAGE_INCH, HEIGHT_INCH)
@@ -75,9 +75,3 @@ def _painted(found: Compensation, interval: Interval | None) -> Figure:
     along.set_title(f"(b) {means}", loc="left")
     share_legend(figure, [space, along])
     return figure
-
-
-def _round_number(factor: float) -> float:
-    """Return the largest of 1, 2, 5, 10, ... (or their tenths) that is not above a factor."""
-    power = 10.0 ** np.floor(np.log10(factor))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= factor * 1.001))

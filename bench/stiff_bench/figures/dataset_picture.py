@@ -94,7 +94,7 @@ def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
     _head(page, f"(a) TCP positions, base frame{_of_all(len(rows), len(poses))}")
     side, above = page.subplots(1, 2)
     groups = _most_groups(data.samples.group[rows])
-    look = {"linewidth": 0.0, "alpha": 0.85, "rasterized": True}
+    look: dict[str, Any] = {"linewidth": 0.0, "alpha": 0.85, "rasterized": True}
     look["s"] = 1.5 * _point_area(len(rows))
     look["palette"] = COLORS[: len(dict.fromkeys(groups.tolist()))]
     for axes, across, up in ((side, np.hypot(x, y), z), (above, x, y)):

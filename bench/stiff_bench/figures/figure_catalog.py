@@ -8,6 +8,7 @@ from stiff_bench.figures import (
     calibration,
     learning_curves,
     losses,
+    robot_picture,
     samples,
     springs,
     variants,
@@ -25,6 +26,7 @@ FIGURES: Figures[FigureSource] = {
     "freezing": variants.freezing,
     "learning-curves": learning_curves.learning_curves,
     "workspace": workspace.workspace,
+    "robot": robot_picture.robot,
     "springs": springs.springs,
     "calibration": calibration.calibration,
 }

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from string import ascii_lowercase
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -155,6 +156,12 @@ def plain_numbers(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
     axis.set_major_locator(LogLocator(subs=steps))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
+
+
+def round_factor(factor: float) -> float:
+    """Return the largest of 1, 2, 5, 10, ... (or their tenths) that is not above a factor."""
+    power = 10.0 ** np.floor(np.log10(factor))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= factor * 1.001))
 
 
 MOST_LETTERS = 34
