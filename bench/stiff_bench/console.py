@@ -73,21 +73,22 @@ def printing_to_stderr() -> Iterator[None]:
 def print_text(text: str, *, laid_out: bool = False) -> None:
     """Print a result; a closed pipe (`| head`) is not an error.
 
-    On a terminal, lines that are too wide are broken between words, unless the text is laid out
-    for it: then its parts are escaped, and it may hold colours.
+    A text that is laid out for a terminal may hold colours; its parts are escaped already.
 
     Raises:
         StoreError: standard output cannot be written, as on a full disk.
     """
     try:
-        if not laid_out:
-            text = printable(text)
-            text = wrapped_lines(text) if sys.stdout.isatty() else text
-        click.echo(text)
+        click.echo(text if laid_out else printable(text))
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # flushed again at exit
         if not isinstance(error, BrokenPipeError):
             raise StoreError(f"standard output: cannot be written: {error.strerror}") from error
+
+
+def print_prose(text: str) -> None:
+    """Print sentences; on a terminal, lines that are too wide are broken between words."""
+    print_text(wrapped_lines(printable(text)) if sys.stdout.isatty() else text)
 
 
 def print_markdown(text: str) -> None:

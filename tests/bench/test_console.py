@@ -8,7 +8,7 @@ import sys
 import click
 import pytest
 
-from stiff_bench.console import print_markdown, print_text, wrapped, wrapped_lines
+from stiff_bench.console import print_markdown, print_prose, print_text, wrapped, wrapped_lines
 
 PRINTS = """
 import sys
@@ -59,13 +59,15 @@ def test_texts_are_at_most_a_hundred_characters_wide_in_a_wide_terminal(monkeypa
     assert 90 < max(map(len, wrapped("word " * 200).splitlines())) <= 100
 
 
-def test_a_result_is_broken_for_a_terminal_and_whole_for_a_pipe(monkeypatch, capsys):
+def test_prose_is_broken_for_a_terminal_and_whole_for_a_pipe(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "60")
     sentence = "word " * 40 + "end"
-    print_text(sentence)
+    print_prose(sentence)
     assert capsys.readouterr().out == f"{sentence}\n"
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     print_text(sentence)
+    assert capsys.readouterr().out == f"{sentence}\n"
+    print_prose(sentence)
     assert max(map(len, capsys.readouterr().out.splitlines())) <= 60
 
 

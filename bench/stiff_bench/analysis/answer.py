@@ -135,15 +135,15 @@ class Answer(BriefFields):
             StoreError: samples are corrupt, or two models share no split.
         """
         newest = of_newest_data(stored.cases if cases is None else cases)
-        fair = [one for one in newest if not one.shown.reports_training]
-        fair = [one for one in fair if not one.shown.selects_on_test] or fair or newest
+        fair = [case for case in newest if not case.shown.reports_training]
+        fair = [case for case in fair if not case.shown.selects_on_test] or fair or newest
         left_out = {
-            one.name.text: "selects on the test part or reports training samples"
-            for one in newest
-            if one not in fair
+            case.name.text: "selects on the test part or reports training samples"
+            for case in newest
+            if case not in fair
         }
-        asked_first = {id(one): number for number, one in enumerate(stored.cases)}
-        fair.sort(key=lambda one: (one.shown.kind != "measured", asked_first[id(one)]))
+        asked_first = {id(case): number for number, case in enumerate(stored.cases)}
+        fair.sort(key=lambda case: (case.shown.kind != "measured", asked_first[id(case)]))
         scored = [
             scored_case(
                 case,
@@ -152,51 +152,57 @@ class Answer(BriefFields):
             )
             for case in map(_with_reference, fair)
         ]
-        scored = [one for one in scored if one.scores]
+        scored = [case for case in scored if case.scores]
         if not scored:
             raise ConfigError(f"no model has a score of {key.text}")
-        shown = dict.fromkeys(name for one in scored for name in one.scores)
-        return cls(key, tuple(scored), tuple(shown), left_out, seed)
+        names = dict.fromkeys(name for case in scored for name in case.scores)
+        return cls(key, tuple(scored), tuple(names), left_out, seed)
 
     @cached_property
     def robots(self) -> dict[str, list[ScoredCase]]:
         """Robot type -> its comparisons; specimens and plans of one type are one robot."""
-        return grouped(self.cases, lambda one: one.data.robot.name)
+        return grouped(self.cases, lambda case: case.data.robot.name)
 
     @cached_property
     def datasets(self) -> dict[str, list[ScoredCase]]:
         """Data set, without its specimen -> its comparisons."""
-        return grouped(self.cases, lambda one: family_of(one.name))
+        return grouped(self.cases, lambda case: family_of(case.name))
 
     @cached_property
     def columns(self) -> tuple[MatrixColumn, ...]:
         """Columns of the matrix, measured data sets first."""
         by_heading = grouped(
-            self.cases, lambda one: (family_of(one.name), one.name.protocol, one.name.condition)
+            self.cases, lambda case: (family_of(case.name), case.name.protocol, case.name.condition)
         )
         return tuple(MatrixColumn(*name, tuple(of)) for name, of in by_heading.items())
 
     def column_error(self, model: str, column: MatrixColumn) -> float | None:
         """Return a model's mean score over a column's comparisons; None: it lacks one."""
-        errors = [error for one in column.cases if (error := self.error(model, one)) is not None]
+        errors = [error for case in column.cases if (error := self.error(model, case)) is not None]
         return float(np.mean(errors)) if len(errors) == len(column.cases) else None
 
     def column_ratio(self, model: str, column: MatrixColumn) -> float | None:
         """Return the geometric mean of error / VJM's error over a column; None: it lacks one."""
-        ratios = [self.ratio(model, one) for one in column.cases]
-        known = [one for one in ratios if one is not None]
-        return math.exp(float(np.mean(np.log(known)))) if len(known) == len(ratios) else None
+        ratios = [self.ratio(model, case) for case in column.cases]
+        known_ratios = [ratio for ratio in ratios if ratio is not None]
+        return (
+            math.exp(float(np.mean(np.log(known_ratios))))
+            if len(known_ratios) == len(ratios)
+            else None
+        )
 
     def column_noise(self, column: MatrixColumn) -> float | None:
         """Return the noise floor of a column, in the metric's unit; None: unknown."""
-        floors = [floor for one in column.cases if (floor := self.noise(one)) is not None]
+        floors = [floor for case in column.cases if (floor := self.noise(case)) is not None]
         return float(np.mean(floors)) if len(floors) == len(column.cases) else None
 
     def best_of(self, column: MatrixColumn) -> str | None:
         """Return the model with the best score of a column; None: no model has one."""
         errors = {name: self.column_error(name, column) for name in self.asked}
-        known = {name: self.key.sign * error for name, error in errors.items() if error is not None}
-        return min(known, key=lambda name: known[name], default=None)
+        scores = {
+            name: self.key.sign * error for name, error in errors.items() if error is not None
+        }
+        return min(scores, key=lambda name: scores[name], default=None)
 
     @property
     def measured(self) -> dict[str, list[ScoredCase]]:
@@ -232,36 +238,40 @@ class Answer(BriefFields):
         """Return the model with the best score in a comparison."""
         return min(case.models, key=lambda name: self.key.sign * case.mean(name))
 
-    def verdict(self, model: str, case: ScoredCase, other: str = REFERENCE_MODEL) -> Verdict | None:
+    def verdict(
+        self, model: str, case: ScoredCase, reference: str = REFERENCE_MODEL
+    ) -> Verdict | None:
         """Return whether a model ("a") or another ("b") is better; None: no test applies."""
-        if model == other or not {model, other} <= case.scores.keys():
+        if model == reference or not {model, reference} <= case.scores.keys():
             return None
-        verdicts = case.verdicts([(model, other)])
+        verdicts = case.verdicts([(model, reference)])
         return None if verdicts is None else verdicts[0]
 
     def estimates(
-        self, model: str, case: ScoredCase, other: str = REFERENCE_MODEL
+        self, model: str, case: ScoredCase, reference: str = REFERENCE_MODEL
     ) -> list[Estimate]:
-        """Return what splits and poses say of error(model) - error(other), in the metric's unit.
+        """Return estimates of error(model) - error(reference), in the metric's unit.
 
         The first is over splits where there are several; the last over poses.
         """
-        if self.key.is_cost or not {model, other} <= case.scores.keys():
+        if self.key.is_cost or not {model, reference} <= case.scores.keys():
             return []
-        pair = case.models.index(model), case.models.index(other)
-        return [one for (one,) in estimates(case.errors, [pair], Question(seed=self.seed))]
+        pair = case.models.index(model), case.models.index(reference)
+        return [
+            estimate for (estimate,) in estimates(case.errors, [pair], Question(seed=self.seed))
+        ]
 
     def noise(self, case: ScoredCase) -> float | None:
         """Return the score of a perfect model, which is the instrument's noise; None: unknown."""
-        values = self.key.of_splits(known) if (known := case.known(NOISE_FLOOR)) else None
+        values = self.key.of_splits(floor) if (floor := case.known(NOISE_FLOOR)) else None
         return None if values is None else float(values.mean())
 
     def mean_ratio(self, model: str, cases: Iterable[ScoredCase]) -> float | None:
         """Return the geometric mean of ratios over data sets and protocols, each counted once."""
-        plans = grouped(cases, lambda one: (family_of(one.name), one.name.protocol))
+        plans = grouped(cases, lambda case: (family_of(case.name), case.name.protocol))
         means = [self._mean_log(model, of_plan) for of_plan in plans.values()]
-        known = [one for one in means if one is not None]
-        return math.exp(float(np.mean(known))) if known else None
+        logs = [mean for mean in means if mean is not None]
+        return math.exp(float(np.mean(logs))) if logs else None
 
     def _mean_log(self, model: str, cases: Iterable[ScoredCase]) -> float | None:
         ratios = [ratio for case in cases if (ratio := self.ratio(model, case)) is not None]
@@ -278,16 +288,16 @@ class Answer(BriefFields):
             robots = {
                 name: of_kind
                 for name, cases in self.robots.items()
-                if (of_kind := [one for one in cases if _is_measured(one) == is_measured])
+                if (of_kind := [case for case in cases if _is_measured(case) == is_measured])
             }
             if len(robots) >= FEWEST_ROBOTS:
                 return robots
         return {}
 
     def _model(self, name: str) -> ModelAnswer:
-        cases = [one for one in self.cases if name in one.scores]
-        ratios = [ratio for one in cases if (ratio := self.ratio(name, one)) is not None]
-        costs = [result.cost for one in cases for result in one.results[name]]
+        cases = [case for case in self.cases if name in case.scores]
+        ratios = [ratio for case in cases if (ratio := self.ratio(name, case)) is not None]
+        costs = [result.cost for case in cases for result in case.results[name]]
         times = [cost.fit_s for cost in costs if cost is not None]
         logs = [
             math.log(ratio)
@@ -295,14 +305,14 @@ class Answer(BriefFields):
             if (ratio := self.mean_ratio(name, of_robot)) is not None
         ]
         low, high = _interval(logs) if self.claim_robots else (None, None)
-        marks = [mark_of(one.case.competitors[name].shown) for one in cases]
+        marks = [mark_of(case.case.competitors[name].shown) for case in cases]
         return ModelAnswer(
             name,
             ", ".join(filter(None, dict.fromkeys(marks))),
-            float(np.median([one.mean(name) for one in cases])),
+            float(np.median([case.mean(name) for case in cases])),
             math.exp(float(np.mean(logs))) if logs else None,
             *(low, high, min(ratios, default=None), max(ratios, default=None)),
-            Counter(found for one in cases if (found := self.verdict(name, one)) is not None),
+            Counter(verdict for case in cases if (verdict := self.verdict(name, case)) is not None),
             len(cases),
             float(np.median(times)) if times else None,
         )
@@ -325,14 +335,15 @@ def _with_reference(case: Case) -> Case:
     """Add the VJM's predictions, which every cell holds, where the VJM itself was not run."""
     if REFERENCE_MODEL in case.competitors:
         return case
-    found: dict[Slot, CellResult] = {}
+    results: dict[Slot, CellResult] = {}
     for competitor in case.competitors.values():
         for slot, result in competitor.done.items():
-            if slot not in found and (known := known_result(result, REFERENCE_MODEL)) is not None:
-                found[slot] = known
-    if not found:
+            predicted = known_result(result, REFERENCE_MODEL)
+            if slot not in results and predicted is not None:
+                results[slot] = predicted
+    if not results:
         return case
-    done = dict(sorted(found.items()))
-    shown = next(iter(done.values())).shown
-    reference = Competitor(shown, done, failures={}, n_asked=len(done))
+    done = dict(sorted(results.items()))
+    presentation = next(iter(done.values())).shown
+    reference = Competitor(presentation, done, failures={}, n_asked=len(done))
     return replace(case, competitors={**case.competitors, REFERENCE_MODEL: reference})

@@ -24,6 +24,9 @@ from stiff_bench.tables.units import PRINTED, counted, first_few, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.paired import LEVEL
 
+MATRIX_FORMAT = ".3f"
+"""Of mm: a thousandth is below every instrument's noise."""
+
 
 class Sentence(NamedTuple):
     """One line of the answer: what it is about, and its text."""
@@ -55,21 +58,21 @@ class DatasetAnswer:
 
 def dataset_answers(answer: Answer) -> list[DatasetAnswer]:
     """Return the best model of each data set; none where nothing compares with the VJM."""
-    found = []
+    answers = []
     for dataset, cases in answer.datasets.items():
         ratios = {
             name: ratio
             for name in answer.asked
-            if all(name in one.scores for one in cases)
+            if all(name in case.scores for case in cases)
             and (ratio := answer.mean_ratio(name, cases)) is not None
         }
         if not ratios:
             continue
         model = min(ratios, key=lambda name: ratios[name])
-        counts = Counter(v for one in cases if (v := answer.verdict(model, one)) is not None)
+        counts = Counter(v for case in cases if (v := answer.verdict(model, case)) is not None)
         kind = cases[0].case.shown.kind
-        found.append(DatasetAnswer(dataset, kind, model, ratios[model], counts, len(cases)))
-    return found
+        answers.append(DatasetAnswer(dataset, kind, model, ratios[model], counts, len(cases)))
+    return answers
 
 
 def change(ratio: float) -> str:
@@ -99,16 +102,16 @@ def headline(answer: Answer) -> str:
     by_dataset = dataset_answers(answer)
     if len(by_dataset) == 1:
         return _of_dataset(by_dataset[0])
-    sure = [one for one in by_dataset if one.counts["a"]]
+    sure = [best_model for best_model in by_dataset if best_model.counts["a"]]
     if not sure:
         return "No model is reliably better than the VJM on any of these data sets"
-    names = grouped(sure, lambda one: one.model)
+    names = grouped(sure, lambda best_model: best_model.model)
     most_first = sorted(names.items(), key=lambda item: -len(item[1]))
     parts = [
-        f"{model} on {first_few([f'{one.dataset} ({_won(one)})' for one in of_model], 2)}"
+        f"{model} on {first_few([f'{best.dataset} ({_won(best)})' for best in of_model], 2)}"
         for model, of_model in most_first
     ]
-    none_on = [one.dataset for one in by_dataset if one not in sure]
+    none_on = [best_model.dataset for best_model in by_dataset if best_model not in sure]
     none = f"; none on {first_few(none_on, 2)}" if none_on else ""
     return f"Better than the VJM: {first_few(parts, 3)}{none}"
 
@@ -126,15 +129,15 @@ def _of_dataset(best: DatasetAnswer) -> str:
 
 
 def _by_score(answer: Answer) -> str:
-    counts = Counter(answer.best(one) for one in answer.cases)
+    counts = Counter(answer.best(case) for case in answer.cases)
     (model, n_best), *_ = counts.most_common()
     return f"{model} has the best {answer.key.text} in {n_best} of {len(answer.cases)} comparisons"
 
 
 def recommended(answer: Answer) -> ModelAnswer | None:
     """Return the best model with every score that is not the VJM; None: there is none."""
-    complete = [one for one in answer.models if one.n_cases == len(answer.cases)]
-    return next((one for one in complete if one.name != REFERENCE_MODEL), None)
+    complete = [model for model in answer.models if model.n_cases == len(answer.cases)]
+    return next((model for model in complete if model.name != REFERENCE_MODEL), None)
 
 
 def sentences(answer: Answer) -> list[Sentence]:
@@ -151,20 +154,20 @@ def sentences(answer: Answer) -> list[Sentence]:
     if not tested:
         sure = "One split without poses to draw: no test applies."
     unit, factor = PRINTED[answer.key.metric.unit]
-    errors = sorted(factor * one.mean(best.name) for one in answer.cases)
+    errors = sorted(factor * case.mean(best.name) for case in answer.cases)
     span = change(best.ratio)
     if len(answer.cases) > 1:
         most, least = change(best.smallest), change(best.largest)
         same = most.split()[-1] == least.split()[-1] == "less"
         span = f"{least.split()[0]} to {most}" if same else f"{most} to {least}"
-    left = f"{errors[0]:.2f}" if len(errors) == 1 else f"{errors[0]:.2f} to {errors[-1]:.2f}"
-    found = [
+    remaining = f"{errors[0]:.2f}" if len(errors) == 1 else f"{errors[0]:.2f} to {errors[-1]:.2f}"
+    lines = [
         Sentence("How sure", sure),
-        Sentence("Gain", f"{span} error than the VJM; {left} {unit} of error remain."),
+        Sentence("Gain", f"{span} error than the VJM; {remaining} {unit} of error remain."),
     ]
     if exceptions := _exceptions(answer, best.name):
-        found.append(Sentence("But", exceptions))
-    return [*found, Sentence("Data", _data(answer))]
+        lines.append(Sentence("But", exceptions))
+    return [*lines, Sentence("Data", _data(answer))]
 
 
 def _exceptions(answer: Answer, model: str) -> str:
@@ -172,14 +175,14 @@ def _exceptions(answer: Answer, model: str) -> str:
     unit, factor = PRINTED[answer.key.metric.unit]
     parts = []
     for column in answer.columns:
-        other = answer.best_of(column)
-        if other in (None, model) or other is None:
+        rival = answer.best_of(column)
+        if rival in (None, model) or rival is None:
             continue
-        if all(answer.verdict(other, one, model) == "a" for one in column.cases):
-            errors = [answer.column_error(name, column) for name in (other, model)]
+        if all(answer.verdict(rival, case, model) == "a" for case in column.cases):
+            errors = [answer.column_error(name, column) for name in (rival, model)]
             smaller, larger = (f"{factor * (error or 0.0):.2f}" for error in errors)
             parts.append(
-                f"on {_short_heading(answer, column)} {other} is better ({smaller} against "
+                f"on {_short_heading(answer, column)} {rival} is better ({smaller} against "
                 f"{larger} {unit})"
             )
     text = first_few(parts, 2)
@@ -188,7 +191,7 @@ def _exceptions(answer: Answer, model: str) -> str:
 
 def _short_heading(answer: Answer, column: MatrixColumn) -> str:
     """Return a column's name, without its protocol where there is one only."""
-    plans = {(one.protocol, one.condition) for one in answer.columns}
+    plans = {(column.protocol, column.condition) for column in answer.columns}
     return column.dataset if len(plans) == 1 else column.text.replace(" | ", ", ")
 
 
@@ -211,7 +214,7 @@ def _data(answer: Answer) -> str:
 def _on_measured(answer: Answer, cases: Sequence[ScoredCase]) -> str:
     """Return which models are reliably better than the VJM on measured data."""
     better = [
-        name for name in answer.asked if any(answer.verdict(name, one) == "a" for one in cases)
+        name for name in answer.asked if any(answer.verdict(name, case) == "a" for case in cases)
     ]
     if not better:
         return "there, no model is reliably better than the VJM"
@@ -221,21 +224,21 @@ def _on_measured(answer: Answer, cases: Sequence[ScoredCase]) -> str:
 def matrix_table(answer: Answer) -> Table:
     """Return models x (data set, protocol): the mean score, the best of each column marked."""
     unit, factor = PRINTED[answer.key.metric.unit]
-    written = number_format(answer.key.metric)
+    written = MATRIX_FORMAT if unit == "mm" else number_format(answer.key.metric)
 
     def cell(error: float | None, is_best: bool = False) -> Entry:
         return None if error is None else Quantity(factor * error, mark=BEST_MARK * is_best)
 
     columns = [
         Column(
-            " | ".join(filter(None, (one.protocol, one.condition))),
+            " ".join(filter(None, (column.protocol, column.condition))),
             unit=unit,
             format=written,
-            group=f"{one.dataset} (measured)" if one.is_measured else one.dataset,
+            group=f"{column.dataset} (measured)" if column.is_measured else column.dataset,
         )
-        for one in answer.columns
+        for column in answer.columns
     ]
-    best = [answer.best_of(one) for one in answer.columns]
+    best = [answer.best_of(column) for column in answer.columns]
     rows: list[list[Entry]] = [
         [
             Name(model.name, model.mark),
@@ -246,14 +249,13 @@ def matrix_table(answer: Answer) -> Table:
         ]
         for model in answer.models
     ]
-    floors = [answer.column_noise(one) for one in answer.columns]
+    floors = [answer.column_noise(column) for column in answer.columns]
     if any(floor is not None for floor in floors):
         rows.append([NOISE_FLOOR, *map(cell, floors)])
     return Table(
-        f"{answer.key.text}, mean over splits",
+        f"{answer.key.text}, mean over splits; {BEST_MARK}: best of the column",
         [Column("model", "text"), *columns],
         rows,
-        [f"{BEST_MARK}: best of the column."],
         unit=unit,
     )
 
@@ -261,31 +263,35 @@ def matrix_table(answer: Answer) -> Table:
 def model_table(answer: Answer) -> Table:
     """Return a row a model: median error, change against the VJM, verdicts and fit time."""
     unit, factor = PRINTED[answer.key.metric.unit]
-    interval = f"{percent(1.0 - LEVEL)} interval over robots"
+    interval = Column(
+        f"{percent(1.0 - LEVEL)} interval over robots",
+        unit="%",
+        format="+.0f",
+        value=lambda model: Quantity(low=_percent(model.low), high=_percent(model.high)),
+    )
     return Table.of(
         headline(answer),
         [
-            Column("model", "text", value=lambda one: Name(one.name, one.mark)),
+            Column("model", "text", value=lambda model: Name(model.name, model.mark)),
             Column(
                 "median error",
                 unit=unit,
                 format=number_format(answer.key.metric),
-                value=lambda one: factor * one.median_error,
+                value=lambda model: factor * model.median_error,
             ),
-            Column("vs VJM", unit="%", format="+.0f", value=lambda one: _percent(one.ratio)),
             Column(
-                interval,
-                unit="%",
-                format="+.0f",
-                value=lambda one: Quantity(low=_percent(one.low), high=_percent(one.high)),
+                *("vs VJM", "number", "%", "+.0f"),
+                by_sign=-1,
+                value=lambda model: _percent(model.ratio),
             ),
-            Column("better", value=lambda one: one.counts["a"]),
-            Column("worse", value=lambda one: one.counts["b"]),
-            Column("open", value=lambda one: one.counts["open"] + one.counts["equivalent"]),
-            Column("fit", unit="s", format=".3g", value=lambda one: one.fit_s),
+            *([interval] if answer.claim_robots else []),
+            Column("better", value=lambda model: model.counts["a"]),
+            Column("worse", value=lambda model: model.counts["b"]),
+            Column("open", value=lambda model: model.counts["open"] + model.counts["equivalent"]),
+            Column("fit", unit="s", format=".3g", value=lambda model: model.fit_s),
         ],
         answer.models,
-        [one.text for one in sentences(answer)],
+        [sentence.text for sentence in sentences(answer)],
         unit=unit,
     )
 

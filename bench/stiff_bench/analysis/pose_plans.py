@@ -364,8 +364,10 @@ def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
     law, more = curve.law, sorted({now + n_new, 2 * now})
     sizes = [*map(str, errors.sizes), *(f"{size}*" for size in (now, *more))]
     values = [*errors.mean, *map(law, (now, *more))]
-    row: list[Entry] = ["mean 3-D error [mm]", *(float(value) * MM for value in values)]
-    columns = [Column("training poses", "text"), *(Column(size, format=".4f") for size in sizes)]
+    rows: list[list[Entry]] = [
+        [size, float(value) * MM] for size, value in zip(sizes, values, strict=True)
+    ]
+    columns = [Column("training poses", "text"), Column("mean 3-D error [mm]", format=".4f")]
     steps = ", ".join(
         f"with {size - now} more poses about {law(size) * MM:.3f} mm ({low:.3f} to {high:.3f} mm)"
         for size in more
@@ -373,9 +375,9 @@ def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
     )
     told = "" if curve.told else " (assumed, the errors do not tell it)"
     return [
-        f"Learning curve of {name}, tested on poses held out; * of the fitted curve:",
+        f"Learning curve of {name}, tested on poses held out (* fitted curve):",
         "",
-        plain_text(Table("", columns, [row])),
+        plain_text(Table("", columns, rows)),
         "",
         f"The mean error is {law(now) * MM:.3f} mm now, {steps}: an extrapolation by a + b n^-c "
         f"with {percent(CONFIDENCE)} intervals, c = {law.c:.2f}{told}, for poses like the measured "

@@ -77,6 +77,21 @@ def decide(results: Sequence[Estimate], confidence: float) -> Verdict:
     return "b" if all(result.low > 0.0 for result in results) else "open"
 
 
+DISAGREEMENTS: dict[str, str] = {
+    "": "",
+    "splits": "The splits agree on it, but a few poses could turn it: measure more poses.",
+    "poses": "The poses agree on it, but it changes from split to split: use more --splits.",
+}
+
+
+def disagreement(splits: Estimate, poses: Estimate) -> Literal["", "splits", "poses"]:
+    """Return which of two intervals alone excludes zero; "" where both do or none does."""
+    is_sure = [one.low > 0.0 or one.high < 0.0 for one in (splits, poses)]
+    if is_sure == [True, False]:
+        return "splits"
+    return "poses" if is_sure == [False, True] else ""
+
+
 def corrected(results: Sequence[Estimate]) -> list[Estimate]:
     """Return results whose p-values are corrected for one another (Holm)."""
     p_values = holm([result.p_value for result in results]).tolist()

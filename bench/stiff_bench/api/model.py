@@ -359,7 +359,12 @@ class Model(Shown):
             numbers = {key: numbers[key] for key in numbers if key not in of_springs}
         if chosen := getattr(self.fitted, "best_params_", None):
             lines.append(f"- options chosen by inner cross-validation: {in_words(chosen)}")
-        return [*lines, *(f"- {name}: {value:.4g}" for name, value in numbers.items())]
+        texts = {name: f"{value:.4g}" for name, value in numbers.items()}
+        for name in numbers:
+            of_name = name.replace(" standard error", "")
+            if of_name != name and of_name in texts:
+                texts[of_name] += f" ± {texts.pop(name)} (standard error)"
+        return [*lines, *(f"- {name}: {text}" for name, text in texts.items())]
 
     def report(self, data: Dataset, seed: int) -> Text:
         """Return what was fitted to which data, what the fit found, and the data's caveats."""

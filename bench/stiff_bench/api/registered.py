@@ -155,7 +155,7 @@ def _option_lines(options: Collection[Option]) -> list[str]:
     for option in options:
         values = f"{_default(option)} (valid: {option.type_text})"
         lines.append(wrapped(values, f"  {option.name}".ljust(width), " " * width))
-        lines.append(wrapped(option.description, " " * width, " " * width))
+        lines += [wrapped(option.description, " " * width, " " * width)] * bool(option.description)
     return lines
 
 

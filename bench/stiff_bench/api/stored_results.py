@@ -266,6 +266,7 @@ class Results:
             ConfigError: fewer than two models have results, or the metric cannot rank.
             StoreError: the folder holds no results, or corrupt ones.
         """
+        from stiff_bench.analysis.answer_text import model_table
         from stiff_bench.analysis.leaderboard import build_leaderboard
         from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
         from stiff_bench.analysis.sort_key import sort_key
@@ -273,7 +274,9 @@ class Results:
         key, stored = sort_key(metric, axis), StoredResults.read(self.folder)
         board = build_leaderboard(stored, key, self.selection, seed=seed)
         about = {"sort_key": key.text, "direction": key.metric.direction}
-        return Tables(leaderboard_tables(board), self.command, about=about)
+        answer = model_table(self.answer(metric, axis, seed=seed))
+        tables = [replace(answer, formats=(SCREEN,)), *leaderboard_tables(board)]
+        return Tables(tables, self.command, about=about)
 
     def report(
         self,

@@ -245,13 +245,13 @@ def gathered(
     name: str, make: Callable[..., Any], *options: Callable[[Any], Any]
 ) -> Callable[[Command], Command]:
     """Return a decorator that adds options; `make` gets them, the command its result as `name`."""
-    own = inspect.signature(make).parameters
+    parameters = inspect.signature(make).parameters
 
     def decorated(command: Command) -> Command:
         @wraps(command)
         def call(**words: Any) -> Any:
-            given = {key: words.pop(key) for key in own if key in words}
-            return command(**{name: make(**given)}, **words)
+            values = {key: words.pop(key) for key in parameters if key in words}
+            return command(**{name: make(**values)}, **words)
 
         return cast(Command, together(*options)(call))
 

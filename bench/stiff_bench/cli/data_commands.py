@@ -22,7 +22,7 @@ from stiff_bench.cli.click_options import (
     urdf_options,
 )
 from stiff_bench.cli.help_pages import group
-from stiff_bench.console import print_markdown, print_text, warnings_said
+from stiff_bench.console import print_markdown, print_prose, warnings_said
 from stiff_datasets.measured.file_options import FileOptions
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def info(
     """
     dataset = api.data_sets.dataset_of_word(key, robot, FileOptions(**stated), settings)
     card = dataset.card
-    print_text(dataset.describe(output))
+    print_prose(dataset.describe(output))
     if card:
         print_markdown(f"\n{card}")
 
@@ -123,7 +123,7 @@ def plan(**words: Any) -> None:
     Without a robot, the plan is for the KR10. With --after, it continues a measurement and
     estimates what more poses gain.
     """
-    print_text(api.measuring.plan_poses(**words))
+    print_prose(api.measuring.plan_poses(**words))
 
 
 @data.command(epilog="bench data validate my.csv --robot ur5")
@@ -136,9 +136,9 @@ def validate(file: Path, robot: Robot | None, **stated: Any) -> int:
     Exit status: 0 ok; 1 suspicious, see the report; 2 invalid, other commands refuse the file.
     """
     report = api.measuring.validate(file, robot=robot, **stated)
-    print_text(repr(report))
+    print_prose(repr(report))
     if robot is None:
-        print_text(
+        print_prose(
             f"Robot: {api.measuring.DEFAULT_ROBOT}, the default; name yours: --robot or --urdf"
         )
     return ("ok", "suspicious", "invalid").index(report.verdict)
@@ -182,7 +182,7 @@ def validate(file: Path, robot: Robot | None, **stated: Any) -> int:
 @output_option("FILE.csv|FILE.parquet")
 def simulate(**words: Any) -> None:
     """Write a simulated data set of any size."""
-    print_text(api.measuring.simulate(**words))
+    print_prose(api.measuring.simulate(**words))
 
 
 @data.command(epilog="bench data register kr10-measured my.csv")
@@ -197,4 +197,4 @@ def register(key: str, file: Path, **words: Any) -> None:
     """
     with warnings_said():
         done = api.measuring.register(key, file, **words)
-    print_text(done)
+    print_prose(done)

@@ -31,7 +31,7 @@ OPTION_GROUPS = {
         *("--plan", "--rerun", "--jobs", "--threads", "--device", "--isolate", "--timeout"),
         *("--memory", "--dask"),
     ),
-    "Output": ("--output", "--figure", "--format", "--verbose", "-h"),
+    "Output": ("--output", "--figure", "--format", "--paper", "--verbose", "-h"),
 }
 """Heading -> options of all commands, in the order of the help page."""
 MANY_OPTIONS = 12

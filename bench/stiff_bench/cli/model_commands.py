@@ -23,7 +23,7 @@ from stiff_bench.cli.click_options import (
     sheet_option,
 )
 from stiff_bench.cli.help_pages import command
-from stiff_bench.console import print_text, warnings_said
+from stiff_bench.console import print_prose, print_text, warnings_said
 from stiff_protocols.contract.files import check_new_file
 
 model_file_option = click.option(
@@ -61,7 +61,7 @@ def fit(
     with warnings_said():
         model.fit(samples, seed=seed)
     model.save(output)
-    print_text(f"{output}: {model.report(samples, seed)}")
+    print_prose(f"{output}: {model.report(samples, seed)}")
 
 
 @command(epilog="bench predict --model my.stiff --input poses.csv --output deflections.csv")
@@ -86,16 +86,16 @@ def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
     The column `extrapolates` names what is unlike the training samples: joints, pose-gap, load or
     load-gap. Such a prediction is a guess.
     """
-    found = api.model.load_model(model)
+    fitted = api.model.load_model(model)
     with TemporaryDirectory() as folder:
         file = Path(folder) / "rows.csv" if str(output) == "-" else output
         with warnings_said():
-            n_rows = found.predict_file(loads, file, **words)
+            n_rows = fitted.predict_file(loads, file, **words)
         if file != output:
             print_text(file.read_text(encoding="utf-8").removesuffix("\n"))
             return
     number = "1 row" if n_rows == 1 else f"{n_rows} rows"
-    print_text(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
+    print_prose(f"{output}: {number} predicted by {fitted.name}, robot {fitted.fitted.robot_.name}")
 
 
 @command(epilog="bench export --model mlp.stiff --output mlp.onnx")
@@ -103,4 +103,4 @@ def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
 @output_option("FILE.onnx")
 def export(model: Path, output: Path) -> None:
     """Write a saved network as ONNX."""
-    print_text(api.model.load_model(model).export(output))
+    print_prose(api.model.load_model(model).export(output))

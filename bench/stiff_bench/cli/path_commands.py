@@ -22,7 +22,7 @@ from stiff_bench.cli.click_options import (
 )
 from stiff_bench.cli.help_pages import group
 from stiff_bench.cli.model_commands import model_file_option
-from stiff_bench.console import print_text, warnings_said
+from stiff_bench.console import print_prose, warnings_said
 
 FRAME = Numbers("six finite numbers, x,y,z in mm and a,b,c in deg", 6)
 load_option = click.option(
@@ -92,7 +92,7 @@ def example(**words: Any) -> None:
 
     Without --load, a quarter of the robot's payload pulls downwards.
     """
-    print_text(api.tool_paths.example_path(**words))
+    print_prose(api.tool_paths.example_path(**words))
 
 
 @path.command(epilog="bench path compensate --model my.stiff --path circle.csv --output new.csv")
@@ -168,7 +168,7 @@ def compensate(model: Path, points: Path, output: Path, **words: Any) -> None:
     The predicted deflection at the commanded pose is subtracted, until the loaded tool is predicted
     to be on the path. Its orientation does not change.
     """
-    found = api.model.load_model(model)
+    fitted = api.model.load_model(model)
     with warnings_said():
-        corrected = api.tool_paths.compensate_path(found, points, output, **words)
-    print_text(f"{output}: {found.name}, robot {found.fitted.robot_.name}; {corrected!r}")
+        corrected = api.tool_paths.compensate_path(fitted, points, output, **words)
+    print_prose(f"{output}: {fitted.name}, robot {fitted.fitted.robot_.name}; {corrected!r}")

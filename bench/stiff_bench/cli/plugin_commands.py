@@ -15,7 +15,7 @@ from stiff_bench.cli.click_options import (
     settings_option,
 )
 from stiff_bench.cli.help_pages import command, group
-from stiff_bench.console import print_text
+from stiff_bench.console import print_prose
 
 KINDS = ("models", "datasets", "protocols", "metrics", "figures")
 
@@ -37,7 +37,7 @@ def list_(kind: str, fmt: str) -> None:
 @plugin_option
 def show(key: str) -> None:
     """Explain a model, data set or protocol, with its options."""
-    print_text(api.registered.show(key))
+    print_prose(api.registered.show(key))
 
 
 @command(epilog="bench check my-model --plugin my_model.py")
@@ -56,7 +56,7 @@ def check(key: str, dataset: str, settings: tuple[str, ...]) -> int:
     Exit status: 0 no check failed; 1 a check failed; 2 it cannot be checked.
     """
     checked = api.registered.check(key, dataset=dataset, settings=settings)
-    print_text(repr(checked))
+    print_prose(repr(checked))
     return 0 if checked.kept else 1
 
 
@@ -70,4 +70,4 @@ def new() -> None:
 @click.option("--output", type=FILE, default=Path(), metavar="DIR", help="Folder to write to.")
 def model(name: str, output: Path) -> None:
     """Write a small working model and its test."""
-    print_text(api.registered.new_model(name, output))
+    print_prose(api.registered.new_model(name, output))

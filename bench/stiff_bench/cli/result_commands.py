@@ -24,7 +24,7 @@ from stiff_bench.cli.click_options import (
     selection_options,
 )
 from stiff_bench.cli.help_pages import command
-from stiff_bench.console import print_text, say
+from stiff_bench.console import print_prose, say
 
 if TYPE_CHECKING:
     from stiff_bench.analysis.selection import Selection
@@ -146,7 +146,7 @@ def figure(name: str, results: Path | None, output: Path | None, selection: Sele
     prepared = api.stored_results.figure(name, stored)
     target = output or Path(f"figure-{name}.png")
     prepared.save(target)
-    print_text(f"{target}: {prepared.title}. {prepared.caption}")
+    print_prose(f"{target}: {prepared.title}. {prepared.caption}")
 
 
 @command(epilog="bench merge laptop/runs server/runs --output results/runs")

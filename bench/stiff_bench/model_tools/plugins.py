@@ -57,8 +57,8 @@ class CheckResults:
         for check in self.checks:
             head = f"{_MARKS[check.status]} {check.name}"
             lines.append(f"{head}: {check.reason}" if check.reason else head)
-            if check.advice:
-                lines.append(wrapped(f"to fix it: {check.advice}", "    ", "    "))
+            if advice := check.advice[:1].lower() + check.advice[1:]:
+                lines.append(wrapped(f"to fix it: {advice}", "    ", "    "))
         statuses = [check.status for check in self.checks]
         counts = [f"{statuses.count(status)} {status}" for status in _MARKS]
         return "\n".join([*lines, "", ", ".join(counts)])

@@ -51,7 +51,7 @@ class Finished(BriefFields):
                 causes[result.cause or "error"] += 1
             else:
                 counts["cached" if result.cell.key in self.cached else result.status] += 1
-        words = [f"{counts['ok']} ok"]
+        words = [f"{counts['ok']} ok"] if counts["ok"] or not counts["cached"] else []
         if causes:
             numbered = [f"{number} {cause}" for cause, number in causes.most_common()]
             why = numbered if len(causes) > 1 else causes

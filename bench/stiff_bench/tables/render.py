@@ -9,7 +9,9 @@ import html
 import json
 import math
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from tabulate import tabulate
@@ -17,7 +19,7 @@ from tabulate import tabulate
 from stiff_bench.console import one_line
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import SCREEN, VALUE_FIELDS, Column, Entry, Table
-from stiff_bench.tables.terminal import screen_text
+from stiff_bench.tables.terminal import screen_console, screen_text
 
 
 def render(
@@ -39,7 +41,7 @@ def render(
     """
     tables = of_format(tables, fmt)
     if fmt == SCREEN:
-        return screen_text(tables, text=text, command=command)
+        return screen_text(tables, text=text)
     if fmt == "csv":
         return _csv(tables)
     if fmt == "json":
@@ -67,10 +69,14 @@ def of_format(tables: Sequence[Table], fmt: str) -> list[Table]:
 
 
 def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
-    """Return headings and cells in columns for a terminal, without the title; then the notes.
+    """Return headings and cells in columns, without the title; then the notes.
 
-    `widths` are those of columns that are broken into lines, characters.
+    On a terminal they are as narrow as it is. `widths` are those of columns that are broken into
+    lines elsewhere, characters.
     """
+    if sys.stdout.isatty():
+        untitled = replace(table, title="")
+        return screen_text([untitled], console=screen_console(colors=False)).strip("\n")
     body = _columns(table, "simple", str, maxcolwidths=[*widths] or None)
     return "\n".join([body, *table.notes])
 

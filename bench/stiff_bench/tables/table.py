@@ -138,7 +138,8 @@ BEST_MARK = "*"
 """Stands behind the best number of a column."""
 SCREEN = "screen"
 """Format of a terminal."""
-ALL_BUT_CSV = ("github", "latex", "html", "json", SCREEN)
+WRITTEN = ("github", "latex", "html", "json")
+"""Formats of long tables: not of a terminal, and not csv."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -155,6 +156,7 @@ class Table(BriefFields):
         details: too long to stand beneath it; json alone has them.
         brief: whether people see `MOST_NOTES` of its notes alone; json has all.
         formats: that hold it, as `render` names them; none: all.
+        best_first: whether the first row is the best.
     """
 
     title: str
@@ -166,6 +168,7 @@ class Table(BriefFields):
     details: Sequence[str] = ()
     brief: bool = False
     formats: Collection[str] = ()
+    best_first: bool = False
 
     @classmethod
     def of(

@@ -9,9 +9,11 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.console import one_line
+from stiff_bench.store.names import OPTION_MARK
 from stiff_bench.tables.table import BEST_MARK, Column, Entry, Table, quantity
 
 if TYPE_CHECKING:
@@ -40,10 +42,10 @@ def screen_console(width: int | None = None, *, colors: bool | None = None) -> C
     has_colors = terminal.is_terminal and terminal.color_system is not None
     if colors is None:
         colors = has_colors and "NO_COLOR" not in os.environ
-    found = width or (terminal.width if terminal.is_terminal else USUAL_WIDTH)
+    characters = width or (terminal.width if terminal.is_terminal else USUAL_WIDTH)
     return Console(
         file=io.StringIO(),
-        width=max(found, SMALLEST_WIDTH),
+        width=max(characters, SMALLEST_WIDTH),
         force_terminal=colors,
         color_system="standard" if colors else None,
         no_color=not colors,
@@ -55,14 +57,8 @@ def screen_console(width: int | None = None, *, colors: bool | None = None) -> C
     )
 
 
-def screen_text(
-    tables: Sequence[Table],
-    *,
-    text: str = "",
-    command: str = "",
-    console: Console | None = None,
-) -> str:
-    """Return tables as a terminal shows them; `text` stands above, `command` in the last line."""
+def screen_text(tables: Sequence[Table], *, text: str = "", console: Console | None = None) -> str:
+    """Return tables as a terminal shows them; `text` stands above."""
     console = console or screen_console()
     if text:
         print_lines(console, text, style="bold")
@@ -71,9 +67,6 @@ def screen_text(
         if number:
             console.print()
         print_table(console, table.shown())
-    if command:
-        console.print()
-        print_lines(console, f"made by: {command}", style="dim")
     return screen_of(console)
 
 
@@ -111,17 +104,26 @@ def _blocks(table: Table, width: int) -> Iterator[dict[int, int]]:
     widths[0] = min(widths[0], FIRST_COLUMN)
     spare = width - sum(widths) - GAP * len(widths)
     texts = [n for n in range(1, len(widths)) if table.columns[n].kind == "text"]
-    for number in sorted(texts, key=lambda one: -widths[one]):  # the longest is broken first
+    for number in (*sorted(texts, key=lambda n: -widths[n]), 0):  # the longest is broken first
         if spare < 0 and widths[number] > LONG_TEXT:
             narrower = max(LONG_TEXT, widths[number] + spare)
             spare += widths[number] - narrower
             widths[number] = narrower
     block = {0: widths[0]}
-    for number, of_column in enumerate(widths[1:], start=1):
-        if len(block) > 1 and sum(block.values()) + of_column + GAP * (len(block) + 1) > width:
-            yield block
+    numbers = range(1, len(widths))
+    for _, of_group in groupby(numbers, lambda number: table.columns[number].group or number):
+        group = [*of_group]
+        needed = sum(widths[number] + GAP for number in group)
+        room = width - sum(block.values()) - GAP * len(block)
+        if len(block) > 1 and needed > room and needed <= width - widths[0] - GAP:
+            yield block  # a group that fits a block is not divided
             block = {0: widths[0]}
-        block[number] = min(of_column, width - widths[0] - 2 * GAP)
+        for number in group:
+            room = width - sum(block.values()) - GAP * len(block)
+            if len(block) > 1 and widths[number] + GAP > room:
+                yield block
+                block = {0: widths[0]}
+            block[number] = min(widths[number], width - widths[0] - 2 * GAP)
     yield block
 
 
@@ -132,6 +134,8 @@ def _column_width(table: Table, number: int) -> int:
     column = table.columns[number]
     words = f"{column.group} {table.heading(column)}".split()
     cells = [one_line(column.text(row[number])) for row in table.rows]
+    if any(_is_best(row[number]) for row in table.rows):
+        cells = [cell if BEST_MARK in cell else f"{cell} {BEST_MARK}" for cell in cells]
     return max(map(cell_len, [*words, *cells]), default=1)
 
 
@@ -140,36 +144,45 @@ def _rich_table(table: Table, block: dict[int, int]) -> Any:
     from rich import table as rich_table
     from rich.text import Text
 
-    made = rich_table.Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, GAP, 0, 0))
+    made = rich_table.Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, GAP - 1, 0, 0))
     made.pad_edge = False
     above = ""
     for number, width in block.items():
         column = table.columns[number]
         group = "" if column.group == above else column.group
         above = column.group or above
-        grouped = any(table.columns[one].group for one in block)
-        heading = f"{group}\n{table.heading(column)}" if grouped else table.heading(column)
+        heading = "\n".join(filter(None, (group, table.heading(column))))
         made.add_column(
             Text(heading, style="bold"),
             justify="right" if column.kind == "number" else "left",
-            vertical="bottom" if column.kind == "number" else "top",
             width=width,
             overflow="fold",
         )
     for row in table.rows:
-        made.add_row(*(_cell(table.columns[number], row[number]) for number in block))
+        cells = [_cell(table.columns[n], row[n], width) for n, width in block.items()]
+        if table.best_first and row is table.rows[0]:
+            cells[0].stylize(f"bold {BETTER}")
+        made.add_row(*cells)
     return made
 
 
-def _cell(column: Column, entry: Entry) -> Any:
+def _is_best(entry: Entry) -> bool:
+    number = quantity(entry)
+    return number is not None and BEST_MARK in number.mark
+
+
+def _cell(column: Column, entry: Entry, width: int) -> Any:
     """Return a cell: the best of a column is bold, what is better or worse has a colour."""
     from rich.text import Text
 
     text = one_line(column.text(entry))
-    found = quantity(entry)
+    if column.kind == "text" and len(text) > width:
+        text = text.replace(OPTION_MARK, f"\n{OPTION_MARK}")
+    number = quantity(entry)
     style = ""
-    if found is not None and BEST_MARK in found.mark:
+    if _is_best(entry):  # in front, so that numbers stay below each other
+        text = f"{BEST_MARK} {text.removesuffix(BEST_MARK).rstrip()}"
         style = f"bold {BETTER}"
-    elif found is not None and column.by_sign and found.order:
-        style = BETTER if found.order * column.by_sign > 0.0 else WORSE
+    elif number is not None and column.by_sign and number.order:
+        style = BETTER if number.order * column.by_sign > 0.0 else WORSE
     return Text(text, style=style)
