@@ -7,10 +7,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from textwrap import fill
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from stiff_bench.console import one_line, printable
 from stiff_bench.tables.render import html_text, of_format, render
+from stiff_bench.tables.terminal import screen_console, screen_text
 from stiff_protocols.contract.screen import MOST_ROWS, WIDTH, html_block
 
 if TYPE_CHECKING:
@@ -40,8 +41,8 @@ class Text(str):
         return html_block(f'<pre style="white-space: pre-wrap;">{escape(printable(self))}</pre>')
 
 
-def short_table(table: Table, without: Collection[str] = ()) -> Table:
-    """Return the first rows of a table, without empty columns and those named in `without`."""
+def filled_table(table: Table, without: Collection[str] = ()) -> Table:
+    """Return a table for people, without empty columns and those named in `without`."""
     table = table.shown()
     texts = [*zip(*table.texts(), strict=True)]
     numbers = [
@@ -49,13 +50,16 @@ def short_table(table: Table, without: Collection[str] = ()) -> Table:
         for number, column in enumerate(table.columns)
         if column.name not in without and (not table.rows or {*texts[number]} != {"-"})
     ]
+    rows = [[row[number] for number in numbers] for row in table.rows]
+    return replace(table, columns=[table.columns[number] for number in numbers], rows=rows)
+
+
+def short_table(table: Table, without: Collection[str] = ()) -> Table:
+    """Return the first rows of a `filled_table`, with the number of the others."""
+    table = filled_table(table, without)
     n_more = len(table.rows) - MOST_ROWS
-    return replace(
-        table,
-        columns=[table.columns[number] for number in numbers],
-        rows=[[row[number] for number in numbers] for row in table.rows[:MOST_ROWS]],
-        notes=[*[f"... and {n_more} more rows"] * (n_more > 0), *table.notes],
-    )
+    notes = [*[f"... and {n_more} more rows"] * (n_more > 0), *table.notes]
+    return replace(table, rows=table.rows[:MOST_ROWS], notes=notes)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,6 +77,7 @@ class Tables:
     command: str
     text: str = ""
     about: Mapping[str, object] = field(default_factory=dict)
+    _details: ClassVar[Collection[str]] = ()
 
     def frame(self) -> DataFrame:
         """Return the numbers as tidy data: a row a number."""
@@ -90,7 +95,8 @@ class Tables:
 
     def _repr_html_(self) -> str:
         """Return the text and the tables, with titles no larger than a notebook's text."""
-        page = render(self.tables, "html", "")
+        tables = [filled_table(table, self._details) for table in of_format(self.tables, "html")]
+        page = render(tables, "html", "")
         for tag, small in (("<h2>", "<p><strong>"), ("</h2>", "</strong></p>"), ("<ul></ul>", "")):
             page = page.replace(tag, small)
         text = f"<p><strong>{html_text(one_line(self.text))}</strong></p>\n" if self.text else ""
@@ -100,18 +106,14 @@ class Tables:
 class Comparison(Tables):
     """A comparison of two models: a terminal shows its first table, a notebook and files all."""
 
+    _details = ("splits", "p", "P(A better)", "P(equivalent)", "P(B better)", "interval over poses")
+    """Columns that only files have."""
+
     def __repr__(self) -> str:
         """Return the verdict with the differences in a screen."""
-        return screen([short_table(self.tables[0], without=_DETAILS)], self.text)
-
-
-_DETAILS = ("splits", "p", "P(A better)", "P(equivalent)", "P(B better)", "interval over poses")
-"""Columns of a comparison that a screen has no room for."""
+        return screen([short_table(self.tables[0], self._details)], self.text)
 
 
 def screen(tables: Sequence[Table], text: str = "") -> str:
     """Return tables in lines that a screen has room for; `text` stands above."""
-    from stiff_bench.tables.terminal import screen_console, screen_text
-
-    lines = screen_text(tables, text=text, console=screen_console(WIDTH, colors=False))
-    return "\n".join(line.rstrip() for line in lines.splitlines())
+    return screen_text(tables, text=text, console=screen_console(WIDTH, colors=False))
