@@ -71,7 +71,8 @@ def comparison_tables(report: ModelComparison) -> list[Table]:
     ]
     estimates = replace(_estimates(report), about={**about, "table": "estimates"})
     notes = shown[-1].notes
-    on_screen = replace(_differences(report), notes=notes, brief=True, formats=(SCREEN,))
+    differences = replace(_differences(report), about={**about, "table": "differences"})
+    on_screen = replace(differences, notes=notes, brief=True, formats=(SCREEN,))
     return [*shown, replace(estimates, formats=("csv", "json")), on_screen]
 
 
