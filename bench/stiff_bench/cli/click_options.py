@@ -245,8 +245,10 @@ format_option = click.option(
     "--format",
     "fmt",
     type=FORMATS,
+    metavar="FORMAT",
     callback=lambda _, __, fmt: fmt or (SCREEN if sys.stdout.isatty() else "github"),
-    help="Format of standard output.  [default: on a terminal, tables that fit it; else github]",
+    help="Format of tables: github, latex, csv, html or json.  [default: on a terminal, tables "
+    "that fit it; else github]",
 )
 
 
