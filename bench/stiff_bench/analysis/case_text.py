@@ -204,7 +204,12 @@ def case_notes(case: ScoredCase) -> list[str]:
 
 
 def answer_screen(
-    answer: Answer, facts: str = "", *, verbose: bool = False, console: Console | None = None
+    answer: Answer,
+    facts: str = "",
+    *,
+    options: str = "",
+    verbose: bool = False,
+    console: Console | None = None,
 ) -> str:
     """Return an answer as a terminal shows it: a table, the verdict, facts, and what to do next.
 
@@ -213,6 +218,7 @@ def answer_screen(
     Args:
         answer: at least one comparison.
         facts: what was run, and where it is stored.
+        options: of the next commands, after a space, such as " --results my/runs".
         verbose: with every note.
         console: of `screen_console`; None: that of the terminal.
     """
@@ -236,7 +242,7 @@ def answer_screen(
     for note in notes.notes:
         print_lines(console, note, style="dim")
     best = next((model.name for model in answer.models if model.name != REFERENCE_MODEL), "")
-    compared = f"bench compare {shlex.quote(best)} {REFERENCE_MODEL} · " if best else ""
-    report = "bench report --output report.html"
+    compared = f"bench compare {shlex.quote(best)} {REFERENCE_MODEL}{options} · " if best else ""
+    report = f"bench report{options} --output report.html"
     print_lines(console, f"Next: {compared}{report} · more metrics: --metric stde", style="dim")
     return screen_of(console)

@@ -12,7 +12,6 @@ import numpy as np
 
 from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of
 from stiff_bench.api.registered import registry
-from stiff_bench.api.stored_results import metric_lines
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.options import Choice
@@ -21,6 +20,7 @@ from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import left_out_errors, whole_fit
 from stiff_bench.tables.fit_notes import springs_table
+from stiff_bench.tables.metric_table import metric_lines
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import counted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,13 +16,13 @@ from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
 from stiff_bench.api.tables import Comparison, Tables, screen, short_table
 from stiff_bench.store.database import read_results
-from stiff_bench.tables.metric_table import build_tables
+from stiff_bench.tables.metric_table import build_tables, metric_lines
 from stiff_bench.tables.table import SCREEN
-from stiff_bench.tables.units import MM, PRINTED, counted, first_few
+from stiff_bench.tables.units import MM, counted, first_few
 from stiff_protocols.contract.errors import ConfigError, unknown_name
-from stiff_protocols.contract.record import CellResult, Cost
-from stiff_protocols.contract.types import AXES, Prediction
-from stiff_protocols.scoring.metrics import METRICS, metric
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import AXES
+from stiff_protocols.scoring.metrics import metric
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -248,7 +249,9 @@ class Results:
             answer = self.answer()
         except ConfigError:
             return "\n".join([self.table(verbose=verbose).text_as(SCREEN), *facts])
-        return answer_screen(answer, ". ".join([*facts, ""]).strip(), verbose=verbose)
+        options = "" if self.folder == RESULTS else f" --results {shlex.quote(str(self.folder))}"
+        text = ". ".join([*facts, ""]).strip()
+        return answer_screen(answer, text, options=options, verbose=verbose)
 
     def plot(self, name: str = "scores") -> Prepared:
         """Return a figure of the results; see `figure` and `list_figures`."""
@@ -354,20 +357,6 @@ class Results:
 
     def _repr_html_(self) -> str:
         return self._view()._repr_html_()
-
-
-def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:
-    """Return every metric as lines of tidy data, in the units that they are printed in."""
-    return [
-        {
-            "metric": metric.key,
-            "axis": axis,
-            "value": value * PRINTED[metric.unit][1],
-            "unit": PRINTED[metric.unit][0],
-        }
-        for metric in METRICS.values()
-        for axis, value in metric.values(prediction, cost).items()
-    ]
 
 
 def _about(one: CellResult) -> dict[str, Any]:

@@ -102,7 +102,7 @@ def run(
     data: Sequence[api.data_sets.Dataset],
     **words: Any,
 ) -> int:
-    """Fit and test models; print a table per data set and protocol.
+    """Fit and test models; print which is best, and how sure that is.
 
     A fit is one model, trained and tested on one split. The VJM is always included as the
     baseline. Results are saved in --output at once; the same command continues an interrupted run.

@@ -19,7 +19,7 @@ from stiff_bench.tables.published import MARK, NOTE, published_errors
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.record import CellResult, Presentation
+from stiff_protocols.contract.record import CellResult, Cost, Presentation
 from stiff_protocols.contract.types import AXES, KNOWN, Interval, Prediction
 from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric
 
@@ -213,6 +213,20 @@ def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> V
             if all(axis in values for values in each):  # none where a split lacks it
                 found[metric.key, axis] = mean_over([values[axis] * factor for values in each])
     return found
+
+
+def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:
+    """Return every metric as lines of tidy data, in the units that they are printed in."""
+    return [
+        {
+            "metric": metric.key,
+            "axis": axis,
+            "value": value * PRINTED[metric.unit][1],
+            "unit": PRINTED[metric.unit][0],
+        }
+        for metric in METRICS.values()
+        for axis, value in metric.values(prediction, cost).items()
+    ]
 
 
 def values_of_splits(metric: Metric, results: Sequence[CellResult]) -> list[dict[str, float]]:
