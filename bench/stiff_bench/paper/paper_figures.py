@@ -44,7 +44,7 @@ def _setting(*shown: Found) -> str:
 
 
 def figure_4(_: PaperResults) -> Prepared:
-    """Show predicted against true deflection of the VJM, fitted to the same samples."""
+    """Show errors over true deflection of the VJM, fitted to the same samples."""
     tested = fitted_vjm()[0]
     n_samples = f"the same {len(tested.rows)} samples that are shown"
     about = f"the linear VJM (vjm), fitted to {n_samples} (no split). {DATA}."
@@ -52,12 +52,12 @@ def figure_4(_: PaperResults) -> Prepared:
 
 
 def figure_8(results: PaperResults) -> Prepared:
-    """Show predicted against true deflection of DT-CNN."""
+    """Show errors over true deflection of DT-CNN."""
     return _tested(8, ("DT-CNN",), results)
 
 
 def figure_9(results: PaperResults) -> Prepared:
-    """Show predicted against true deflection of FT-MLP and the VJM."""
+    """Show errors over true deflection of FT-MLP and the VJM."""
     return _tested(9, (NEW, OLD), results)
 
 
@@ -85,7 +85,9 @@ def _regression(
         f"(its Table {table})."
     )
     paint = partial(regression_figure, tested, published)
-    return Prepared(f"Predicted against true deflection, {title}", caption, paint)
+    return Prepared(
+        f"Error over true deflection, {title}", caption, paint, f"{DATASET} (simulated)"
+    )
 
 
 def figure_6(results: PaperResults) -> Prepared:
@@ -101,7 +103,7 @@ def figure_6(results: PaperResults) -> Prepared:
         "The paper's Figure 6: ft-mlp with one hidden layer unfrozen (dashed) or two. (a) "
         "Validation loss of the fine-tuning, first split; mark: least of the stored epochs. (b) "
         "MAE of the test part at the epoch that was kept, all axes together; symbol: mean over the "
-        f"splits, bars: splits. {_setting(found)}"
+        f"splits, ticks: splits, dashed line: the VJM. {_setting(found)}"
     )
     linear = [variants.mean_absolute_error_mm(one) for one in vjm if slot_of(one) in slots]
     paint = partial(_draw_strategies, curves, errors, linear)
@@ -125,10 +127,11 @@ def _draw_strategies(
     left.set(xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]")
     style.plain_numbers(left.xaxis)
     style.plain_numbers(left.yaxis, style.FINE_STEPS)
-    if left.lines:
-        style.share_legend(figure, [left])
     variants.draw_strategies(right, errors, linear)
+    left.set_title("fine-tuning, first split", loc="left")
+    right.set_title("errors of the splits", loc="left")
     style.name_panels([left, right])
+    style.share_legend(figure, [left, right], ncols=6)
     return figure
 
 
