@@ -33,6 +33,7 @@ from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES, Prediction
 
 DATA = f"Data: {DATASET}, simulated: the paper's measurements are not public"
+SUBTITLE = f"{DATASET} (simulated)"
 PANEL_INCH = 2.7
 QUANTITIES = ("MAE", "STDE")
 
@@ -107,7 +108,7 @@ def figure_6(results: PaperResults) -> Prepared:
     )
     linear = [variants.mean_absolute_error_mm(one) for one in vjm if slot_of(one) in slots]
     paint = partial(_draw_strategies, curves, errors, linear)
-    return Prepared("One unfrozen layer against two", caption, paint)
+    return Prepared("One unfrozen layer against two", caption, paint, SUBTITLE)
 
 
 def _draw_strategies(
@@ -160,7 +161,7 @@ def figure_5(results: PaperResults) -> Prepared:
         f"{_setting(found, early, trained)}"
     )
     paint = partial(_draw_networks, found.each, early.each, curves)
-    return Prepared("Depth, width and pre-training of the network", caption, paint)
+    return Prepared("Depth, width and pre-training of the network", caption, paint, SUBTITLE)
 
 
 def _published_on_source(quantity: str) -> pd.DataFrame:

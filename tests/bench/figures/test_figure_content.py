@@ -80,6 +80,26 @@ def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
         np.testing.assert_allclose(points.get_array(), [0.1, 0.2, 0.3, 0.4])
 
 
+def test_a_workspace_shows_the_difference_to_the_vjm_on_a_scale_around_zero(tmp_path):
+    MadeResults(tmp_path).add("net", [[1.0, 2.0, 3.0, 1.5]])
+    figure = FIGURES["workspace"](FigureSource.of(tmp_path)).draw()
+    (difference,) = (axes for axes in figure.axes if "VJM" in axes.get_title(loc="left"))
+    (points,) = difference.collections
+    vjm_mm = np.sqrt(3.0)  # of these made results: 1 mm along each axis
+    np.testing.assert_allclose(np.sort(points.get_array()), np.array([1.0, 1.5, 2.0, 3.0]) - vjm_mm)
+    assert points.norm.vmin == -points.norm.vmax
+
+
+def test_a_workspace_draws_the_arm_from_its_base_to_a_tcp(tmp_path):
+    MadeResults(tmp_path).add("vjm", [0.1])
+    source = FigureSource.of(tmp_path)
+    side, above, *_ = FIGURES["workspace"](source).draw().axes
+    data = read_data(tmp_path, source.compared(1).case.name.data_sha256)
+    arm = np.column_stack([above.lines[0].get_xydata(), side.lines[0].get_ydata()])
+    np.testing.assert_allclose(arm[0], 0.0)
+    assert np.isclose(arm[-1], data.tcp).all(axis=1).any()
+
+
 def test_a_calibration_has_a_panel_for_each_coverage_that_every_split_has(tmp_path):
     made = MadeResults(tmp_path)
     for coverage in (0.8, 0.5, 0.9):  # the newest, of one split, is what other figures show
