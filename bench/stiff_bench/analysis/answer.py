@@ -170,11 +170,13 @@ class Answer(BriefFields):
 
     @cached_property
     def columns(self) -> tuple[MatrixColumn, ...]:
-        """Columns of the matrix, measured data sets first."""
+        """Columns of the matrix, measured data sets first; those of a data set are neighbours."""
         by_heading = grouped(
             self.cases, lambda case: (family_of(case.name), case.name.protocol, case.name.condition)
         )
-        return tuple(MatrixColumn(*name, tuple(of)) for name, of in by_heading.items())
+        order = list(self.datasets)
+        columns = [MatrixColumn(*name, tuple(of)) for name, of in by_heading.items()]
+        return tuple(sorted(columns, key=lambda column: order.index(column.dataset)))
 
     def column_error(self, model: str, column: MatrixColumn) -> float | None:
         """Return a model's mean score over a column's comparisons; None: it lacks one."""

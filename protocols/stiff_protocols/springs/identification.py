@@ -100,7 +100,7 @@ class Identified(BriefFields):
         Those of springs that are not identifiable are the prior's, narrowed by the data.
         """
         reach = float(ndtri(0.5 + coverage / 2.0)) * self.log_error
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ends = np.exp(np.stack([-reach, reach], axis=1)) / self.compliance[:, None]
         return np.asarray(ends)
 
