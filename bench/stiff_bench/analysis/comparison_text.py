@@ -295,32 +295,34 @@ def _cases(report: ModelComparison) -> Table:
 
 def _differences(report: ModelComparison) -> Table:
     """Return a row a case for a terminal: change in mm and %, deciding interval and verdict."""
-    called = label_parts(one.name for one in report.comparisons)
+    called = label_parts(comparison.name for comparison in report.comparisons)
     interval = f"{percent(report.question.confidence)} interval"
     return Table.of(
         f"A = {report.a}, B = {report.b} · mean 3-D error in mm",
         [
-            _text_column("comparison", lambda one: Name(_joined(*called[one.name]), _marks(one))),
+            _text_column(
+                "comparison", lambda pair: Name(_joined(*called[pair.name]), _marks(pair))
+            ),
             *(
                 Column(name, format=".3f", value=partial(_mean, number))
                 for number, name in enumerate("AB")
             ),
-            Column("A - B", format="+.3f", value=lambda one: MM * one.row(NORM).difference),
+            Column("A - B", format="+.3f", value=lambda case: MM * case.row(NORM).difference),
             Column("change", unit="%", format="+.0f", by_sign=-1, value=_change),
-            Column(interval, format="+.3f", value=lambda one: _interval(one.row(NORM).cautious)),
-            _text_column("verdict", lambda one: _brief_verdict(one.row(NORM))),
+            Column(interval, format="+.3f", value=lambda case: _interval(case.row(NORM).cautious)),
+            _text_column("verdict", lambda case: _brief_verdict(case.row(NORM))),
         ],
         report.comparisons,
         unit=_UNIT,
     )
 
 
-def _mean(number: int, found: Comparison) -> float:
-    return MM * found.row(NORM).means[number]
+def _mean(number: int, comparison: Comparison) -> float:
+    return MM * comparison.row(NORM).means[number]
 
 
-def _change(found: Comparison) -> Entry:
-    a, b = found.row(NORM).means
+def _change(comparison: Comparison) -> Entry:
+    a, b = comparison.row(NORM).means
     return 100.0 * (a / b - 1.0) if b else None
 
 
@@ -329,8 +331,8 @@ def _brief_verdict(row: Row) -> str:
     if row.verdict != "open" or row.over_splits is None:
         return "open" if row.verdict == "open" else _verdict(row)
     sure = disagreement(row.over_splits, row.over_poses)
-    other = {"splits": "poses", "poses": "splits"}.get(sure, "")
-    return f"open ({sure}: yes, {other}: no)" if sure else "open"
+    unsure = {"splits": "poses", "poses": "splits"}.get(sure, "")
+    return f"open ({sure}: yes, {unsure}: no)" if sure else "open"
 
 
 def _places(report: ModelComparison, places: Sequence[Place]) -> Table:

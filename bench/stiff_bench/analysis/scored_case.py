@@ -112,9 +112,9 @@ class ScoredCase(BriefFields):
     def known(self, name: str) -> list[CellResult]:
         """Return what a simulation knows on these splits, a name of `KNOWN`; else nothing."""
         for results in self.results.values():
-            known = [one for result in results if (one := known_result(result, name)) is not None]
-            if known and len(known) == len(results):
-                return known
+            bounds = [known_result(result, name) for result in results]
+            if bounds and all(bound is not None for bound in bounds):
+                return [bound for bound in bounds if bound is not None]
         return []
 
     def mean(self, model: str) -> float:

@@ -86,7 +86,7 @@ DISAGREEMENTS: dict[str, str] = {
 
 def disagreement(splits: Estimate, poses: Estimate) -> Literal["", "splits", "poses"]:
     """Return which of two intervals alone excludes zero; "" where both do or none does."""
-    is_sure = [one.low > 0.0 or one.high < 0.0 for one in (splits, poses)]
+    is_sure = [estimate.low > 0.0 or estimate.high < 0.0 for estimate in (splits, poses)]
     if is_sure == [True, False]:
         return "splits"
     return "poses" if is_sure == [False, True] else ""

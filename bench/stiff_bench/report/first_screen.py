@@ -123,7 +123,7 @@ class FirstScreen:
         return WIDTH
 
     @property
-    def one(self) -> float:
+    def model(self) -> float:
         """Position of the VJM on the axis, px."""
         return next(at for at, label in self.ticks if label == f"1{TIMES}")
 
@@ -132,8 +132,8 @@ def first_screen(answer: Answer, notes: Sequence[str] = ()) -> FirstScreen:
     """Return the texts and chart positions of an answer; `notes` are those on left-out results."""
     ratios = [
         ratio
-        for one in answer.models
-        for ratio in (one.ratio, one.low, one.high, one.smallest, one.largest)
+        for model in answer.models
+        for ratio in (model.ratio, model.low, model.high, model.smallest, model.largest)
         if ratio is not None
     ]
     axis = Axis.over(ratios)
@@ -153,11 +153,11 @@ def first_screen(answer: Answer, notes: Sequence[str] = ()) -> FirstScreen:
         f"median {answer.key.metric.label}{f' [{unit}]' if unit else ''}",
         _chart_heading(answer),
         axis.ticks,
-        [_model_row(answer, one, axis) for one in answer.models],
+        [_model_row(answer, model, axis) for model in answer.models],
         f"{answer.key.text} by data set and protocol",
         [_matrix_part(answer, columns) for columns in _parts(answer.columns)],
         f"Show all {' and '.join(more)}" if more else "",
-        list(dict.fromkeys([*caveats_of(one.case for one in answer.cases), *notes])),
+        list(dict.fromkeys([*caveats_of(case.case for case in answer.cases), *notes])),
     )
 
 
@@ -271,12 +271,15 @@ def _matrix_part(answer: Answer, columns: Sequence[MatrixColumn]) -> MatrixPart:
         return NONE if error is None else f"{factor * error:{written}}"
 
     best = [answer.best_of(column) for column in columns]
-    headings = [f"{one.dataset} (measured)" if one.is_measured else one.dataset for one in columns]
+    headings = [
+        f"{column.dataset} (measured)" if column.is_measured else column.dataset
+        for column in columns
+    ]
     floors = [answer.column_noise(column) for column in columns]
     return MatrixPart(
         [(name, len(list(same))) for name, same in groupby(headings)],
-        [", ".join(filter(None, (one.protocol, one.condition))) for one in columns],
-        [one.text for one in columns],
+        [", ".join(filter(None, (column.protocol, column.condition))) for column in columns],
+        [column.text for column in columns],
         [
             (
                 str(Name(model.name, model.mark)),

@@ -82,7 +82,7 @@ def blocks_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> list[
         words = ", ".join(f"{kind} {word}" for kind, word in selection.options)
         raise ConfigError(f"{words}: nothing in {folder} is of all of these")
     asked = {
-        case: [one for name, one in case.competitors.items() if selection.takes(name)]
+        case: [model for name, model in case.competitors.items() if selection.takes(name)]
         for case in chosen
     }
     shown = StoredResults(folder, chosen, stored.runs)
@@ -106,26 +106,26 @@ def _first_block(shown: StoredResults, asked: Asked, choice: PageOptions, key: S
     """Return the answer, or why there is none; its heading counts what the folder holds."""
     cases = [*asked]
     notes = [*same_name_other_data(cases, shown.data_of), *left_out_notes(cases)]
-    models = {one.name for of_case in asked.values() for one in of_case}
+    models = {model.name for of_case in asked.values() for model in of_case}
     heading = _counts(asked)
     try:
         answer = Answer.of(shown, key, cases, models, seed=choice.seed)
     except (ConfigError, StoreError) as error:
         return Block(heading, [f"No answer: {str(error).removesuffix('.')}."], notes=notes)
-    left_out = [f"{name} is left out: it {why}." for name, why in answer.left_out.items()]
+    left_out = [f"{name} is left out: it {reason}." for name, reason in answer.left_out.items()]
     return Block(heading, screen=first_screen(answer, [*notes, *left_out]))
 
 
 def _counts(asked: Asked) -> str:
     """Return the number of models, data sets, protocols and fits, in one line."""
-    competitors = [one for of_case in asked.values() for one in of_case]
-    failures = [failure for one in competitors for failure in one.failures.values()]
+    competitors = [model for of_case in asked.values() for model in of_case]
+    failures = [failure for model in competitors for failure in model.failures.values()]
     n_skipped = sum(failure.status == "skipped" for failure in failures)
     words = [
-        counted(len({one.name for one in competitors}), "model"),
+        counted(len({model.name for model in competitors}), "model"),
         counted(len({family_of(case.name) for case in asked}), "data set"),
         counted(len({case.name.protocol for case in asked}), "protocol"),
-        counted(sum(len(one.done) for one in competitors), "fit"),
+        counted(sum(len(model.done) for model in competitors), "fit"),
         f"{len(failures) - n_skipped} failed",
         *([f"{n_skipped} skipped"] if n_skipped else []),
     ]

@@ -109,7 +109,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
         *(Column("TCP, frame of the last link [m]", "text"), Column("samples"), Column("poses")),
     ]
     tables = [Table("Data sets", columns, rows), _stiffnesses(cases, data_of)]
-    return Block("Robots and data", tables=[one for one in tables if one.rows], folded=True)
+    return Block("Robots and data", tables=[table for table in tables if table.rows], folded=True)
 
 
 def _tcp(data: StoredData) -> str:
