@@ -123,7 +123,7 @@ class FirstScreen:
         return WIDTH
 
     @property
-    def model(self) -> float:
+    def reference_x(self) -> float:
         """Position of the VJM on the axis, px."""
         return next(at for at, label in self.ticks if label == f"1{TIMES}")
 

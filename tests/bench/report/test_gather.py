@@ -74,12 +74,12 @@ def test_a_chart_places_ratios_on_one_logarithmic_axis(results):
     first, *_ = blocks_of(results.folder).values()
     screen = first.screen
     place = {model.name: model.chart for model in screen.models}
-    assert place["vjm"].dot == screen.one  # the VJM's ratio is 1
+    assert place["vjm"].dot == screen.reference_x  # the VJM's ratio is 1
     assert place["gp"].dot < place["mlp"].dot
     assert all(chart.low <= chart.dot <= chart.high for chart in place.values())
     x, labels = zip(*screen.ticks, strict=True)
     steps = [b - a for a, b in pairwise(x)]
-    assert max(steps) - min(steps) < 0.2 and labels[x.index(screen.one)].startswith("1")
+    assert max(steps) - min(steps) < 0.2 and labels[x.index(screen.reference_x)].startswith("1")
 
 
 def test_many_models_and_columns_are_one_click_away(tmp_path):
