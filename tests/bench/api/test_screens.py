@@ -14,7 +14,7 @@ import stiffbench as sb
 from stiff_protocols.contract.errors import ConfigError, NotFittedError
 
 HOSTILE = "<script>$x$\x1b[2J[red]"
-MOST_CHARACTERS, MOST_LINES, WIDTH = 2000, 25, 100
+MOST_CHARACTERS, MOST_LINES, WIDTH = 2000, 28, 100
 DOCUMENTS = (sb.Tables, str)
 """What was asked for as a table or a text is printed as it is."""
 BUILT_IN = (str, int, float, bool, bytes, type, np.ndarray, np.generic, pd.DataFrame)
