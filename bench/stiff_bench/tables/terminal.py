@@ -25,6 +25,8 @@ FIRST_COLUMN = 36
 """Widest first column; longer names lose their middle."""
 LONG_TEXT = 24
 """A column of texts with more characters may be broken into lines."""
+ONE_LINE = 10
+"""Longest heading that is not broken, characters."""
 GAP = 2
 BETTER, WORSE = "green", "red"
 
@@ -132,7 +134,8 @@ def _column_width(table: Table, number: int) -> int:
     from rich.cells import cell_len
 
     column = table.columns[number]
-    words = f"{column.group} {table.heading(column)}".split()
+    heading = table.heading(column)
+    words = [*column.group.split(), *([heading] if len(heading) <= ONE_LINE else heading.split())]
     cells = [one_line(column.text(row[number])) for row in table.rows]
     if any(_is_best(row[number]) for row in table.rows):
         cells = [cell if BEST_MARK in cell else f"{cell} {BEST_MARK}" for cell in cells]
