@@ -61,7 +61,9 @@ class Results:
         protocols: Sequence[str] = (),
         conditions: Sequence[str] = (),
     ) -> Results:
-        """Return the results of these alone: names, or keys for all variants; none stands for all.
+        """Return the results of these: names, or keys for all variants.
+
+        An argument that is not given keeps the earlier choice.
 
         Args:
             models: such as "vjm" or "ft-mlp@freeze=full".
@@ -69,8 +71,16 @@ class Results:
             protocols: such as "holdout".
             conditions: of the protocols, such as "n = 40".
         """
-        words = map(tuple, (models, datasets, protocols, conditions))
-        return replace(self, selection=Selection(*words))
+        chosen = self.selection
+        return replace(
+            self,
+            selection=Selection(
+                tuple(models) or chosen.models,
+                tuple(datasets) or chosen.datasets,
+                tuple(protocols) or chosen.protocols,
+                tuple(conditions) or chosen.conditions,
+            ),
+        )
 
     @cached_property
     def cells(self) -> tuple[CellResult, ...]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from stiff_bench.console import one_line, printable
 from stiff_bench.tables.render import html_text, of_format, render
+from stiff_bench.tables.table import SCREEN
 from stiff_bench.tables.terminal import screen_console, screen_text
 from stiff_protocols.contract.screen import MOST_ROWS, WIDTH, html_block
 
@@ -104,14 +105,14 @@ class Tables:
 
 
 class Comparison(Tables):
-    """A comparison of two models: a terminal shows its first table, a notebook and files all."""
+    """A comparison of two models: a terminal shows the differences, a notebook and files all."""
 
     _details = ("splits", "p", "P(A better)", "P(equivalent)", "P(B better)", "interval over poses")
     """Columns that only files have."""
 
     def __repr__(self) -> str:
         """Return the verdict with the differences in a screen."""
-        return screen([short_table(self.tables[0], self._details)], self.text)
+        return screen([*map(short_table, of_format(self.tables, SCREEN))], self.text)
 
 
 def screen(tables: Sequence[Table], text: str = "") -> str:

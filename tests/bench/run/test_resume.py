@@ -32,7 +32,7 @@ from stiff_protocols.contract.errors import StoreError
 PLUGIN = Path(hostile_models.__file__)
 N_SPLITS = 8
 N_CELLS = 2 * N_SPLITS  # with the reference model
-SLOW_RUN = ["run", "--plugin", str(PLUGIN), "--model", "DetachesAChild@seconds=0.12"]
+SLOW_RUN = ["run", "--plugin", str(PLUGIN), "--model", "DetachesAChild@seconds=0.3"]
 SLOW_RUN += ["--splits", str(N_SPLITS), "--output", "out"]
 RERUN = {name: Execution(rerun=name) for name in ("missing", "failed", "all")}
 
