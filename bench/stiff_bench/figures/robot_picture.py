@@ -143,7 +143,9 @@ def robot_figure(arm: LoadedArm) -> Figure:
     def flat(points: FloatArray) -> FloatArray:
         return np.column_stack([points @ right, points[..., 2]])
 
-    figure = Figure(figsize=(SIZE_INCH[0], SIZE_INCH[1]))  # no layout engine: limits are chosen for this panel
+    figure = Figure(
+        figsize=(SIZE_INCH[0], SIZE_INCH[1])
+    )  # no layout engine: limits are chosen for this panel
     corner, size = CORNER_INCH / SIZE_INCH, PANEL_INCH / SIZE_INCH
     axes = figure.add_axes((*corner, *size))
     beside = figure.add_axes((corner[0] + size[0], corner[1], 1.0 - corner[0] - size[0], size[1]))
@@ -338,12 +340,9 @@ def _joint_compliances(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)  # such as joints that nothing turns
         fitted, _ = whole_fit(choice, samples, robot)
-    lacking = "" if model is None else f", because {model_name} has no springs of joints"
     found: IdentifiedSprings = fitted.springs_
-    return (
-        found.compliance,
-        f"the joint stiffnesses of {REFERENCE_MODEL}, fitted to the samples{lacking}",
-    )
+    why = "" if model is None else f"; {model_name} has no joint stiffnesses"
+    return found.compliance, f"stiffness ({REFERENCE_MODEL}, fitted to the samples{why})"
 
 
 def _check_same_robot(fitted: Robot, robot: Robot, q: FloatArray, model: str, about: str) -> None:
