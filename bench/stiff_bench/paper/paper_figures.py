@@ -1,7 +1,7 @@
 """The source paper's figures, by their numbers: ours, with what the paper prints beside them.
 
-Figures 4, 8 and 9 are regression diagrams, 5 has depth, width and pre-training of the network, 6
-one unfrozen layer against two.
+Figures 4, 8 and 9 show errors over true deflections, 5 has depth, width and pre-training of the
+network, 6 one unfrozen layer against two.
 """
 
 from __future__ import annotations
@@ -33,6 +33,9 @@ from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES, Prediction
 
 DATA = f"Data: {DATASET}, simulated: the paper's measurements are not public"
+SIMULATED = f"{DATASET} (simulated)"
+SUBTITLE = f"{SIMULATED}, {PAPER_PROTOCOL}"
+"""What stands in the pictures of stored results."""
 PANEL_INCH = 2.7
 QUANTITIES = ("MAE", "STDE")
 
@@ -44,20 +47,21 @@ def _setting(*shown: Found) -> str:
 
 
 def figure_4(_: PaperResults) -> Prepared:
-    """Show predicted against true deflection of the VJM, fitted to the same samples."""
+    """Show the error over the true deflection of the VJM, fitted to the same samples."""
     tested = fitted_vjm()[0]
     n_samples = f"the same {len(tested.rows)} samples that are shown"
     about = f"the linear VJM (vjm), fitted to {n_samples} (no split). {DATA}."
-    return _regression(4, "VJM fitted to them", about, {"vjm": tested}, table=2)
+    shown = f"{SIMULATED}, fitted samples"
+    return _regression(4, "VJM fitted to them", about, {"vjm": tested}, shown, table=2)
 
 
 def figure_8(results: PaperResults) -> Prepared:
-    """Show predicted against true deflection of DT-CNN."""
+    """Show the error over the true deflection of DT-CNN."""
     return _tested(8, ("DT-CNN",), results)
 
 
 def figure_9(results: PaperResults) -> Prepared:
-    """Show predicted against true deflection of FT-MLP and the VJM."""
+    """Show the error over the true deflection of FT-MLP and the VJM."""
     return _tested(9, (NEW, OLD), results)
 
 
@@ -70,13 +74,19 @@ def _tested(number: int, methods: Sequence[str], results: PaperResults) -> Prepa
     tested = {one: pooled_prediction(found.results[METHODS[one].name]) for one in methods}
     names = " and ".join(f"{method} ({METHODS[method].name})" for method in methods)
     about = f"{names} on the test samples of all splits. {_setting(found)}"
-    return _regression(number, " and ".join(methods), about, tested, table=10)
+    return _regression(number, " and ".join(methods), about, tested, SUBTITLE, table=10)
 
 
 def _regression(
-    number: int, title: str, about: str, tested: Mapping[str, Prediction], *, table: int
+    number: int,
+    title: str,
+    about: str,
+    tested: Mapping[str, Prediction],
+    subtitle: str,
+    *,
+    table: int,
 ) -> Prepared:
-    """Draw predictions of methods, with their mean absolute errors in a table of the paper."""
+    """Draw errors of methods, with their mean absolute errors in a table of the paper."""
     errors = published_errors(f"table_{table}")
     # m; the paper has its methods in capitals
     published = {name: [errors[name.upper()]["mae", at] / MM for at in AXES] for name in tested}
@@ -85,7 +95,7 @@ def _regression(
         f"(its Table {table})."
     )
     paint = partial(regression_figure, tested, published)
-    return Prepared(f"Predicted against true deflection, {title}", caption, paint)
+    return Prepared(f"Error over true deflection, {title}", caption, paint, subtitle)
 
 
 def figure_6(results: PaperResults) -> Prepared:
@@ -105,7 +115,7 @@ def figure_6(results: PaperResults) -> Prepared:
     )
     linear = [variants.mean_absolute_error_mm(one) for one in vjm if slot_of(one) in slots]
     paint = partial(_draw_strategies, curves, errors, linear)
-    return Prepared("One unfrozen layer against two", caption, paint)
+    return Prepared("One unfrozen layer against two", caption, paint, SUBTITLE)
 
 
 def _draw_strategies(
@@ -125,10 +135,13 @@ def _draw_strategies(
     left.set(xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]")
     style.plain_numbers(left.xaxis)
     style.plain_numbers(left.yaxis, style.FINE_STEPS)
+    variants.draw_strategies(right, errors, linear)
+    left.set_title("fine-tuning, first split", loc="left")
+    right.set_title("test error at the kept epoch", loc="left")
+    right.legend()
+    style.name_panels([left, right])
     if left.lines:
         style.share_legend(figure, [left])
-    variants.draw_strategies(right, errors, linear)
-    style.name_panels([left, right])
     return figure
 
 
@@ -157,7 +170,7 @@ def figure_5(results: PaperResults) -> Prepared:
         f"{_setting(found, early, trained)}"
     )
     paint = partial(_draw_networks, found.each, early.each, curves)
-    return Prepared("Depth, width and pre-training of the network", caption, paint)
+    return Prepared("Depth, width and pre-training of the network", caption, paint, SUBTITLE)
 
 
 def _published_on_source(quantity: str) -> pd.DataFrame:
