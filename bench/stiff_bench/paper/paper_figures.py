@@ -138,7 +138,7 @@ def _draw_strategies(
     variants.draw_strategies(right, errors, linear)
     left.set_title("fine-tuning, first split", loc="left")
     right.set_title("test error at the kept epoch", loc="left")
-    right.legend()
+    right.legend(frameon=True, framealpha=1.0, edgecolor="none")  # over the dashed line
     style.name_panels([left, right])
     if left.lines:
         style.share_legend(figure, [left])
