@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from helpers.contrast import pale_lines
 from helpers.figure_results import SIZES, compared, learned, with_fields
 from helpers.made_results import TWINS, MadeResults, made_data
 from stiff_bench.analysis.selection import Selection
@@ -75,6 +76,35 @@ def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
         (points,) = axes.collections
         np.testing.assert_allclose(points.get_offsets()[:, 0], across)
         np.testing.assert_allclose(points.get_array(), [0.1, 0.2, 0.3, 0.4])
+
+
+def test_a_workspace_shows_the_difference_to_the_vjm_on_a_scale_about_zero_and_the_arm(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("vjm", [[0.1, 0.2, 0.3, 0.4]])
+    made.add("gp", [[0.2, 0.1, 0.1, 0.1]])
+    figure = FIGURES["workspace"](FigureSource.of(tmp_path)).draw()
+    sides = [axes for axes in figure.axes if axes.get_title(loc="left").endswith("the side")]
+    assert len(sides) == 3
+    (points,) = sides[-1].collections
+    np.testing.assert_allclose(sorted(points.get_array()), [-0.3, -0.2, -0.1, 0.1])
+    assert points.norm.vmin == -points.norm.vmax < 0.0
+    red, _, blue, _ = points.cmap(points.norm(-0.3))
+    assert blue > red  # better
+    robot = made_data(0).robot
+    for axes in sides:
+        (arm,) = axes.get_lines()
+        assert len(arm.get_xdata()) == robot.n_joints + 2
+        assert (arm.get_xdata()[0], arm.get_ydata()[0]) == (0.0, 0.0)
+    assert pale_lines(figure) == []
+
+
+def test_a_workspace_of_one_model_has_the_difference_to_the_vjm_all_the_same(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("vjm", [[0.1, 0.2, 0.3, 0.4]])
+    made.add("gp", [[0.2, 0.1, 0.1, 0.1]])
+    figure = FIGURES["workspace"](FigureSource.of(tmp_path, Selection(models=("gp",)))).draw()
+    titles = [axes.get_title(loc="left").partition("\n")[0] for axes in figure.axes[:2]]
+    assert "gp" in titles[0] and "vjm" not in titles[0] and "vjm" in titles[1]
 
 
 def test_a_calibration_has_a_point_for_each_coverage_that_every_split_has(tmp_path):
