@@ -64,7 +64,7 @@ def torch_zip(content: bytes) -> bytes:
 def test_a_model_file_that_is_a_pickle_is_refused_unread(wrapped, bomb, tmp_path):
     path = tmp_path / "model.stiff"
     path.write_bytes(wrapped(bomb))
-    with pytest.raises(DataError, match="no model file"):
+    with pytest.raises(DataError, match="not a model file"):
         load(path)
 
 

@@ -4,35 +4,57 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
+import shutil
 import sys
+import textwrap
 import warnings
 from collections.abc import Iterator
 
 import click
 
 from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.screen import one_line as one_line
+from stiff_protocols.contract.screen import printable as printable
+
+WIDEST_TEXT = 100
+"""Characters of a line of text."""
+_CELLS = re.compile(r"\S {2,}\S|^\|")
+"""What a line of a table has, and a sentence has not."""
+_BULLET_AND_SENTENCE = re.compile(r"(\s*(?:\W )?)(.*)")
 
 
 def say(message: str) -> None:
-    """Print one line for people."""
-    click.echo(f"bench: {one_line(message)}", err=True)
+    """Print a message on standard error, as one line except on a terminal."""
+    line = f"bench: {one_line(message)}"
+    click.echo(wrapped(line, indent="  ") if sys.stderr.isatty() else line, err=True)
 
 
-def one_line(text: str) -> str:
-    """Return a text as `printable` has it, its line breaks as spaces."""
-    return printable(" ".join(text.splitlines()))
+def text_width() -> int:
+    """Return the width of lines of text: that of the terminal, at most `WIDEST_TEXT`."""
+    return min(WIDEST_TEXT, shutil.get_terminal_size((WIDEST_TEXT, 24)).columns)
 
 
-def printable(text: str) -> str:
-    """Return a text with all but its printable characters, line breaks and tabs escaped.
-
-    Names in strangers' files may hold what moves a terminal's cursor, or turns the text around.
-    """
-    if text.isprintable():
-        return text
-    return "".join(
-        sign if sign.isprintable() or sign in "\n\t" else ascii(sign)[1:-1] for sign in text
+def wrapped(text: str, first_indent: str = "", indent: str = "") -> str:
+    """Break a paragraph into lines of `text_width`, without breaking words or names."""
+    return textwrap.fill(
+        text,
+        text_width(),
+        initial_indent=first_indent,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
+
+
+def wrapped_lines(text: str) -> str:
+    """Break the lines of a text that are too wide, except those of tables."""
+    lines = text.split("\n")
+    for number, line in enumerate(lines):
+        if len(line) > text_width() and not _CELLS.search(line):
+            bullet, sentence = _BULLET_AND_SENTENCE.findall(line)[0]
+            lines[number] = wrapped(sentence, bullet, " " * len(bullet))
+    return "\n".join(lines)
 
 
 @contextlib.contextmanager
@@ -48,18 +70,36 @@ def printing_to_stderr() -> Iterator[None]:
         yield
 
 
-def print_text(text: str) -> None:
+def print_text(text: str, *, laid_out: bool = False) -> None:
     """Print a result; a closed pipe (`| head`) is not an error.
+
+    A text that is laid out for a terminal may hold colours; its parts are escaped already.
 
     Raises:
         StoreError: standard output cannot be written, as on a full disk.
     """
     try:
-        click.echo(printable(text))
+        click.echo(text if laid_out else printable(text))
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # flushed again at exit
         if not isinstance(error, BrokenPipeError):
             raise StoreError(f"standard output: cannot be written: {error.strerror}") from error
+
+
+def print_prose(text: str) -> None:
+    """Print sentences; on a terminal, lines that are too wide are broken between words."""
+    print_text(wrapped_lines(printable(text)) if sys.stdout.isatty() else text)
+
+
+def print_markdown(text: str) -> None:
+    """Print Markdown: laid out on a terminal, elsewhere as it is."""
+    if not sys.stdout.isatty():
+        print_text(text)
+        return
+    from rich.console import Console  # 0.1 s
+    from rich.markdown import Markdown
+
+    Console(width=text_width()).print(Markdown(printable(text), hyperlinks=False))
 
 
 def replace_closed_streams() -> None:

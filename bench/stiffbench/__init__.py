@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from stiff_bench import api
 
 if TYPE_CHECKING:
+    __version__: str
     from stiff_bench.api.data_sets import Dataset as Dataset
     from stiff_bench.api.data_sets import load_dataset as load_dataset
     from stiff_bench.api.data_sets import read_samples as read_samples
@@ -66,6 +67,10 @@ __all__ = [*_PLACE_OF]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version  # 20 ms, which a command does without
+
+        return version("stiffbench")
     if name not in _PLACE_OF:
         raise AttributeError(f"module 'stiffbench' has no attribute {name!r}")
     return getattr(getattr(api, _PLACE_OF[name]), name)

@@ -95,6 +95,7 @@ DATASETS = (
             "fanuc-r2000ic: torques were not recorded; they are zero in the data.",
         ),
         card="data/fanuc_r2000ic.md",
+        licence="MIT",
     ),
     DatasetInfo(
         key="kr10-measured",

@@ -28,6 +28,7 @@ from stiff_bench.store.newest import (
     slot_of,
 )
 from stiff_bench.store.samples import StoredData, what_differs
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 
@@ -54,8 +55,8 @@ def split_sizes(results: Sequence[CellResult]) -> tuple[float, float]:
     return float(np.mean([result.n_train for result in results])), float(n_test)
 
 
-@dataclass(frozen=True, eq=False)
-class Competitor:
+@dataclass(frozen=True, eq=False, repr=False)
+class Competitor(BriefFields):
     """One model, with its options, in one case.
 
     Attributes:
@@ -81,8 +82,8 @@ class Competitor:
         return next(iter([*self.done.values(), *self.failures.values()])).cell
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
+@dataclass(frozen=True, eq=False, repr=False)
+class Case(BriefFields):
     """All competitors on one data set under one protocol and condition.
 
     Results of different data never meet in one, even where the data sets' names are the same.
@@ -142,8 +143,8 @@ class Case:
         return sorted(set(self.slots).intersection(*done))
 
 
-@dataclass(frozen=True, eq=False)
-class StoredResults:
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredResults(BriefFields):
     """What a folder of results holds.
 
     Attributes:
@@ -173,6 +174,11 @@ class StoredResults:
         results = read_results(folder)
         if not results:
             raise StoreError(f"{folder}: {why_no_results(folder)}{where_from}", "results")
+        return cls.of_results(folder, results)
+
+    @classmethod
+    def of_results(cls, folder: Path, results: Sequence[CellResult]) -> Self:
+        """Sort some results of a folder into cases, as `read` does with all."""
         manifests = tuple(read_manifests(folder))
         runs = Runs.of(manifests)
         cases = [_case(of_case, runs) for of_case in grouped(results, case_name_of).values()]

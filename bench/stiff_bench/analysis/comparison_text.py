@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from operator import itemgetter
 from typing import Any
 
@@ -16,11 +17,27 @@ import numpy as np
 from stiff_bench.analysis.collected import split_sizes
 from stiff_bench.analysis.comparison import NORM, Comparison, ModelComparison, Row
 from stiff_bench.analysis.scored_case import dataset_of, family_of
-from stiff_bench.analysis.verdict import Estimate, Question, Verdict, decide
+from stiff_bench.analysis.verdict import (
+    DISAGREEMENTS,
+    Estimate,
+    Question,
+    Verdict,
+    decide,
+    disagreement,
+)
 from stiff_bench.analysis.where import Place, telling
 from stiff_bench.store.names import grouped, label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
-from stiff_bench.tables.table import ALL_BUT_CSV, Column, Entry, Name, Quantity, Table, text_columns
+from stiff_bench.tables.table import (
+    SCREEN,
+    WRITTEN,
+    Column,
+    Entry,
+    Name,
+    Quantity,
+    Table,
+    text_columns,
+)
 from stiff_bench.tables.units import MM, PRINTED, counted, percent
 from stiff_protocols.scoring.paired import wilcoxon_signed_rank
 
@@ -50,11 +67,13 @@ def comparison_tables(report: ModelComparison) -> list[Table]:
     named[last] = replace(named[last], notes=list(dict.fromkeys(_notes(report))), brief=True)
     about = {"a": report.a, "b": report.b}
     shown = [
-        replace(one, about={**about, "table": name}, formats=ALL_BUT_CSV)
-        for name, one in named.items()
+        replace(one, about={**about, "table": name}, formats=WRITTEN) for name, one in named.items()
     ]
     estimates = replace(_estimates(report), about={**about, "table": "estimates"})
-    return [*shown, replace(estimates, formats=("csv", "json"))]
+    notes = shown[-1].notes
+    differences = replace(_differences(report), about={**about, "table": "differences"})
+    on_screen = replace(differences, notes=notes, brief=True, formats=(SCREEN,))
+    return [*shown, replace(estimates, formats=("csv", "json")), on_screen]
 
 
 def sentence(report: ModelComparison) -> str:
@@ -133,12 +152,20 @@ def _of_one(report: ModelComparison, found: Comparison) -> str:
         return (
             f"No significant difference between {report.a} and {report.b} {on}: mean 3-D error of "
             f"{report.a} minus that of {report.b} {MM * row.difference:.3f} mm ({interval})."
+            f"{_why_open(row)}"
         )
     better, worse = (report.a, report.b) if a_better else (report.b, report.a)
     return (
         f"{better} is better than {worse} {on}: mean 3-D error {MM * abs(row.difference):.3f} mm "
         f"smaller ({interval})."
     )
+
+
+def _why_open(row: Row) -> str:
+    """Return in words where splits are sure and poses are not, or the other way; else ""."""
+    if row.over_splits is None:
+        return ""
+    return f" {DISAGREEMENTS[disagreement(row.over_splits, row.over_poses)]}".rstrip()
 
 
 def _rope(report: ModelComparison) -> str:
@@ -264,6 +291,48 @@ def _cases(report: ModelComparison) -> Table:
         report.comparisons,
         unit=_UNIT,
     )
+
+
+def _differences(report: ModelComparison) -> Table:
+    """Return a row a case for a terminal: change in mm and %, deciding interval and verdict."""
+    called = label_parts(comparison.name for comparison in report.comparisons)
+    interval = f"{percent(report.question.confidence)} interval"
+    return Table.of(
+        f"A = {report.a}, B = {report.b} · mean 3-D error in mm",
+        [
+            _text_column(
+                "comparison", lambda pair: Name(_joined(*called[pair.name]), _marks(pair))
+            ),
+            *(
+                Column(name, format=".3f", value=partial(_mean, number))
+                for number, name in enumerate("AB")
+            ),
+            Column("A - B", format="+.3f", value=lambda case: MM * case.row(NORM).difference),
+            Column("change", unit="%", format="+.0f", by_sign=-1, value=_change),
+            Column(interval, format="+.3f", value=lambda case: _interval(case.row(NORM).cautious)),
+            _text_column("verdict", lambda case: _brief_verdict(case.row(NORM))),
+        ],
+        report.comparisons,
+        unit=_UNIT,
+    )
+
+
+def _mean(number: int, comparison: Comparison) -> float:
+    return MM * comparison.row(NORM).means[number]
+
+
+def _change(comparison: Comparison) -> Entry:
+    a, b = comparison.row(NORM).means
+    return 100.0 * (a / b - 1.0) if b else None
+
+
+def _brief_verdict(row: Row) -> str:
+    """Return the verdict; where splits and poses differ, what each says."""
+    if row.verdict != "open" or row.over_splits is None:
+        return "open" if row.verdict == "open" else _verdict(row)
+    sure = disagreement(row.over_splits, row.over_poses)
+    unsure = {"splits": "poses", "poses": "splits"}.get(sure, "")
+    return f"open ({sure}: yes, {unsure}: no)" if sure else "open"
 
 
 def _places(report: ModelComparison, places: Sequence[Place]) -> Table:

@@ -27,7 +27,7 @@ from stiff_bench.analysis.scored_case import (
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import CaseName, grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
-from stiff_bench.tables.table import ALL_BUT_CSV, Column, Entry, Name, Quantity, Table, text_columns
+from stiff_bench.tables.table import WRITTEN, Column, Entry, Name, Quantity, Table, text_columns
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.scoring.metrics import METRICS
@@ -45,7 +45,7 @@ def leaderboard_tables(board: Leaderboard) -> list[Table]:
     tables = []
     for section in board.sections:
         ranks, *others = section_tables(section, board)
-        others = [replace(one, formats=ALL_BUT_CSV) for one in others]
+        others = [replace(one, formats=WRITTEN) for one in others]
         tables += [ranks, *others, _scores(section, board)]
     return tables
 

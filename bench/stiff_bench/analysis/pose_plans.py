@@ -116,7 +116,7 @@ class PosePlan:
         """
         size = np.linalg.norm(self.plan.wrench[0, :3])
         after = f" after those of {measured.file}" if measured else ""
-        append = f"append the rows to {measured.file}; " if measured else ""
+        append = f", and append the rows to {measured.file}" if measured else ""
         lines = [
             f"{file}: {counted(len(self.plan.q), 'pose')} of {robot.name}{after}, one suggested "
             f"force each ({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)",
@@ -125,10 +125,12 @@ class PosePlan:
             "",
             *self.findings,
             *(["", *curve, ""] if curve else []),
-            "Checked: joint limits, the arm's centre line against base column and ground. Not "
-            "checked: shape of links and tool, surroundings. Approach each pose slowly.",
-            "Replace the suggested wrench by the actual one and fill in dx_mm, dy_mm, dz_mm; "
-            f"{append}then: bench data validate {measured.file if measured else file}{robot_words}",
+            "Checked: joint limits, the arm's centre line against base column and ground.",
+            "Not checked: shape of links and tool, surroundings. Approach each pose slowly.",
+            "",
+            "Next: measure, fill in dx_mm, dy_mm, dz_mm, replace the suggested wrench by the "
+            f"actual one{append}; then",
+            f"  bench data validate {measured.file if measured else file}{robot_words}",
         ]
         return "\n".join(lines)
 
@@ -178,11 +180,11 @@ def first_plan(robot: Robot, how: PlanOptions, *, is_papers: bool = False) -> Po
     ]
     if unseen := [joint for joint in robot.joint_names if joint not in gain.joints]:
         findings.append(f"Not identifiable with this TCP: {', '.join(unseen)}.")
-    return PosePlan(plan, gain, _table(names, rows, ".2f"), findings)
+    return PosePlan(plan, gain, _table("poses", names, rows, ".2f"), findings)
 
 
-def _table(names: Sequence[str], rows: Sequence[Sequence[Entry]], spec: str) -> Table:
-    return Table("", [Column("", "text"), *(Column(name, format=spec) for name in names)], rows)
+def _table(first: str, names: Sequence[str], rows: Sequence[Sequence[Entry]], spec: str) -> Table:
+    return Table("", [Column(first, "text"), *(Column(name, format=spec) for name in names)], rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,28 +279,27 @@ def next_plan(
     gain = variance_gain(design, chosen, len(pool.q), seed=how.seed)
     variances = np.array(gain)
     half = ndtri(0.5 + CONFIDENCE / 2.0) * np.sqrt(variances + design.noise)
-    rows: list[list[Entry]] = [
-        [name, *(float(one) if np.isfinite(one) else None for one in values * MM)]
-        for name, values in (
-            ("standard error of a prediction [mm]", np.sqrt(variances)),
-            (f"half width of its {percent(CONFIDENCE)} interval [mm]", half),
-        )
-    ]
     names = (
         f"{measured.n_poses} measured",
         f"+ {n_new} chosen, {criterion}",
         f"+ {n_new} random, mean of {N_RANDOM}",
-        f"+ {n_new} random, best",
+        f"+ {n_new} random, best of {N_RANDOM}",
     )
-    findings = _findings(measured, gain, place)
-    return PosePlan(plan, gain, _table(names, rows, ".4f"), findings)
+    sizes = np.column_stack([np.sqrt(variances), half]) * MM  # (4, 2)
+    rows: list[list[Entry]] = [
+        [name, *(size if np.isfinite(size) else None for size in both)]
+        for name, both in zip(names, sizes.tolist(), strict=True)
+    ]
+    headings = ("standard error [mm]", f"half of the {percent(CONFIDENCE)} interval [mm]")
+    table = _table("prediction with poses", headings, rows, ".4f")
+    return PosePlan(plan, gain, table, _findings(measured, gain, place))
 
 
 def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
     """Return what a plan gains where, a sentence a line."""
     springs, model = not measured.is_process, measured.model
     predicting = REFERENCE_MODEL if springs else model.name
-    lines = [f"Predictions of {predicting}, an axis, over the workspace: {place}."]
+    lines = [f"Predictions of {predicting}, per axis, over the workspace: {place}."]
     if 0.0 < gain.before < np.inf:
         lines.append(
             f"The plan lowers their mean variance by {1.0 - gain.plan / gain.before:.0%}, "
@@ -308,7 +309,7 @@ def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
         lines.append(f"Not identifiable from the measured poses: {', '.join(unknown)}.")
     if springs and model.info.key != REFERENCE_MODEL:
         lines.append(
-            f"{model.name} does not say what it would learn from a pose: the poses are chosen for "
+            f"{model.name} cannot estimate what a pose would teach it: the poses are chosen for "
             "joint springs."
         )
     return lines
@@ -363,8 +364,10 @@ def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
     law, more = curve.law, sorted({now + n_new, 2 * now})
     sizes = [*map(str, errors.sizes), *(f"{size}*" for size in (now, *more))]
     values = [*errors.mean, *map(law, (now, *more))]
-    row: list[Entry] = ["mean 3-D error [mm]", *(float(value) * MM for value in values)]
-    columns = [Column("training poses", "text"), *(Column(size, format=".4f") for size in sizes)]
+    rows: list[list[Entry]] = [
+        [size, float(value) * MM] for size, value in zip(sizes, values, strict=True)
+    ]
+    columns = [Column("training poses", "text"), Column("mean 3-D error [mm]", format=".4f")]
     steps = ", ".join(
         f"with {size - now} more poses about {law(size) * MM:.3f} mm ({low:.3f} to {high:.3f} mm)"
         for size in more
@@ -372,9 +375,9 @@ def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
     )
     told = "" if curve.told else " (assumed, the errors do not tell it)"
     return [
-        f"Learning curve of {name}, tested on poses held out; * of the fitted curve:",
+        f"Learning curve of {name}, tested on poses held out (* fitted curve):",
         "",
-        plain_text(Table("", columns, [row])),
+        plain_text(Table("", columns, rows)),
         "",
         f"The mean error is {law(now) * MM:.3f} mm now, {steps}: an extrapolation by a + b n^-c "
         f"with {percent(CONFIDENCE)} intervals, c = {law.c:.2f}{told}, for poses like the measured "

@@ -25,7 +25,8 @@ from stiff_bench.analysis.verdict import (
 from stiff_bench.store.names import CaseName, grouped, without_options
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
-from stiff_bench.tables.metric_table import pooled_prediction
+from stiff_bench.tables.metric_table import known_result, pooled_prediction
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
@@ -46,8 +47,8 @@ def family_of(name: CaseName) -> str:
     return without_options(name.dataset, SEED, SPECIMEN)
 
 
-@dataclass(frozen=True, eq=False)
-class ScoredCase:
+@dataclass(frozen=True, eq=False, repr=False)
+class ScoredCase(BriefFields):
     """A case with the scores of those who take part in it.
 
     Attributes:
@@ -107,6 +108,14 @@ class ScoredCase:
         p_values = [float(self._p_values[of_pair]) for of_pair in columns]
         question = question or Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
         return decide_pairs(self.errors, columns, question, p_values)
+
+    def known(self, name: str) -> list[CellResult]:
+        """Return what a simulation knows on these splits, a name of `KNOWN`; else nothing."""
+        for results in self.results.values():
+            bounds = [known_result(result, name) for result in results]
+            if bounds and all(bound is not None for bound in bounds):
+                return [bound for bound in bounds if bound is not None]
+        return []
 
     def mean(self, model: str) -> float:
         """Return a model's mean over the splits, in the metric's unit."""

@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.scoring.paired import (
@@ -76,14 +77,29 @@ def decide(results: Sequence[Estimate], confidence: float) -> Verdict:
     return "b" if all(result.low > 0.0 for result in results) else "open"
 
 
+DISAGREEMENTS: dict[str, str] = {
+    "": "",
+    "splits": "The splits agree on it, but a few poses could turn it: measure more poses.",
+    "poses": "The poses agree on it, but it changes from split to split: use more --splits.",
+}
+
+
+def disagreement(splits: Estimate, poses: Estimate) -> Literal["", "splits", "poses"]:
+    """Return which of two intervals alone excludes zero; "" where both do or none does."""
+    is_sure = [estimate.low > 0.0 or estimate.high < 0.0 for estimate in (splits, poses)]
+    if is_sure == [True, False]:
+        return "splits"
+    return "poses" if is_sure == [False, True] else ""
+
+
 def corrected(results: Sequence[Estimate]) -> list[Estimate]:
     """Return results whose p-values are corrected for one another (Holm)."""
     p_values = holm([result.p_value for result in results]).tolist()
     return [replace(result, p_value=p) for result, p in zip(results, p_values, strict=True)]
 
 
-@dataclass(frozen=True, eq=False)
-class SharedErrors:
+@dataclass(frozen=True, eq=False, repr=False)
+class SharedErrors(BriefFields):
     """Errors on the same rows, in SI units; smaller is better.
 
     A column is a model, or one axis of a model.

@@ -28,10 +28,13 @@ from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileO
 from stiff_protocols.contract.errors import ConfigError, warn
 from stiff_protocols.contract.files import make_folder
 from stiff_protocols.contract.plugin import DatasetInfo
-from stiff_protocols.contract.types import BenchmarkData, Robot, Samples
+from stiff_protocols.contract.screen import Screen, Shown
+from stiff_protocols.contract.types import SHOWN_ROWS, BenchmarkData, Robot, Samples
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from stiff_bench.figures.prepared_figure import Prepared
 
 
 def choice_of(kind: Kind, word: str, options: Mapping[str, Any]) -> Choice[Any]:
@@ -44,8 +47,8 @@ def choice_of(kind: Kind, word: str, options: Mapping[str, Any]) -> Choice[Any]:
     return replace(choice, params={**choice.params, **parsed})
 
 
-@dataclass(frozen=True, eq=False)
-class Dataset:
+@dataclass(frozen=True, eq=False, repr=False)
+class Dataset(Shown):
     """Samples, the robot that they belong to, and the name that tables give them.
 
     Attributes:
@@ -58,7 +61,7 @@ class Dataset:
     def of_file(cls, file: Path | str, robot: str | Robot | None, options: FileOptions) -> Dataset:
         """Return the data set of a file, which is read when it is needed; see `read_samples`."""
         if robot is None:
-            raise ConfigError(f"{file}: needs its robot too: --urdf FILE.urdf or --robot NAME")
+            raise ConfigError(f"{file}: name the measured robot: --urdf FILE.urdf or --robot NAME")
         return cls(measured_file(Path(file), as_robot(robot), options))
 
     @classmethod
@@ -105,7 +108,8 @@ class Dataset:
             pose_tolerance: see `read_samples`.
 
         Raises:
-            DataError: a column is missing, or a value cannot be; the message names row and column.
+            DataError: a column is missing, or a value is not valid. The message names row and
+                column; rows count from 0, as in ``frame.iloc``.
         """
         from stiff_datasets.measured.sample_file import samples_of
 
@@ -139,21 +143,26 @@ class Dataset:
 
         return sample_table(self.samples, self.robot)
 
+    @property
+    def card(self) -> Text:
+        """Data card in Markdown, "" without one; DataError: it is not in the package."""
+        from stiff_bench.tables.dataset_facts import card_text
+
+        return Text(card_text(self.choice.info.key, self.choice.info.card))
+
     def describe(self, folder: Path | str) -> Text:
-        """Draw the data set's picture in a folder, and return its card and facts.
+        """Draw the data set's picture in a folder, and return its facts.
 
         Raises:
             StoreError: the picture cannot be written.
         """
-        from stiff_bench.figures.dataset_picture import dataset_picture
         from stiff_bench.tables.dataset_facts import dataset_info
 
         data, info, options = self.data, self.choice.info, self.choice.options_text
         name = f"{info.key} {options}".strip().replace("/", "_").replace(", ", "_")
         picture = Path(folder) / f"{name.replace(' ', '_')}.png"
         make_folder(picture.parent)
-        title = ", ".join(filter(None, (f"{info.key} ({info.kind})", options)))
-        dataset_picture(data, title).save(picture)
+        self.plot().save(picture)
         return Text(dataset_info(info, data, picture, options))
 
     def __getitem__(self, rows: slice | int | Sequence[int] | Sequence[bool] | Any) -> Dataset:
@@ -177,9 +186,32 @@ class Dataset:
         """Return the number of samples."""
         return len(self.samples)
 
-    def __repr__(self) -> str:
-        """Name it, its samples and its robot."""
-        return f"Dataset {self.name} ({self.choice.info.kind})\n{self.samples!r}\n{self.robot!r}"
+    def plot(self) -> Prepared:
+        """Return the picture of its poses, load directions, deflections and joint torques."""
+        from stiff_bench.figures.dataset_picture import dataset_picture
+
+        info, options = self.choice.info, self.choice.options_text
+        title = ", ".join(filter(None, (f"{info.key} ({info.kind})", options)))
+        return dataset_picture(self.data, title)
+
+    def view(self) -> Screen:
+        """Return its kind, robot, ranges and source; in a notebook the first rows as well."""
+        info, file = self.choice.info, self.choice.context.get("csv")
+        facts = [
+            ("what it is", "" if file else info.summary),
+            *self.data.facts,
+            ("source", str(file or info.reference)),
+            ("licence", info.licence),
+            *(("caveat", caveat) for caveat in info.caveats),
+        ]
+        head = self[:SHOWN_ROWS].frame()
+        return Screen(
+            f"Dataset {self.name} ({info.kind})",
+            [(name, text) for name, text in facts if text],
+            [*head],
+            [[f"{x:.4g}" if isinstance(x, float) else str(x) for x in row] for row in head.values],
+            in_text=False,
+        )
 
 
 def _slice_text(rows: slice) -> str:
@@ -190,15 +222,31 @@ def _slice_text(rows: slice) -> str:
     return f"{start}:{stop}" + (f":{step}" if step else "")
 
 
-def check_dataset(data: object) -> None:
-    """See that something is a data set."""
-    if isinstance(data, Dataset | BenchmarkData):
-        return
-    raise ConfigError(
-        f"{type(data).__name__} is not a data set: load_dataset(name), read_samples(file, "
-        "robot=...), Dataset.from_frame(frame, robot) and Dataset.from_samples(samples, robot) "
-        "make one"
-    )
+def as_dataset(data: object, robot: str | Robot | None = None) -> Dataset:
+    """Return a data set itself, or make one of a DataFrame and its robot.
+
+    Raises:
+        ConfigError: it is not a data set, the robot is missing, or a data set has its own.
+        DataError: a column is missing, or a value is not valid; see `Dataset.from_frame`.
+    """
+    from pandas import DataFrame
+
+    if isinstance(data, DataFrame):
+        if robot is None:
+            raise ConfigError(
+                "a DataFrame needs its robot: Dataset.from_frame(frame, robot), or robot=... in "
+                "fit and score"
+            )
+        return Dataset.from_frame(data, as_robot(robot))
+    if not isinstance(data, Dataset | BenchmarkData):
+        raise ConfigError(
+            f"{type(data).__name__} is not a data set: load_dataset(name), read_samples(file, "
+            "robot=...), Dataset.from_frame(frame, robot) and Dataset.from_samples(samples, robot) "
+            "make one"
+        )
+    if robot is not None:
+        raise ConfigError("is part of the data set; only a DataFrame needs it", "robot")
+    return data if isinstance(data, Dataset) else Dataset(held_data(data, "own-data"))
 
 
 def load_dataset(name: str, **options: Any) -> Dataset:
@@ -257,7 +305,7 @@ def dataset_of_word(
         return Dataset.of_file(path, robot, options)
     if robot is not None or options != DEFAULTS or path.is_file():
         raise ConfigError(
-            f"{word}: no file of samples (valid: an ending .csv, .xlsx or .parquet; a KEY takes no "
+            f"{word}: not a file of samples (valid: .csv, .xlsx or .parquet; a KEY takes no "
             "--robot, --urdf, --tip, --tcp, --no-torque, --sheet or --pose-tolerance)"
         )
     return Dataset(chosen_dataset(word, settings, registry()))

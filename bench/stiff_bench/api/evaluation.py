@@ -20,7 +20,7 @@ from stiff_bench.analysis.forecast import (
     time_fits,
     untimed_fits,
 )
-from stiff_bench.api.data_sets import Dataset, check_dataset
+from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.api.registered import registry
 from stiff_bench.api.stored_results import Results
@@ -186,9 +186,10 @@ def evaluate(
             "and which other processes cannot import; leave out output=... and jobs=..., or define "
             "it in a file and call use_plugin(file)"
         )
-    for dataset in (data := _listed(datasets)):
-        if not isinstance(dataset, str):
-            check_dataset(dataset)
+    data = [
+        dataset if isinstance(dataset, str) else as_dataset(dataset)
+        for dataset in _listed(datasets)
+    ]
     folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
     run = prepare_run(
         asked,
@@ -205,7 +206,8 @@ def evaluate(
     )
     results = run.compute()
     if output is None:
-        weakref.finalize(results, shutil.rmtree, folder, ignore_errors=True)
+        # `Results.select` has results of the same run, which need the folder as well
+        weakref.finalize(results.finished, shutil.rmtree, folder, ignore_errors=True)
     return results
 
 

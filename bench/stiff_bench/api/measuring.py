@@ -230,7 +230,7 @@ def register(
     `stated` is of `FileOptions`.
     """
     if urdf is None and tip is not None:
-        raise ConfigError(f"{tip}: names a link of a URDF; give --urdf too", "tip")
+        raise ConfigError(f"{tip} requires --urdf", "tip")
     default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
     x, y, z = default if tcp is None else tcp
     place = kr10_measured.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))

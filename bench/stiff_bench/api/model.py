@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from stiff_bench.api.data_sets import Dataset, check_dataset, choice_of
+from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of
 from stiff_bench.api.registered import registry
-from stiff_bench.api.stored_results import metric_lines
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.options import Choice
@@ -21,7 +20,10 @@ from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import left_out_errors, whole_fit
 from stiff_bench.tables.fit_notes import springs_table
+from stiff_bench.tables.metric_table import metric_lines
 from stiff_bench.tables.render import plain_text
+from stiff_bench.tables.table import Table
+from stiff_bench.tables.units import counted
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -33,6 +35,7 @@ from stiff_protocols.contract.errors import (
 )
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.plugin import ModelInfo, in_words
+from stiff_protocols.contract.screen import Screen, Shown
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.training_range import TrainingRange
@@ -42,6 +45,7 @@ from stiff_protocols.contract.types import (
     FloatArray,
     Interval,
     Prediction,
+    Robot,
     check_coverage,
     frozen_array,
 )
@@ -50,15 +54,18 @@ from stiff_protocols.scoring.conformal import calibration_samples_needed, confor
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+MOST_NUMBERS = 4
+"""Reported numbers that a short view of a model shows."""
 
-class Model:
+
+class Model(Shown):
     """A stiffness model: the benchmarked one, with what `fit` learned.
 
     Attributes:
         choice: which model, with its options.
         fitted: the model itself, of stiffbench's contract or a plugin's class; None before `fit`.
         note: how the number of epochs was chosen; "" where there is nothing to choose.
-        data: samples and robot of the last `fit`, with its seed; None for a model of a file.
+        data: data set of the last `fit`, with its seed; None for a model of a file.
         file: that it was read from; None where it was not.
     """
 
@@ -67,7 +74,7 @@ class Model:
         self.choice = choice
         self.fitted: Any = None
         self.note = ""
-        self.data: tuple[BenchmarkData, int] | None = None
+        self.data: tuple[Dataset, int] | None = None
         self.file: Path | None = None
         self._has_warned = False
 
@@ -76,7 +83,13 @@ class Model:
         """Key with the options that differ from their defaults."""
         return self.choice.name
 
-    def fit(self, data: Dataset | BenchmarkData, *, seed: int = 0) -> Self:
+    def fit(
+        self,
+        data: Dataset | BenchmarkData | DataFrame,
+        *,
+        robot: str | Robot | None = None,
+        seed: int = 0,
+    ) -> Self:
         """Fit the model to all samples of a data set.
 
         As in a benchmark, a model that chooses its epoch on validation rows (``training="best"``)
@@ -84,36 +97,41 @@ class Model:
         many epochs as cross-validation finds best.
 
         Args:
-            data: samples and their robot.
+            data: samples and their robot, or a DataFrame with the columns of a file (deg, N, N m,
+                mm), which is checked as a file is.
+            robot: of a DataFrame: the name of a shipped robot, or a `Robot`.
             seed: of the model, and of the poses that choose the epoch.
 
         Raises:
             ConfigError: the model cannot be used here, or not for this robot, or `data` is not a
-                data set, such as a DataFrame.
+                data set; or a DataFrame has no robot.
+            DataError: a column is missing, or a value is not valid; see `Dataset.from_frame`.
             ModelError: the samples cannot be fitted.
         """
-        check_dataset(data)
+        data = as_dataset(data, robot)
         with display():
             self.fitted, self.note = whole_fit(self.choice, data.samples, data.robot, seed=seed)
-        self.data = (data.data if isinstance(data, Dataset) else data), seed
+        self.data = data, seed
         self._has_warned = False
         return self
 
-    def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+    def predict(self, q: FloatArray | DataFrame, wrench: FloatArray | None = None) -> FloatArray:
         """Return (n, 3) the deflections of the TCP, m, base frame.
 
         The first call with rows that are unlike the training samples warns of them, with numbers;
         ``model.training_range.extrapolates(q, wrench)`` has the rule, and says it of every row.
 
         Args:
-            q: (n, n_joints) joint positions, rad or m.
-            wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame.
+            q: (n, n_joints) joint positions, rad or m; or a DataFrame of poses and loads with the
+                columns of a file (deg, N, N m), which is checked as a file is.
+            wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame; None with a DataFrame.
 
         Raises:
             NotFittedError: `fit` was not called.
+            DataError: a column is missing, or a value is not valid; rows count from 0.
             ModelError: the shapes are not those of the robot.
         """
-        self.check_fitted()
+        q, wrench = self._loads(q, wrench)
         predicted = np.asarray(self.fitted.predict(q, wrench))
         if not self._has_warned:
             known, rows = self.training_range, (np.asarray(q), np.asarray(wrench))
@@ -124,8 +142,37 @@ class Model:
                 warn(warning)
         return predicted
 
+    def _loads(
+        self, q: FloatArray | DataFrame, wrench: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return (n, n_joints) joint positions and (n, 6) wrenches, SI units, of a DataFrame too.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ConfigError: the wrench is missing, or given twice.
+            DataError: a column of a DataFrame is missing, or a value is not valid.
+        """
+        from pandas import DataFrame
+
+        self.check_fitted()
+        if not isinstance(q, DataFrame):
+            if wrench is None:
+                raise ConfigError("is missing: (n, 6) N and N m; a DataFrame has its own", "wrench")
+            return q, wrench
+        from stiff_datasets.measured.load_file import loads_of
+
+        if wrench is not None:
+            raise ConfigError("is in the DataFrame already; leave it out", "wrench")
+        loads = loads_of("loads", q, self.fitted.robot_)
+        for oddity in loads.oddities:
+            warn(oddity, stacklevel=3)
+        return loads.q, loads.wrench
+
     def predict_interval(
-        self, q: FloatArray, wrench: FloatArray, coverage: float = 0.9
+        self,
+        q: FloatArray | DataFrame,
+        wrench: FloatArray | None = None,
+        coverage: float = 0.9,
     ) -> Interval:
         """Return intervals that hold the deflections with a probability, m, per axis, base frame.
 
@@ -135,17 +182,19 @@ class Model:
         intervals are wider, as ``model.training_range.widened`` says.
 
         Args:
-            q: (n, n_joints) joint positions, rad or m.
-            wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame.
+            q: (n, n_joints) joint positions, rad or m; or a DataFrame, see `predict`.
+            wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame; None with a DataFrame.
             coverage: probability (0..1) on each axis.
 
         Raises:
             NotFittedError: `fit` was not called.
+            DataError: a column of a DataFrame is missing, or a value is not valid.
             ConfigError: the coverage does not lie between 0 and 1, or needs more poses than there
                 were.
             ModelError: the shapes are not those of the robot.
         """
         self.check_coverage(coverage)
+        q, wrench = self._loads(q, wrench)
         if offers(self.fitted, "predict_interval"):
             interval: Interval = self.fitted.predict_interval(q, wrench, coverage)
             return interval
@@ -276,17 +325,21 @@ class Model:
                 "coverage",
             )
 
-    def score(self, data: Dataset | BenchmarkData) -> DataFrame:
+    def score(self, data: Dataset | BenchmarkData | DataFrame) -> DataFrame:
         """Return the errors on a data set: a row a metric and axis, with its unit.
+
+        A DataFrame has the columns of a file (deg, N, N m, mm) and is of the model's robot.
 
         Raises:
             NotFittedError: `fit` was not called.
             ConfigError: `data` is not a data set.
+            DataError: a column is missing, or a value is not valid; see `Dataset.from_frame`.
         """
         from pandas import DataFrame
 
-        check_dataset(data)
-        samples = data.samples
+        self.check_fitted()
+        robot = self.fitted.robot_ if isinstance(data, DataFrame) else None
+        samples = as_dataset(data, robot).samples
         predicted = self.predict(samples.q, samples.wrench)
         prediction = Prediction(np.arange(len(samples)), predicted, samples.deflection)
         return DataFrame(metric_lines(prediction))
@@ -306,7 +359,12 @@ class Model:
             numbers = {key: numbers[key] for key in numbers if key not in of_springs}
         if chosen := getattr(self.fitted, "best_params_", None):
             lines.append(f"- options chosen by inner cross-validation: {in_words(chosen)}")
-        return [*lines, *(f"- {name}: {value:.4g}" for name, value in numbers.items())]
+        texts = {name: f"{value:.4g}" for name, value in numbers.items()}
+        for name in numbers:
+            of_name = name.replace(" standard error", "")
+            if of_name != name and of_name in texts:
+                texts[of_name] += f" ± {texts.pop(name)} (standard error)"
+        return [*lines, *(f"- {name}: {text}" for name, text in texts.items())]
 
     def report(self, data: Dataset, seed: int) -> Text:
         """Return what was fitted to which data, what the fit found, and the data's caveats."""
@@ -351,10 +409,33 @@ class Model:
             text = f"{self.name} is saved without intervals: {said_by(error)}"
             warn(text, stacklevel=3)
 
-    def __repr__(self) -> str:
-        """Name it, and say whether it is fitted."""
-        state = "not fitted" if self.fitted is None else "fitted"
-        return f"Model {self.name} ({state})"
+    def view(self) -> Screen:
+        """Return whether it is fitted, to which data, and the parameters that it learned."""
+        info = self.choice.info
+        facts = [("what it is", info.summary)]
+        if self.fitted is None:
+            return Screen(f"Model {self.name}, not fitted", [fact for fact in facts if fact[1]])
+        if self.data is not None:
+            data, seed = self.data
+            kind, n = data.choice.info.kind, counted(len(data), "sample")
+            facts.append(("fitted to", f"{data.name} ({kind}), {n}, seed {seed}"))
+        if self.file is not None:
+            facts.append(("read from", str(self.file)))
+        facts.append(("robot", self.fitted.robot_.summary))
+        if chosen := getattr(self.fitted, "best_params_", None):
+            facts.append(("options chosen", in_words(chosen)))
+        facts.append(("number of epochs", self.note))
+        table, springs = Table("", [], []), getattr(self.fitted, "springs_", None)
+        numbers = self.diagnostics
+        if springs:
+            table = springs_table(springs)
+            numbers = {name: x for name, x in numbers.items() if name not in springs.report()}
+        facts += [(name, f"{value:.4g}") for name, value in [*numbers.items()][:MOST_NUMBERS]]
+        if len(numbers) > MOST_NUMBERS:
+            facts.append(("more", f"{len(numbers) - MOST_NUMBERS} numbers in .diagnostics"))
+        facts = [fact for fact in facts if fact[1]]
+        headings = table.headings()
+        return Screen(f"Model {self.name}, fitted", facts, headings, table.texts(), table.notes)
 
 
 def model_choice(model: str | type | Model, options: dict[str, Any]) -> Choice[ModelInfo]:

@@ -5,12 +5,13 @@ What needs numpy or pydantic is imported where it is used: a list of keys answer
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiff_bench.api.tables import Tables, Text
+from stiff_bench.console import wrapped
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Column, Entry, Name, Table
@@ -100,6 +101,10 @@ def _rows(known: Mapping[str, PluginInfo]) -> list[list[Entry]]:
 
 
 class _List(Tables):
+    def __repr__(self) -> str:
+        """Return the list."""
+        return self.text_as("github")
+
     def text_as(self, fmt: str) -> str:
         """Return the list; for people it has no title."""
         return plain_text(self.tables[0]) if fmt == "github" else super().text_as(fmt)
@@ -137,15 +142,21 @@ def show(key: str) -> Text:
         parts += [f"reasoning: {info.reasoning}"] if info.reasoning else []
         parts += [f"warning: {info.warning}"] if info.warning else []
     options = options_of(info.load()).values()
-    if not options:
-        return Text("\n".join([*parts, "", "no options"]))
-    rows = [
-        [f"{info.key}.{option.name}", option.type_text, _default(option), option.description]
-        for option in options
-    ]
-    headers = ("--set", "valid", "default", "what it does")
-    table = plain_text(_table(headers, rows), widths=(None, 40, None, 60))
-    return Text("\n".join([*parts, "", table]))
+    heading = f"options: --set {info.key}.OPTION=VALUE, or {info.key}@OPTION=VALUE as the name"
+    parts += ["", heading if options else "no options"]
+    lines = [wrapped(part, indent="  ") for part in parts]
+    return Text("\n".join([*lines, *_option_lines(options)]))
+
+
+def _option_lines(options: Collection[Option]) -> list[str]:
+    """Return each option with its default and valid values, then its description."""
+    width = max((len(option.name) for option in options), default=0) + 4
+    lines = []
+    for option in options:
+        values = f"{_default(option)} (valid: {option.type_text})"
+        lines.append(wrapped(values, f"  {option.name}".ljust(width), " " * width))
+        lines += [wrapped(option.description, " " * width, " " * width)] * bool(option.description)
+    return lines
 
 
 def _text(grid: Grid) -> str:
@@ -157,8 +168,10 @@ def _text(grid: Grid) -> str:
 
 def _default(option: Option) -> str:
     if option.required:
-        return "must be set"
-    return "none" if option.default is None else str(option.default)
+        return "required"
+    default = option.default
+    word = str(default).lower() if default is None or isinstance(default, bool) else default
+    return f"default: {word}" if word != "" else "no default"
 
 
 def check(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,21 +11,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.selection import EVERYTHING
+from stiff_bench.analysis.selection import EVERYTHING, stands_for
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
-from stiff_bench.api.tables import Tables
+from stiff_bench.api.tables import Comparison, Tables, screen, short_table
 from stiff_bench.store.database import read_results
-from stiff_bench.tables.metric_table import build_tables
-from stiff_bench.tables.units import MM, PRINTED
+from stiff_bench.tables.metric_table import build_tables, metric_lines
+from stiff_bench.tables.table import SCREEN
+from stiff_bench.tables.units import MM, counted, first_few
 from stiff_protocols.contract.errors import ConfigError, unknown_name
-from stiff_protocols.contract.record import CellResult, Cost
-from stiff_protocols.contract.types import AXES, Prediction
-from stiff_protocols.scoring.metrics import METRICS, metric
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import AXES
+from stiff_protocols.scoring.metrics import metric
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from stiff_bench.analysis.answer import Answer
     from stiff_bench.api.data_sets import Dataset
     from stiff_bench.api.model import Model
     from stiff_bench.figures.prepared_figure import Prepared
@@ -181,7 +185,77 @@ class Results:
         found = compare_folder(self.folder, a, b, question, self.selection)
         asked = {"equivalence_mm": equivalence_mm, "confidence": confidence}
         about = {"a": found.a, "b": found.b, **asked}
-        return Tables(comparison_tables(found), self.command, sentence(found), about)
+        return Comparison(comparison_tables(found), self.command, sentence(found), about)
+
+    def answer(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Answer:
+        """Return which model is best, how much better than the VJM, and how sure that is.
+
+        Args:
+            metric: to score by; a key.
+            axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
+            seed: of the resampling of poses.
+
+        Raises:
+            ConfigError: no model has a score, or the metric cannot rank.
+            StoreError: the folder holds no results, or corrupt ones.
+        """
+        from stiff_bench.analysis.answer import Answer
+        from stiff_bench.analysis.sort_key import sort_key
+
+        key = sort_key(metric, axis)
+        if self.finished is not None:  # what was run now, not what else the folder holds
+            return Answer.of(StoredResults.of_results(self.folder, self.cells), key, seed=seed)
+        stored = StoredResults.read(self.folder)
+        cases = self.selection.cases_of(stored.cases)
+        models = self.selection.models_of(cases)
+        return Answer.of(stored, key, cases, models, seed=seed)
+
+    def summary(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Tables:
+        """Return the answer as a headline and tables with notes.
+
+        Of one comparison the table has each model's errors; of several there is a table of the
+        models against the VJM, and one of their errors in each comparison. It takes the arguments
+        of `answer`, and raises the same errors.
+        """
+        from stiff_bench.analysis import answer_text, case_text
+
+        answer = self.answer(metric, axis, seed=seed)
+        if len(answer.cases) == 1 and metric == "norm":
+            (case,) = answer.cases
+            table = case_text.case_table(answer, case, case_text.case_title(case))
+            notes = [case_text.case_facts(case), *case_text.case_notes(case)]
+            text = case_text.verdict_sentence(answer, case)
+            return Tables([replace(table, notes=notes, brief=True)], self.command, text)
+        failures = Counter(cell.shown.model for cell in self.cells if cell.status == "failed")
+        failed = [f"{model} ({counted(number, 'fit')})" for model, number in failures.items()]
+        notes = [f"{label}: {text}" for label, text in answer_text.sentences(answer)]
+        notes += [f"Failed: {first_few(failed)}; frame() has the reasons."] * bool(failed)
+        matrix = answer_text.matrix_table(answer)
+        where = first_few(matrix.headings()[1:])
+        title = f"{answer.key.text} against the VJM's on {where}"
+        models = replace(answer_text.model_table(answer), title=title, notes=notes)
+        return Tables([models, matrix], self.command, answer_text.headline(answer))
+
+    def screen(self, *facts: str, verbose: bool = False) -> str:
+        """Return the answer as a terminal shows it, or the tables where no model has a score.
+
+        Args:
+            facts: of the run, such as how long it took.
+            verbose: with a table of each comparison, and every note.
+        """
+        from stiff_bench.analysis.case_text import answer_screen
+
+        try:
+            answer = self.answer()
+        except ConfigError:
+            return "\n".join([self.table(verbose=verbose).text_as(SCREEN), *facts])
+        options = "" if self.folder == RESULTS else f" --results {shlex.quote(str(self.folder))}"
+        text = ". ".join([*facts, ""]).strip()
+        return answer_screen(answer, text, options=options, verbose=verbose)
+
+    def plot(self, name: str = "scores") -> Prepared:
+        """Return a figure of the results; see `figure` and `list_figures`."""
+        return figure(name, self)
 
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
@@ -197,6 +271,7 @@ class Results:
             ConfigError: fewer than two models have results, or the metric cannot rank.
             StoreError: the folder holds no results, or corrupt ones.
         """
+        from stiff_bench.analysis.answer_text import model_table
         from stiff_bench.analysis.leaderboard import build_leaderboard
         from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
         from stiff_bench.analysis.sort_key import sort_key
@@ -204,7 +279,9 @@ class Results:
         key, stored = sort_key(metric, axis), StoredResults.read(self.folder)
         board = build_leaderboard(stored, key, self.selection, seed=seed)
         about = {"sort_key": key.text, "direction": key.metric.direction}
-        return Tables(leaderboard_tables(board), self.command, about=about)
+        answer = model_table(self.answer(metric, axis, seed=seed))
+        tables = [replace(answer, formats=(SCREEN,)), *leaderboard_tables(board)]
+        return Tables(tables, self.command, about=about)
 
     def report(
         self,
@@ -252,26 +329,34 @@ class Results:
         """Return the number of results and failures."""
         return len(self.cells)
 
+    def __getitem__(self, model: str) -> Results:
+        """Return the results of one model, or of all variants of a key.
+
+        Raises:
+            ConfigError: the model has no results.
+        """
+        names = list(dict.fromkeys(cell.shown.model for cell in self.cells))
+        if not isinstance(model, str) or not any(stands_for(model, name) for name in names):
+            raise unknown_name("model with results", str(model), names)
+        return self.select(models=[model])
+
+    __iter__ = None
+    """Results are not a sequence; `cells` has them."""
+
+    def _view(self) -> Tables:
+        """Return the answer; the tables where no model has a score."""
+        try:
+            return self.summary()
+        except ConfigError:
+            return self.table()
+
     def __repr__(self) -> str:
-        """Return the tables for a terminal."""
-        return repr(self.table())
+        """Return the answer for a screen, with its first table."""
+        view = self._view()
+        return screen([short_table(view.tables[0])], view.text)
 
     def _repr_html_(self) -> str:
-        return self.table().text_as("html")
-
-
-def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:
-    """Return every metric as lines of tidy data, in the units that they are printed in."""
-    return [
-        {
-            "metric": metric.key,
-            "axis": axis,
-            "value": value * PRINTED[metric.unit][1],
-            "unit": PRINTED[metric.unit][0],
-        }
-        for metric in METRICS.values()
-        for axis, value in metric.values(prediction, cost).items()
-    ]
+        return self._view()._repr_html_()
 
 
 def _about(one: CellResult) -> dict[str, Any]:
@@ -319,9 +404,8 @@ def figure(
         name: one of `list_figures`; numbers are the source paper's.
         results: that it shows, or their folder; None: where `bench run` stores them, and for the
             paper's figures `bench reproduce`. `Results.select` chooses among them; else a figure
-            shows the models that it is clear with, of measured data, then of the data set with
-            most models, then of the one that was asked for first. The figure "robot" draws a
-            data set, too.
+            shows the models that it is clear with, and the data sets in panels: measured ones
+            first, then in the order of asking. The figure "robot" draws a data set, too.
         model: a fitted model, for the figure "robot": its prediction is drawn. Without `results`
             it is drawn at one of its training poses.
         row: of the data set, from 0, for the figure "robot"; None: the largest deflection.

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from stiff_bench.api.model import Model, blamed_on
 from stiff_bench.api.robots import as_robot, payload_of
+from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
@@ -42,6 +43,9 @@ from stiff_protocols.paths.example import drivable_path
 from stiff_protocols.paths.inverse import Followed, follow, joint_number, judged
 from stiff_protocols.paths.path import SHAPES
 
+if TYPE_CHECKING:
+    from stiff_bench.figures.prepared_figure import Prepared
+
 
 @dataclass(frozen=True, eq=False)
 class CorrectedPath:
@@ -67,14 +71,20 @@ class CorrectedPath:
         """(n,) predicted distance from the path with the commands, m."""
         return np.asarray(np.linalg.norm(self.found.after, axis=1))
 
+    def plot(self) -> Prepared:
+        """Return the picture of the path and its predicted errors before and after."""
+        from stiff_bench.figures.corrected_path import path_picture
+
+        return path_picture(self.name, self.found, self.interval)
+
     def __repr__(self) -> str:
         """Return how many points were corrected, and the predicted errors."""
         before, after = MM_PER_M * self.error_before, MM_PER_M * self.error_after
         done = int(self.found.converged.sum())
         return (
-            f"{done} of {len(before)} points corrected; predicted path error before "
-            f"{before.mean():.4g} mm mean, {before.max():.4g} mm largest, after "
-            f"{after.mean():.2g} mm mean, {after.max():.2g} mm largest"
+            f"{done} of {len(before)} points corrected\n"
+            f"predicted path error before: {before.mean():.4g} mm mean, {before.max():.4g} mm "
+            f"largest; after: {after.mean():.2g} mm mean, {after.max():.2g} mm largest"
         )
 
 
@@ -87,7 +97,7 @@ def example_path(
     load: Sequence[float] | None = None,
     robot: str | Robot | None = None,
     hold: Mapping[str, float | None] | None = None,
-) -> str:
+) -> Text:
     """Write a path in front of a robot that it can drive, and return what was written.
 
     Args:
@@ -117,7 +127,7 @@ def example_path(
     held = held_positions(arm, hold or {})
     path = drivable_path(arm, shape, size / MM_PER_M, points, wrench=load, held=held)
     write_path(output, path, tool_of(arm, None))
-    return f"{output}: {shape} of {points} points for {arm.name}, base frame"
+    return Text(f"{output}: {shape} of {points} points for {arm.name}, base frame")
 
 
 def compensate_path(
@@ -244,11 +254,10 @@ def compensate_path(
         if warning:
             text = f"{warning}; see the column {column}"
             warn(text)
+    corrected = CorrectedPath(table.path.name, found, interval)
     if figure is not None:
-        from stiff_bench.figures.corrected_path import path_picture
-
-        path_picture(table.path.name, found, interval).save(Path(figure))
-    return CorrectedPath(table.path.name, found, interval)
+        corrected.plot().save(Path(figure))
+    return corrected
 
 
 def _driven(
@@ -317,6 +326,8 @@ def held_positions(
     except ConfigError as error:
         raise ConfigError(str(error), "hold") from error
     spare = max(robot.n_joints - 6, 0)
+    if hold and not spare:
+        raise ConfigError(f"{', '.join(hold)}: {robot.name} has no joint to hold", "hold")
     if not len({*numbers.values()}) == len(hold) == spare:
         pairs = zip(robot.joint_names, units, strict=True)
         joints = ", ".join(f"{name} [{unit}]" for name, unit in pairs)

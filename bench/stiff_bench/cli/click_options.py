@@ -15,8 +15,10 @@ import click
 
 from stiff_bench import api
 from stiff_bench.api import LARGEST_POSE_TOLERANCE, POSE_TOLERANCE, RESULTS
+from stiff_bench.console import print_text
 from stiff_bench.run.machine import pinned
 from stiff_bench.tables.picture_file import check_suffix
+from stiff_bench.tables.table import SCREEN
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
 
@@ -55,9 +57,16 @@ PICTURE = PicturePath(path_type=Path)
 
 
 class Bounded(click.ParamType[float]):
-    """A number within bounds; click's own takes "nan" for one, and "inf" where no bound is."""
+    """A number within bounds that errors name and help does not.
+
+    click's own also accepts "nan", and "inf" without a bound.
+    """
 
     kind, unit = "a number", ""
+    min: Any
+    max: Any
+    min_open: bool
+    max_open: bool
 
     def convert(self, value: Any, param: Parameter, ctx: Context) -> Any:
         """Return the number, or refuse it naming what is valid."""
@@ -67,25 +76,43 @@ class Bounded(click.ParamType[float]):
                 return number
         except click.BadParameter:
             pass
-        bounds = self._describe_range()  # type: ignore[attr-defined]
-        self.fail(f"{value!r} (valid: {self.kind}, {bounds})", param, ctx)
+        self.fail(f"{value!r} (valid: {self.kind}, {self._bounds()})", param, ctx)
+
+    def _describe_range(self) -> str:
+        """Return nothing: bounds such as 1<=x<=10000 do not help to choose a number."""
+        return ""
+
+    def _bounds(self) -> str:
+        """Return the bounds as words: "at least 1 and at most 10000"."""
+        lower = "above" if self.min_open else "at least"
+        upper = "below" if self.max_open else "at most"
+        bounds = ((lower, self.min), (upper, self.max))
+        return " and ".join(f"{word} {bound:.15g}" for word, bound in bounds if bound is not None)
 
 
 class WholeRange(Bounded, click.IntRange):
     """A whole number within bounds."""
 
-    kind = "a whole number"
+    name, kind = "n", "a whole number"
 
 
 class FiniteRange(Bounded, click.FloatRange):
     """A number within bounds."""
+
+    name = "number"
+
+
+class Fraction(FiniteRange):
+    """A number within bounds in 0 to 1."""
+
+    name = "fraction"
 
 
 class Millimetres(FiniteRange):
     """A length within bounds, such as 0.01 or 0.01mm."""
 
     name = unit = "mm"
-    kind = "a length such as 0.01mm or 0.01"
+    kind = "a length in mm such as 0.5 or 0.5mm"
 
 
 class Numbers(click.ParamType[tuple[float, ...]]):
@@ -104,7 +131,7 @@ class Numbers(click.ParamType[tuple[float, ...]]):
         except ValueError:
             numbers = (math.nan,)
         if not all(map(math.isfinite, numbers)) or self.count not in (None, len(numbers)):
-            self.fail(f"{value!r}: expected {self.what}", param, ctx)
+            self.fail(f"{value!r} (valid: {self.what})", param, ctx)
         return numbers
 
 
@@ -118,7 +145,7 @@ class Size(click.ParamType[int]):
     name = "size"
 
     def convert(self, value: Any, param: Parameter, ctx: Context) -> int:
-        """Return the bytes, or refuse a text that is no size."""
+        """Return the bytes, or refuse a text without a size."""
         from pydantic import ByteSize, TypeAdapter, ValidationError
 
         try:
@@ -126,11 +153,15 @@ class Size(click.ParamType[int]):
         except ValidationError:
             size = 0
         if size < SMALLEST_SIZE:
-            self.fail(f"{value!r} is no size (valid: 2GiB, 500MB, ... from 1MiB)", param, ctx)
+            self.fail(
+                f"{value!r} (valid: a size with its unit, such as 2GiB or 500MB, at least 1MiB)",
+                param,
+                ctx,
+            )
         return size
 
 
-PROBABILITY = FiniteRange(0, 1, min_open=True, max_open=True)
+PROBABILITY = Fraction(0, 1, min_open=True, max_open=True)
 
 
 def coverage_option(text: str) -> Callable[[Command], Command]:
@@ -154,13 +185,13 @@ def output_option(metavar: str, text: str = "A new file.") -> Callable[[Command]
 sheet_option = click.option(
     "--sheet",
     metavar="NAME",
-    help="Sheet of an Excel file.  [default: the only one that holds a table]",
+    help="Sheet of an Excel file.  [default: the only one with a table]",
 )
 file_options = together(
     click.option(
         "--no-torque",
         is_flag=True,
-        help="No torques were measured: the columns tx_Nm.. may be missing, or zero.",
+        help="Torques were not measured: tx_Nm, ty_Nm and tz_Nm may be missing or zero.",
     ),
     sheet_option,
     click.option(
@@ -168,8 +199,8 @@ file_options = together(
         type=FiniteRange(0, LARGEST_POSE_TOLERANCE),
         default=POSE_TOLERANCE,
         metavar="DEG",
-        help="Largest difference of the joint positions of one pose, in deg (mm of prismatic "
-        "joints): rows without pose_id are grouped by it.",
+        help="Rows without pose_id are one pose if their joint positions differ by at most this, "
+        "in deg (prismatic joints: mm).",
     ),
 )
 
@@ -181,21 +212,21 @@ plugin_option = click.option(
     callback=lambda _, __, files: api.registered.use_only(files),
     type=FILE,
     metavar="FILE.py",
-    help="Python file that defines MODELS, DATASETS or PROTOCOLS; may be repeated.",
+    help="Python file with your MODELS, DATASETS or PROTOCOLS; may be repeated.",
 )
 settings_option = click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="KEY.OPTION=VALUE",
-    help="An option of a model, data set or protocol; `bench show KEY` lists them.",
+    help="Set an option that `bench show KEY` lists; may be repeated.",
 )
 results_option = click.option(
     "--results",
     type=FILE,
     default=RESULTS,
     metavar="DIR",
-    help="Folder of results, the --output of `bench run`.",
+    help="Folder of results: the --output of `bench run`.",
 )
 seed_option = click.option(
     "--seed",
@@ -211,21 +242,32 @@ device_option = click.option(
 )
 FORMATS = click.Choice(["github", "latex", "csv", "html", "json"])
 format_option = click.option(
-    "--format", "fmt", type=FORMATS, default="github", help="Format of standard output."
+    "--format",
+    "fmt",
+    type=FORMATS,
+    metavar="FORMAT",
+    callback=lambda _, __, fmt: fmt or (SCREEN if sys.stdout.isatty() else "github"),
+    help="Format of tables: github, latex, csv, html or json.  [default: on a terminal, tables "
+    "that fit it; else github]",
 )
+
+
+def print_tables(tables: api.tables.Tables, fmt: str) -> None:
+    """Print tables in a format of `format_option`."""
+    print_text(tables.text_as(fmt), laid_out=fmt == SCREEN)
 
 
 def gathered(
     name: str, make: Callable[..., Any], *options: Callable[[Any], Any]
 ) -> Callable[[Command], Command]:
     """Return a decorator that adds options; `make` gets them, the command its result as `name`."""
-    own = inspect.signature(make).parameters
+    parameters = inspect.signature(make).parameters
 
     def decorated(command: Command) -> Command:
         @wraps(command)
         def call(**words: Any) -> Any:
-            given = {key: words.pop(key) for key in own if key in words}
-            return command(**{name: make(**given)}, **words)
+            values = {key: words.pop(key) for key in parameters if key in words}
+            return command(**{name: make(**values)}, **words)
 
         return cast(Command, together(*options)(call))
 
@@ -241,13 +283,15 @@ def _selection(
     return api.stored_results.Selection(models, datasets, protocols, conditions)
 
 
-_VARIANTS = "A {}, or a key for all its variants; may be repeated."
+_VARIANTS = "Only this {}, or all variants of a key; may be repeated."
 case_options = gathered(
     "selection",
     _selection,
     several_keys("--dataset", "datasets", help=_VARIANTS.format("data set")),
     several_keys("--protocol", "protocols", help=_VARIANTS.format("protocol")),
-    several_keys("--condition", "conditions", help='Condition of a protocol: "n = 40".'),
+    several_keys(
+        "--condition", "conditions", help='Only this condition of a protocol, such as "n = 40".'
+    ),
 )
 """Options that choose among stored results, of a command that names its models itself."""
 selection_options = together(
@@ -268,7 +312,7 @@ urdf_options = together(
     click.option(
         "--tip",
         metavar="LINK",
-        help="Last link of the robot in the URDF.  [default: the end of the longest chain, without "
+        help="Last link of the robot in the URDF.  [default: end of the longest chain, without "
         "fingers]",
     ),
     click.option(
@@ -286,15 +330,15 @@ def _robot_of_data(
 ) -> Robot | None:
     """Return the robot that is named; None without any option."""
     if urdf is not None and robot is not None:
-        raise ConfigError(f"{robot} and urdf {urdf}: give one of them", "robot")
+        raise ConfigError(f"{robot} and --urdf {urdf}: give only one of them", "robot")
     if urdf is not None:
         return api.robots.read_robot(urdf, tcp=tcp, tip=tip)
     if tip is not None:
-        raise ConfigError(f"{tip}: names a link of a URDF; give --urdf too", "tip")
+        raise ConfigError(f"{tip} requires --urdf", "tip")
     if robot is not None:
         return api.robots.load_robot(robot, tcp=tcp)
     if tcp is not None:
-        raise ConfigError(f"{tcp}: of which robot? Give --urdf or --robot too", "tcp")
+        raise ConfigError("requires --urdf or --robot", "tcp")
     return None
 
 
@@ -310,7 +354,7 @@ def _robot(
 _robot_option = click.option(
     "--robot",
     metavar="NAME",
-    help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic "
+    help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic, "
     "or an arm of `arm-family` such as gp12.",
 )
 robot_options = gathered("robot", _robot, _robot_option, urdf_options)
@@ -329,8 +373,7 @@ def _data(
     options = FileOptions(no_torque, sheet, pose_tolerance)
     if not data and (robot is not None or options != DEFAULTS):
         raise ConfigError(
-            "--robot, --urdf, --no-torque, --sheet and --pose-tolerance are of a measured file; "
-            "give --data too"
+            "--robot, --urdf, --no-torque, --sheet and --pose-tolerance require --data FILE"
         )
     return [api.data_sets.Dataset.of_file(file, robot, options) for file in data]
 
@@ -343,7 +386,7 @@ data_options = gathered(
         type=FILE,
         multiple=True,
         metavar="FILE",
-        help="Your own measurement (.csv, .xlsx or .parquet), with --urdf or --robot; may be "
+        help="Your measurement (.csv, .xlsx or .parquet); requires --urdf or --robot; may be "
         "repeated.",
     ),
     file_options,
@@ -362,25 +405,25 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
         click.option(
             "--jobs",
             type=WholeRange(1, 1024),
-            help=f"Number of fits at once, each in its own process.  [default: {usual_jobs}]",
+            help=f"Number of parallel fits, each in its own process.  [default: {usual_jobs}]",
         ),
         click.option(
             "--isolate/--no-isolate",
             default=None,
-            help="Run each fit in its own process.  [default: with several jobs, a limit, a "
-            "cluster or a plugin's model]",
+            help="Run each fit in its own process.  [default: only with several jobs, a limit, a "
+            "cluster or a model of a plugin]",
         ),
         click.option(
             "--timeout",
             type=FiniteRange(0, 1e7, min_open=True),
             metavar="SECONDS",
-            help="Limit on the wall time of a fit.  [default: none]",
+            help="Time limit of each fit.  [default: none]",
         ),
         click.option(
             "--memory",
             type=Size(),
             metavar="SIZE",
-            help="Limit on the memory of a fit, such as 2GiB or 500MB.  [default: none]",
+            help="Memory limit of each fit, such as 2GiB or 500MB.  [default: none]",
         ),
         click.option(
             "--threads",
@@ -393,20 +436,19 @@ def execution_options(usual_jobs: str) -> Callable[[Command], Command]:
             default="",
             show_default=False,
             metavar="CLUSTER",
-            help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler.",
+            help="Compute on a Dask cluster; give its scheduler, tcp://HOST:PORT.",
         ),
         click.option(
             "--rerun",
             type=click.Choice(["missing", "failed", "all"]),
             default="missing",
-            help="Fits to run: those without a stored result or failure, the failed ones too, or "
-            "all.",
+            help="Fits to run: those without a stored result, the failed ones too, or all.",
         ),
         click.option(
             "--plan",
             "plan_only",
             is_flag=True,
-            help="Only print how many fits are missing and how long they would take; a fit of each "
-            "model without a stored one is timed.",
+            help="Only estimate: print how many fits are missing and how long they take. One fit "
+            "per new model is timed.",
         ),
     )

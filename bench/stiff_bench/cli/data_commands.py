@@ -21,20 +21,22 @@ from stiff_bench.cli.click_options import (
     settings_option,
     urdf_options,
 )
-from stiff_bench.cli.refusals import Commands
-from stiff_bench.console import print_text, warnings_said
+from stiff_bench.cli.help_pages import group
+from stiff_bench.console import print_markdown, print_prose, warnings_said
 from stiff_datasets.measured.file_options import FileOptions
 
 if TYPE_CHECKING:
     from stiff_protocols.contract.types import Robot
 
 
-@click.group(cls=Commands)
+@group(
+    epilog="bench data plan --robot ur5 --output plan.csv\nbench data validate my.csv --robot ur5"
+)
 def data() -> None:
     """Plan, check, simulate and inspect data sets."""
 
 
-@data.command()
+@data.command(epilog="bench data info fanuc-r2000ic")
 @click.argument("key", metavar="KEY|FILE")
 @robot_of_data
 @file_options
@@ -50,38 +52,40 @@ def data() -> None:
 def info(
     key: str, robot: Robot | None, output: Path, settings: tuple[str, ...], **stated: Any
 ) -> None:
-    """Print the card and statistics of a data set, and draw an overview.
+    """Print statistics and the card of a data set, and draw an overview.
 
     KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
     """
     dataset = api.data_sets.dataset_of_word(key, robot, FileOptions(**stated), settings)
-    print_text(dataset.describe(output))
+    card = dataset.card
+    print_prose(dataset.describe(output))
+    if card:
+        print_markdown(f"\n{card}")
 
 
-@data.command()
+@data.command(epilog="bench data plan --robot ur5 --poses 60 --output plan.csv")
 @robot_options
 @click.option(
     "--poses",
     type=WholeRange(1, 10_000),
-    help="Number of poses.  [default: the paper's 151 poses of the KR10, or 151 chosen ones; 10 "
-    "with --after]",
+    help="Number of poses.  [default: 151; of the KR10 those of the paper; 10 with --after]",
 )
 @click.option(
     "--criterion",
     type=click.Choice(["d-optimal", "i-optimal"]),
-    help="Criterion that the choice optimises: joint compliances or predictions.  "
+    help="What poses are chosen for: joint compliances (d-optimal) or predictions (i-optimal).  "
     "[default: d-optimal; i-optimal with --after]",
 )
 @click.option(
     "--candidates",
     type=WholeRange(1, 100_000),
-    help="Number of random poses to choose from.  [default: 2000, or ten a pose]",
+    help="Number of random poses to choose from.  [default: 2000, or ten per pose]",
 )
 @click.option(
     "--payload",
     type=FiniteRange(0, min_open=True),
     metavar="KG",
-    help="Rated payload; it sets the forces.  [default: the shipped robot's]",
+    help="Rated payload, which sets the forces.  [default: the shipped robot's]",
 )
 @click.option(
     "--clearance",
@@ -94,19 +98,19 @@ def info(
     "--after",
     type=FILE,
     metavar="FILE",
-    help="Your measurement so far (.csv, .xlsx or .parquet): choose the poses to measure next.",
+    help="Your measurement so far (.csv, .xlsx or .parquet); the plan has the next poses.",
 )
 @click.option(
     "--model",
     metavar="KEY",
-    help="Model that will be fitted, with --after; gp-springs, gp, vjm-gp and mf-gp choose by "
-    "their own intervals.  [default: vjm]",
+    help="Model to choose poses for, with --after; gp-springs, gp, vjm-gp and mf-gp use their own "
+    "intervals.  [default: vjm]",
 )
 @click.option(
     "--workspace",
     type=FILE,
     metavar="FILE.csv",
-    help="Poses and wrenches where predictions are to be good, with --after.  [default: all that "
+    help="Poses and wrenches that predictions are needed for, with --after.  [default: all that "
     "the robot can reach]",
 )
 @file_options
@@ -114,70 +118,74 @@ def info(
 @seed_option
 @output_option("FILE.csv")
 def plan(**words: Any) -> None:
-    """Write a measurement plan to fill in; without a robot, for the KR10.
+    """Write a measurement plan to fill in.
 
-    With --after it goes on from a measurement and says what more poses would gain.
+    Without a robot, the plan is for the KR10. With --after, it continues a measurement and
+    estimates what more poses gain.
     """
-    print_text(api.measuring.plan_poses(**words))
+    print_prose(api.measuring.plan_poses(**words))
 
 
-@data.command()
+@data.command(epilog="bench data validate my.csv --robot ur5")
 @click.argument("file", type=FILE)
 @robot_options
 @file_options
 def validate(file: Path, robot: Robot | None, **stated: Any) -> int:
     """Check a measured file and name the likeliest mistake in it.
 
-    Exit status: 0 ok; 1 suspicious, the report says why; 2 invalid, no command can use the file.
+    Exit status: 0 ok; 1 suspicious, see the report; 2 invalid, other commands refuse the file.
     """
     report = api.measuring.validate(file, robot=robot, **stated)
-    print_text(repr(report))
+    print_prose(repr(report))
     if robot is None:
-        print_text(f"Robot: {api.measuring.DEFAULT_ROBOT}, the default (--robot, --urdf).")
+        print_prose(
+            f"Robot: {api.measuring.DEFAULT_ROBOT}, the default; name yours: --robot or --urdf"
+        )
     return ("ok", "suspicious", "invalid").index(report.verdict)
 
 
-@data.command()
+@data.command(epilog="bench data simulate --twin ur5 --samples 1000 --output simulated.csv")
 @click.option(
     "--twin",
     default="kr10-r1100-2",
     metavar="NAME|FILE.toml",
-    help="kr10-r1100-2, kr10-rough, kr10-beam, ur5, an arm such as gp12, or a file of your own "
-    "constants.",
+    help="Simulated robot: kr10-r1100-2, kr10-rough, kr10-beam, ur5, an arm such as gp12, or a "
+    "file with your own constants.",
 )
 @click.option("--samples", type=WholeRange(1), default=10_000, help="Number of samples.")
 @click.option(
     "--loads",
     type=click.Choice(["line", "line-hook", "omni"]),
     default="omni",
-    help="The paper's wrenches, its forces at a hook, or forces in all directions at a hook.",
+    help="The paper's wrenches (line), its forces at a hook (line-hook), or forces in all "
+    "directions at a hook (omni).",
 )
 @click.option(
     "--loads-per-pose", type=WholeRange(1, 1000), default=1, help="Number of loads per pose."
 )
 @click.option(
-    "--specimen", type=WholeRange(0, 9), default=0, help="One of ten simulated robots of the type."
+    "--specimen", type=WholeRange(0, 9), default=0, help="Number of the simulated robot, 0 to 9."
 )
 @click.option(
     "--effects",
     default="none",
     metavar="LIST",
-    help="hysteresis, links, kinematics, sensor, separated by commas, or none.",
+    help="Effects separated by commas: hysteresis, links, kinematics, sensor; or none.",
 )
 @click.option(
     "--physics",
     type=click.Choice(["tilting", "rigid"]),
     default="tilting",
-    help="Bearings as in the twin's file, or rigid bearings and links that bend.",
+    help="Tilting bearings as in the twin's file, or rigid bearings and links that bend.",
 )
 @seed_option
 @output_option("FILE.csv|FILE.parquet")
 def simulate(**words: Any) -> None:
     """Write a simulated data set of any size."""
-    print_text(api.measuring.simulate(**words))
+    print_prose(api.measuring.simulate(**words))
 
 
-@data.command()
+@data.command(epilog="bench data register kr10-measured my.csv")
 @click.argument("key", type=click.Choice(["kr10-measured"]), metavar="KEY")
 @click.argument("file", type=FILE)
 @urdf_options
@@ -185,8 +193,8 @@ def simulate(**words: Any) -> None:
 def register(key: str, file: Path, **words: Any) -> None:
     """Register your own measurement as a named data set.
 
-    KEY is kr10-measured; without --urdf the robot is the shipped KR10.
+    KEY is kr10-measured. Without --urdf, the robot is the shipped KR10.
     """
     with warnings_said():
         done = api.measuring.register(key, file, **words)
-    print_text(done)
+    print_prose(done)

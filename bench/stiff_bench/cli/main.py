@@ -11,17 +11,18 @@ import sys
 import click
 
 from stiff_bench.cli.data_commands import data
+from stiff_bench.cli.help_pages import WIDEST_PAGE, group
 from stiff_bench.cli.model_commands import export, fit, predict
 from stiff_bench.cli.path_commands import path
 from stiff_bench.cli.plugin_commands import check, list_, new, show
-from stiff_bench.cli.refusals import Commands, refusal
+from stiff_bench.cli.refusals import refusal
 from stiff_bench.cli.result_commands import compare, figure, leaderboard, merge, report, table
 from stiff_bench.cli.run_commands import reproduce, run
 from stiff_bench.console import replace_closed_streams, say
 from stiff_bench.run.machine import prepare
 from stiff_protocols.contract.errors import StiffBenchError
 
-INTERRUPTION = "interrupted; what is stored stays, the same command computes the rest"
+INTERRUPTION = "interrupted. Results so far are saved; run the same command to continue."
 USAGE_ERROR, CELLS_FAILED = 2, 1
 
 
@@ -64,7 +65,7 @@ def main(arguments: list[str] | None = None) -> None:
     except Exception as error:
         if debug:
             raise
-        say(f"internal error: {type(error).__name__}: {error} (--debug shows where)")
+        say(f"internal error: {type(error).__name__}: {error} (add --debug for the traceback)")
         status = CELLS_FAILED
     sys.exit(status if isinstance(status, int) else 0)
 
@@ -73,12 +74,22 @@ def _stop(number: int, _: object) -> None:
     raise Stopped(number)
 
 
-@click.group(
-    cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True}
+@group(
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "show_default": True,
+        "max_content_width": WIDEST_PAGE,
+    },
+    epilog="bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5\n"
+    "bench leaderboard\n"
+    "bench run --help",
 )
 @click.version_option(package_name="stiffbench", prog_name="bench")
 @click.option(
-    "--debug", is_flag=True, expose_value=False, help="Show tracebacks; valid for every command."
+    "--debug",
+    is_flag=True,
+    expose_value=False,
+    help="Show the traceback of an error; valid for every command.",
 )
 def bench() -> None:
     """Benchmark stiffness models of industrial robots."""

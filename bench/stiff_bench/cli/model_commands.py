@@ -22,7 +22,8 @@ from stiff_bench.cli.click_options import (
     several_keys,
     sheet_option,
 )
-from stiff_bench.console import print_text, warnings_said
+from stiff_bench.cli.help_pages import command
+from stiff_bench.console import print_prose, print_text, warnings_said
 from stiff_protocols.contract.files import check_new_file
 
 model_file_option = click.option(
@@ -30,7 +31,7 @@ model_file_option = click.option(
 )
 
 
-@click.command()
+@command(epilog="bench fit --model gp-springs --data my.csv --robot ur5 --output my.stiff")
 @several_keys("--model", "models", required=True, help="Model to fit.")
 @several_keys("--dataset", "datasets", help="Data set to fit it to.")
 @data_options
@@ -50,8 +51,8 @@ def fit(
 ) -> None:
     """Fit a model to all samples of a data set and save it.
 
-    As in `bench run`, a network finds its number of epochs by cross-validation and then learns
-    from every sample; with `training=best`, a fifth of the poses chooses the epoch instead.
+    As in `bench run`, a network chooses its number of epochs by cross-validation, then learns from
+    every sample. With `training=best`, a fifth of the poses chooses the epoch instead.
     """
     model, samples = api.evaluation.model_and_data(
         models, [*datasets, *data], settings=settings, device=device
@@ -60,10 +61,10 @@ def fit(
     with warnings_said():
         model.fit(samples, seed=seed)
     model.save(output)
-    print_text(f"{output}: {model.report(samples, seed)}")
+    print_prose(f"{output}: {model.report(samples, seed)}")
 
 
-@click.command()
+@command(epilog="bench predict --model my.stiff --input poses.csv --output deflections.csv")
 @model_file_option
 @click.option(
     "--input",
@@ -74,32 +75,32 @@ def fit(
     help="Poses and wrenches; deflections are ignored.",
 )
 @output_option(
-    "FILE.csv", "New file: the same rows with dx_mm, dy_mm, dz_mm; - for standard output."
+    "FILE.csv", "New file: the same rows with dx_mm, dy_mm, dz_mm; `-` for standard output."
 )
-@coverage_option("Add prediction intervals of this coverage, of each axis.")
+@coverage_option("Add prediction intervals of this coverage, per axis.")
 @sheet_option
 @plugin_option
 def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
     """Predict the deflections of a file of poses and wrenches.
 
-    The column extrapolates names what is unlike the training samples: joints, pose-gap, load or
-    load-gap. There a prediction is a guess.
+    The column `extrapolates` names what is unlike the training samples: joints, pose-gap, load or
+    load-gap. Such a prediction is a guess.
     """
-    found = api.model.load_model(model)
+    fitted = api.model.load_model(model)
     with TemporaryDirectory() as folder:
         file = Path(folder) / "rows.csv" if str(output) == "-" else output
         with warnings_said():
-            n_rows = found.predict_file(loads, file, **words)
+            n_rows = fitted.predict_file(loads, file, **words)
         if file != output:
             print_text(file.read_text(encoding="utf-8").removesuffix("\n"))
             return
     number = "1 row" if n_rows == 1 else f"{n_rows} rows"
-    print_text(f"{output}: {number} predicted by {found.name}, robot {found.fitted.robot_.name}")
+    print_prose(f"{output}: {number} predicted by {fitted.name}, robot {fitted.fitted.robot_.name}")
 
 
-@click.command()
+@command(epilog="bench export --model mlp.stiff --output mlp.onnx")
 @model_file_option
 @output_option("FILE.onnx")
 def export(model: Path, output: Path) -> None:
     """Write a saved network as ONNX."""
-    print_text(api.model.load_model(model).export(output))
+    print_prose(api.model.load_model(model).export(output))

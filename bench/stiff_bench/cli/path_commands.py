@@ -21,16 +21,16 @@ from stiff_bench.cli.click_options import (
     robot_options,
     sheet_option,
 )
+from stiff_bench.cli.help_pages import group
 from stiff_bench.cli.model_commands import model_file_option
-from stiff_bench.cli.refusals import Commands
-from stiff_bench.console import print_text, warnings_said
+from stiff_bench.console import print_prose, warnings_said
 
 FRAME = Numbers("six finite numbers, x,y,z in mm and a,b,c in deg", 6)
 load_option = click.option(
     "--load",
     type=Numbers("six finite numbers, fx,fy,fz in N and tx,ty,tz in N m", 6),
     metavar="FX,FY,FZ,TX,TY,TZ",
-    help="Process load on the tool at every point, N and N m.",
+    help="Process load on the tool at every point, in N and N m.",
 )
 
 
@@ -56,29 +56,32 @@ hold_option = click.option(
     multiple=True,
     callback=_held,
     metavar="JOINT=VALUE",
-    help="Of a robot with more than six joints: hold one, by its name or number (rail, J3, 3), at "
-    "this value, deg or mm; may be repeated.",
+    help="Hold a joint, by name or number (rail, J3, 3), at a value in deg or mm, for robots with "
+    "more than six joints; may be repeated.",
 )
 
 
-@click.group(cls=Commands)
+@group(
+    epilog="bench path example --output square.csv\n"
+    "bench path compensate --model my.stiff --path square.csv --output new.csv"
+)
 def path() -> None:
     """Correct tool paths for the deflection under load."""
 
 
-@path.command()
+@path.command(epilog="bench path example --shape circle --size 300mm --output circle.csv")
 @click.option(
     "--shape",
     type=click.Choice(["square", "circle", "line", "iso9283"]),
     default="square",
-    help="Its shape; iso9283 passes through the five test points of ISO 9283.",
+    help="Shape of the path; iso9283 passes through the five test points of ISO 9283.",
 )
 @click.option(
     "--size",
     type=Millimetres(1, 1e4),
     default=200.0,
     metavar="MM",
-    help="Edge, diameter or length; of iso9283 the edge of the cube.",
+    help="Edge, diameter or length of the shape; for iso9283 the edge of the cube.",
 )
 @click.option("--points", type=WholeRange(2, 1_000_000), default=401, help="Number of points.")
 @load_option
@@ -86,17 +89,22 @@ def path() -> None:
 @robot_options
 @output_option("FILE.csv")
 def example(**words: Any) -> None:
-    """Write a path that a robot can drive, to try `bench path compensate` on.
+    """Write an example path for `bench path compensate`.
 
     Without --load, a quarter of the robot's payload pulls downwards.
     """
-    print_text(api.tool_paths.example_path(**words))
+    print_prose(api.tool_paths.example_path(**words))
 
 
-@path.command()
+@path.command(epilog="bench path compensate --model my.stiff --path circle.csv --output new.csv")
 @model_file_option
 @click.option(
-    "--path", "points", type=FILE, required=True, metavar="FILE", help="Points of the tool."
+    "--path",
+    "points",
+    type=FILE,
+    required=True,
+    metavar="FILE",
+    help="Tool path: a file of points.",
 )
 @sheet_option
 @output_option("FILE.csv", "New file: commanded poses and joint angles, predicted errors.")
@@ -104,14 +112,14 @@ def example(**words: Any) -> None:
     "--tool",
     type=FRAME,
     metavar="X,Y,Z,A,B,C",
-    help="Tool frame in the frame of the last link, mm and deg.  [default: the model's TCP, turned "
-    "as the last link]",
+    help="Tool frame in the frame of the last link, in mm and deg.  [default: the model's TCP with "
+    "the axes of the last link]",
 )
 @click.option(
     "--frame",
     type=FRAME,
     metavar="X,Y,Z,A,B,C",
-    help="Frame of the path in the base frame, mm and deg.  [default: the base frame]",
+    help="Frame of the path in the base frame, in mm and deg.  [default: the base frame]",
 )
 @load_option
 @click.option(
@@ -124,8 +132,8 @@ def example(**words: Any) -> None:
     "--start",
     type=Numbers("one finite number a joint, deg or mm"),
     metavar="Q1,Q2,...",
-    help="Joint angles near the first point, deg: they choose the configuration.  [default: the "
-    "one nearest to the model's training poses]",
+    help="Joint angles near the first point, in deg; they choose the configuration.  [default: the "
+    "configuration nearest to the model's training poses]",
 )
 @hold_option
 @click.option(
@@ -133,18 +141,21 @@ def example(**words: Any) -> None:
     type=Millimetres(1e-5, 10),
     default=1e-3,
     metavar="MM",
-    help="Predicted error that may remain.",
+    help="Largest predicted error that may remain.",
 )
 @click.option(
-    "--iterations", type=WholeRange(1, 1000), default=20, help="Predictions of a point at most."
+    "--iterations",
+    type=WholeRange(1, 1000),
+    default=20,
+    help="Largest number of predictions per point.",
 )
 @click.option(
     "--on-failure",
     type=click.Choice(["stop", "keep"]),
     default="stop",
-    help="At a point that cannot be corrected: stop, or keep it uncorrected and name it.",
+    help="If a point cannot be corrected: stop, or keep it uncorrected and name it.",
 )
-@coverage_option("Add prediction intervals of this coverage, of each axis.")
+@coverage_option("Add prediction intervals of this coverage, per axis.")
 @click.option(
     "--figure",
     type=PICTURE,
@@ -155,10 +166,10 @@ def example(**words: Any) -> None:
 def compensate(model: Path, points: Path, output: Path, **words: Any) -> None:
     """Write the commands that put the loaded tool on a path.
 
-    The predicted deflection is subtracted at the pose that is commanded, until the loaded tool is
-    predicted to be on the path; its orientation is held.
+    The predicted deflection at the commanded pose is subtracted, until the loaded tool is predicted
+    to be on the path. Its orientation does not change.
     """
-    found = api.model.load_model(model)
+    fitted = api.model.load_model(model)
     with warnings_said():
-        corrected = api.tool_paths.compensate_path(found, points, output, **words)
-    print_text(f"{output}: {corrected!r} ({found.name}, robot {found.fitted.robot_.name})")
+        corrected = api.tool_paths.compensate_path(fitted, points, output, **words)
+    print_prose(f"{output}: {fitted.name}, robot {fitted.fitted.robot_.name}; {corrected!r}")

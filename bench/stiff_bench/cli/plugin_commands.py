@@ -7,61 +7,67 @@ from pathlib import Path
 import click
 
 from stiff_bench import api
-from stiff_bench.cli.click_options import FILE, format_option, plugin_option, settings_option
-from stiff_bench.cli.refusals import Commands
-from stiff_bench.console import print_text
+from stiff_bench.cli.click_options import (
+    FILE,
+    format_option,
+    plugin_option,
+    print_tables,
+    settings_option,
+)
+from stiff_bench.cli.help_pages import command, group
+from stiff_bench.console import print_prose
 
 KINDS = ("models", "datasets", "protocols", "metrics", "figures")
 
 
-@click.command("list")
+@command("list", epilog="bench list models")
 @click.argument("kind", metavar="KIND", type=click.Choice(KINDS))
 @plugin_option
 @format_option
 def list_(kind: str, fmt: str) -> None:
-    """List what can be named.
+    """List models, data sets, protocols, metrics or figures.
 
-    KIND is models, datasets, protocols, metrics or figures.
+    KIND is one of models, datasets, protocols, metrics and figures.
     """
-    print_text(getattr(api.registered, f"list_{kind}")().text_as(fmt))
+    print_tables(getattr(api.registered, f"list_{kind}")(), fmt)
 
 
-@click.command()
+@command(epilog="bench show vjm-gp")
 @click.argument("key")
 @plugin_option
 def show(key: str) -> None:
     """Explain a model, data set or protocol, with its options."""
-    print_text(api.registered.show(key))
+    print_prose(api.registered.show(key))
 
 
-@click.command()
+@command(epilog="bench check my-model --plugin my_model.py")
 @click.argument("key")
 @click.option(
     "--dataset",
     default="fanuc-r2000ic",
     metavar="KEY",
-    help="Data set that a model or protocol is checked on.",
+    help="Data set to check a model or protocol on.",
 )
 @settings_option
 @plugin_option
 def check(key: str, dataset: str, settings: tuple[str, ...]) -> int:
-    """Check that a model, data set or protocol meets its contract.
+    """Check the interface of a model, data set or protocol.
 
-    Exit status: 0 nothing failed, 1 a check failed, 2 it cannot be checked.
+    Exit status: 0 no check failed; 1 a check failed; 2 it cannot be checked.
     """
     checked = api.registered.check(key, dataset=dataset, settings=settings)
-    print_text(repr(checked))
+    print_prose(repr(checked))
     return 0 if checked.kept else 1
 
 
-@click.group(cls=Commands)
+@group(epilog="bench new model my-model")
 def new() -> None:
     """Write the first files of a plugin."""
 
 
-@new.command()
+@new.command(epilog="bench new model my-model")
 @click.argument("name")
 @click.option("--output", type=FILE, default=Path(), metavar="DIR", help="Folder to write to.")
 def model(name: str, output: Path) -> None:
     """Write a small working model and its test."""
-    print_text(api.registered.new_model(name, output))
+    print_prose(api.registered.new_model(name, output))

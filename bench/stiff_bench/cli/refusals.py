@@ -1,4 +1,4 @@
-"""What click refuses, in one line that names the word and what is valid."""
+"""Errors of click in one line, with the wrong word and the valid ones."""
 
 from __future__ import annotations
 
@@ -7,22 +7,8 @@ import click
 from stiff_protocols.contract.errors import unknown_name
 
 
-class Commands(click.Group):
-    """A group that answers an unknown command with those that it has."""
-
-    group_class = type
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command; ConfigError: there is none of this name."""
-        if not args[0].startswith("-") and args[0] not in self.commands:
-            raise unknown_name(f"{ctx.command_path} command", args[0], self.commands)
-        return super().resolve_command(ctx, args)
-
-
 def refusal(error: click.ClickException) -> str:
-    """Return a message of click's, with what is valid where click does not say it."""
+    """Return the message of an error of click with the valid words or an example."""
     message = error.format_message().removesuffix(".")
     ctx = error.ctx if isinstance(error, click.UsageError) else None
     if ctx is None:
@@ -30,18 +16,14 @@ def refusal(error: click.ClickException) -> str:
     if isinstance(error, click.NoSuchOption):
         options = [
             name
-            for one in ctx.command.get_params(ctx)
-            for name in (*one.opts, *one.secondary_opts)
+            for option in ctx.command.get_params(ctx)
+            for name in (*option.opts, *option.secondary_opts)
             if name.startswith("--")
         ]
-        text = str(unknown_name(f"{ctx.command_path} option", error.option_name, options))
-        return f"{text}; {_usage(ctx)}"
+        return str(unknown_name(f"{ctx.command_path} option", error.option_name, options))
     if isinstance(error, click.MissingParameter) and isinstance(error.param, click.Option):
         return f"{message}; {': '.join(error.param.get_help_record(ctx) or ())}"
     if isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter):
         return message
-    return f"{message}; {_usage(ctx)}"
-
-
-def _usage(ctx: click.Context) -> str:
-    return ctx.get_usage().replace("Usage", "usage", 1)
+    example, *_ = (ctx.command.epilog or "").splitlines() or [""]
+    return f"{message}; {ctx.get_usage().replace('Usage', 'usage', 1)}; example: {example}"

@@ -22,28 +22,30 @@ from stiff_bench.cli.click_options import (
     format_option,
     output_option,
     plugin_option,
+    print_tables,
     ranking_options,
     results_option,
     seed_option,
     selection_options,
 )
-from stiff_bench.console import print_text, say, warnings_said
+from stiff_bench.cli.help_pages import command
+from stiff_bench.console import print_prose, say, warnings_said
 from stiff_protocols.contract.errors import ConfigError
 
 if TYPE_CHECKING:
     from stiff_bench.analysis.selection import Selection
 
 
-@click.command()
+@command(epilog="bench leaderboard --results results/runs")
 @results_option
 @ranking_options
 @format_option
 def leaderboard(results: Path, selection: Selection, fmt: str, **ranking: Any) -> None:
     """Rank models over data sets and protocols, with intervals."""
-    print_text(_stored(results, selection).leaderboard(**ranking).text_as(fmt))
+    print_tables(_stored(results, selection).leaderboard(**ranking), fmt)
 
 
-@click.command()
+@command(epilog="bench compare vjm-gp vjm --dataset fanuc-r2000ic")
 @click.argument("a")
 @click.argument("b")
 @results_option
@@ -66,14 +68,14 @@ def compare(a: str, b: str, results: Path, selection: Selection, fmt: str, **que
 
     A and B are models with their options, as `bench run` names them: vjm, ft-mlp@freeze=full.
     """
-    print_text(_stored(results, selection).compare(a, b, **question).text_as(fmt))
+    print_tables(_stored(results, selection).compare(a, b, **question), fmt)
 
 
 def _stored(folder: Path, selection: Selection) -> api.stored_results.Results:
     return api.stored_results.Results(folder, command=command_line(), selection=selection)
 
 
-@click.command()
+@command(epilog="bench table 10")
 @click.argument(
     "number", type=click.Choice([str(number) for number in range(1, 11)]), metavar="NUMBER"
 )
@@ -85,17 +87,24 @@ def _stored(folder: Path, selection: Selection) -> api.stored_results.Results:
 )
 @format_option
 def table(number: str, results: Path | None, fmt: str) -> None:
-    """Print a table of the source paper, beside ours where there are ours: 1 to 10.
+    """Print a table of the source paper with our numbers.
 
-    1: measured poses; 2: errors of the VJM on the samples it was fitted to; 3: identified joint
-    stiffnesses; 4, 5: poses and wrenches of the simulated pre-training data; 6, 7: errors on these
-    by depth and by activation; 8: unfrozen layers; 9: last epoch against best epoch; 10: VJM,
-    FT-MLP and DT-CNN, read on the test part, on all samples and by an honest holdout.
-    """
-    print_text(api.stored_results.paper_table(number, results, command=command_line()).text_as(fmt))
+    \b
+    NUMBER  1   measured poses
+            2   errors of the VJM on the samples it was fitted to
+            3   identified joint stiffnesses
+            4   poses of the simulated pre-training data
+            5   wrenches of the simulated pre-training data
+            6   errors on these data by depth
+            7   errors on these data by activation
+            8   unfrozen layers
+            9   last epoch against best epoch
+            10  VJM, FT-MLP and DT-CNN, scored in three ways
+    """  # noqa: D301  # click keeps the lines below \b
+    print_tables(api.stored_results.paper_table(number, results, command=command_line()), fmt)
 
 
-@click.command()
+@command(epilog="bench report --output report.html")
 @click.option(
     "--results",
     "folders",
@@ -103,9 +112,9 @@ def table(number: str, results: Path | None, fmt: str) -> None:
     multiple=True,
     default=(RESULTS,),
     metavar="DIR",
-    help="Folder of results; may be repeated. Folders are not compared with each other.",
+    help="Folder of results; may be repeated. Each folder is a section of its own.",
 )
-@output_option("FILE.html", "File to write; an older one is replaced.")
+@output_option("FILE.html", "File to write; an existing one is replaced.")
 @ranking_options
 def report(folders: tuple[Path, ...], output: Path, selection: Selection, **ranking: Any) -> None:
     """Write results as one HTML page that needs no network.
@@ -118,7 +127,7 @@ def report(folders: tuple[Path, ...], output: Path, selection: Selection, **rank
     say(f"{output}: written")
 
 
-@click.command()
+@command(epilog="bench figure regression --output regression.pdf")
 @click.argument("name")
 @click.option(
     "--results",
@@ -173,7 +182,7 @@ def figure(
         prepared = api.stored_results.figure(name, dataset or stored, model=model, row=row)
     target = output or Path(f"figure-{name}.png")
     prepared.save(target)
-    print_text(f"{target}: {prepared.title}. {prepared.caption}")
+    print_prose(f"{target}: {prepared.title}. {prepared.caption}")
 
 
 def _shown_data_set(
@@ -187,13 +196,13 @@ def _shown_data_set(
     return next(iter(data), None) or api.data_sets.load_dataset(selection.datasets[0])
 
 
-@click.command()
+@command(epilog="bench merge laptop/runs server/runs --output results/runs")
 @click.argument("folders", metavar="DIR...", type=FILE, nargs=-1, required=True)
-@output_option("DIR", "Folder to merge into, new or with results.")
+@output_option("DIR", "Folder to merge into: new, or with results.")
 def merge(folders: tuple[Path, ...], output: Path) -> None:
     """Merge the results of several machines into one folder.
 
-    Folders that have different numbers of one fit are refused. The given folders are not changed.
+    Folders with different numbers for the same fit are refused. The given folders do not change.
     """
     for line in api.stored_results.merge(folders, output).report:
         say(line)

@@ -14,7 +14,6 @@ from stiff_bench import api
 from stiff_bench.api import RESULTS
 from stiff_bench.cli.click_options import (
     FILE,
-    FORMATS,
     WholeRange,
     command_line,
     coverage_option,
@@ -23,21 +22,25 @@ from stiff_bench.cli.click_options import (
     execution_options,
     format_option,
     plugin_option,
+    print_tables,
     seed_option,
     settings_option,
     several_keys,
 )
+from stiff_bench.cli.help_pages import command
 from stiff_bench.console import print_text, say
+from stiff_bench.tables.table import SCREEN
+from stiff_protocols.contract.errors import ConfigError
 
 HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
 """Options that a study leaves to the command line."""
 
 
-@click.command()
+@command(epilog="bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5")
 @several_keys(
     "--model",
     "models",
-    help="A model, KEY@OPTION=VALUE for one with its own options, or 'all'; may be repeated.",
+    help="A model; KEY@OPTION=VALUE sets its options; 'all' for all models; may be repeated.",
 )
 @several_keys(
     "--dataset",
@@ -53,10 +56,10 @@ HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
 @several_keys(
     "--metric",
     "metrics",
-    help="A metric of `bench list metrics`; may be repeated.  [default: mae, stde, me; of tool "
-    "paths norm, norm-p95, norm-max, removed]",
+    help="A metric of `bench list metrics`; may be repeated.  [default: mae, stde, me; for tool "
+    "paths: norm, norm-p95, norm-max, removed]",
 )
-@coverage_option("Coverage of prediction intervals, of each axis.  [default: 0.9]")
+@coverage_option("Coverage of prediction intervals, per axis.  [default: 0.9]")
 @click.option(
     "--splits", type=WholeRange(1, 10_000), help="Number of splits.  [default: the protocol's]"
 )
@@ -73,10 +76,17 @@ HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
     "--study",
     type=FILE,
     metavar="FILE.toml",
-    help="Run the study of a file, which has models, data sets and all that belongs to them.",
+    help="Run a study: a file that names models, data sets, protocols and options.",
 )
 @format_option
-@click.option("--verbose", is_flag=True, help="Print what fits report, such as stiffnesses.")
+@click.option(
+    "--paper", is_flag=True, help="On a terminal, print the source paper's table: MAE, STDE and ME."
+)
+@click.option(
+    "--verbose",
+    is_flag=True,
+    help="Also print a table of each data set, and what fits report, such as stiffnesses.",
+)
 @click.pass_context
 def run(
     ctx: click.Context,
@@ -84,6 +94,7 @@ def run(
     study: Path | None,
     fmt: str,
     plan_only: bool,
+    paper: bool,
     verbose: bool,
     models: tuple[str, ...],
     datasets: Sequence[str | api.data_sets.Dataset],
@@ -91,10 +102,10 @@ def run(
     data: Sequence[api.data_sets.Dataset],
     **words: Any,
 ) -> int:
-    """Fit and test models; print a table per data set and protocol.
+    """Fit and test models; print which is best, and how sure that is.
 
-    A fit is one model, trained and tested on one split. The VJM is fitted beside every model.
-    Each result is stored in --output at once; the same command again computes what is missing.
+    A fit is one model, trained and tested on one split. The VJM is always included as the
+    baseline. Results are saved in --output at once; the same command continues an interrupted run.
     """
     how, output = {name: words.pop(name) for name in HOW}, words.pop("output")
     if study is None:
@@ -103,65 +114,86 @@ def run(
             models, datasets, protocols, how=how, output=output, command=command_line(), **words
         )
     else:
-        left = {*HOW, "output", "study", "plugin", "fmt", "plan_only", "verbose"}
+        left = {*HOW, "output", "study", "plugin", "fmt", "plan_only", "paper", "verbose"}
         for option in ctx.command.params:
             name = option.name or ""
             if name not in left and ctx.get_parameter_source(name) == ParameterSource.COMMANDLINE:
-                raise click.UsageError(f"{option.opts[0]}: leave it out, or write it in {study}")
+                raise ConfigError(
+                    f"{option.opts[0]} cannot be combined with --study; set it in {study}"
+                )
         asked = api.evaluation.run_of_study(study, output=output, command=command_line(), **how)
-    return show_plan(asked, fmt) if plan_only else execute(asked, fmt, verbose=verbose)
+    return show_plan(asked, fmt) if plan_only else execute(asked, fmt, paper=paper, verbose=verbose)
 
 
-def execute(run: api.evaluation.Run, fmt: str, *, verbose: bool = False) -> int:
+def execute(
+    run: api.evaluation.Run, fmt: str, *, paper: bool = False, verbose: bool = False
+) -> int:
     """Compute a run and print its tables; return 1 if a cell failed or was skipped, else 0."""
     results = run.compute()
-    print_text(results.table(verbose=verbose).text_as(fmt))
-    say_summary(results)
+    if fmt == SCREEN and not (paper or results.metrics):
+        print_text(results.screen(*summary(results), verbose=verbose), laid_out=True)
+    else:
+        print_tables(results.table(verbose=verbose), fmt)
+        say_summary(results)
     return 0 if all(result.status == "ok" for result in results.cells) else 1
 
 
 def say_summary(results: api.stored_results.Results) -> None:
-    """Say what became of the cells, where results are, and how old failures are computed again."""
+    """Print on standard error how the fits ended, and where results are stored."""
+    for line in summary(results):
+        say(line)
+
+
+def summary(results: api.stored_results.Results) -> list[str]:
+    """Return how the fits ended, where results are stored, and how to repeat old failures."""
     finished = results.finished
     assert finished is not None
-    say(f"{finished.summary}; {finished.wall_s:.1f} s; stored in {results.folder}")
+    lines = [f"{finished.summary}; {finished.wall_s:.1f} s; stored in {results.folder}"]
     failed = [one.cell.key for one in finished.results if one.status == "failed"]
     if old := len(finished.cached.intersection(failed)):
-        say(f"{old} of the failures are of earlier runs; --rerun failed computes them again")
+        lines.append(f"{old} of the failures are of earlier runs; --rerun failed repeats them")
+    return lines
 
 
 def show_plan(run: api.evaluation.Run, fmt: str) -> int:
     """Print what a run would compute, and compute nothing."""
     found = run.forecast()
-    print_text(replace(found, text="").text_as(fmt))
+    print_tables(replace(found, text=""), fmt)
     say(found.text)
     return 0
 
 
-@click.command()
+@command(epilog="bench reproduce paper-quick")
 @click.argument("name")
 @click.option(
     "--output",
     type=FILE,
     default=Path("results"),
     metavar="DIR",
-    help="Folder that takes the folder of this name.",
+    help="Folder to write to; the study gets a folder in it.",
 )
-@click.option("--write-only", is_flag=True, help="Write from stored results alone.")
+@click.option("--write-only", is_flag=True, help="Compute nothing; write from stored results.")
 @execution_options("the number of cores")
-@click.option("--format", "fmt", type=FORMATS, default="github", help="Format of the --plan.")
+@format_option
 def reproduce(
     name: str, output: Path, write_only: bool, plan_only: bool, fmt: str, **how: Any
 ) -> int:
     """Run a study and write its page.
 
-    NAME is a study that stiffbench ships, or a file such as my_study.toml: paper (the source
-    paper's tables and figures, an hour on 2 cores), paper-quick (one split and coarse sweeps, 7
-    minutes), leaderboard (2 hours), effects (is the ranking robust to other physics of the
-    simulated robot? half an hour), transfer (what do simulated data add to a few measured poses? 2
-    hours), intervals, anchored, anchored-steps. Stored results are not computed again: an
-    interrupted command can be repeated.
-    """
+    NAME is a file such as my_study.toml, or a study that stiffbench ships (times: on 2 cores):
+
+    \b
+    paper           tables and figures of the source paper; 1 h
+    paper-quick     the same with one split and coarse sweeps; 7 min
+    leaderboard     every model on the main data sets; 2 h
+    effects         is the ranking robust to other physics? 30 min
+    transfer        what do simulated data add to a few measured poses? 2 h
+    intervals       do prediction intervals cover what they claim?
+    anchored        a network and its teacher
+    anchored-steps  how long to pre-train an anchored network
+
+    Results are saved at once; the same command continues an interrupted study.
+    """  # noqa: D301  # click keeps the lines below \b
     asked = api.evaluation.reproduction(name, output=output, command=command_line(), **how)
     if plan_only:
         return show_plan(asked, fmt)

@@ -1,79 +1,124 @@
-"""Whether intervals hold as often as they promise."""
+"""Coverage of intervals: how many test samples they hold."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures import style
+from stiff_bench.figures.figure_source import Compared, FigureSource, data_text, subtitle
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.figures.style import COLUMN_INCH, REFERENCE_COLOR, looks, new_figure, short
+from stiff_bench.store.database import read_data
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.metric_table import pooled_prediction
+from stiff_bench.tables.units import percent
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.scoring.metrics import METRICS
+from stiff_protocols.contract.types import BoolArray, TextArray
+from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
+from stiff_protocols.scoring.paired import LEVEL
 
-MOST_MODELS = 8
+MOST_MODELS, MOST_ROWS = 5, 12
 LEVELS = "0.5, 0.8, 0.9, 0.95"
+MODEL_INCH, GAP_INCH, FRAME_INCH, LEGEND_LINE_INCH = 0.09, 0.1, 0.5, 0.17
 
 
 def calibration_figure(held: pd.DataFrame) -> Figure:
-    """Draw a line a model: a row is a nominal coverage, a column a model, both 0..1."""
-    figure = new_figure(COLUMN_INCH, COLUMN_INCH)
-    axes, found = figure.subplots(), 100.0 * held
-    limits = min(held.index.min(), held.min(axis=None)) * 100.0 - 3.0, 101.0
-    axes.axline((90.0, 90.0), slope=1.0, color=REFERENCE_COLOR, linewidth=0.8)
-    for look, name in zip(looks(len(found.columns)), found.columns, strict=True):
-        line = found[name].dropna()
-        axes.plot(
-            100.0 * line.index, line, marker=look.marker, label=short(name), **look.connected()
-        )
-    axes.set(xlabel="nominal coverage [%]", ylabel="test samples inside [%]")
-    axes.set(xlim=limits, ylim=limits, aspect="equal")
-    axes.legend(loc="upper left")
+    """Draw a row per data set and a panel per nominal coverage; a dot is a model.
+
+    Columns: "data", "model", "nominal", and "share", "low" and "high" of the samples inside, all
+    shares 0..1.
+    """
+    rows, names = held["data"].unique(), held["model"].unique()
+    nominal = sorted(held["nominal"].unique())
+    n_columns = 3 if len(nominal) == 1 else 5
+    legend = LEGEND_LINE_INCH * -(-(len(names) + 1) // n_columns)
+    row_inch = FRAME_INCH + len(rows) * (GAP_INCH + MODEL_INCH * len(names))
+    figure, panels = style.new_panels(len(nominal), row_inch, legend)
+    place = {name: number for number, name in enumerate(rows)}
+    labels = style.short_names(names)
+    offsets = np.linspace(-0.3, 0.3, len(names)) if len(names) > 1 else [0.0]
+    for axes, level in zip(panels, nominal, strict=True):
+        of_level = held[held["nominal"] == level]
+        line: dict[str, Any] = {"color": style.REFERENCE_COLOR, "linestyle": "--", "linewidth": 0.9}
+        axes.axvline(100.0 * level, **line, label="nominal")
+        for (name, look), offset in zip(style.looks_of(names).items(), offsets, strict=True):
+            of_model = of_level[of_level["model"] == name]
+            share, low, high = (100.0 * of_model[key] for key in ("share", "low", "high"))
+            height = [place[data] + offset for data in of_model["data"]]
+            dots: dict[str, Any] = look.points() | {"capsize": 1.5, "elinewidth": 0.8}
+            reach = [share - low, high - share]
+            axes.errorbar(share, height, xerr=reach, **dots, label=labels[name])
+        if len(nominal) > 1:
+            axes.set_title(f"{percent(level)} intervals", loc="left")
+        axes.set_yticks(range(len(rows)), style.short_names(rows).values())
+        axes.grid(visible=False, axis="y")
+        axes.set(xlabel="test samples inside [%]", ylim=(len(rows) - 0.5, -0.5))
+        axes.set_xlim(right=101.0)
+        axes.locator_params(axis="x", nbins=6)
+    style.label_left(panels)
+    style.name_panels(panels)
+    style.share_legend(figure, panels, ncols=n_columns)
     return figure
 
 
 def calibration(source: FigureSource) -> Prepared:
-    """Show the share of test samples inside their intervals over the nominal coverage."""
+    """Show the share of test samples inside their intervals, a row per data set."""
     made_by = "`bench run --metric coverage` makes them"
-    compared = source.compared(MOST_MODELS, _has_interval, "intervals", made_by)
-    # of each split its competitors have the newest coverage alone, which other figures show
-    each = filter(_has_interval, compared.case.every)
-    of_split = grouped(each, _whatever_coverage)
-    held = {}
-    for name in compared.models:
-        splits = compared.case.results(name, compared.slots)
-        held[name] = _held([of_split[_whatever_coverage(one)] for one in splits])
+    panels = source.panels(MOST_MODELS, _has_interval, "intervals", made_by, most_panels=MOST_ROWS)
+    text = data_text if panels.condition else subtitle
+    rows = [
+        {"data": text(compared.case), "model": name, **share}
+        for compared in panels.compared
+        for name in compared.models
+        for share in _shares(source, compared, name)
+    ]
     caption = (
-        "Share of the test samples of all splits inside their intervals, mean of X, Y and Z, over "
-        "the share that should be; on the diagonal the intervals hold, below it they are too "
-        f"narrow. A point a coverage (`bench run --coverage`, such as {LEVELS}). {compared.setting}"
+        "Share of the test samples of all splits inside their intervals, mean of X, Y and Z; bars: "
+        f"{percent(1 - LEVEL)} bootstrap intervals over poses. Left of the dashed line intervals "
+        f"are too narrow. `bench run --coverage`, such as {LEVELS}, makes others. {panels.setting}"
     )
-    paint = partial(calibration_figure, pd.DataFrame(held))
-    return Prepared("Coverage of the intervals", caption, paint, compared.subtitle)
+    paint = partial(calibration_figure, pd.DataFrame(rows))
+    return Prepared("Coverage of the intervals", caption, paint, panels.condition)
 
 
-def _held(splits: Sequence[Sequence[CellResult]]) -> pd.Series:
-    """Return nominal coverage -> share inside, of those that every split has."""
-    of_coverage = grouped(chain.from_iterable(splits), lambda one: one.cell.coverage or 0.0)
-    shares = {
-        coverage: np.mean([*METRICS["coverage"].values(pooled_prediction(results)).values()])
-        for coverage, results in of_coverage.items()
-        if len(results) == len(splits)
-    }
-    return pd.Series(shares).sort_index()
+def _shares(source: FigureSource, compared: Compared, name: str) -> Iterator[dict[str, float]]:
+    """Yield the share inside and its interval for each coverage that every split has."""
+    # the case's competitors have only the newest coverage of each split
+    with_interval = filter(_has_interval, compared.case.every)
+    of_split = grouped(with_interval, _key_without_coverage)
+    results = compared.case.results(name, compared.slots)
+    splits = [of_split[_key_without_coverage(result)] for result in results]
+    every = chain.from_iterable(splits)
+    of_coverage = grouped(every, lambda result: result.cell.coverage or 0.0)
+    pose_id = read_data(source.folder, compared.case.name.data_sha256).samples.pose_id
+    for coverage, members in of_coverage.items():
+        if len(members) == len(splits):
+            yield {"nominal": coverage, **_share_inside(members, pose_id)}
+
+
+def _share_inside(results: Sequence[CellResult], pose_id: TextArray) -> dict[str, float]:
+    """Return the share of test samples inside their intervals, with its interval over poses."""
+    tested = pooled_prediction(results)
+    assert tested.interval is not None  # each of the results has one
+    low, high = tested.interval.lower, tested.interval.upper
+    inside: BoolArray = (low <= tested.measured) & (tested.measured <= high)  # (n, 3)
+    by_pose = pose_errors(pose_id, inside.mean(axis=1, keepdims=True), tested.rows)
+    means = resampled_means(by_pose)[:, 0]
+    share = float(by_pose.mean[0])
+    bounds = np.quantile(means, [LEVEL / 2, 1 - LEVEL / 2])
+    return {"share": share, "low": float(bounds[0]), "high": float(bounds[1])}
 
 
 def _has_interval(result: CellResult) -> bool:
     return result.prediction is not None and result.prediction.interval is not None
 
 
-def _whatever_coverage(result: CellResult) -> str:
+def _key_without_coverage(result: CellResult) -> str:
     return replace(result.cell, coverage=None).key

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
+
+import numpy as np
+import pandas as pd
 
 from stiff_bench.analysis.collected import Case, StoredResults, competitor_names
 from stiff_bench.analysis.leaderboard import of_newest_data
 from stiff_bench.analysis.selection import EVERYTHING, Selection, competitor_meant, stands_for
-from stiff_bench.store.names import grouped, natural_key
+from stiff_bench.figures.style import short
+from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import Slot
-from stiff_bench.tables import metric_table
 from stiff_bench.tables.metric_table import mark_of, pooled_prediction
-from stiff_bench.tables.units import counted, first_few
+from stiff_bench.tables.units import counted
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult, Presentation
-from stiff_protocols.contract.types import Prediction
+from stiff_protocols.contract.types import FloatArray, Prediction
 from stiff_protocols.scoring.metrics import norm_errors
 
+LEAST = 1e-12
+"""m: an error of nothing has no logarithm."""
+NOISE = "noise"
+"""Key of `KNOWN`: the deflection before the instruments' noise."""
 Has = Callable[[CellResult], object]
 """What is true of a result that has what a figure shows."""
 
@@ -55,9 +61,37 @@ def marks_in(cases: Iterable[Case], models: Collection[str]) -> str:
 
 
 def subtitle(case: Case) -> str:
-    """Return which data set, protocol and condition a picture shows."""
-    about = f"{case.name.dataset} ({case.shown.kind})"
-    return ", ".join(filter(None, [about, case.name.protocol, case.name.condition]))
+    """Return the data set, protocol and condition for a picture."""
+    return f"{data_text(case)}, {condition_text(case)}"
+
+
+def data_text(case: Case) -> str:
+    """Return the data set and its kind."""
+    return f"{case.name.dataset} ({case.shown.kind})"
+
+
+def condition_text(case: Case) -> str:
+    """Return the protocol and its condition."""
+    return ", ".join(filter(None, [case.name.protocol, case.name.condition]))
+
+
+def setting(cases: Sequence[Case], models: Collection[str], n_splits: Collection[int]) -> str:
+    """Return data, protocols, splits and seeds of some cases, and the marks of the models."""
+    splits = between(n_splits, "split")
+    conditions = grouped(cases, lambda case: (condition_text(case), case.name.seed))
+    texts = [
+        f"{', '.join(map(data_text, of_condition))}, {condition}, {splits}, seed {seed}"
+        for (condition, seed), of_condition in conditions.items()
+    ]
+    paths = " Of tool paths: error without correction as deflection, removed error as prediction."
+    has_paths = any(case.has_paths for case in cases)
+    return f"{'; '.join(texts)}.{marks_in(cases, models)}{paths * has_paths}"
+
+
+MOST_PANELS = 6
+"""Data sets that a figure shows; its caption names the others."""
+TITLE_LETTERS = 28
+"""Of a line over one of three panels in a row, with names of models on their left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,22 +121,14 @@ class FigureSource:
 
     @cached_property
     def newest(self) -> tuple[Case, ...]:
-        """The cases that figures show: those of the data that each name stands for last.
+        """The cases of each name's newest data: measured first, then in the order of asking.
 
-        Those whose reported rows hold training rows are shown where there are no others alone.
+        Those whose reported rows hold training rows are shown only if all do.
         """
-        newest = tuple(of_newest_data(self.cases))
-        tests = tuple(case for case in newest if not case.shown.reports_training)
-        return tests or newest
-
-    @cached_property
-    def _as_asked(self) -> list[Case]:
-        """The newest cases: data sets in the order of asking, newest runs first within each."""
-        by_name = grouped(self.newest, lambda case: case.name.dataset)
-        first = {name: min(case.first_asked for case in cases) for name, cases in by_name.items()}
-        names = sorted(by_name, key=lambda name: (first[name], natural_key(name)))
-        newest_first = (sorted(by_name[n], key=lambda c: c.newest_run, reverse=True) for n in names)
-        return list(chain.from_iterable(newest_first))
+        newest = {case.name for case in of_newest_data(self.cases)}
+        in_order = [case for case in self.cases if case.name in newest]
+        tests = [case for case in in_order if not case.shown.reports_training]
+        return tuple(sorted(tests or in_order, key=lambda case: case.shown.kind != "measured"))
 
     def names(self, cases: Sequence[Case]) -> list[str]:
         """Return the models asked for, or all, that have a result in these cases.
@@ -110,41 +136,24 @@ class FigureSource:
         Raises:
             ConfigError: a word has no results in the folder.
         """
-        known, asked = competitor_names(self.cases), dict[str, None]()
+        every_name, names = competitor_names(self.cases), dict[str, None]()
         for word in self.models:
-            found = [name for name in known if stands_for(word, name)]
-            asked |= dict.fromkeys(found or [competitor_meant(word, self.cases)])
-        done = {name for one in cases for name, found in one.competitors.items() if found.done}
-        return [name for name in (asked or known) if name in done]
-
-    def setting(self, case: Case, models: Collection[str], n_splits: Collection[int]) -> str:
-        """Return data, protocol, splits and seed of some models, and what must be read with them.
-
-        Other data sets, whose figures can be asked for, are named.
-        """
-        name, splits = case.name, between(n_splits, "split")
-        of_case = metric_table.setting(
-            case.shown, name.condition, splits, name.seed, after_data=", "
-        )
-        paths = (
-            " Of tool paths: error without correction as deflection, removed error as prediction."
-        )
-        datasets = dict.fromkeys(stored.name.dataset for stored in self._as_asked)
-        datasets.pop(name.dataset, None)
-        more = f" Other data sets (`--dataset`): {first_few([*datasets])}." if datasets else ""
-        return f"{of_case}.{marks_in([case], models)}{paths * case.has_paths}{more}"
+            matches = [name for name in every_name if stands_for(word, name)]
+            names |= dict.fromkeys(matches or [competitor_meant(word, self.cases)])
+        done = {name for case in cases for name, model in case.competitors.items() if model.done}
+        return [name for name in (names or every_name) if name in done]
 
     def results(self, case: Case, has: Has) -> list[CellResult]:
         """Return the results of a case, of the models asked for, that have what is shown."""
-        each = (one for name in self.names([case]) for one in case.results(name))
-        return [one for one in each if has(one)]
+        names = self.names([case])
+        return [result for name in names for result in case.results(name) if has(result)]
 
-    def case(self, has: Has, needs: str, *, most_first: bool = False) -> Case:
-        """Return the case to draw: fair before others, then measured, then with most models.
+    def cases_with(self, has: Has, needs: str, *, most_first: bool = False) -> list[Case]:
+        """Return the case to draw of each data set: measured first, then in the order of asking.
 
-        Of equal ones it is of the data set that was asked for first. `needs` says what its results
-        must have, with the command that makes it. With `most_first` it is the one with most models,
-        fair and measured or not.
+        A fair protocol comes before others, one without a condition before one with, then that
+        with most models. With `most_first` it is the one with most models, fair or not. `needs`
+        names what its results must have, with the command that makes it.
 
         Raises:
             StoreError: no case has such a result of the models asked for.
@@ -155,48 +164,77 @@ class FigureSource:
             there = [name for name in models if name in case.competitors]
             return sum(any(map(has, case.results(name))) for name in there)
 
-        def preference(case: Case) -> tuple[int, bool, bool, bool, int, int]:
-            n = n_models(case)
-            fair = not case.shown.selects_on_test
-            is_measured = case.shown.kind == "measured"
-            whole = not case.name.condition  # not case of many sizes or directions
-            first = n if most_first else min(n, 1)
-            return first, fair, is_measured, whole, n, len(case.slots)
+        def preference(case: Case) -> tuple[int, bool, bool, int, int, str]:
+            n, is_fair = n_models(case), not case.shown.selects_on_test
+            is_plain = not case.name.condition  # not one of many sizes or directions
+            return n * most_first, is_fair, is_plain, n, len(case.slots), case.newest_run
 
-        best = max(self._as_asked, key=preference)  # the first of equal ones
-        if not n_models(best):
+        able = grouped(filter(n_models, self.newest), lambda case: case.name.dataset)
+        if not able:
             of = f" of {', '.join(self.models)}" if self.models else ""
             raise StoreError(f"{self.folder}: no result{of} has {needs}", "results")
-        return best
+        return [max(cases, key=preference) for cases in able.values()]  # the first of equal ones
 
-    def compared(
-        self, most: int, has: Has = lambda _: True, what: str = "a result", made_by: str = ""
-    ) -> Compared:
-        """Return the models to draw: those asked for, or `most` of the best and the linear one.
+    def case(self, has: Has, needs: str) -> Case:
+        """Return the first of `cases_with`, for a figure of one data set."""
+        return self.cases_with(has, needs)[0]
 
-        `what` says what their results must have, and `made_by` which command makes it.
+    def panels(
+        self,
+        most: int,
+        has: Has = lambda _: True,
+        what: str = "a result",
+        made_by: str = "",
+        *,
+        most_panels: int = MOST_PANELS,
+    ) -> Panels:
+        """Return the data sets to draw, with the models asked for, or `most` of the best.
+
+        The linear model is always among the best. `what` names what the results must have, and
+        `made_by` the command that makes it.
 
         Raises:
             StoreError: no result has it, or there is no split on which all models have it.
         """
-        case = self.case(has, "; ".join(filter(None, (what, made_by))))
-        able = [name for name in self.names([case]) if any(map(has, case.results(name)))]
-        names = able if self.models else _best(case, able, most)
-        shared = case.shared_slots(names)
-        slots = [at for at in shared if all(has(case.competitors[n].done[at]) for n in names)]
-        if not slots:
+        every = self.cases_with(has, "; ".join(filter(None, (what, made_by))))
+        cases = every[:most_panels]
+        able = {
+            case: [name for name in self.names([case]) if any(map(has, case.results(name)))]
+            for case in cases
+        }
+        models = list(dict.fromkeys(name for names in able.values() for name in names))
+        names = models if self.models else _best(able, most)
+        panels = []
+        for case in cases:
+            there = tuple(name for name in names if name in able[case])
+            shared = case.shared_slots(there) if there else []
+            slots = [at for at in shared if all(has(case.competitors[n].done[at]) for n in there)]
+            if slots:
+                panels.append(Compared(case, there, tuple(slots)))
+        if not panels:
             raise StoreError(
-                f"{self.folder}: {case.name.text}: {', '.join(names)}: no split on which all have "
-                f"{what}; as many splits of each make them",
+                f"{self.folder}: {cases[0].name.text}: {', '.join(names)}: no split on which all "
+                f"have {what}; as many splits of each make them",
                 "results",
             )
-        about = self.setting(case, names, [len(slots)])
-        if len(names) < len(able):
-            about += f" Best {len(names)} of {len(able)} models, and {REFERENCE_MODEL} in any case."
-        dataset = case.name.dataset
-        if any(one.name.dataset == dataset and one not in self.newest for one in self.cases):
-            about += f" Results on older data named {dataset} are left out."
-        return Compared(case, tuple(names), tuple(slots), about)
+        notes = []
+        if len(names) < len(models):
+            always = f"; {REFERENCE_MODEL} is always among them" * (REFERENCE_MODEL in names)
+            notes.append(f"Best {len(names)} of {len(models)} models{always}.")
+        drawn = [panel.case.name.dataset for panel in panels]
+        if hidden := [case.name.dataset for case in every if case.name.dataset not in drawn]:
+            notes.append(f"Not shown: {', '.join(hidden)}.")
+        data = {case.name.dataset: set[str]() for case in self.cases}
+        for case in self.cases:
+            data[case.name.dataset].add(case.measured_sha256)
+        if older := [dataset for dataset in drawn if len(data[dataset]) > 1]:
+            notes.append(f"Results on older data named {', '.join(older)} are left out.")
+        return Panels(tuple(panels), tuple(names), " ".join(notes))
+
+    def compared(self, most: int) -> Compared:
+        """Return the first of `panels`, for a figure of one data set."""
+        panels = self.panels(most, most_panels=1)
+        return replace(panels.compared[0], notes=panels.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,17 +245,22 @@ class Compared:
         case: the results.
         models: their names, best first unless they were asked for.
         slots: the splits that all of them have.
-        setting: data, protocol, splits, seed, marks of models, and what is left out.
+        notes: what is left out.
     """
 
     case: Case
     models: tuple[str, ...]
     slots: tuple[Slot, ...]
-    setting: str
+    notes: str = ""
+
+    @property
+    def setting(self) -> str:
+        """Data, protocol, splits, seed, marks of models, and what is left out."""
+        return Panels((self,), self.models, self.notes).setting
 
     @property
     def subtitle(self) -> str:
-        """Which data set, protocol and condition it is."""
+        """Data set, protocol and condition."""
         return subtitle(self.case)
 
     @property
@@ -227,17 +270,116 @@ class Compared:
             name: pooled_prediction(self.case.results(name, self.slots)) for name in self.models
         }
 
+    @property
+    def linear_error(self) -> float | None:
+        """Mean length of the linear model's error on the test samples, m; None: not known."""
+        name = REFERENCE_MODEL if REFERENCE_MODEL in self.models else self.models[0]
+        tested = pooled_prediction(self.case.results(name, self.slots))
+        linear = tested.predicted if name == REFERENCE_MODEL else tested.reference
+        return None if linear is None else _mean_distance(linear, tested.measured)
+
+    @property
+    def noise_floor(self) -> float | None:
+        """Mean length of the error from the instruments' noise, m; None: not known."""
+        return noise_floor(self.case.results(self.models[0], self.slots))
+
+
+@dataclass(frozen=True, eq=False)
+class Panels:
+    """Data sets that a figure shows, a panel each.
+
+    Attributes:
+        compared: at least one.
+        models: all names, in the order of their colours.
+        notes: what is left out.
+    """
+
+    compared: tuple[Compared, ...]
+    models: tuple[str, ...]
+    notes: str = ""
+
+    @property
+    def setting(self) -> str:
+        """Data, protocols, splits, seed, marks of models, and what is left out."""
+        n_splits = [
+            len(panel.case.results(name, panel.slots))
+            for panel in self.compared
+            for name in panel.models
+        ]
+        about = setting([panel.case for panel in self.compared], self.models, n_splits)
+        return " ".join(filter(None, [about, self.notes]))
+
+    @property
+    def titled(self) -> list[tuple[str, Compared]]:
+        """Each panel with its title."""
+        return list(zip(self.titles, self.compared, strict=True))
+
+    @property
+    def titles(self) -> list[str]:
+        """Data set of each panel, on one line or two; [""] for a single panel."""
+        cases = [panel.case for panel in self.compared]
+        if len(cases) == 1:
+            return [""]
+        names = [short(case.name.dataset, TITLE_LETTERS) for case in cases]
+        kinds = [f"({case.shown.kind})" for case in cases]
+        if not self.condition:
+            conditions = [short(condition_text(case), TITLE_LETTERS) for case in cases]
+            kinds = [
+                f"{kind} {condition}" for kind, condition in zip(kinds, conditions, strict=True)
+            ]
+        texts = list(zip(names, kinds, strict=True))
+        is_long = max(len(" ".join(text)) for text in texts) > TITLE_LETTERS
+        return [("\n" if is_long else " ").join(text) for text in texts]
+
+    @property
+    def subtitle(self) -> str:
+        """`condition`; for a single panel with its data set."""
+        return self.compared[0].subtitle if len(self.compared) == 1 else self.condition
+
+    @property
+    def condition(self) -> str:
+        """Protocol and condition that all panels share; "" where they differ."""
+        conditions = {condition_text(panel.case) for panel in self.compared}
+        return conditions.pop() if len(conditions) == 1 else ""
+
+
+def noise_floor(results: Iterable[CellResult]) -> float | None:
+    """Return the mean length of the error from the instruments' noise, m; None: not known.
+
+    `results` are of the splits that are shown; one model's are enough.
+    """
+    noise, measured = [], []
+    for result in results:
+        tested = result.prediction
+        if tested is None or NOISE not in tested.known:
+            return None
+        noise.append(tested.known[NOISE])
+        measured.append(tested.measured)
+    return _mean_distance(np.concatenate(noise), np.concatenate(measured)) if noise else None
+
+
+def _mean_distance(predicted: FloatArray, measured: FloatArray) -> float:
+    """Return the mean distance between the rows of two (n, 3) arrays [m], m."""
+    return float(np.linalg.norm(predicted - measured, axis=1).mean())
+
 
 def mean_length(results: Sequence[CellResult]) -> float:
     """Return the mean length of the error over the test samples of some results, m."""
     return float(norm_errors(pooled_prediction(results)).mean())
 
 
-def _best(case: Case, names: Sequence[str], most: int) -> list[str]:
-    """Return the best of the models that have most splits, and the linear one."""
-    n_done = {name: len(case.competitors[name].done) for name in names}
-    complete = [name for name in names if n_done[name] == max(n_done.values())]
-    return with_linear(sorted(complete, key=lambda one: mean_length(case.results(one))), most)
+def _best(able: Mapping[Case, Sequence[str]], most: int) -> list[str]:
+    """Return the best of the models that have most panels and splits, and the linear one."""
+    errors = {}
+    for case, names in able.items():
+        n_done = {name: len(case.competitors[name].done) for name in names}
+        complete = [name for name in names if n_done[name] == max(n_done.values())]
+        errors[case.name] = {name: mean_length(case.results(name)) for name in complete}
+    logarithms = pd.DataFrame(errors).clip(lower=LEAST).map(np.log)  # a row per model
+    relative = (logarithms - logarithms.mean()).mean(axis=1)
+    n_panels = logarithms.count(axis=1)
+    ordered = sorted(logarithms.index, key=lambda name: (-n_panels[name], relative[name]))
+    return with_linear(ordered, most)
 
 
 def with_linear(ordered: Sequence[str], most: int) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 import pandas as pd
@@ -18,13 +19,17 @@ from stiff_bench.analysis.collected import Case
 from stiff_bench.analysis.scored_case import family_of
 from stiff_bench.figures import style
 from stiff_bench.figures.figure_source import (
+    LEAST,
+    MOST_PANELS,
     FigureSource,
     between,
     marks_in,
     mean_length,
+    noise_floor,
     with_linear,
 )
 from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.figures.samples import draw_noise_floor, noise_note
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, counted
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -33,7 +38,6 @@ from stiff_protocols.splits.sample_efficiency import condition_of
 
 CONFIDENCE = 0.95
 FEWEST_FOR_INTERVAL = 3
-LEAST = 1e-12  # m: an error of nothing has no place on a logarithmic axis
 MOST_MODELS = 5
 PANEL_INCH, LEGEND_LINE_INCH = 2.2, 0.17
 _NEEDS = (
@@ -42,20 +46,33 @@ _NEEDS = (
 )
 
 
-def learning_figure(panels: Mapping[str, pd.DataFrame], names: Sequence[str]) -> Figure:
-    """Draw `errors_of` each type of robot against training poses, both logarithmic."""
+def learning_figure(
+    panels: Mapping[str, pd.DataFrame],
+    names: Sequence[str],
+    noise_floors: Mapping[str, float | None],
+) -> Figure:
+    """Draw errors against training poses, both logarithmic, a panel per type of robot.
+
+    Args:
+        panels: type of robot -> its `errors_of`.
+        names: models, in the order of their colours.
+        noise_floors: type of robot -> mean 3-D error of the instruments' noise, m; None: not
+            known.
+    """
     n_columns = 2 if len(panels) == 1 else 3
-    legend = LEGEND_LINE_INCH * -(-len(names) // n_columns)
+    legend = LEGEND_LINE_INCH * -(-(len(names) + any(noise_floors.values())) // n_columns)
     figure, grid = style.new_panels(len(panels), PANEL_INCH, legend)
-    for axes, (title, errors) in zip(grid, panels.items(), strict=True):
-        _draw(axes, errors, names)
-        axes.set_title(style.short(title), loc="left")
-    for axes in grid[::3]:
-        axes.set_ylabel("mean 3-D error [mm]")
+    labels = style.short_names(names)
     for name, look in style.looks_of(names).items():
-        grid[0].plot([], [], color=look.color, marker=look.marker, label=style.short(name))
+        grid[0].plot([], [], color=look.color, marker=look.marker, label=labels[name])
+    for axes, (title, errors) in zip(grid, panels.items(), strict=True):
+        axes.sharey(grid[0])
+        _draw(axes, errors, names)
+        draw_noise_floor(axes.axhline, noise_floors[title])
+        axes.set_title(style.short(title), loc="left")
+    style.label_left(grid, "mean 3-D error [mm]")
     style.name_panels(grid)
-    style.share_legend(figure, grid[:1], ncols=n_columns)
+    style.share_legend(figure, grid, ncols=n_columns)
     return figure
 
 
@@ -125,13 +142,15 @@ def learning_curves(source: FigureSource) -> Prepared:
     protocol = max(cases, key=lambda one: one.newest_run).name.protocol
     of_protocol = [one for one in cases if one.name.protocol == protocol]
     names = source.names(of_protocol)
-    families = {
-        f"{family} ({members[0].shown.kind})": errors_of(names, members)
-        for family, members in sorted(grouped(of_protocol, lambda one: family_of(one.name)).items())
+    members = {
+        f"{family} ({of_family[0].shown.kind})": of_family
+        for family, of_family in grouped(of_protocol, lambda case: family_of(case.name)).items()
     }
+    families = {title: errors_of(names, of_family) for title, of_family in members.items()}
     models = names if source.models else _best(families.values())
-    panels = {title: _shared(errors, models) for title, errors in families.items()}
-    panels = {title: errors for title, errors in panels.items() if len(errors)}
+    every = {title: _shared(errors, models) for title, errors in families.items()}
+    every = {title: errors for title, errors in every.items() if len(errors)}
+    panels = dict(islice(every.items(), MOST_PANELS))
     if not panels:
         raise StoreError(
             f"{source.folder}: no data set on which {', '.join(models) or 'any model'} "
@@ -139,10 +158,26 @@ def learning_curves(source: FigureSource) -> Prepared:
             "results",
         )
     drawn = {name for errors in panels.values() for name in errors.index.unique("model")}
-    others = ", ".join(name for name in names if name not in drawn)
-    caption = _caption(panels, of_protocol, drawn) + f" Not shown: {others}." * bool(others)
-    shown = [name for name in models if name in drawn]
-    return Prepared("Error over training poses", caption, partial(learning_figure, panels, shown))
+    drawn_models = [name for name in models if name in drawn]
+    floors = {title: _noise_floor(members[title], drawn_models) for title in panels}
+    hidden = [name for name in names if name not in drawn]
+    hidden += [title for title in families if title not in panels]
+    caption = _caption(panels, of_protocol, drawn) + noise_note(floors.values())
+    if hidden:
+        caption += f" Not shown: {', '.join(hidden)}."
+    paint = partial(learning_figure, panels, drawn_models, floors)
+    return Prepared("Error over training poses", caption, paint, protocol)
+
+
+def _noise_floor(cases: Sequence[Case], names: Sequence[str]) -> float | None:
+    """Return the geometric mean of the cases' noise floors, m; None: one is not known."""
+    floors = []
+    for case in cases:
+        complete = filter(None, map(case.results_of_all_slots, names))
+        if (floor := noise_floor(next(complete, []))) is None:
+            return None
+        floors.append(floor)
+    return float(np.exp(np.mean(np.log(floors))))
 
 
 def _best(families: Iterable[pd.DataFrame]) -> list[str]:

@@ -12,12 +12,16 @@ from typing import Any, BinaryIO, TypeVar
 import matplotlib
 from matplotlib.figure import Figure
 
+from stiff_bench.console import one_line
 from stiff_bench.figures.style import STYLE, add_subtitle
 from stiff_bench.tables.picture_file import METADATA, check_suffix
 from stiff_protocols.contract.files import written_whole
 
+NOTEBOOK_DPI, MOST_PIXELS = 130, 900
+"""Pixels per inch of a figure in a notebook, and its largest width; the picture has more."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Prepared:
     """A figure that can be drawn: its numbers are gathered.
 
@@ -61,8 +65,14 @@ class Prepared:
         self._write(held, suffix)
         return held.getvalue()
 
-    def _repr_png_(self) -> bytes:
-        return self.picture(".png")
+    def __repr__(self) -> str:
+        return one_line(f"Figure: {self.title}" + f" ({self.subtitle})" * bool(self.subtitle))
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        """Return the picture and the width at which a notebook shows it, pixels."""
+        image = self.picture(".png")
+        inches = int.from_bytes(image[16:20], "big") / self.style.get("savefig.dpi", 100.0)
+        return image, {"width": min(round(inches * NOTEBOOK_DPI), MOST_PIXELS)}
 
     def _write(self, target: Path | BinaryIO, suffix: str) -> None:
         with _only_settings(self.style):

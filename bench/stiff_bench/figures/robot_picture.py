@@ -32,7 +32,7 @@ SHOWN_SHARE = 0.3
 ARROW_SHARE = 0.22
 """Length of a force in the plane of the picture, as a share of the arm's extent."""
 LEAST_NAMED_SHARE = 0.05
-"""Share of the deflection from which a joint's name stands beside its dot."""
+"""Share of the deflection from which a joint's name is written at its dot."""
 DOT_AREA, SMALLEST_DOT = 170.0, 9.0
 """Area of a dot whose joint causes all of the deflection or none, square points."""
 SIZE_INCH, CORNER_INCH = np.array([style.PAGE_INCH, 3.3]), np.array([0.5, 0.4])
@@ -143,9 +143,7 @@ def robot_figure(arm: LoadedArm) -> Figure:
     def flat(points: FloatArray) -> FloatArray:
         return np.column_stack([points @ right, points[..., 2]])
 
-    figure = Figure(
-        figsize=(SIZE_INCH[0], SIZE_INCH[1])
-    )  # no layout engine: limits are chosen for this panel
+    figure = Figure(figsize=(SIZE_INCH[0], SIZE_INCH[1]))  # limits are chosen for this panel
     corner, size = CORNER_INCH / SIZE_INCH, PANEL_INCH / SIZE_INCH
     axes = figure.add_axes((*corner, *size))
     beside = figure.add_axes((corner[0] + size[0], corner[1], 1.0 - corner[0] - size[0], size[1]))
@@ -184,7 +182,7 @@ def robot_figure(arm: LoadedArm) -> Figure:
 
 @dataclass
 class _Names:
-    """Writes names beside places of a picture, where nothing is drawn yet.
+    """Writes names next to places of a picture, where nothing is drawn yet.
 
     Attributes:
         axes: of the picture.
@@ -208,7 +206,7 @@ class _Names:
         return cls(axes, inch, np.concatenate([drawn, ground]))
 
     def write(self, text: str, place: FloatArray, **look: Any) -> None:
-        """Write a text beside a (2,) place, m, inside the axes."""
+        """Write a text next to a (2,) place, m, inside the axes."""
         half = 0.5 * self.inch * np.array([0.065 * len(text), 0.13])  # of the text's box
         angles = np.radians(np.arange(0.0, 360.0, 15.0))
         around = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -333,16 +331,19 @@ def _joint_compliances(
 
     They are the model's, or those of a VJM that is fitted to the samples.
     """
-    springs = getattr(model, "springs_", None)
-    if isinstance(springs, IdentifiedSprings) and springs.names == robot.joint_names:
-        return springs.compliance, f"stiffness ({model_name})"
+    own = getattr(model, "springs_", None)
+    if isinstance(own, IdentifiedSprings) and own.names == robot.joint_names:
+        return own.compliance, f"stiffness ({model_name})"
     choice = Choice.of(build_registry().model(REFERENCE_MODEL))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)  # such as joints that nothing turns
         fitted, _ = whole_fit(choice, samples, robot)
-    found: IdentifiedSprings = fitted.springs_
-    why = "" if model is None else f"; {model_name} has no joint stiffnesses"
-    return found.compliance, f"stiffness ({REFERENCE_MODEL}, fitted to the samples{why})"
+    lacking = "" if model is None else f", because {model_name} has no springs of joints"
+    springs: IdentifiedSprings = fitted.springs_
+    return (
+        springs.compliance,
+        f"the joint stiffnesses of {REFERENCE_MODEL}, fitted to the samples{lacking}",
+    )
 
 
 def _check_same_robot(fitted: Robot, robot: Robot, q: FloatArray, model: str, about: str) -> None:

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
-from stiff_bench.figures.figure_source import FigureSource, subtitle
+from stiff_bench.figures.figure_source import FigureSource, setting, subtitle
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
 from stiff_bench.plan.registry import build_registry
@@ -158,7 +158,7 @@ def springs(source: FigureSource) -> Prepared:
             "below; a panel ends at the largest."
         )
         draw = partial(_draw_segments, stored, np.abs(torque), results)
-    caption = f"{about} {source.setting(case, [model], [len(results)])}"
+    caption = f"{about} {setting([case], [model], [len(results)])}"
     paint = partial(springs_figure, stored, draw, linear)
     return Prepared("Torque and deflection of each joint", caption, paint, subtitle(case))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
 from typing import Any
@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from stiff_bench.console import one_line
+from stiff_bench.store.names import OPTION_MARK, grouped, split_word
 
 COLUMN_INCH, PAGE_INCH = 3.46, 7.09
 """One column of a journal (88 mm), and both (180 mm)."""
@@ -127,6 +128,15 @@ def name_panels(panels: Sequence[Axes]) -> None:
         axes.set_title(f"({letter}) {axes.get_title(loc='left')}".rstrip(), loc="left")
 
 
+def label_left(panels: Iterable[Axes], label: str = "") -> None:
+    """Label the y axes of the first column of panels; the others share them."""
+    for axes in panels:
+        place = axes.get_subplotspec()
+        is_first = place is None or place.is_first_col()
+        axes.set_ylabel(label if is_first else "")
+        axes.tick_params(labelleft=is_first)
+
+
 def share_legend(figure: Figure, panels: Iterable[Axes], *, ncols: int = 4, **spacing: Any) -> None:
     """Draw one legend for all panels below them, each name once."""
     handles: dict[str, Any] = {}
@@ -167,3 +177,27 @@ def short(name: str, most: int = MOST_LETTERS) -> str:
         return text
     head = (most - 1) * 2 // 3
     return f"{text[:head]}…{text[len(text) - (most - 1 - head) :]}"
+
+
+def short_names(names: Iterable[str]) -> dict[str, str]:
+    """Return a different short text for each name.
+
+    Names that are alike when short lose the options that they share; if they still are, they
+    begin with a number.
+    """
+    texts = {name: short(name) for name in names}
+    for alike in _alike(texts):
+        shared = set.intersection(*(set(split_word(name)[1]) for name in alike))
+        for name in alike:
+            key, options = split_word(name)
+            differing = [option for option in options if option not in shared]
+            texts[name] = short(OPTION_MARK.join([key, *differing, "…"]))
+    for alike in _alike(texts):
+        for number, name in enumerate(alike, start=1):
+            texts[name] = short(f"{number}: {name}")
+    # matplotlib leaves labels that begin with an underscore out of a legend
+    return {name: f" {text}" if text.startswith("_") else text for name, text in texts.items()}
+
+
+def _alike(texts: Mapping[str, str]) -> list[list[str]]:
+    return [names for names in grouped(texts, texts.__getitem__).values() if len(names) > 1]

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
 import seaborn
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from stiff_bench.analysis.collected import Case
 from stiff_bench.figures import style
-from stiff_bench.figures.figure_source import FigureSource, subtitle
+from stiff_bench.figures.figure_source import MOST_PANELS, Compared, FigureSource, Panels
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
@@ -48,7 +49,7 @@ def variants_of(results: Sequence[CellResult], *options: str) -> tuple[str, list
 
 FEWEST_STRATEGIES = 2
 KINDS = SINGLE, PAIR, OTHERS = "one layer", "two layers", "others"
-LINE_INCH, FRAME_INCH = 0.19, 0.85
+LINE_INCH, FRAME_INCH, LEGEND_INCH = 0.19, 0.65, 0.2
 _STRATEGIES = (
     "two freeze strategies; `bench reproduce paper`, or `bench run --model ft-mlp@freeze=layers:1 "
     "--model ft-mlp@freeze=layers:2 ...`, makes them"
@@ -85,13 +86,25 @@ def strategies(results: Iterable[CellResult]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["layers", "kind", "error"])
 
 
-def freezing_figure(errors: pd.DataFrame, linear: Sequence[float]) -> Figure:
-    """Draw the error of each strategy; arguments as in `draw_strategies`."""
-    height = FRAME_INCH + LINE_INCH * errors["layers"].nunique()
-    figure = style.new_figure(style.COLUMN_INCH, height)
-    axes = figure.subplots()
-    draw_strategies(axes, errors, linear)
-    style.share_legend(figure, [axes], columnspacing=1.0, handletextpad=0.4)
+class Strategies(NamedTuple):
+    """Freeze strategies on a data set: `strategies`, and the linear model's error per split, mm."""
+
+    errors: pd.DataFrame
+    linear: Sequence[float]
+
+
+def freezing_figure(data: Sequence[tuple[str, Strategies]]) -> Figure:
+    """Draw the error of each strategy, a panel per data set."""
+    n_lines = max(errors["layers"].nunique() for _, (errors, _) in data)
+    figure, panels = style.new_panels(len(data), FRAME_INCH + LINE_INCH * n_lines, LEGEND_INCH)
+    for axes, (title, (errors, linear)) in zip(panels, data, strict=True):
+        draw_strategies(axes, errors, linear)
+        axes.locator_params(axis="x", nbins=5)
+        axes.set_title(title, loc="left")
+    if len({tuple(errors["layers"].unique()) for _, (errors, _) in data}) == 1:
+        style.label_left(panels, panels[0].get_ylabel())
+    style.name_panels(panels)
+    style.share_legend(figure, panels, columnspacing=1.0, handletextpad=0.4)
     return figure
 
 
@@ -118,37 +131,77 @@ def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: Sequence[float]) -
 
 def freezing(source: FigureSource) -> Prepared:
     """Show the error of one model by its freeze strategy."""
-    case = source.case(freeze_of, _STRATEGIES, most_first=True)
+    cases = source.cases_with(freeze_of, _STRATEGIES, most_first=True)
+    panels, data, model = _gather(source, cases, _strategies_of)
+    caption = (
+        f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning trains "
+        "(numbered from the input; out: the output layer). Symbol: mean over splits; ticks: "
+        f"splits. {panels.setting}"
+    )
+    return Prepared("Freeze strategies", caption, partial(freezing_figure, data), panels.subtitle)
+
+
+def _strategies_of(source: FigureSource, case: Case) -> tuple[str, Compared, Strategies]:
+    """Return the model with most strategies in a case, and its errors on their shared splits."""
     model, results = variants_of(source.results(case, freeze_of), "freeze")
-    each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
-    if len(each) < FEWEST_STRATEGIES:
+    slots_of_each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
+    if len(slots_of_each) < FEWEST_STRATEGIES:
         raise StoreError(f"{source.folder}: no model has results of {_STRATEGIES}", "results")
-    slots, n_all = set.intersection(*each), len(set.union(*each))
+    slots = set.intersection(*slots_of_each)
     if not slots:
         raise StoreError(
             f"{source.folder}: the freeze strategies of {model} have no split in common; "
             "as many splits of each make them",
             "results",
         )
-    fewer = " Splits that only some strategies have are left out." * (len(slots) < n_all)
-    names = {one.shown.model for one in results}
-    caption = (
-        f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning trains "
-        "(numbered from the input; out: the output layer). Symbol: mean over splits; ticks: "
-        f"splits. {source.setting(case, names, [len(slots)])}{fewer}"
-    )
-    errors = strategies(one for one in results if slot_of(one) in slots)
+    is_part = len(slots) < len(set.union(*slots_of_each))
+    notes = "Splits that only some strategies have are left out." * is_part
+    names = dict.fromkeys(result.shown.model for result in results)
+    errors = strategies(result for result in results if slot_of(result) in slots)
     linear = case.competitors[REFERENCE_MODEL].done if REFERENCE_MODEL in case.competitors else {}
     of_linear = [
         mean_absolute_error_mm(linear[slot]) for slot in sorted(slots) if slots <= linear.keys()
     ]
-    paint = partial(freezing_figure, errors, of_linear)
-    return Prepared("Freeze strategies", caption, paint, subtitle(case))
+    compared = Compared(case, tuple(names), tuple(sorted(slots)), notes)
+    return model, compared, Strategies(errors, of_linear)
+
+
+Numbers = TypeVar("Numbers")
+
+
+def _gather(
+    source: FigureSource,
+    cases: Sequence[Case],
+    gather: Callable[[FigureSource, Case], tuple[str, Compared, Numbers]],
+) -> tuple[Panels, list[tuple[str, Numbers]], str]:
+    """Gather the numbers of each case that has enough of them.
+
+    Returns:
+        The panels, their titles with the numbers, and the names of the models.
+
+    Raises:
+        StoreError: no case has enough; it names the first case's reason.
+    """
+    gathered, reasons = [], []
+    for case in cases:
+        try:
+            gathered.append(gather(source, case))
+        except StoreError as error:
+            reasons.append(error)
+    if not gathered:
+        raise reasons[0]
+    models, compared, numbers = zip(*gathered[:MOST_PANELS], strict=True)
+    notes = list(dict.fromkeys(panel.notes for panel in compared))
+    hidden = [panel.case.name.dataset for _, panel, _ in gathered[MOST_PANELS:]]
+    if hidden:
+        notes.append(f"Not shown: {', '.join(hidden)}.")
+    names = dict.fromkeys(name for panel in compared for name in panel.models)
+    panels = Panels(compared, tuple(names), " ".join(filter(None, notes)))
+    return panels, list(zip(panels.titles, numbers, strict=True)), ", ".join(dict.fromkeys(models))
 
 
 FEWEST_NETWORKS = 4  # networks of one kind that make a sweep
 HEIGHT_INCH = 2.5
-MOST_NUMBERS = 10  # widths beyond which the map's fields have no room for numbers
 SOURCE_MAE = "source test MAE [mm]"
 _NETWORKS = (
     "a network of several widths and depths; `bench reproduce paper`, or `bench run --model "
@@ -173,52 +226,64 @@ def errors_on_source(results: Iterable[CellResult], error: str = SOURCE_MAE) -> 
     return pd.DataFrame(rows, columns=["depth", "width", "error"])
 
 
-def draw_lines(axes: Axes, errors: pd.DataFrame, **words: object) -> None:
-    """Draw `errors_on_source` over width, a line a depth; words for seaborn replace its usual."""
+LABELS = {"width": "nodes per layer", "depth": "hidden layers"}
+LINES = {"width": "depth", "depth": "width"}
+"""Size across -> size that the lines differ in."""
+
+
+def draw_lines(axes: Axes, errors: pd.DataFrame, across: str = "width", /, **words: object) -> None:
+    """Draw `errors_on_source` over width, a line a depth, or the other way round.
+
+    `words` for seaborn replace its usual.
+    """
+    by = LINES[across]
     usual = {"errorbar": LEAST_TO_MOST, "err_kws": {"alpha": 0.2, "linewidth": 0.0}}
-    look = style.seaborn_looks(sorted(errors["depth"].unique()))
+    look = style.seaborn_looks(sorted(errors[by].unique()))
     axes.set(yscale="log")
-    about = {"x": "width", "y": "error", "hue": "depth", "style": "depth"}
+    about = {"x": across, "y": "error", "hue": by, "style": by}
     seaborn.lineplot(errors, ax=axes, **{**about, **usual, **look, **words})
-    axes.set(xlabel="nodes per layer", ylabel="pre-training test MAE [mm]")
+    axes.set(xlabel=LABELS[across], ylabel="pre-training test MAE [mm]")
     style.plain_numbers(axes.yaxis)
 
 
-def sweep_figure(errors: pd.DataFrame) -> Figure:
-    """Draw error against width, and the map of both; of what `errors_on_source` returns."""
-    figure = style.new_figure(style.PAGE_INCH, HEIGHT_INCH)
-    lines, heat = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
-    draw_lines(lines, errors)
-    lines.legend(title="hidden layers")
-    mean = errors.pivot_table(index="depth", columns="width", values="error")
-    n_widths, scale = len(mean.columns), LogNorm(np.nanmin(mean), np.nanmax(mean))
-    size = 6.5 if n_widths < 7 else 5.5
-    numbers = {"annot": n_widths <= MOST_NUMBERS, "fmt": ".2g", "annot_kws": {"size": size}}
-    look = {"cmap": "viridis_r", "norm": scale, "linewidths": 0.5, "cbar": False}
-    seaborn.heatmap(mean, ax=heat, **look, **numbers)
-    heat.grid(visible=False)
-    heat.set(xlabel="nodes per layer", ylabel="hidden layers")
-    heat.tick_params(axis="y", labelrotation=0)
-    heat.invert_yaxis()
-    bar = figure.colorbar(heat.collections[0], ax=heat, label="pre-training test MAE [mm]")
-    style.plain_numbers(bar.ax.yaxis)
-    style.name_panels([lines, heat])
+def sweep_figure(data: Sequence[tuple[str, pd.DataFrame]]) -> Figure:
+    """Draw `errors_on_source` over width and depth, a panel per data set."""
+    n_columns = 2 if len(data) == 1 else 4
+    figure, panels = style.new_panels(len(data), HEIGHT_INCH, LEGEND_INCH)
+    every = pd.concat([errors for _, errors in data])
+    across = max(LINES, key=lambda size: every[size].nunique())
+    sizes = sorted(every[LINES[across]].unique())
+    for size, look in style.looks_of(sizes).items():
+        label = f"{size} {LABELS[LINES[across]]}"
+        panels[0].plot([], [], color=look.color, marker=look.marker, label=label)
+    for axes, (title, errors) in zip(panels, data, strict=True):
+        axes.sharey(panels[0])
+        draw_lines(axes, errors, across, legend=False, **style.seaborn_looks(sizes))
+        axes.set_title(title, loc="left")
+    style.label_left(panels, panels[0].get_ylabel())
+    style.name_panels(panels)
+    style.share_legend(figure, panels[:1], ncols=n_columns)
     return figure
 
 
 def sweep(source: FigureSource) -> Prepared:
     """Show the error on the simulated pre-training data over width and depth of a network."""
-    case = source.case(is_swept, _NETWORKS, most_first=True)
-    model, results = variants_of(source.results(case, is_swept), "layers", "width")
-    errors = errors_on_source(results)
-    n_splits = errors.groupby(["depth", "width"]).size()
-    if len(n_splits) < FEWEST_NETWORKS:
-        raise StoreError(f"{source.folder}: no result has {_NETWORKS}", "results")
-    names = {one.shown.model for one in results}
+    cases = source.cases_with(is_swept, _NETWORKS, most_first=True)
+    panels, data, model = _gather(source, cases, _networks_of)
     caption = (
         f"Mean absolute error of {model} on the test part (30 %) of the simulated pre-training "
-        "data, all axes together. Bands: range over the splits. "
-        f"{source.setting(case, names, n_splits.tolist())}"
+        f"data, all axes together. Bands: range over the splits. {panels.setting}"
     )
     title = "Error over depth and width of a network"
-    return Prepared(title, caption, partial(sweep_figure, errors), subtitle(case))
+    return Prepared(title, caption, partial(sweep_figure, data), panels.subtitle)
+
+
+def _networks_of(source: FigureSource, case: Case) -> tuple[str, Compared, pd.DataFrame]:
+    """Return the model with most widths and depths in a case, and its `errors_on_source`."""
+    model, results = variants_of(source.results(case, is_swept), "layers", "width")
+    errors = errors_on_source(results)
+    if len(errors.groupby(["depth", "width"])) < FEWEST_NETWORKS:
+        raise StoreError(f"{source.folder}: no result has {_NETWORKS}", "results")
+    names = dict.fromkeys(result.shown.model for result in results)
+    slots = sorted(set(map(slot_of, results)))
+    return model, Compared(case, tuple(names), tuple(slots)), errors

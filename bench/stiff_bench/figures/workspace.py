@@ -1,153 +1,162 @@
-"""Errors over the workspace: how large they are where the TCP is."""
+"""Errors over the workspace: how large they are where the TCP is, and where the VJM's differ."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from stiff_bench.figures import style
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.figures.robot_picture import arm_points
+from stiff_bench.figures.robot_picture import ARM_COLOR, arm_points
 from stiff_bench.store.database import read_data
-from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.units import MM, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.contract.types import FloatArray, Prediction
 from stiff_protocols.scoring.metrics import norm_errors
 
 MOST_MODELS = 2
-VIEWS_INCH = 4.6
+VIEWS_INCH = 4.3
 _MANY = 400  # points beyond which they are drawn smaller, and as pixels
 TOP_SHARE = 0.95
 """Of all errors lie below the end of the colours: one outlier would leave the others one colour."""
+DIFFERENCES = "RdBu_r"
+"""Colours of differences: blue below zero, red above."""
 
 
-ARM_COLOR = "0.5"
-DIFFERENCES = LinearSegmentedColormap.from_list(
-    "better to worse", [style.COLORS[0], "0.93", style.COLORS[1]]
-)
+@dataclass(frozen=True, eq=False)
+class WorkspaceErrors:
+    """One model's errors by pose.
+
+    Attributes:
+        place: (n, 3) unloaded TCP, m, base frame.
+        error: (n,) length of the error, m.
+        gain: (n,) error less the VJM's, m; None: of the VJM itself, or unknown.
+    """
+
+    place: FloatArray
+    error: FloatArray
+    gain: FloatArray | None
 
 
-def workspace_figure(
-    place: FloatArray,
-    errors: Mapping[str, FloatArray],
-    reference: FloatArray | None,
-    arm: FloatArray,
-) -> Figure:
-    """Draw errors of models, and their differences to the VJM's, from the side and from above.
+def workspace_figure(models: Mapping[str, WorkspaceErrors], arm: FloatArray) -> Figure:
+    """Draw each model's poses from the side and from above, colours being errors.
+
+    Columns on the right show the difference to the VJM, on a scale with zero in the middle.
 
     Args:
-        place: (n, 3) unloaded TCP of each pose, m, base frame.
-        errors: model -> (n,) length of its error, m.
-        reference: (n,) the VJM's, m; None: without differences.
-        arm: (n_joints + 2, 3) base, joints and TCP of the arm at one of the poses, m.
+        models: at least one.
+        arm: (n, 3) base, joints and TCP at one of the poses, m, base frame.
     """
-    everything = MM * np.concatenate([*errors.values()])
-    top = float(np.quantile(everything, TOP_SHARE)) or 1e-6
-    columns = [(name, MM * error, False) for name, error in errors.items()]
-    if reference is not None:
-        columns += [
-            (f"{name} − {REFERENCE_MODEL}", MM * (error - reference), True)  # noqa: RUF001
-            for name, error in errors.items()
-            if name != REFERENCE_MODEL
-        ]
-    differences = [np.abs(values) for _, values, is_difference in columns if is_difference]
-    most = float(np.quantile(np.concatenate(differences), TOP_SHARE)) if differences else 0.0
-    scales = {False: Normalize(0.0, top), True: Normalize(-(most or 1e-6), most or 1e-6)}
-    width = style.COLUMN_INCH if len(columns) == 1 else style.PAGE_INCH * max(1, len(columns) / 4)
+    compared = {name: of for name, of in models.items() if of.gain is not None}
+    everything = np.concatenate([of.error for of in models.values()]) * MM
+    scale = Normalize(0.0, float(np.quantile(everything, TOP_SHARE)) or 1e-6)
+    n_columns = len(models) + len(compared)
+    width = style.COLUMN_INCH if n_columns == 1 else style.PAGE_INCH
     figure = style.new_figure(width, VIEWS_INCH)
-    grid = figure.subplots(2, len(columns), squeeze=False)
-    drawn: dict[bool, tuple[Any, list[Axes]]] = {}
-    for (name, values, is_difference), panels in zip(columns, grid.T, strict=True):
-        colors: dict[str, Any] = {"norm": scales[is_difference]}
-        colors["cmap"] = DIFFERENCES if is_difference else "viridis_r"
-        points = _draw_views(panels, place, values, arm, colors)
-        drawn.setdefault(is_difference, (points, []))[1].extend(panels)
-        panels[0].set_title(f"{style.short(name, style.PANEL_LETTERS)}\nfrom the side", loc="left")
-        panels[1].set_title("from above", loc="left")
-        panels[0].set_xlabel("distance from z axis [m]")
-        panels[1].set_xlabel("x [m]")
+    grid = figure.subplots(2, n_columns, squeeze=False)
+    errors, differences = grid[:, : len(models)], grid[:, len(models) :]
+    for (name, of), views in zip(models.items(), errors.T, strict=True):
+        points = _draw(views, of.place, of.error * MM, arm, cmap="viridis_r", norm=scale)
+        _title(views, style.short(name, style.PANEL_LETTERS))
+    _color_bar(figure, points, errors, "3-D error [mm]", "max")
+    if compared:
+        gains = np.concatenate([of.gain for of in compared.values() if of.gain is not None]) * MM
+        reach = float(np.quantile(np.abs(gains), TOP_SHARE)) or 1e-6
+        for (name, of), views in zip(compared.items(), differences.T, strict=True):
+            gain = np.zeros(0) if of.gain is None else of.gain * MM
+            norm = Normalize(-reach, reach)
+            points = _draw(views, of.place, gain, arm, cmap=DIFFERENCES, norm=norm)
+            _title(views, f"{style.short(name, style.PANEL_LETTERS - 6)} − VJM")  # noqa: RUF001
+        _color_bar(figure, points, differences, "difference [mm]; blue: better", "both")
     for axes in grid[:, 1:].flat:  # the same poses, and so the same limits as on the left
         axes.tick_params(labelleft=False)
     grid[0, 0].set_ylabel("z [m]")
     grid[1, 0].set_ylabel("y [m]")
     style.name_panels(list(grid.flat))
-    labels = {False: "3-D error [mm]", True: f"difference to {REFERENCE_MODEL} [mm], blue: better"}
-    for is_difference, (points, panels) in drawn.items():
-        extend: Any = "both" if is_difference else "max"
-        look: dict[str, Any] = {"location": "bottom", "shrink": 0.9, "aspect": 30, "pad": 0.02}
-        bar = figure.colorbar(points, ax=panels, extend=extend, **look)
-        bar.set_label(labels[is_difference])
-        bar.outline.set_visible(False)
-        bar.ax.locator_params(nbins=5)
     return figure
 
 
-def _draw_views(
-    panels: Sequence[Axes],
-    place: FloatArray,
-    values: FloatArray,
-    arm: FloatArray,
-    colors: Mapping[str, Any],
+def _draw(
+    views: Sequence[Axes], place: FloatArray, value: FloatArray, arm: FloatArray, **colors: Any
 ) -> Any:
-    """Draw the arm, and (n,) values at (n, 3) places, from the side and from above."""
-    order = np.argsort(np.abs(values), kind="stable")  # the largest are drawn last, on top
-    is_dense = len(values) > _MANY
-    look: dict[str, Any] = {"s": 4.0 if is_dense else 11.0, "edgecolors": "0.3"}
-    look |= {"linewidths": 0.0 if is_dense else 0.25, "rasterized": is_dense, "zorder": 3.0}
-    for axes, (x, y), joints in zip(panels, _views(place[order]), _views(arm), strict=True):
-        line: dict[str, Any] = {"color": ARM_COLOR, "linewidth": 2.0, "solid_capstyle": "round"}
-        axes.plot(*joints, "-", **line, marker="o", ms=3.0, mfc="white", zorder=2.0)
-        drawn = axes.scatter(x, y, c=values[order], **colors, **look)
+    """Draw (n,) values at (n, 3) places from the side and from above, and the arm behind them."""
+    order = np.argsort(np.abs(value), kind="stable")  # the largest are drawn last, on top
+    many = len(value) > _MANY
+    size, edge = (4.0, 0.0) if many else (11.0, 0.25)
+    look: dict[str, Any] = {"s": size, "edgecolors": "0.3", "linewidths": edge, **colors}
+    link: dict[str, Any] = {"color": ARM_COLOR, "linewidth": 2.5, "alpha": 0.45, "zorder": 1.0}
+    for axes, view in zip(views, (_from_the_side, _from_above), strict=True):
+        axes.plot(*view(arm), **link, solid_capstyle="round", solid_joinstyle="round")
+        points = axes.scatter(*view(place[order]), c=value[order], **look, rasterized=many)
         axes.set_aspect("equal", adjustable="datalim")
-        axes.margins(0.1)
         axes.locator_params(nbins=5)
-    return drawn
+    return points
 
 
-def _views(points: FloatArray) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Return across and up of (n, 3) points, m, from the side and from above."""
+def _from_the_side(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     x, y, z = points.T
-    return (np.hypot(x, y), z), (x, y)
+    return np.hypot(x, y), z
+
+
+def _from_above(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    x, y, _ = points.T
+    return x, y
+
+
+def _title(views: Sequence[Axes], name: str) -> None:
+    side, above = views
+    side.set_title(f"{name}\nfrom the side", loc="left")
+    side.set_xlabel("distance from z axis [m]")
+    above.set_title("from above", loc="left")
+    above.set_xlabel("x [m]")
+
+
+def _color_bar(figure: Figure, points: Any, panels: Any, label: str, extend: Any) -> None:
+    place: dict[str, Any] = {"location": "bottom", "shrink": 0.7, "aspect": 30}
+    bar = figure.colorbar(points, ax=list(panels.flat), extend=extend, **place)
+    bar.set_label(label)
+    bar.outline.set_visible(False)
 
 
 def workspace(source: FigureSource) -> Prepared:
-    """Show the 3-D error of each model at the TCP positions, and its difference to the VJM's."""
+    """Show the 3-D error of each model at the TCP positions, and its difference to the VJM."""
     compared = source.compared(MOST_MODELS)
     stored = read_data(source.folder, compared.case.name.data_sha256)
     _, pose = np.unique(stored.samples.pose_id, return_inverse=True)
     if compared.case.has_paths:
         pose = np.arange(len(pose))  # a path is many places
-    tested = compared.tested
-    case, slots = compared.case, compared.slots
-    linear = case.competitors.get(REFERENCE_MODEL)
-    if REFERENCE_MODEL not in tested and linear and set(slots) <= linear.done.keys():
-        tested[REFERENCE_MODEL] = pooled_prediction(case.results(REFERENCE_MODEL, slots))
-    by_row = {
-        name: pd.Series(norm_errors(one)).groupby(one.rows).mean() for name, one in tested.items()
-    }
-    rows = by_row[compared.models[0]].index.to_numpy()
-    errors = {name: one.groupby(pose[rows]).mean().to_numpy() for name, one in by_row.items()}
-    first = rows[np.unique(pose[rows], return_index=True)[1]]
-    q = stored.samples.q[first]
-    middle = int(np.linalg.norm(q - np.median(q, axis=0), axis=1).argmin())
-    (arm,) = arm_points(stored.robot, q[[middle]])
-    reference = errors.get(REFERENCE_MODEL)
-    about = f" Difference: its error less that of {REFERENCE_MODEL}; blue is better, orange worse."
+    models: dict[str, WorkspaceErrors] = {}
+    for name, tested in compared.tested.items():
+        columns = {"error": norm_errors(tested)}
+        if name != REFERENCE_MODEL and tested.reference is not None:
+            columns["gain"] = columns["error"] - _reference_errors(tested)
+        by_row = pd.DataFrame(columns).groupby(tested.rows).mean()
+        rows = by_row.index.to_numpy()
+        by_pose = by_row.groupby(pose[rows]).mean()
+        _, first = np.unique(pose[rows], return_index=True)
+        gain = by_pose["gain"].to_numpy() if "gain" in by_pose else None
+        models[name] = WorkspaceErrors(stored.tcp[rows[first]], by_pose["error"].to_numpy(), gain)
+    place = next(iter(models.values())).place
+    middle = np.linalg.norm(stored.tcp - np.median(place, axis=0), axis=1).argmin()
+    arm = arm_points(stored.robot, stored.samples.q[middle : middle + 1])[0]
     caption = (
-        "3-D error, mean over loads and splits, at the TCP positions of the "
-        f"{len(first)} tested poses, base frame; the colour scale ends at the "
-        f"{percent(TOP_SHARE)} quantile.{about * (reference is not None)} Grey: the arm at the "
-        f"tested pose nearest to their median. {compared.setting}"
+        f"3-D error, mean over loads and splits, at the TCP positions of the {len(place)} tested "
+        f"poses, base frame, and its difference to the VJM's. The colour scales end at the "
+        f"{percent(TOP_SHARE)} quantile. Grey: the arm at one of the poses. {compared.setting}"
     )
-    shown = {name: errors[name] for name in compared.models}
-    paint = partial(workspace_figure, stored.tcp[first], shown, reference, arm)
+    paint = partial(workspace_figure, models, arm)
     return Prepared("Error over the workspace", caption, paint, compared.subtitle)
+
+
+def _reference_errors(tested: Prediction) -> FloatArray:
+    """Return the (n,) length of the VJM's error, m."""
+    return np.asarray(np.linalg.norm(np.asarray(tested.reference) - tested.measured, axis=1))

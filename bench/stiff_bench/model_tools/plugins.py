@@ -7,7 +7,6 @@ import importlib.util
 import keyword
 import os
 import shlex
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,6 +16,7 @@ from string import Template
 from typing import Any
 from unittest import mock
 
+from stiff_bench.console import wrapped
 from stiff_bench.plan.options import Choice, chosen, chosen_dataset
 from stiff_bench.plan.registry import OURS, Info, Kind, Registry
 from stiff_bench.plan.request import loaded
@@ -32,7 +32,6 @@ from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo
 from stiff_protocols.contract.types import Robot
 
 _MARKS: dict[Status, str] = {"passed": "✓", "failed": "✗", "not applicable": "–"}  # noqa: RUF001
-_WIDTH = 100
 
 
 @dataclass(frozen=True, repr=False)
@@ -58,14 +57,8 @@ class CheckResults:
         for check in self.checks:
             head = f"{_MARKS[check.status]} {check.name}"
             lines.append(f"{head}: {check.reason}" if check.reason else head)
-            if check.advice:
-                lines += textwrap.wrap(
-                    f"to fix it: {check.advice}",
-                    _WIDTH,
-                    initial_indent="    ",
-                    subsequent_indent="    ",
-                    break_on_hyphens=False,
-                )
+            if advice := check.advice[:1].lower() + check.advice[1:]:
+                lines.append(wrapped(f"to fix it: {advice}", "    ", "    "))
         statuses = [check.status for check in self.checks]
         counts = [f"{statuses.count(status)} {status}" for status in _MARKS]
         return "\n".join([*lines, "", ", ".join(counts)])
@@ -139,7 +132,7 @@ def _names(name: str) -> dict[str, str]:
     plain = module.isascii() and module.isidentifier() and module[0].isalpha()
     if not plain or keyword.iskeyword(module):
         raise ConfigError(
-            f"{name!r} is no name for a model (valid: letters, digits, '-' and '_', a letter "
+            f"{name!r} is not a valid model name (valid: letters, digits, '-' and '_', a letter "
             "first, and no Python keyword)"
         )
     words = [word for word in module.split("_") if word]

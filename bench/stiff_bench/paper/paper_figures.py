@@ -1,7 +1,7 @@
 """The source paper's figures, by their numbers: ours, with what the paper prints beside them.
 
-Figures 4, 8 and 9 show errors over true deflections, 5 has depth, width and pre-training of the
-network, 6 one unfrozen layer against two.
+Figures 4, 8 and 9 are regression diagrams, 5 has depth, width and pre-training of the network, 6
+one unfrozen layer against two.
 """
 
 from __future__ import annotations
@@ -33,9 +33,7 @@ from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES, Prediction
 
 DATA = f"Data: {DATASET}, simulated: the paper's measurements are not public"
-SIMULATED = f"{DATASET} (simulated)"
-SUBTITLE = f"{SIMULATED}, {PAPER_PROTOCOL}"
-"""What stands in the pictures of stored results."""
+SUBTITLE = f"{DATASET} (simulated)"
 PANEL_INCH = 2.7
 QUANTITIES = ("MAE", "STDE")
 
@@ -47,21 +45,20 @@ def _setting(*shown: Found) -> str:
 
 
 def figure_4(_: PaperResults) -> Prepared:
-    """Show the error over the true deflection of the VJM, fitted to the same samples."""
+    """Show errors over true deflection of the VJM, fitted to the same samples."""
     tested = fitted_vjm()[0]
     n_samples = f"the same {len(tested.rows)} samples that are shown"
     about = f"the linear VJM (vjm), fitted to {n_samples} (no split). {DATA}."
-    shown = f"{SIMULATED}, fitted samples"
-    return _regression(4, "VJM fitted to them", about, {"vjm": tested}, shown, table=2)
+    return _regression(4, "VJM fitted to them", about, {"vjm": tested}, table=2)
 
 
 def figure_8(results: PaperResults) -> Prepared:
-    """Show the error over the true deflection of DT-CNN."""
+    """Show errors over true deflection of DT-CNN."""
     return _tested(8, ("DT-CNN",), results)
 
 
 def figure_9(results: PaperResults) -> Prepared:
-    """Show the error over the true deflection of FT-MLP and the VJM."""
+    """Show errors over true deflection of FT-MLP and the VJM."""
     return _tested(9, (NEW, OLD), results)
 
 
@@ -74,19 +71,13 @@ def _tested(number: int, methods: Sequence[str], results: PaperResults) -> Prepa
     tested = {one: pooled_prediction(found.results[METHODS[one].name]) for one in methods}
     names = " and ".join(f"{method} ({METHODS[method].name})" for method in methods)
     about = f"{names} on the test samples of all splits. {_setting(found)}"
-    return _regression(number, " and ".join(methods), about, tested, SUBTITLE, table=10)
+    return _regression(number, " and ".join(methods), about, tested, table=10)
 
 
 def _regression(
-    number: int,
-    title: str,
-    about: str,
-    tested: Mapping[str, Prediction],
-    subtitle: str,
-    *,
-    table: int,
+    number: int, title: str, about: str, tested: Mapping[str, Prediction], *, table: int
 ) -> Prepared:
-    """Draw errors of methods, with their mean absolute errors in a table of the paper."""
+    """Draw predictions of methods, with their mean absolute errors in a table of the paper."""
     errors = published_errors(f"table_{table}")
     # m; the paper has its methods in capitals
     published = {name: [errors[name.upper()]["mae", at] / MM for at in AXES] for name in tested}
@@ -95,7 +86,9 @@ def _regression(
         f"(its Table {table})."
     )
     paint = partial(regression_figure, tested, published)
-    return Prepared(f"Error over true deflection, {title}", caption, paint, subtitle)
+    return Prepared(
+        f"Error over true deflection, {title}", caption, paint, f"{DATASET} (simulated)"
+    )
 
 
 def figure_6(results: PaperResults) -> Prepared:
@@ -111,7 +104,7 @@ def figure_6(results: PaperResults) -> Prepared:
         "The paper's Figure 6: ft-mlp with one hidden layer unfrozen (dashed) or two. (a) "
         "Validation loss of the fine-tuning, first split; mark: least of the stored epochs. (b) "
         "MAE of the test part at the epoch that was kept, all axes together; symbol: mean over the "
-        f"splits, bars: splits. {_setting(found)}"
+        f"splits, ticks: splits, dashed line: the VJM. {_setting(found)}"
     )
     linear = [variants.mean_absolute_error_mm(one) for one in vjm if slot_of(one) in slots]
     paint = partial(_draw_strategies, curves, errors, linear)
@@ -137,11 +130,9 @@ def _draw_strategies(
     style.plain_numbers(left.yaxis, style.FINE_STEPS)
     variants.draw_strategies(right, errors, linear)
     left.set_title("fine-tuning, first split", loc="left")
-    right.set_title("test error at the kept epoch", loc="left")
-    right.legend(frameon=True, framealpha=1.0, edgecolor="none")  # over the dashed line
+    right.set_title("errors of the splits", loc="left")
     style.name_panels([left, right])
-    if left.lines:
-        style.share_legend(figure, [left])
+    style.share_legend(figure, [left, right], ncols=6)
     return figure
 
 

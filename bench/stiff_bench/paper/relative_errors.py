@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
+import seaborn
+from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure
+from seaborn.utils import relative_luminance
 
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import of_newest_data
@@ -20,11 +22,18 @@ from stiff_bench.tables.metric_table import mean_over
 from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.errors import ConfigError, StoreError
+from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.types import KNOWN
 
 _LOWER_BOUNDS = list(KNOWN.values())
 """Rows of what a simulation knows of its own data: no models."""
+LIGHT = 0.18  # relative luminance from which on black has more contrast than white
+ROW_INCH, FRAME_INCH = 0.22, 0.35
+COLORS = "RdBu_r"
+"""Blue: below the VJM's error; white: equal; red: above."""
+STEPS = (0.25, 0.5, 0.7, 1.0, 1.5, 2.0, 4.0)
+MOST_RATIO = 4.0
+"""Ratio (and its inverse) from which on the colour stays the same: a few would pale the others."""
 
 
 def mean_errors(stored: StoredResults) -> pd.DataFrame:
@@ -94,11 +103,17 @@ class RelativeErrors:
         compared = self.means[[*names]].rename(columns=names)
         return compared.drop(index=_LOWER_BOUNDS, errors="ignore").dropna()
 
+    @property
+    def _sorted(self) -> pd.DataFrame:
+        """The means, the best on one group first."""
+        sort_by = self.study.sort_by
+        return (
+            self.means.sort_values(sort_by, kind="stable") if sort_by in self.means else self.means
+        )
+
     def table(self) -> Table:
         """Return a row per model and a column per group, the best on one group first."""
-        sort_by, of_vjm, models = self.study.sort_by, self.errors.T[REFERENCE_MODEL], self.means
-        if sort_by in models:
-            models = models.sort_values(sort_by, kind="stable")
+        of_vjm = self.errors.T[REFERENCE_MODEL]
         sizes = [
             f"{group} {MM * of_vjm[ratios.columns].mean():.3f}"
             for group, ratios in self.ratios.items()
@@ -112,7 +127,7 @@ class RelativeErrors:
                     for one in self.ratios
                 ),
             ],
-            models.index,
+            self._sorted.index,
             [f"3-D error of the VJM [mm]: {', '.join(sizes)}.", *self.study.table_notes],
         )
 
@@ -135,50 +150,29 @@ class RelativeErrors:
         )
 
     def figure(self) -> Prepared:
-        """Return the picture of `table`.
-
-        Raises:
-            ConfigError: the study has no `steps` or no `orders`.
-        """
-        if not self.study.steps or not self.study.orders:
-            raise ConfigError("the figure needs steps and orders in the study's file")
+        """Return the picture of `table`: mean ratios as a heat table."""
         title = "3-D error relative to the VJM's"
-        return Prepared(title, self.study.caption, partial(_draw, self))
+        return Prepared(title, self.study.caption, partial(heat_table, self._sorted))
 
 
-def _draw(errors: RelativeErrors) -> Figure:
-    """Draw the groups that are steps, with lines between them, and those whose orders compare."""
-    study, means = errors.study, errors.means
-    steps = [group for group in study.steps if group in means]
-    orders = {group: name for group, name in study.orders.items() if group in means}
-    figure = style.new_figure(style.PAGE_INCH, 3.6)
-    widths = [len(study.steps), len(study.orders)]
-    panels = figure.subplots(1, 2, sharey=True, width_ratios=widths)
-    _draw_groups(panels[0], errors, steps, joined=True)
-    _draw_groups(panels[1], errors, [*orders], joined=False)
-    panels[1].set_xticks(range(len(orders)), orders.values())
-    panels[0].set_ylabel("3-D error / VJM's")
-    style.name_panels(panels)
-    style.share_legend(figure, reversed(panels), ncols=4)
+def heat_table(ratios: pd.DataFrame) -> Figure:
+    """Draw ratios to the VJM's error, a row per model and a column per group, coloured around 1."""
+    figure = style.new_figure(style.PAGE_INCH, FRAME_INCH + ROW_INCH * len(ratios))
+    axes, logarithms = figure.subplots(), ratios.map(np.log)
+    reach = np.log(MOST_RATIO)
+    cells: dict[str, Any] = {"cmap": COLORS, "vmin": -reach, "vmax": reach, "cbar": False}
+    seaborn.heatmap(logarithms, ax=axes, annot=ratios, fmt=".2f", linewidths=1.0, **cells)
+    cell_colors = to_rgba_array(axes.collections[0].get_facecolor())[
+        ratios.notna().to_numpy().ravel()
+    ]
+    for number, color in zip(axes.texts, cell_colors, strict=True):
+        is_light = relative_luminance(color) > LIGHT
+        number.set_color("black" if is_light else "white")
+    names = [style.short(str(name)) for name in ratios.index]
+    axes.set_yticks(np.arange(len(names)) + 0.5, names, rotation=0)
+    axes.set(xlabel="", ylabel="")
+    axes.tick_params(length=0.0, labelrotation=0, labeltop=True, labelbottom=False)
+    bar = figure.colorbar(axes.collections[0], ax=axes, extend="both", aspect=25, pad=0.02)
+    bar.set_label("3-D error / VJM's")
+    bar.set_ticks([*np.log(STEPS)], labels=[f"{step:g}" for step in STEPS])
     return figure
-
-
-def _draw_groups(
-    axes: Axes, errors: RelativeErrors, groups: Sequence[str], *, joined: bool
-) -> None:
-    """Draw the mean of each group of each model, with its deviation over the data sets."""
-    looks = style.looks_of(name for name in errors.means.index if name not in _LOWER_BOUNDS)
-    for model in errors.means.index:
-        mean = errors.means.loc[model, groups].dropna()
-        x = [groups.index(group) for group in mean.index]
-        if model in _LOWER_BOUNDS:
-            line = ":" if model == KNOWN["noise"] else "--"
-            axes.plot(x, mean, line if joined else "_", color=style.REFERENCE_COLOR, label=model)
-            continue
-        look = looks[model]
-        drawn = look.connected() | {"marker": look.marker} if joined else look.points()
-        spread = [errors.ratios[group].loc[model].std() for group in mean.index]
-        axes.errorbar(x, mean, np.nan_to_num(spread), capsize=1.5, label=model, **drawn)
-    axes.set_xticks(range(len(groups)), groups)
-    axes.set_yscale("log")
-    style.plain_numbers(axes.yaxis)

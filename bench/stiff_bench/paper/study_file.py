@@ -66,8 +66,7 @@ class Study:
         sort_by: the group by whose errors "relative-errors" sorts the models.
         table_notes: under "relative-errors".
         orders: groups whose orders of the models "order-agreement" compares -> their names there.
-        steps: groups that each add to the one before: joined by lines in figure "relative-errors".
-        caption: of that figure.
+        caption: of figure "relative-errors".
         file: that describes it; errors name it.
     """
 
@@ -83,7 +82,6 @@ class Study:
     sort_by: str = ""
     table_notes: Words = ()
     orders: Mapping[str, str] = Field(default_factory=dict)
-    steps: Words = ()
     caption: str = ""
     file: Path = Path()
 
@@ -154,7 +152,7 @@ def read_study(path: Path) -> Study:
         first = min(error.errors(), key=lambda problem: problem["type"] != UNKNOWN_KEY)
         raise ConfigError(f"{path}: {_describe(first)}") from None
     named: dict[str, Iterable[str]] = {"sort_by": [study.sort_by], "orders": study.orders}
-    for key, names in {**named, "steps": study.steps}.items():
+    for key, names in named.items():
         for name in filter(None, names):
             if name not in study.groups:
                 raise ConfigError(f"{path}: {key}: {unknown_name('group', name, study.groups)}")

@@ -106,13 +106,13 @@ def parse_option(said: str, key: str, cls: type, name: str, value: Any) -> Any:
         str(given).encode()
         found = validate(TypeAdapter(option.annotation), given)
     except UnicodeEncodeError:
-        raise ConfigError(f"{said}: {given!r} is no UTF-8, which results are stored in") from None
+        raise ConfigError(f"{said}: {given!r} is not valid UTF-8") from None
     except PydanticUserError:
         raise ConfigError(f"{said}: {name} is a {option.type_text}, which no text gives") from None
     except ValidationError as error:
         own = (one["ctx"]["error"] for one in error.errors() if one["type"] == "value_error")
         why = "".join(f": {reason}" for reason in own)  # pydantic's words are for programmers
-        wrong = f"{said}: {given!r} is no valid {name}{why}"
+        wrong = f"{said}: invalid {name} {given!r}{why}"
         raise ConfigError(f"{wrong} (valid: {option.type_text})") from None
     if isinstance(found, float) and not math.isfinite(found):
         raise ConfigError(f"{said}: {given!r} is not finite (valid: {option.type_text})")
@@ -290,7 +290,7 @@ def parse_settings(
         target, equals, text = setting.partition("=")
         key, dot, name = target.rpartition(".")
         if not (equals and dot and key and name):
-            raise ConfigError(f"--set {setting!r}: expected KEY.option=value")
+            raise ConfigError(f"--set {setting!r}: expected KEY.OPTION=VALUE")
         if key not in classes:
             raise ConfigError(f"--set {setting!r}: {unknown_name('key', key, classes)} in this run")
         _parse_one(parsed[key], f"--set {setting!r}", key, classes[key], name, text)

@@ -119,7 +119,7 @@ class Registry:
             return family.member(key)
         known = [*chain(*tables), *(f"{family.prefix}..." for family in families)]
         if (head := key.partition("@")[0]) in known:
-            raise ConfigError(f"key {key!r} has options; give {head!r}")
+            raise ConfigError(f"key {key!r} has options; give the key without them: {head!r}")
         raise unknown_name(kind or "key", key, known)
 
     def _family(self, key: str) -> ModelFamily | None:

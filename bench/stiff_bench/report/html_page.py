@@ -17,26 +17,33 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from stiff_bench.console import printable
+from stiff_bench.report.first_screen import FIRST_MODELS, FirstScreen
 from stiff_bench.store.names import OPTION_MARK, natural_key
 from stiff_bench.tables.render import html_text
 from stiff_bench.tables.table import Column, Entry, Table, quantity
 
 
 class Picture(NamedTuple):
-    """A figure of the page: its file, such as of "image/svg+xml", and the command that draws it."""
+    """A figure of the page: its file, such as of "image/svg+xml", and the command that draws it.
+
+    `dataset` and `protocol` are those that it shows; "" where it shows all.
+    """
 
     title: str
     caption: str
     media_type: str
     content: bytes
     command: str
+    dataset: str = ""
+    protocol: str = ""
 
 
 @dataclass(frozen=True)
 class Block:
-    """What stands under one heading; `command` prints the same as the tables, "" for none.
+    """Content under one heading; `command` prints the same as the tables, "" for none.
 
-    `folds` are texts that are folded away, such as a log, each with its summary.
+    `folds` are texts that are folded away, such as a log, each with its summary. A block that is
+    `folded` shows its heading until it is opened. `screen` is the first one of a folder.
     """
 
     heading: str
@@ -46,6 +53,8 @@ class Block:
     folds: Sequence[tuple[str, str]] = ()
     notes: Sequence[str] = ()
     command: str = ""
+    folded: bool = False
+    screen: FirstScreen | None = None
 
 
 _HERE = Path(__file__).parent
@@ -105,10 +114,10 @@ def _page_cell(column: Column, cell: Entry, style: str) -> tuple[str, str, str]:
     if found is None or found.order is None:
         return text, "", style
     tone = " worse" if found.order < 0.0 else " better" if found.order > 0.0 else ""
-    return text, f"{found.order:.12g}", style + tone * column.by_sign
+    return text, f"{found.order:.12g}", style + tone * (column.by_sign > 0)
 
 
-def render_page(parts: Mapping[str, Sequence[Block]], command: str) -> str:
+def render_page(parts: Mapping[str, Sequence[Block]], command: str, date: str = "") -> str:
     """Return the page as HTML: folder of results -> what it says of it; the command that makes it.
 
     All texts are escaped, and nothing but the two scripts and the style of this package can act in
@@ -132,7 +141,9 @@ def render_page(parts: Mapping[str, Sequence[Block]], command: str) -> str:
         parts=parts,
         command_line=command,
         version=version("stiffbench"),
+        date=date,
         few_rows=FEW_ROWS,
+        first_models=FIRST_MODELS,
         policy=_policy(scripts, style),
         scripts=[Markup(script) for script in scripts],
         style=Markup(style),

@@ -48,7 +48,7 @@ def pair_table(section: Section, board: Leaderboard) -> Table:
         f"Pairs of models, {board.key.text}: comparisons won and lost",
         [
             Column("model", "text"),
-            *(Column(number, format=_won_and_lost, by_sign=True) for number in numbers),
+            *(Column(number, format=_won_and_lost, by_sign=1) for number in numbers),
         ],
         rows,
         notes,

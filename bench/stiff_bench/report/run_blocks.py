@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import chain
 
 from stiff_bench.analysis.collected import Case, case_name_of
-from stiff_bench.report.html_page import Block
+from stiff_bench.report.html_page import Block, Picture
 from stiff_bench.report.score_blocks import Asked
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import NO_MANIFEST
-from stiff_bench.tables.table import Column, Entry, Table
+from stiff_bench.tables.table import Column, Entry, Table, text_columns
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.record import CellResult, RunManifest
 
 MOST_ENVIRONMENTS = 10
 
 
-def run_block(
-    runs: Sequence[RunManifest], cases: Iterable[Case], provenance: Sequence[str]
+def provenance_block(
+    runs: Sequence[RunManifest],
+    cases: Sequence[Case],
+    provenance: Sequence[str],
+    pictures: Sequence[Picture] = (),
 ) -> Block:
-    """Return the runs of a folder, the newest first, and how many results of the cases are theirs.
+    """Return runs, commands, versions, machines and hashes of the data, folded.
 
-    `provenance` are the lines that stand beneath the leaderboard.
+    Args:
+        runs: of the folder; the newest is shown first.
+        cases: whose results are counted by run, and whose data are named by their hashes.
+        provenance: lines that stand below the leaderboard.
+        pictures: whose commands are listed.
     """
     counts = Counter(
         result.run_id
@@ -48,10 +55,19 @@ def run_block(
     ]
     commands = "\n".join(dict.fromkeys(run.command for run in newest))
     folds = [("Commands that made these results, newest first", commands)] if runs else []
+    drawn = "\n".join(dict.fromkeys(picture.command for picture in pictures))
+    folds += [("Commands that draw the figures", drawn)] if pictures else []
+    hashes = {case.measured_sha256: case.name.dataset for case in cases}
+    data = Table(
+        "Hashes of samples and robot",
+        text_columns("data set", "sha256"),
+        [[dataset, sha256] for sha256, dataset in hashes.items()],
+    )
     return Block(
         "Provenance",
-        tables=[Table("Runs", columns, rows, notes)],
+        tables=[Table("Runs", columns, rows, notes), data],
         folds=[*folds, *_environments(newest)],
+        folded=True,
     )
 
 
@@ -104,7 +120,7 @@ def failure_block(asked: Asked) -> Block:
     )
     heading = "Failed and skipped"
     if not found:
-        return Block(heading, ["None."])
+        return Block(heading)
     alike = grouped(
         found,
         lambda one: (one.shown.model, case_name_of(one), one.status, one.cause, one.failure),
@@ -118,7 +134,8 @@ def failure_block(asked: Asked) -> Block:
         [_failure_row(members) for members in alike.values()],
         cut if len(logs) > MOST_LOGS else [],
     )
-    return Block(heading, tables=[table], folds=[_fold(one) for one in logs[:MOST_LOGS]])
+    logged = [_fold(one) for one in logs[:MOST_LOGS]]
+    return Block(heading, tables=[table], folds=logged, folded=True)
 
 
 def _failure_row(members: Sequence[CellResult]) -> list[Entry]:

@@ -56,7 +56,7 @@ def score_block(asked: Asked, metric: str) -> Block:
         [_row(case, competitor, metrics) for case, competitor in shown],
         ["splits: with a result / asked for."],
     )
-    return Block("Scores", tables=[table], folds=_fit_notes(notes))
+    return Block("Scores", tables=[table], folds=_fit_notes(notes), folded=True)
 
 
 def _row(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> dict[Any, Entry]:
@@ -93,7 +93,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
     """
     of_data = {case.measured_sha256: case for case in cases}
     rows: list[list[Entry]] = []
-    for sha256, case in sorted(
+    for _, case in sorted(
         of_data.items(), key=lambda item: (natural_key(item[1].name.dataset), item[0])
     ):
         shown = case.shown
@@ -103,14 +103,13 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
             size: list[Entry] = [data.robot.name, _tcp(data), len(data.measured), n_poses]
         except StoreError:
             size = [None, None, None, None]
-        rows.append([case.name.dataset, shown.kind, *size, sha256])
+        rows.append([case.name.dataset, shown.kind, *size])
     columns = [
         *(Column(name, "text") for name in ("data set", "kind", "robot")),
         *(Column("TCP, frame of the last link [m]", "text"), Column("samples"), Column("poses")),
-        Column("sha256 of samples and robot", "text"),
     ]
     tables = [Table("Data sets", columns, rows), _stiffnesses(cases, data_of)]
-    return Block("Robots and data", tables=[table for table in tables if table.rows])
+    return Block("Robots and data", tables=[table for table in tables if table.rows], folded=True)
 
 
 def _tcp(data: StoredData) -> str:

@@ -60,7 +60,7 @@ class DaskCluster(Execution):
     def __post_init__(self) -> None:
         """Check the address; nothing is started yet."""
         if not re.fullmatch(r"(?:tcp|tls)://[^/:]+:\d+", self.address):
-            raise ConfigError(f"--dask {self.address!r}: no address (valid: tcp://HOST:PORT)")
+            raise ConfigError(f"--dask {self.address!r}: not an address (valid: tcp://HOST:PORT)")
 
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display

@@ -1,6 +1,6 @@
-"""What a run shows while it works: live bars on a terminal, plain lines elsewhere.
+"""Progress of a run: live bars on a terminal and in a notebook, plain lines elsewhere.
 
-Both go to standard error, so that standard output holds the tables alone.
+Bars and lines of a command go to standard error: only tables go to standard output.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -23,6 +24,8 @@ from stiff_protocols.contract.record import CellResult
 
 SHOWN_LOG_LINES = 6
 SECONDS_BETWEEN_LINES, SECONDS_BETWEEN_CELLS = 5.0, 1.0
+SECONDS_BEFORE_BARS, SECONDS_BETWEEN_BARS = 0.5, 0.2
+"""In a notebook: work that is done sooner shows no bars, and they are drawn no more often."""
 
 
 class Display:
@@ -54,6 +57,7 @@ class RunDisplay(Display):
         self._phase = bars.add_task("", total=None, note="", visible=False)
         self._begun: tuple[str, int] | None = None
         self._last_line = -math.inf
+        self._ended = Counter[str]()
 
     def begin(self, n_cells: int, n_cached: int) -> None:
         """Say how many cells there are."""
@@ -119,9 +123,66 @@ class RunDisplay(Display):
             print(one_line(line), file=sys.stderr, flush=True)
 
 
+class NotebookDisplay(RunDisplay):
+    """The two bars as one output of a notebook's cell, which changes in place."""
+
+    def __init__(self, bars: Bars) -> None:
+        """Start the clock."""
+        super().__init__(bars)
+        self._is_live = True
+        self._started = time.monotonic()
+        self._last_drawn = self._started + SECONDS_BEFORE_BARS - SECONDS_BETWEEN_BARS
+        self._output: Any = None
+
+    def begin(self, n_cells: int, n_cached: int) -> None:
+        """Begin the cells."""
+        super().begin(n_cells, n_cached)
+        self._draw()
+
+    def start(self, task: CellTask) -> None:
+        """Name the cell."""
+        super().start(task)
+        self._draw()
+
+    def step(self, progress: Progress) -> None:
+        """Move the second bar."""
+        super().step(progress)
+        self._draw()
+
+    def end(self, result: CellResult) -> None:
+        """Move the first bar."""
+        super().end(result)
+        self._draw()
+
+    def close(self) -> None:
+        """Leave one line in place of the bars."""
+        if self._output is not None:
+            seconds = time.monotonic() - self._started
+            line = f"{self._counts or 'done'} in {seconds:.0f} s"
+            self._output.update({"text/plain": line}, raw=True)
+
+    def _draw(self) -> None:
+        now = time.monotonic()
+        if now - self._last_drawn < SECONDS_BETWEEN_BARS:
+            return
+        from IPython.display import display as show_output  # a notebook has it
+
+        self._last_drawn = now
+        if self._output is None:
+            self._output = show_output(self._bars, display_id=True)  # type: ignore[no-untyped-call]
+        else:
+            self._output.update(self._bars)
+
+    def _show(self, line: str) -> None:
+        print(one_line(line), flush=True)
+
+
 @contextmanager
 def display() -> Iterator[Display]:
-    """Show progress inside the block, of cells or of other work, as suits standard error."""
+    """Show progress inside the block, of cells or of other work.
+
+    It is shown in the output of a notebook's cell, else on standard error.
+    """
     console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -138,6 +199,14 @@ def display() -> Iterator[Display]:
         disable=not console.is_terminal,
         speed_estimate_period=math.inf,
     )
+    if console.is_jupyter:  # rich's own live display needs ipywidgets there
+        notebook = NotebookDisplay(bars)
+        try:
+            with listening(notebook.step):
+                yield notebook
+        finally:
+            notebook.close()
+        return
     with bars:
         shown = RunDisplay(bars)
         with listening(shown.step):

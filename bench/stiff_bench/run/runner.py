@@ -22,13 +22,14 @@ from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.run.progress import Display
 from stiff_bench.run.provenance import environment
 from stiff_bench.store.database import ResultStore, read_results
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.record import CellResult, RunManifest
 
 
-@dataclass(frozen=True)
-class Finished:
+@dataclass(frozen=True, repr=False)
+class Finished(BriefFields):
     """What a run has in the end.
 
     Attributes:
@@ -50,7 +51,7 @@ class Finished:
                 causes[result.cause or "error"] += 1
             else:
                 counts["cached" if result.cell.key in self.cached else result.status] += 1
-        words = [f"{counts['ok']} ok"]
+        words = [f"{counts['ok']} ok"] if counts["ok"] or not counts["cached"] else []
         if causes:
             numbered = [f"{number} {cause}" for cause, number in causes.most_common()]
             why = numbered if len(causes) > 1 else causes

@@ -123,8 +123,8 @@ def has_results(folder: Path) -> bool:
 def why_no_results(folder: Path) -> str:
     """Return why a folder has no results to read, for people."""
     if folder.is_dir():
-        return "holds no results"
-    return "is a file, no folder of results" if folder.exists() else "there is no such folder"
+        return "no results in this folder"
+    return "is a file, not a folder of results" if folder.exists() else "there is no such folder"
 
 
 def read_results(folder: Path, keys: Collection[str] | None = None) -> list[CellResult]:

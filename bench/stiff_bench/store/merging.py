@@ -26,7 +26,7 @@ ROUNDING_M = 1e-9
 """Largest difference between two predictions of one cell that is taken for rounding, m."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Merged:
     """Counts of a merge.
 
@@ -50,6 +50,9 @@ class Merged:
             for folder, (n_cells, n_taken) in self.taken.items()
         ]
         return [*lines, f"{self.n_cells} results in {self.output}, {self.n_there} from before"]
+
+    def __repr__(self) -> str:
+        return "\n".join(self.report)
 
 
 def merge(folders: Sequence[Path], output: Path) -> Merged:

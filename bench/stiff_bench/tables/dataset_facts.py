@@ -104,10 +104,10 @@ def _lie(data: BenchmarkData) -> Table:
         has_mean = are_directions and n_axes > 0
         mean = float(np.linalg.norm(vectors.mean(axis=0))) if has_mean else None
         rows.append([name, lie, " / ".join(f"{share:.2f}" for share in shares), mean])
-    texts = [Column(name, "text") for name in ("loads", "spread", "shares of principal axes")]
+    texts = [Column(name, "text") for name in ("loads", "spread", "principal axes")]
     note = (
-        f"Axes with a share below {COUNTING_SHARE:g} are ignored. Length of the mean direction: 1: "
-        "one direction, 0.5: half a sphere, 0: uniform."
+        "Principal axes: shares of the squared length; the spread ignores shares below "
+        f"{COUNTING_SHARE:g}. Mean direction: 1 is one direction, 0.5 half a sphere, 0 uniform."
     )
     return Table("", [*texts, Column("mean direction", format=".2f")], rows, [note])
 
@@ -130,11 +130,13 @@ def _joints(data: BenchmarkData) -> Table:
                 None if weights is None else _range(weights[:, i]),
             ]
         )
-    names = ("positions", "limits", "load torque", "gravity torque")
-    columns = [Column(name, format=".1f") for name in names]
+    positions = [Column(name, format=".1f") for name in ("positions", "limits")]
+    torques = [Column(name, format=".4g") for name in ("load torque", "gravity torque")]
     missing = "" if weights is not None else " The robot has no masses, hence no gravity torques."
     note = f"Torques on the joints, of the load (J^T w) and of the links' weight.{missing}"
-    return Table("", [Column("joint", "text"), Column("units", "text"), *columns], rows, [note])
+    return Table(
+        "", [Column("joint", "text"), Column("units", "text"), *positions, *torques], rows, [note]
+    )
 
 
 def _range(values: FloatArray) -> Quantity:
@@ -143,29 +145,31 @@ def _range(values: FloatArray) -> Quantity:
 
 
 def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options: str = "") -> str:
-    """Return what is known of a data set: catalogue line, facts, card, place of the picture.
-
-    The card describes the data set without options ("name=value, ...").
+    """Return the catalogue line of a data set, its facts and the path of its picture.
 
     Raises:
-        DataError: there are no samples, or the card is not in the package.
+        DataError: there are no samples.
     """
     lines = [f"{info.key} ({info.kind}): {info.summary}"]
     if options:
-        note = " (the card below describes the defaults)" if info.card else ""
+        note = " (its data card describes the defaults)" if info.card else ""
         lines.append(f"options: {options}{note}")
     if info.reference:
         lines.append(f"reference: {info.reference}")
     lines += [f"caveat: {caveat}" for caveat in info.caveats]
     counts, *others = facts(data)
     parts = ["\n".join(lines), plain_text(counts, widths=[None, 70]), *map(plain_text, others)]
-    if info.card:
-        parts.append(_card_text(info.key, info.card))
     return "\n\n".join([*parts, f"picture: {picture}"])
 
 
-def _card_text(key: str, card: str) -> str:
-    """Read a data card, named by its path inside stiff_datasets."""
+def card_text(key: str, card: str) -> str:
+    """Read a data card, named by its path inside stiff_datasets; "" without one.
+
+    Raises:
+        DataError: the card is not in the package.
+    """
+    if not card:
+        return ""
     try:
         text = files("stiff_datasets").joinpath(card).read_text(encoding="utf-8")
     except OSError as error:

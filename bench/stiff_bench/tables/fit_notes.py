@@ -121,7 +121,7 @@ def springs_table(springs: IdentifiedSprings) -> Table:
         rows,
         [
             f"rank {springs.rank}, condition number {springs.condition:.4g}",
-            "Springs take up what the model lacks, such as bearings that tilt: the intervals hold "
-            "the samples' noise, not the joints' own stiffness.",
+            "The springs absorb what the model leaves out, such as tilting bearings. The intervals "
+            "cover the noise of the samples, not the joints' own stiffness.",
         ],
     )

@@ -19,7 +19,7 @@ from stiff_bench.tables.published import MARK, NOTE, published_errors
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.record import CellResult, Presentation
+from stiff_protocols.contract.record import CellResult, Cost, Presentation
 from stiff_protocols.contract.types import AXES, KNOWN, Interval, Prediction
 from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric
 
@@ -120,15 +120,15 @@ def _beside_models(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[C
     rows = {}
     for name in names:
         for results in by_model.values():
-            found = [one for result in results if (one := _beside(result, name)) is not None]
+            found = [one for result in results if (one := known_result(result, name)) is not None]
             if len(found) == len(results):
                 rows[name] = found
                 break
     return rows
 
 
-def _beside(result: CellResult, name: str) -> CellResult | None:
-    """Return the result that another prediction of a cell is; None where it has none."""
+def known_result(result: CellResult, name: str) -> CellResult | None:
+    """Return the VJM's result, or one of `KNOWN`, that a cell holds; None where it has none."""
     found = result.prediction
     if found is None:
         return None
@@ -145,17 +145,11 @@ def _beside(result: CellResult, name: str) -> CellResult | None:
     )
 
 
-def setting(
-    shown: Presentation, condition: str, n_splits: int | str, seed: int, *, after_data: str = " | "
-) -> str:
-    """Return data set, protocol, condition, splits and seed, as a title has them.
-
-    A text of `n_splits` says how many, such as "1 to 5 splits".
-    """
+def setting(shown: Presentation, condition: str, n_splits: int, seed: int) -> str:
+    """Return data set, protocol, condition, splits and seed, as a title has them."""
     data = f"{shown.dataset} ({shown.kind})"
     protocol = " | ".join(filter(None, (shown.protocol, condition)))
-    splits = n_splits if isinstance(n_splits, str) else counted(n_splits, "split")
-    return f"{data}{after_data}{protocol}, {splits}, seed {seed}"
+    return f"{data} | {protocol}, {counted(n_splits, 'split')}, seed {seed}"
 
 
 def _title(first: CellResult, n_splits: int, metrics: Sequence[Metric]) -> str:
@@ -219,6 +213,20 @@ def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> V
             if all(axis in values for values in each):  # none where a split lacks it
                 found[metric.key, axis] = mean_over([values[axis] * factor for values in each])
     return found
+
+
+def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:
+    """Return every metric as lines of tidy data, in the units that they are printed in."""
+    return [
+        {
+            "metric": metric.key,
+            "axis": axis,
+            "value": value * PRINTED[metric.unit][1],
+            "unit": PRINTED[metric.unit][0],
+        }
+        for metric in METRICS.values()
+        for axis, value in metric.values(prediction, cost).items()
+    ]
 
 
 def values_of_splits(metric: Metric, results: Sequence[CellResult]) -> list[dict[str, float]]:

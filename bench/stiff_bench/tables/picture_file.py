@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.errors import unsupported_extension
 
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {},
@@ -22,5 +22,4 @@ def check_suffix(path: Path) -> None:
         ConfigError: it does not.
     """
     if path.suffix.lower() not in METADATA:
-        valid = ", ".join(METADATA)
-        raise ConfigError(f"picture {path}: suffix {path.suffix!r} is not known (valid: {valid})")
+        raise unsupported_extension(path, METADATA)

@@ -9,14 +9,17 @@ import html
 import json
 import math
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from tabulate import tabulate
 
 from stiff_bench.console import one_line
 from stiff_bench.store.names import grouped
-from stiff_bench.tables.table import VALUE_FIELDS, Column, Entry, Table
+from stiff_bench.tables.table import SCREEN, VALUE_FIELDS, Column, Entry, Table
+from stiff_bench.tables.terminal import screen_console, screen_text
 
 
 def render(
@@ -31,12 +34,14 @@ def render(
 
     Args:
         tables: in this order.
-        fmt: "github", "latex", "csv", "html" or "json".
-        command: that makes them.
+        fmt: "github", "latex", "csv", "html", "json", or "screen" of a terminal.
+        command: that makes them; html leaves an empty one out.
         text: a paragraph above; csv leaves it out.
         about: facts on all tables, for json.
     """
     tables = of_format(tables, fmt)
+    if fmt == SCREEN:
+        return screen_text(tables, text=text)
     if fmt == "csv":
         return _csv(tables)
     if fmt == "json":
@@ -49,7 +54,11 @@ def render(
         "html": (_html, lambda words: f"<p>{html_text(words)}</p>"),
     }[fmt]
     said = [paragraph(one_line(text))] if text else []
-    parts = [one(table.shown(), one_line(command)) for table in tables]
+    last = len(tables) - 1
+    parts = [
+        one(table.shown(), one_line(command) if number == last or fmt == "latex" else "")
+        for number, table in enumerate(tables)
+    ]
     head = [LATEX_NEEDS] if fmt == "latex" else []
     return "\n\n".join([*head, *said, *parts])
 
@@ -60,10 +69,14 @@ def of_format(tables: Sequence[Table], fmt: str) -> list[Table]:
 
 
 def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
-    """Return headings and cells in columns for a terminal, without the title; then the notes.
+    """Return headings and cells in columns, without the title; then the notes.
 
-    `widths` are those of columns that are broken into lines, characters.
+    On a terminal they are as narrow as it is. `widths` are those of columns that are broken into
+    lines elsewhere, characters.
     """
+    if sys.stdout.isatty():
+        untitled = replace(table, title="")
+        return screen_text([untitled], console=screen_console(colors=False)).strip("\n")
     body = _columns(table, "simple", str, maxcolwidths=[*widths] or None)
     return "\n".join([body, *table.notes])
 
@@ -102,8 +115,10 @@ def markdown_code(text: str) -> str:
 def _github(table: Table, command: str) -> str:
     body = _columns(table, "github", _markdown_cell)
     notes = [markdown_text(one_line(note)) for note in table.notes]
-    listed = [f"- {note}" for note in (*notes, f"made by: {markdown_code(command)}")]
-    return "\n".join([f"**{markdown_text(one_line(table.title))}**", "", body, "", *listed])
+    notes += [f"made by: {markdown_code(command)}"] if command else []
+    listed = [f"- {note}" for note in notes]
+    title = f"**{markdown_text(one_line(table.title))}**"
+    return "\n".join([title, "", body, "", *listed]).rstrip("\n")
 
 
 LATEX_NEEDS = (
@@ -192,7 +207,7 @@ def html_text(text: str) -> str:
 def _html(table: Table, command: str) -> str:
     body = _columns(table, "unsafehtml", html_text)  # what is printed is escaped by us
     notes = "".join(f"<li>{html_text(note)}</li>" for note in table.notes)
-    made_by = f"<li>made by: <code>{html.escape(command)}</code></li>"
+    made_by = f"<li>made by: <code>{html.escape(command)}</code></li>" if command else ""
     return (
         f"<section>\n<h2>{html_text(table.title)}</h2>\n{body}\n<ul>{notes}{made_by}</ul>\n"
         "</section>"

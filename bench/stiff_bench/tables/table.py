@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import Any, Literal, Self
 
+from stiff_protocols.contract.brief_fields import BriefFields
+
 
 @dataclass(frozen=True)
 class Name:
@@ -94,7 +96,7 @@ class Column:
         about: facts on it for csv and json, such as metric and axis.
         hidden: csv and json alone hold it, because the title says it to people.
         marks_shown: False: csv and json alone have the marks of its cells, as a note says them.
-        by_sign: the page colours its cells: above zero is better, below is worse.
+        by_sign: 1: cells above zero are coloured as better, below as worse; -1: the other way.
         value: makes its cell from what a row is of, such as a model; None: the row has it under the
             column's name. See `Table.of`.
     """
@@ -107,7 +109,7 @@ class Column:
     about: Mapping[str, object] = field(default_factory=dict)
     hidden: bool = False
     marks_shown: bool = True
-    by_sign: bool = False
+    by_sign: int = 0
     value: Callable[[Any], Entry] | None = None
 
     def text(self, cell: Entry) -> str:
@@ -132,11 +134,16 @@ VALUE_FIELDS = (
 )
 """Of each number, in csv and json."""
 MOST_NOTES = 4
-ALL_BUT_CSV = ("github", "latex", "html", "json")
+BEST_MARK = "*"
+"""Stands behind the best number of a column."""
+SCREEN = "screen"
+"""Format of a terminal."""
+WRITTEN = ("github", "latex", "html", "json")
+"""Formats of long tables: not of a terminal, and not csv."""
 
 
-@dataclass(frozen=True)
-class Table:
+@dataclass(frozen=True, repr=False)
+class Table(BriefFields):
     """Rows of typed cells.
 
     Attributes:
@@ -149,6 +156,7 @@ class Table:
         details: too long to stand beneath it; json alone has them.
         brief: whether people see `MOST_NOTES` of its notes alone; json has all.
         formats: that hold it, as `render` names them; none: all.
+        best_first: whether the first row is the best.
     """
 
     title: str
@@ -160,6 +168,7 @@ class Table:
     details: Sequence[str] = ()
     brief: bool = False
     formats: Collection[str] = ()
+    best_first: bool = False
 
     @classmethod
     def of(

@@ -33,7 +33,7 @@ from stiff_datasets.measured.sample_columns import (
     in_file_units,
     joint_columns,
 )
-from stiff_datasets.measured.sheet_files import read_sheet, write_table
+from stiff_datasets.measured.sheet_files import Sheet, read_sheet, sheet_of, write_table
 from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot
 
 
@@ -76,7 +76,20 @@ def read_loads(path: Path, robot: Robot, sheet_name: str | None = None) -> LoadT
         DataError: the file is unreadable, empty or wrongly headed, or a value is none; the message
             names file, row (1 is the header of a CSV file), column, value and what is valid.
     """
-    sheet = read_sheet(path, sheet_name).recognised(all_columns(robot))
+    return _loads(read_sheet(path, sheet_name), robot)
+
+
+def loads_of(name: str, table: pd.DataFrame, robot: Robot) -> LoadTable:
+    """Return the loads of a table with the columns of a file, once it is checked.
+
+    It raises the errors of `read_loads`, with `name` for the file. Rows count from 0, as in
+    `table.iloc`.
+    """
+    return _loads(sheet_of(Path(name), table, first_row=0), robot)
+
+
+def _loads(cells: Sheet, robot: Robot) -> LoadTable:
+    path, sheet = cells.path, cells.recognised(all_columns(robot))
     problems = table_problems(sheet, all_columns(robot), (*ID_COLUMNS, *DEFLECTION_COLUMNS))
     if problems:
         raise problems_error(path, problems)

@@ -33,8 +33,9 @@ LIMIT_SLACK = 1e-6
 """deg or mm; a limit may have been written with rounding."""
 
 POSITIONS_TEXT = (
-    f"{','.join(UNLOADED_COLUMNS)} (unloaded) and {','.join(LOADED_COLUMNS)} (loaded position)"
+    f"{', '.join(UNLOADED_COLUMNS)} (unloaded) and {', '.join(LOADED_COLUMNS)} (loaded position)"
 )
+NO_TORQUE_HINT = "add --no-torque if torques were not measured"
 NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
 """Columns of a file without torques -> what stands for them."""
 
@@ -67,7 +68,7 @@ class Problem:
 
 
 def problems_error(
-    path: Path, problems: Sequence[Problem], hint: str = "mend this one first"
+    path: Path, problems: Sequence[Problem], hint: str = "fix this one first"
 ) -> DataError:
     """Return the error that names the first problem, and how many more there are."""
     first, *further = sorted(problems, key=lambda problem: problem.row or 0)
@@ -88,7 +89,7 @@ def table_problems(
     names = list(sheet.cells.columns)
     numbers = [name for name in sheet.unused if NUMBER.fullmatch(name.replace(",", "."))]
     if len(numbers) > len(columns) / 2:
-        return [Problem("no header: the first row holds numbers", ",".join(columns))]
+        return [Problem("no header: the first row holds numbers", ", ".join(columns))]
     missing = [name for name in columns if name not in (*names, *optional)]
     repeated = sorted({name for name in names if names.count(name) > 1})
     named = {"missing": missing, "repeated": repeated}
@@ -97,9 +98,9 @@ def table_problems(
     parts = [f"{what} {', '.join(some)}" for what, some in named.items() if some]
     parts += [f"unit of {name!r} (valid: {units})" for name, units in sheet.odd_units.items()]
     if missing or repeated:
-        valid = ",".join(columns) + (f"; optional: {', '.join(optional)}" if optional else "")
+        valid = ", ".join(columns) + (f"; optional: {', '.join(optional)}" if optional else "")
         if missing and {*missing} <= {*TORQUE_COLUMNS}:
-            valid = f"{','.join(columns)}; say no-torque if none were measured"
+            valid = f"{', '.join(columns)}; {NO_TORQUE_HINT}"
         elif {*DEFLECTION_COLUMNS} <= {*missing}:
             valid += f"; in place of dx_mm..: {POSITIONS_TEXT}"
         return [Problem(shortened(f"header: {'; '.join(parts)}", 500), valid)]

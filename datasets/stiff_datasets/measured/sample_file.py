@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,14 @@ from stiff_datasets.measured.sample_columns import (
 )
 from stiff_datasets.measured.sheet_files import LONGEST_CELL, Sheet, read_sheet, sheet_of
 from stiff_protocols.contract.errors import warn
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray, Robot, Samples
+from stiff_protocols.contract.types import (
+    BenchmarkData,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Robot,
+    Samples,
+)
 
 LARGEST_DEFLECTION_MM = 50.0
 """No industrial robot deflects so far under a load it may carry."""
@@ -63,6 +71,8 @@ SMALLEST_DEFLECTION_MM = 0.01
 SAME_POSITION = 0.2
 """Share by which positions of a tool may differ from the robot description's."""
 FEWEST_FOR_PLACE = 5
+EMPTY = {"", "-", "--", "?", "n/a", "na", "nan", "none", "null", "<na>", "nat", "tbd", "todo"}
+"""Signs of a cell that is still to be filled in, in lower case."""
 
 
 def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Samples:
@@ -116,9 +126,9 @@ def samples_of(
     """Return the samples of a table with the columns of a file, once it is checked.
 
     Warnings and errors are those of `read_samples`; errors name `path`, and `hint` follows the
-    first of several problems.
+    first of several problems. Rows count from 0, as in `table.iloc`.
     """
-    return _samples(check_sheet(sheet_of(path, table), robot, options), hint)
+    return _samples(check_sheet(sheet_of(path, table, first_row=0), robot, options), hint)
 
 
 def near_poses(samples: Samples, robot: Robot, tolerance: float = DEFAULTS.pose_tolerance) -> str:
@@ -276,6 +286,7 @@ def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[P
     """
     filled = (sheet.cells != "") & sheet.cells.notna()
     empty = (filled.sum(axis=1) < filled.shape[1] / 2).to_numpy()
+    empty = empty & ~empty.all()  # else a plan without names and wrenches
     wordy = np.isnan(sheet.numbers(columns[:1])[:, 0])
     if wordy.any():  # else every cell is read once
         wordy = np.asarray(np.isnan(sheet.numbers(columns)).all(axis=1))
@@ -291,24 +302,38 @@ def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[P
 def _without_unfilled(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, Problem | None]:
     """Set the rows of a plan apart whose deflections are still to be measured.
 
-    All cells of such a row in `columns`, deflections or positions, are empty. Where no row has any,
-    zeros are empty, too.
+    All cells of such a row in `columns`, deflections or positions, are empty. If no row is
+    complete, all rows are such rows; if no row has a deflection, zeros are empty, too.
     """
-    cells = sheet.cells[[*columns]]
-    blank = ((cells == "") | cells.isna()).all(axis=1).to_numpy()
-    zero = (sheet.numbers(columns) == 0.0).all(axis=1)
-    unfilled = blank | (zero & (blank | zero).all())
+    numbers = sheet.numbers(columns)  # (n, n_columns)
+    empty = _empty_cells(sheet, columns, numbers)
+    zero = (numbers == 0.0).all(axis=1)
+    unfilled = empty.all(axis=1) | empty.any(axis=1).all()
+    unfilled |= zero & (unfilled | zero).all()
     if not unfilled.any():
         return sheet, None
-    names = ", ".join(sheet.headers.get(name, name) for name in columns)
-    step = f"fill in {names} there, or delete these rows"
+    missing = empty[unfilled].any(axis=0) | zero[unfilled].any()
+    names = ", ".join(sheet.headers.get(name, name) for name in compress(columns, missing))
+    step = "fill them in, or delete these rows"
     if unfilled.all():
-        step = f"measure, fill in {names}, and replace the suggested wrench by the actual one"
-    missing = sheet.lines[unfilled]
-    where = f"row{'s' * (len(missing) > 1)} {row_ranges(missing)}"
-    count = f"{len(missing)} of {len(unfilled)} rows have no deflections ({where})"
-    problem = Problem(f"this plan is not filled in yet: {count}; {step}", "")
+        step = "measure them, and replace the suggested wrench by the actual one"
+    lines = sheet.lines[unfilled]
+    where = f"row{'s' * (len(lines) > 1)} {row_ranges(lines)}"
+    rows = f"{len(lines)} of {counted(len(unfilled), 'row')}"
+    count = f"{rows} {'has' if len(lines) == 1 else 'have'} no {names} ({where})"
+    problem = Problem(f"plan not filled in yet: {count}; {step}", "")
     return sheet.take(~unfilled), problem
+
+
+def _empty_cells(sheet: Sheet, columns: tuple[str, ...], numbers: FloatArray) -> BoolArray:
+    """Return (n, n_columns) which cells are empty or hold a sign of `EMPTY`.
+
+    `numbers` (n, n_columns) are those of `columns`, NaN where a cell is not a number.
+    """
+    empty = np.isnan(numbers)
+    cells = sheet.cells[[*columns]].to_numpy(dtype=object)
+    empty[empty] = [str(cell).strip().lower() in EMPTY for cell in cells[empty]]
+    return empty
 
 
 def _id_problems(sheet: Sheet) -> Iterator[Problem]:

@@ -183,11 +183,10 @@ def read_sheet(path: Path, sheet: str | None = None) -> Sheet:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def sheet_of(path: Path, table: pd.DataFrame) -> Sheet:
-    """Return the sheet of a table that stands for the file `path`."""
+def sheet_of(path: Path, table: pd.DataFrame, first_row: int = 2) -> Sheet:
+    """Return the sheet of a table that stands for the file `path`; rows count from `first_row`."""
     cells = _named(table.astype(object).rename(columns=str), strip=False)
-    first = 1 if path.suffix == PARQUET else 2
-    return Sheet(path, cells, np.arange(len(cells), dtype=np.int64) + first)
+    return Sheet(path, cells, np.arange(len(cells), dtype=np.int64) + first_row)
 
 
 def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
@@ -257,7 +256,7 @@ def _read_csv(path: Path) -> Sheet:
     except UnicodeDecodeError as error:
         byte = f"byte 0x{content[error.start]:02x} at {error.start}"
         raise DataError(
-            f"{path}: no text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
+            f"{path}: not a text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
         ) from error
     if "\0" in text:
         raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: it has NUL characters")
@@ -406,7 +405,7 @@ def _read_parquet(path: Path) -> Sheet:
             cells = ParquetFile(file).read().to_pandas(ignore_metadata=True)
         except (OSError, ValueError, KeyError, pa.ArrowException) as error:
             raise DataError(f"{path}: not a Parquet file, or a damaged one") from error
-    return sheet_of(path, _named(cells.astype(object).rename(columns=str)))
+    return sheet_of(path, _named(cells.astype(object).rename(columns=str)), first_row=1)
 
 
 def _named(cells: pd.DataFrame, *, strip: bool = True) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -40,7 +41,7 @@ from stiff_datasets.measured.outliers_and_drift import (
     left_out_rms,
     outlier_findings,
 )
-from stiff_datasets.measured.row_checks import LIMIT_SLACK, Problem, row_ranges
+from stiff_datasets.measured.row_checks import LIMIT_SLACK, NO_TORQUE_HINT, Problem, row_ranges
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units, joint_columns
 from stiff_datasets.measured.sample_file import (
     SMALL_UNITS,
@@ -51,6 +52,7 @@ from stiff_datasets.measured.sample_file import (
 from stiff_datasets.measured.sheet_files import read_sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
+from stiff_protocols.contract.screen import Screen
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.springs.identification import Identified, identify, typical_joints
 
@@ -68,7 +70,8 @@ SAME_UNIT = 2.2
 TIES_SHOWN = 2
 LARGEST_SHOWN = 5
 FEWEST_CURVE_POSES, MOST_CURVE_SAMPLES = 10, 200
-WIDTH = 100
+WIDEST_TEXT = 100
+"""Characters of a line of the report, where the terminal is not narrower."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,12 @@ class ValidationReport:
             *_section("Facts", self.facts),
         ]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        problems = (*self.errors, *self.warnings)
+        texts = [(finding.level, finding.message + _rows(finding)) for finding in problems]
+        facts = [finding.message.partition(": ")[::2] for finding in self.facts]
+        return Screen(_verdict(self), [*texts, *facts]).html()
 
 
 LeftOutErrors = Callable[[Samples, Robot], FloatArray]
@@ -242,8 +251,8 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
             yield warning("every wrench is zero, so no stiffness can be identified")
         elif not no_torque:
             yield warning(
-                "every torque is zero, which is right only if each force acted at the TCP; say "
-                "no-torque if none were measured"
+                "every torque is zero, which is right only if each force acted at the TCP; "
+                f"{NO_TORQUE_HINT}"
             )
     yield fact("deflection", f"{_range(samples.deflection * MM_PER_M)} mm")
     units, q = file_units(robot), samples.q * file_units(robot)
@@ -413,12 +422,13 @@ def _section(title: str, findings: Sequence[Finding]) -> list[str]:
         parts = (finding.message.partition(": ") for finding in findings)
         items = [(name, value) for name, _, value in parts]
     width = max(len(head) for head, _ in items)
+    text_width = min(WIDEST_TEXT, shutil.get_terminal_size((WIDEST_TEXT, 24)).columns)
     lines = ["", title]
     for head, text in items:
         start = f"  {head:<{width}} "
         lines += textwrap.wrap(
             text,
-            WIDTH,
+            text_width,
             initial_indent=start,
             subsequent_indent=" " * len(start),
             break_long_words=False,

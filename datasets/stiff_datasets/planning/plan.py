@@ -28,7 +28,7 @@ from stiff_datasets.planning.design import Design
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses, paper_poses
 from stiff_datasets.planning.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
-from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.errors import ConfigError, unsupported_extension
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, TextArray
@@ -179,7 +179,7 @@ def check_plan_file(path: Path) -> None:
         StoreError: its folder is not there, or it exists: it may hold measured deflections.
     """
     if path.suffix != ".csv":
-        raise ConfigError(f"{path}: {path.suffix!r} (valid ending of a plan: .csv)")
+        raise unsupported_extension(path, [".csv"])
     check_new_file(path)
 
 

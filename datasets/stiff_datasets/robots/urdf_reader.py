@@ -85,8 +85,8 @@ def read_chain(
     offset = np.asarray(tcp, dtype=np.float64)
     if offset.shape != (3,) or not np.isfinite(offset).all() or abs(offset).max() > LONGEST_TCP_M:
         raise DataError(
-            f"tcp {list(tcp)} is no tool centre point: three finite lengths in m, "
-            f"each within +-{LONGEST_TCP_M:g}"
+            f"tcp {list(tcp)}: expected three lengths in m, each within +-{LONGEST_TCP_M:g}; are "
+            "these mm?"
         )
     model, locked = _locked_but(tree, path)
     flange = model.frames[model.getFrameId(frame.name, pin.FrameType.BODY)].placement
@@ -157,7 +157,7 @@ def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str]]:
             content = file.read(LARGEST_URDF + 1)
         text = content.decode()
     except UnicodeDecodeError as error:
-        raise DataError(f"{urdf}: cannot read the URDF: no text in UTF-8") from error
+        raise DataError(f"{urdf}: cannot read the URDF: not a text in UTF-8") from error
     except (OSError, ValueError) as error:  # ValueError: a name that holds NUL
         reason = getattr(error, "strerror", None) or error
         raise DataError(f"{urdf}: cannot read the URDF: {reason}") from error

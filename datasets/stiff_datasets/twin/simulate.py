@@ -13,7 +13,7 @@ from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.twin.twin import TwinExperiment
-from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.errors import unsupported_extension
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import Samples
@@ -45,7 +45,7 @@ def simulate(path: Path, experiment: TwinExperiment, n_samples: int) -> None:
         StoreError: the file exists, or cannot be written.
     """
     if path.suffix not in ENDINGS:
-        raise ConfigError(f"{path}: {path.suffix!r} (valid endings: {', '.join(ENDINGS)})")
+        raise unsupported_extension(path, ENDINGS)
     check_new_file(path)
     robot = experiment.constants.robot()
     parts = _blocks(experiment, n_samples)

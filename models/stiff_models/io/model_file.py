@@ -161,10 +161,10 @@ def _check_archive(data: bytes) -> None:
             known = "schema.json" in archive.namelist()
     except zipfile.BadZipFile as error:
         raise DataError(
-            "no model file, or a damaged one (valid: what `bench fit` wrote)"
+            "not a model file, or a corrupt one; give a file that `bench fit` wrote"
         ) from error
     if not known:
-        raise DataError("no model file of stiffbench's (valid: what model.save wrote)")
+        raise DataError("not a model file of stiffbench; give a file that `bench fit` wrote")
     if size > len(data):  # `save` compresses nothing
         raise DataError(f"a file of {len(data)} bytes unpacks to {size}")
 

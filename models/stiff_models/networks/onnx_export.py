@@ -240,7 +240,7 @@ def export_onnx(model: FittedModel, path: Path) -> None:
     """
     if not hasattr(model, "_torch_module"):
         raise ConfigError(
-            f"{key_of(model)} cannot be written as ONNX: it is no network (valid: mlp, "
+            f"{key_of(model)} cannot be written as ONNX: it is not a network (valid: mlp, "
             "mlp-pretrained, ft-mlp, dt-cnn, adann-2r, compliance-net, deep-ensemble, residual-mlp)"
         )
     if not hasattr(model, "robot_"):

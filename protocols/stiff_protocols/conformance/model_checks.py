@@ -219,7 +219,7 @@ class ModelChecks(CheckedModel):
         """Make diagnostics_ a dict of names with units and numbers."""
         fitted = self.fitted()
         if not hasattr(fitted, "diagnostics_"):
-            raise NotApplicable("has no diagnostics_")
+            raise NotApplicable("no diagnostics_")
         if not isinstance(fitted.diagnostics_, Mapping):
             raise Failed(f"diagnostics_ is a {type(fitted.diagnostics_).__name__}")
         for name, value in fitted.diagnostics_.items():
@@ -306,7 +306,7 @@ class ModelChecks(CheckedModel):
     def _with_intervals(self) -> StiffnessModel:
         fitted = self.fitted()
         if not offers(fitted, "predict_interval"):
-            raise NotApplicable("has no predict_interval; split-conformal intervals serve it")
+            raise NotApplicable("no predict_interval; split-conformal intervals are used")
         self.predicted()
         return fitted
 

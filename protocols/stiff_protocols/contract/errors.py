@@ -5,10 +5,11 @@ from __future__ import annotations
 import difflib
 import warnings
 from collections.abc import Iterable
+from pathlib import PurePath
 
 
 class StiffBenchError(Exception):
-    """Something the user can mend; the message names the thing, its value and what is valid.
+    """Something the user can fix; the message names the thing, its value and what is valid.
 
     Attributes:
         argument: that is wrong, "" for none: the text begins with it, and on the command line with
@@ -70,6 +71,13 @@ def said_by(error: BaseException) -> str:
         return f"{type(error).__name__}: {error}"
     except Exception:
         return f"{type(error).__name__}, whose message cannot be read"
+
+
+def unsupported_extension(path: PurePath, valid: Iterable[str], argument: str = "") -> ConfigError:
+    """Return the error for a file to write whose extension names no valid format."""
+    extension = path.suffix or "none"
+    text = f"{path}: unsupported extension {extension} (use {' or '.join(valid)})"
+    return ConfigError(text, argument)
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str], listed: str = "") -> ConfigError:

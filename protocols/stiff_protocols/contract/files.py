@@ -18,7 +18,7 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = "it is a file" if folder.is_file() else error.strerror or error
-        raise StoreError(f"{folder}: cannot be made: {reason}") from error
+        raise StoreError(f"{folder}: cannot create this folder: {reason}") from error
 
 
 def check_new_file(path: Path) -> None:
@@ -29,10 +29,10 @@ def check_new_file(path: Path) -> None:
     """
     if path.exists():
         raise StoreError(
-            f"{path}: exists, and nothing is written over it; give the name of a new file"
+            f"{path}: exists and is not overwritten; give another name, or delete it first"
         )
     if not path.parent.is_dir():
-        raise StoreError(f"{path}: cannot be written: no folder {path.parent}")
+        raise StoreError(f"{path}: cannot be written: there is no folder {path.parent}")
 
 
 @contextmanager

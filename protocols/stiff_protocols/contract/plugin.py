@@ -154,12 +154,14 @@ class DatasetInfo(PluginInfo):
         caveats: printed under every table that contains the data set.
         published: name of the table in `results/published` that belongs beneath; "" for none.
         card: the data card, a path inside the package `stiff_datasets`; "" for none.
+        licence: of measured data, such as "MIT"; "" where it is not stated.
     """
 
     kind: str
     caveats: tuple[str, ...] = ()
     published: str = ""
     card: str = ""
+    licence: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

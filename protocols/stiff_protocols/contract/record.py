@@ -9,7 +9,9 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
-from stiff_protocols.contract.types import FloatArray, Prediction
+from stiff_protocols.contract.arrays import FloatArray
+from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.types import Prediction
 
 
 class Cost(NamedTuple):
@@ -155,8 +157,8 @@ class Presentation:
     measured_sha256: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class CellResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class CellResult(BriefFields):
     """Everything known about a computed cell; metrics are computed from it when it is read.
 
     Attributes:

@@ -8,6 +8,7 @@ import numpy as np
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, freeze
 from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.screen import Screen, Shown
 from stiff_protocols.kinematics.chain_formulas import JointType
 from stiff_protocols.kinematics.serial_chain import SerialChain
 
@@ -18,8 +19,8 @@ LONGEST_M = 100.0
 """m between two joints of a robot at most; a larger number was written in mm."""
 
 
-@dataclass(frozen=True, eq=False)
-class Robot(SerialChain):
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot(Shown, SerialChain):
     """A serial chain of revolute or prismatic joints with a tool centre point.
 
     Its kinematics are the methods of `SerialChain`.
@@ -121,16 +122,33 @@ class Robot(SerialChain):
         lever = self.tcp - self.flange[:3, 3]
         return np.asarray((lever @ self.flange[:3, :3]).round(9) + 0.0)
 
-    def __repr__(self) -> str:
-        units = {"revolute": ("deg", np.degrees(1.0)), "prismatic": ("mm", 1000.0)}
-        limits = []
+    @property
+    def summary(self) -> str:
+        """Name, number of joints and mass in a line."""
+        return f"{self.name}, {self.n_joints} joints, {self.masses.sum():.1f} kg"
+
+    @property
+    def tcp_text(self) -> str:
+        """TCP at zero joint positions, base frame, mm."""
+        (place,) = 1000.0 * self.tcp_position(np.zeros((1, self.n_joints)))
+        return f"{_lengths(place)} mm at zero positions, base frame"
+
+    def view(self) -> Screen:
+        """Return its joints with their limits, deg or mm, and its TCP."""
+        rows = []
         joints = zip(self.joint_names, self.joint_types, self.lower, self.upper, strict=True)
         for name, kind, low, high in joints:
-            unit, factor = units[kind]
-            limits.append(f"{name} {low * factor:.0f}..{high * factor:.0f} {unit}")
-        (place,) = 1000.0 * self.tcp_position(np.zeros((1, self.n_joints)))
-        tcp = ", ".join(f"{length:.1f}" for length in place)
-        return (
-            f"Robot {self.name}, {self.n_joints} joints, {self.masses.sum():.1f} kg\n"
-            f"  limits: {', '.join(limits)}\n  TCP at zero positions: ({tcp}) mm, base frame"
+            unit, factor = ("deg", np.degrees(1.0)) if kind == "revolute" else ("mm", 1000.0)
+            ends = np.array([low, high]) * factor
+            limits = (f"{end:.0f} {unit}" if np.isfinite(end) else "-" for end in ends)
+            rows.append([name, kind, *limits])
+        tcp = f"{_lengths(1000.0 * self.tcp_on_flange)} mm in the frame of the last link"
+        facts = [("TCP", f"{tcp}; {self.tcp_text}")]
+        return Screen(
+            f"Robot {self.summary}", facts, ("joint", "type", "lower limit", "upper limit"), rows
         )
+
+
+def _lengths(vector: FloatArray) -> str:
+    """Return a vector, mm, as "(1270.0, 0.0, 365.0)"."""
+    return f"({', '.join(f'{length + 0.0:.1f}' for length in vector.round(1))})"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiff_protocols.contract.arrays import FloatArray, freeze, frozen_array
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import BoolArray, Interval, Samples
 
@@ -36,8 +37,8 @@ MOST_NEIGHBOURS = 2000
 """Training poses and loads that are kept, evenly chosen: a file of 100,000 samples stays small."""
 
 
-@dataclass(frozen=True, eq=False)
-class TrainingRange:
+@dataclass(frozen=True, eq=False, repr=False)
+class TrainingRange(BriefFields):
     """Joint positions and loads of the samples that a model learned from.
 
     Attributes:

@@ -20,8 +20,10 @@ from stiff_protocols.contract.arrays import IntArray as IntArray
 from stiff_protocols.contract.arrays import TextArray as TextArray
 from stiff_protocols.contract.arrays import freeze
 from stiff_protocols.contract.arrays import frozen_array as frozen_array
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.robot import Robot as Robot
+from stiff_protocols.contract.screen import Screen, Shown
 from stiff_protocols.kinematics.chain_formulas import JointType as JointType
 
 AXES = ("x", "y", "z")
@@ -40,8 +42,12 @@ Deflection = Callable[[FloatArray, FloatArray], FloatArray]
 """(n, n_joints) joint positions [rad, m] and (n, 6) wrenches [N, N m] -> (n, 3) deflections [m]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
+SHOWN_ROWS = 5
+"""Samples that a short view of them has."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Shown):
     """Measured or simulated load/deflection samples of one robot.
 
     Attributes:
@@ -80,13 +86,25 @@ class Samples:
     def __len__(self) -> int:
         return len(self.q)
 
-    def __repr__(self) -> str:
-        poses = len(np.unique(self.pose_id))
-        return (
-            f"Samples: {len(self)} at {poses} poses, {self.q.shape[1]} joints\n"
-            f"  force {_range(self.wrench[:, :3])} N, torque {_range(self.wrench[:, 3:])} N m\n"
-            f"  deflection {_range(1000.0 * self.deflection)} mm"
-        )
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """Counts, and the ranges of loads and deflections, for people."""
+        n_poses = len(np.unique(self.pose_id))
+        force, torque = self.wrench[:, :3], self.wrench[:, 3:]
+        return [
+            ("samples", f"{len(self)} at {n_poses} pose{'s' * (n_poses != 1)}"),
+            ("loads", f"force {_range(force)} N, torque {_range(torque)} N m"),
+            ("deflections", f"{_range(1000.0 * self.deflection)} mm"),
+        ]
+
+    def view(self) -> Screen:
+        """Return counts and ranges, and the first rows in N, N m and mm."""
+        names = ["pose_id", "load_id", *(f"f{axis}_N" for axis in AXES)]
+        names += [*(f"t{axis}_Nm" for axis in AXES), *(f"d{axis}_mm" for axis in AXES)]
+        head = self.take(np.arange(min(len(self), SHOWN_ROWS)))
+        loads, moved = np.char.mod("%.2f", head.wrench), np.char.mod("%.3f", 1e3 * head.deflection)
+        rows = np.column_stack([head.pose_id, head.load_id, loads, moved]).tolist()
+        return Screen(f"Samples, {self.q.shape[1]} joints", self.facts, names, rows)
 
     def take(self, rows: IntArray) -> Self:
         """Return the samples of the given row numbers, in that order."""
@@ -104,13 +122,14 @@ COLUMNS = tuple(item.name for item in fields(Samples) if item.name != "instrumen
 
 
 def _range(vectors: FloatArray) -> str:
-    """Return the smallest and the largest length of (n, 3) vectors."""
+    """Return the smallest and the largest length of (n, 3) vectors, one where they are equal."""
     lengths = np.linalg.norm(vectors, axis=1)
-    return f"{lengths.min():.3g} to {lengths.max():.3g}" if len(lengths) else "-"
+    ends = (lengths.min(), lengths.max()) if len(lengths) else ()
+    return " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends)) or "-"
 
 
-@dataclass(frozen=True)
-class Split:
+@dataclass(frozen=True, repr=False)
+class Split(BriefFields):
     """Row numbers of one division of a data set, and under which condition it is tested.
 
     Attributes:
@@ -171,8 +190,8 @@ class Split:
         return wrench if self.wrench_error is None else wrench + self.wrench_error
 
 
-@dataclass(frozen=True, eq=False)
-class Interval:
+@dataclass(frozen=True, eq=False, repr=False)
+class Interval(BriefFields):
     """Where a model says that each deflection lies with a stated probability, axis by axis.
 
     Attributes:
@@ -200,8 +219,8 @@ def check_coverage(coverage: float) -> None:
         raise ConfigError(f"{coverage:g}: must lie between 0 and 1", "coverage")
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(BriefFields):
     """What a model said about the reported rows of one split, beside what was measured.
 
     Attributes:
@@ -240,8 +259,8 @@ class Prediction:
         return made
 
 
-@dataclass(frozen=True, eq=False)
-class BenchmarkData:
+@dataclass(frozen=True, eq=False, repr=False)
+class BenchmarkData(Shown):
     """What a data set gives the engine: samples, and the robot they belong to.
 
     Attributes:
@@ -275,6 +294,19 @@ class BenchmarkData:
                 f"samples have {self.samples.q.shape[1]} joint angles, "
                 f"robot {self.robot.name!r} has {self.robot.n_joints} joints"
             )
+
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """Robot and TCP, and the facts of the samples."""
+        return [
+            ("robot", self.robot.summary),
+            ("TCP", self.robot.tcp_text),
+            *self.samples.facts,
+        ]
+
+    def view(self) -> Screen:
+        """Return robot, counts and ranges."""
+        return Screen("Samples and their robot", self.facts)
 
     def without_truth(self) -> BenchmarkData:
         """Return the same samples and robot, without what only a simulation knows."""

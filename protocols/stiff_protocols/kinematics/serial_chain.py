@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, frozen_array
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.kinematics.chain_formulas import Chain, ChainGeometry, Component
 from stiff_protocols.kinematics.straight_line import Program, half_angle, tape_with
@@ -34,8 +35,8 @@ LENGTH = 0.5
 """m that count as 1 rad in the damping and the condition of a Jacobian."""
 
 
-@dataclass(frozen=True, eq=False)
-class ChainPoses:
+@dataclass(frozen=True, eq=False, repr=False)
+class ChainPoses(BriefFields):
     """Poses of a chain's joint frames and TCP at n joint positions, base frame.
 
     Attributes:

@@ -11,7 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray, TextArray, frozen_array
+from stiff_protocols.contract.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    TextArray,
+    frozen_array,
+)
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.types import Deflection
@@ -24,8 +31,8 @@ NOT_CONVERGED, OUT_OF_REACH, BEYOND_LIMITS = "not converged", "out of reach", "j
 """Why a row is left uncorrected."""
 
 
-@dataclass(frozen=True, eq=False)
-class Compensation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Compensation(BriefFields):
     """A corrected path. A row that was not corrected has its command and deflection from before.
 
     Attributes:

@@ -51,6 +51,6 @@ def drivable_path(
         if driven:
             return min(driven, key=lambda one: one[0])[1]
     raise DataError(
-        f"{robot.name} has no place for a {shape} of {1000.0 * size:g} mm in front of it; try a "
-        "smaller size or other values of held joints (a path takes six joints that move)"
+        f"{robot.name} cannot drive a {shape} of {1000.0 * size:g} mm in front of it; try a "
+        "smaller size, or other values of held joints"
     )

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiff_protocols.contract.arrays import FloatArray, IntArray, freeze, frozen_array
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import DataError
 
 SAME_ROTATION = 1e-6
 """How far a rotation's product with its transpose may be from the unit matrix."""
 
 
-@dataclass(frozen=True, eq=False)
-class ToolPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class ToolPath(BriefFields):
     """Poses of the tool in the order in which it takes them, each under its load.
 
     Attributes:

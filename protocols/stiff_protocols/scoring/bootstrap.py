@@ -16,14 +16,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, IntArray, TextArray, frozen_array
 
 RESAMPLES = 2000
 
 
-@dataclass(frozen=True, eq=False)
-class PoseErrors:
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseErrors(BriefFields):
     """Absolute errors on the same rows, summed pose by pose; each column a model or a direction.
 
     Attributes:

@@ -25,6 +25,7 @@ from scipy.optimize import least_squares, nnls
 from scipy.special import ndtri
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
+from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.robot import Robot
 
@@ -60,8 +61,8 @@ CONVERGED = 1e-12  # relative: rounding, which machines differ in, decides no di
 FARTHEST = 50.0  # of ln compliance from the start: exp() stays finite
 
 
-@dataclass(frozen=True, eq=False)
-class Identified:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified(BriefFields):
     """Compliances identified from samples, and what the samples can say of them.
 
     Attributes:
@@ -99,7 +100,7 @@ class Identified:
         Those of springs that are not identifiable are the prior's, narrowed by the data.
         """
         reach = float(ndtri(0.5 + coverage / 2.0)) * self.log_error
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ends = np.exp(np.stack([-reach, reach], axis=1)) / self.compliance[:, None]
         return np.asarray(ends)
 
@@ -117,7 +118,7 @@ def spring_key(word: str, name: str, unit: str) -> str:
     return f"{word} {name} [{unit}]"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class IdentifiedSprings(Identified):
     """Springs with names, in the order of the compliances.
 

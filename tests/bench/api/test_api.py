@@ -201,8 +201,8 @@ def test_rows_of_a_data_set_are_a_data_set_of_its_kind(twin, rows, expected, nam
 def test_what_is_no_data_set_is_refused_with_how_to_make_one(twin):
     model = sb.make_model("zero").fit(twin)
     for use in (partial(sb.evaluate, "zero"), model.fit, model.score):
-        with pytest.raises(ConfigError, match=r"DataFrame is not .*Dataset\.from_frame\(frame"):
-            use(twin.frame())
+        with pytest.raises(ConfigError, match=r"dict is not .*Dataset\.from_frame\(frame"):
+            use({"q": twin.samples.q})
 
 
 def test_what_there_is_is_a_table_and_what_it_is_a_text():
@@ -213,8 +213,8 @@ def test_what_there_is_is_a_table_and_what_it_is_a_text():
         (sb.list_metrics(), "mae"),
     ):
         assert key in set(listed.frame()["key"])
-        assert f"\n{key} " in repr(listed) and f"<td>{key} " in listed._repr_html_()
-    assert "knn.neighbours" in repr(sb.show("knn"))
+        assert f"\n{key} " in repr(listed) and f">{key} " in listed._repr_html_()
+    assert "neighbours" in repr(sb.show("knn"))
     assert sb.check("zero").kept
 
 

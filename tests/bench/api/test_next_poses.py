@@ -41,8 +41,8 @@ def measured(ur5, tmp_path):
 
 def lowered(text):
     """Standard error before, with the plan, with random poses, with the best of them."""
-    line = next(line for line in text.splitlines() if line.startswith("standard error"))
-    return [float(word) for word in line.split("[mm]")[1].split()]
+    table = text.partition("prediction with poses")[2].partition("\n\n")[0]
+    return [float(line.split()[-2]) for line in table.splitlines()[2:]]
 
 
 def test_the_next_poses_lower_the_interval_more_than_random_ones_and_a_curve_says_how_far(

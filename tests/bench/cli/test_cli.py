@@ -52,7 +52,7 @@ def test_list_and_show_answer(tmp_path):
     for kind, part in (("models", "ft-mlp"), ("datasets", "simulated"), ("protocols", "leave-one")):
         assert part in bench_here("list", kind, cwd=tmp_path).stdout
     shown = bench_here("show", "ft-mlp", cwd=tmp_path).stdout
-    assert "ft-mlp.freeze" in shown and "layers:1,2" in shown
+    assert "ft-mlp.OPTION=VALUE" in shown and "layers:1,2" in shown
     assert "caveat" in bench_here("show", "fanuc-r2000ic", cwd=tmp_path).stdout
 
 

@@ -75,5 +75,5 @@ def test_a_study_is_run_once_and_its_page_written_of_what_is_stored(small, plugi
     assert status == 0 and "bench: 6 ok; " in err and "warning: paper-holdout" in err
     assert "| zero " in out and "paper-holdout, 2 splits" in out
     status, out, err = called(reproduce, small, "--no-isolate", "--output", str(tmp_path))
-    assert status == 0 and "0 ok, 6 cached" in err
+    assert status == 0 and "bench: 6 cached; " in err
     assert out.splitlines()[-1] == str(tmp_path / "small" / "README.md")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 
@@ -12,6 +13,7 @@ from sklearn.base import BaseEstimator
 from helpers.command_line import bench_here
 from stiff_bench.model_tools.plugins import checklist, new_model
 from stiff_bench.plan.registry import build_registry
+from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
 from stiff_protocols.contract.plugin import ModelInfo
 
@@ -63,9 +65,9 @@ def test_a_new_model_passes_its_own_test_and_the_suite_and_can_be_run_as_it_stan
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("2nd", "no name"),
+        ("2nd", "not a valid model name"),
         ("_x", "a letter first"),
-        ("../up", "no name"),
+        ("../up", "not a valid model name"),
         ("class", "keyword"),
         ("FT-MLP", "taken"),
         ("numpy", "already has a module"),
@@ -146,3 +148,18 @@ def test_what_cannot_be_used_here_or_not_with_its_options_says_why():
             checklist(key, "fanuc-r2000ic", (), registry)
     checked = checklist("needs-file", "fanuc-r2000ic", ("needs-file.file=w.ckpt",), registry)
     assert "needs-file (file=w.ckpt)" in checked.where
+
+
+@pytest.mark.parametrize("key", ["vjm-gp", "ft-mlp", "kr10-twin", "holdout", "fanuc-r2000ic"])
+def test_show_fits_the_terminal(tmp_path, key):
+    for width in (80, 100):
+        shown = bench_here("show", key, cwd=tmp_path, env={"COLUMNS": str(width)}).stdout
+        assert max(map(len, shown.splitlines())) <= width
+
+
+def test_show_gives_every_option_with_its_default_and_valid_values(tmp_path):
+    lines = bench_here("show", "vjm-gp", cwd=tmp_path).stdout.splitlines()
+    options = model_info("vjm-gp").load()().get_params()
+    for name, default in options.items():
+        (line,) = (line for line in lines if re.match(rf"  {name} +default: ", line))
+        assert f"default: {default}".lower() in line.lower() and "valid: " in line

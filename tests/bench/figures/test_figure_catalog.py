@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from helpers.figure_results import compared, learned, with_fields
-from helpers.made_results import MadeResults
 from stiff_bench.analysis.selection import Selection
 from stiff_bench.figures import losses
 from stiff_bench.figures.figure_catalog import FIGURES
@@ -66,20 +65,6 @@ def test_an_unknown_model_and_models_without_a_common_split_are_refused(tmp_path
         caption_of("errors", FigureSource.of(tmp_path, Selection(models=("later", "gp"))))
 
 
-def test_measured_data_are_drawn_first_else_what_was_asked_for_first(tmp_path):
-    made = MadeResults(tmp_path)
-    in_order = [made.add("vjm", [0.1, 0.2], dataset) for dataset in ("z-first-asked", "b", "a")]
-    made.add_run("run-1", [key for keys in in_order for key in keys])
-    source = FigureSource.of(tmp_path)
-    assert source.compared(1).case.name.dataset == "z-first-asked"
-    assert "Other data sets (`--dataset`): b, a." in caption_of("errors", source)
-    asked = FigureSource.of(tmp_path, Selection(datasets=("a",)))
-    assert asked.compared(1).case.name.dataset == "a" and "Other" not in caption_of("errors", asked)
-    made.add("vjm", [0.1], "measured-last", kind="measured")
-    made.add("gp", [0.1], "b")
-    assert FigureSource.of(tmp_path).compared(1).case.name.dataset == "measured-last"
-
-
 def test_a_fair_protocol_comes_before_one_that_picks_on_the_test_part(tmp_path):
     made = compared(tmp_path)
     made.add("extra", [0.1])
@@ -104,7 +89,7 @@ def test_the_best_of_the_models_with_most_splits_are_shown_and_the_linear_one_in
     assert source.compared(3).models == ("gp", "mlp", "vjm")
     caption = caption_of("regression", source)
     assert "twin (simulated), holdout, 2 splits, seed 0." in caption
-    assert "Best 3 of 5 models, and vjm in any case." in caption
+    assert "Best 3 of 5 models; vjm is always among them." in caption
     assert FigureSource.of(tmp_path, Selection(models=("mlp",))).compared(3).models == ("mlp",)
 
 

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from helpers.contrast import pale_lines
-from helpers.figure_results import SIZES, compared, learned, with_fields
+from helpers.figure_results import CURVE, SIZES, compared, learned, with_fields
 from helpers.made_results import TWINS, MadeResults, made_data
 from stiff_bench.analysis.selection import Selection
 from stiff_bench.figures import learning_curves, variants
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource, marks
 from stiff_bench.figures.samples import errors_by_row, regression_figure
-from stiff_bench.figures.style import short
+from stiff_bench.figures.style import short, short_names
 from stiff_bench.store.database import ResultStore, read_data, read_results
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import Presentation
@@ -32,20 +31,23 @@ def some_samples(n: int) -> Prediction:
     return Prediction(np.arange(n), measured + rng.normal(size=(n, 3)) * 1e-4, measured)
 
 
-def test_a_regression_diagram_has_mm_true_across_predicted_up_lines_and_the_papers_error():
-    """The lines hold 95 % of the samples."""
+def test_a_regression_diagram_has_mm_error_over_true_deflection_lines_and_the_papers_error():
+    """The lines hold 95 % of the samples; all panels have one scale of errors."""
     samples = some_samples(200)
     figure = regression_figure({"a": samples}, {"a": (0.07e-3, 0.08e-3, 0.09e-3)})
     for axis, (axes, published) in enumerate(
         zip(figure.axes, ("0.070", "0.080", "0.090"), strict=True)
     ):
         points = next(line for line in axes.get_lines() if line.get_marker() == "o")
+        error = (samples.predicted - samples.measured)[:, axis] * 1e3
         np.testing.assert_allclose(points.get_xdata(), samples.measured[:, axis] * 1e3)
-        np.testing.assert_allclose(points.get_ydata(), samples.predicted[:, axis] * 1e3)
-        heights = sorted(line.get_xy1()[1] for line in axes.get_lines() if hasattr(line, "get_xy1"))
+        np.testing.assert_allclose(points.get_ydata(), error, atol=1e-12)
+        lines = [line for line in axes.get_lines() if line is not points]
         half = np.quantile(absolute_errors(samples)[:, axis], 0.95) * 1e3
+        heights = sorted(line.get_ydata()[0] for line in lines)
         np.testing.assert_allclose(heights, [-half, 0.0, half])
         assert f"(paper {published})" in axes.get_title(loc="left")
+        assert axes.get_ylim() == figure.axes[0].get_ylim()
 
 
 def test_a_mark_names_the_models_that_have_it_unless_all_do():
@@ -60,11 +62,11 @@ def test_a_mark_names_the_models_that_have_it_unless_all_do():
     assert said("a", "b", "c") == " All models shown: epoch picked on test part."
 
 
-def test_a_sample_of_several_splits_has_the_mean_of_its_errors():
-    predicted = np.array([[1.0] * 3, [5.0] * 3, [2.0] * 3])
+def test_a_sample_of_several_splits_has_the_mean_of_its_3_d_errors():
+    predicted = np.array([[1.0, 2.0, 2.0], [0.0, 3.0, 4.0], [0.0, 0.0, 1.0]])
     errors = errors_by_row(Prediction(np.array([3, 1, 3]), predicted, np.zeros((3, 3))))
     assert errors.index.tolist() == [1, 3]
-    np.testing.assert_array_equal(errors, [[5.0] * 3, [1.5] * 3])
+    np.testing.assert_array_equal(errors, [5.0, 2.0])
 
 
 def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
@@ -78,36 +80,27 @@ def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
         np.testing.assert_allclose(points.get_array(), [0.1, 0.2, 0.3, 0.4])
 
 
-def test_a_workspace_shows_the_difference_to_the_vjm_on_a_scale_about_zero_and_the_arm(tmp_path):
-    made = MadeResults(tmp_path)
-    made.add("vjm", [[0.1, 0.2, 0.3, 0.4]])
-    made.add("gp", [[0.2, 0.1, 0.1, 0.1]])
+def test_a_workspace_shows_the_difference_to_the_vjm_on_a_scale_around_zero(tmp_path):
+    MadeResults(tmp_path).add("net", [[1.0, 2.0, 3.0, 1.5]])
     figure = FIGURES["workspace"](FigureSource.of(tmp_path)).draw()
-    sides = [axes for axes in figure.axes if axes.get_title(loc="left").endswith("the side")]
-    assert len(sides) == 3
-    (points,) = sides[-1].collections
-    np.testing.assert_allclose(sorted(points.get_array()), [-0.3, -0.2, -0.1, 0.1])
-    assert points.norm.vmin == -points.norm.vmax < 0.0
-    red, _, blue, _ = points.cmap(points.norm(-0.3))
-    assert blue > red  # better
-    robot = made_data(0).robot
-    for axes in sides:
-        (arm,) = axes.get_lines()
-        assert len(arm.get_xdata()) == robot.n_joints + 2
-        assert (arm.get_xdata()[0], arm.get_ydata()[0]) == (0.0, 0.0)
-    assert pale_lines(figure) == []
+    (difference,) = (axes for axes in figure.axes if "VJM" in axes.get_title(loc="left"))
+    (points,) = difference.collections
+    vjm_mm = np.sqrt(3.0)  # of these made results: 1 mm along each axis
+    np.testing.assert_allclose(np.sort(points.get_array()), np.array([1.0, 1.5, 2.0, 3.0]) - vjm_mm)
+    assert points.norm.vmin == -points.norm.vmax
 
 
-def test_a_workspace_of_one_model_has_the_difference_to_the_vjm_all_the_same(tmp_path):
-    made = MadeResults(tmp_path)
-    made.add("vjm", [[0.1, 0.2, 0.3, 0.4]])
-    made.add("gp", [[0.2, 0.1, 0.1, 0.1]])
-    figure = FIGURES["workspace"](FigureSource.of(tmp_path, Selection(models=("gp",)))).draw()
-    titles = [axes.get_title(loc="left").partition("\n")[0] for axes in figure.axes[:2]]
-    assert "gp" in titles[0] and "vjm" not in titles[0] and "vjm" in titles[1]
+def test_a_workspace_draws_the_arm_from_its_base_to_a_tcp(tmp_path):
+    MadeResults(tmp_path).add("vjm", [0.1])
+    source = FigureSource.of(tmp_path)
+    side, above, *_ = FIGURES["workspace"](source).draw().axes
+    data = read_data(tmp_path, source.compared(1).case.name.data_sha256)
+    arm = np.column_stack([above.lines[0].get_xydata(), side.lines[0].get_ydata()])
+    np.testing.assert_allclose(arm[0], 0.0)
+    assert np.isclose(arm[-1], data.tcp).all(axis=1).any()
 
 
-def test_a_calibration_has_a_point_for_each_coverage_that_every_split_has(tmp_path):
+def test_a_calibration_has_a_panel_for_each_coverage_that_every_split_has(tmp_path):
     made = MadeResults(tmp_path)
     for coverage in (0.8, 0.5, 0.9):  # the newest, of one split, is what other figures show
         made.add("gp", [0.1] if coverage == 0.9 else [0.1, 0.2], coverage=coverage)
@@ -121,10 +114,12 @@ def test_a_calibration_has_a_point_for_each_coverage_that_every_split_has(tmp_pa
             store.write_cells(
                 [replace(result, prediction=replace(result.prediction, interval=moved))]
             )
-    axes = FIGURES["calibration"](FigureSource.of(tmp_path)).draw().axes[0]
-    lines = {one.get_label(): one.get_xydata() for one in axes.get_lines() if one.get_marker()}
-    np.testing.assert_allclose(lines["gp"], [[50.0, 50.0], [80.0, 100.0]])
-    np.testing.assert_allclose(lines["vjm"], [[50.0, 100.0], [80.0, 100.0]])
+    half, most = FIGURES["calibration"](FigureSource.of(tmp_path)).draw().axes
+    for axes, nominal, of_gp in ((half, 50.0, 50.0), (most, 80.0, 100.0)):
+        dots = {dot.get_label(): dot.lines[0].get_xdata() for dot in axes.containers}
+        assert dots == {"gp": [of_gp], "vjm": [100.0]}
+        (line,) = [one for one in axes.get_lines() if one.get_label() == "nominal"]
+        assert line.get_xdata() == [nominal, nominal]
 
 
 @pytest.mark.parametrize("identifiable", [True, False])
@@ -186,7 +181,8 @@ def test_a_learning_curve_is_the_geometric_mean_with_students_interval_of_three_
     learned(tmp_path)
     (axes,) = FIGURES["learning-curves"](FigureSource.of(tmp_path)).draw().axes
     mean = np.e / np.array(SIZES)  # mm; of e^0, e^1 and e^2
-    line = next(one for one in axes.get_lines() if np.allclose(one.get_ydata()[:3], mean))
+    lines = [one for one in axes.get_lines() if len(one.get_ydata())]
+    line = next(one for one in lines if np.allclose(one.get_ydata()[:3], mean))
     np.testing.assert_allclose(line.get_xdata(), SIZES)
     reach = np.exp(stats.t.ppf(0.975, 2) / np.sqrt(3.0))
     bands = [band.get_paths()[0].vertices[:, 1] for band in axes.collections]
@@ -237,7 +233,7 @@ def swept(folder) -> None:
             with_fields(made, name, diagnostics={"source test MAE [mm]": error})
 
 
-def test_a_map_has_the_mean_error_of_networks_that_differ_in_size_alone(tmp_path):
+def test_a_sweep_has_the_mean_error_of_networks_that_differ_in_size_alone(tmp_path):
     swept(tmp_path)
     other = {"layers": 3, "width": 40, "activation": "tanh"}
     made = MadeResults(tmp_path)
@@ -246,13 +242,25 @@ def test_a_map_has_the_mean_error_of_networks_that_differ_in_size_alone(tmp_path
     made.add("net@layers=4@width=80", [0.1] * 3, options=NET | {"layers": 4, "width": 80})
     with_fields(made, "net@layers=4@width=80", diagnostics={"source test MAE [mm]": 0.32})
     content = variants.sweep(FigureSource.of(tmp_path))
-    lines, heat, _ = content.paint().axes
-    np.testing.assert_allclose(heat.collections[0].get_array(), [[0.12, 0.24], [0.16, 0.32]])
-    assert [line.get_ydata().tolist() for line in lines.get_lines()[:2]] == [
+    (axes,) = content.paint().axes
+    lines = [line for line in axes.get_lines() if len(line.get_ydata())]
+    assert [line.get_ydata().tolist() for line in lines] == [
         pytest.approx([0.12, 0.24]),
         pytest.approx([0.16, 0.32]),
     ]
     assert "2 to 3 splits, seed 0." in content.caption
+
+
+def test_a_sweep_over_more_depths_than_widths_has_the_depth_across(tmp_path):
+    made = MadeResults(tmp_path)
+    for depth in (2, 3, 4, 5):
+        name = f"net@layers={depth}"
+        made.add(name, [0.1], options=NET | {"layers": depth, "width": 40})
+        with_fields(made, name, diagnostics={"source test MAE [mm]": 1.0 / depth})
+    (axes,) = variants.sweep(FigureSource.of(tmp_path)).draw().axes
+    (line,) = [one for one in axes.get_lines() if len(one.get_ydata())]
+    np.testing.assert_allclose(line.get_xydata(), [(n, 1.0 / n) for n in (2, 3, 4, 5)])
+    assert axes.get_xlabel() == "hidden layers"
 
 
 def frozen(folder, **errors_of_strategies):
@@ -265,14 +273,39 @@ def frozen(folder, **errors_of_strategies):
 
 def test_freeze_strategies_stand_with_single_layers_first_and_their_splits(tmp_path):
     pair = {"layers:1,2": [0.3, 0.6], "layers:4": [0.6, 0.6], "full": [3, 3]}
-    errors, linear = frozen(tmp_path, **pair).paint.args
+    ((_, (errors, linear)),) = frozen(tmp_path, **pair).paint.args[0]
     assert errors["layers"].unique().tolist() == ["4", "1 + 2", "full"]
     of_pair = errors.loc[errors["layers"] == "1 + 2", "error"]
     np.testing.assert_allclose(of_pair, [0.1, 0.2])  # all axes together: the error is along z
     assert linear == pytest.approx([0.3, 0.1])
 
 
+def test_losses_are_relative_to_the_first_of_their_kind(tmp_path):
+    """Training loss and validation error have different units."""
+    made = compared(tmp_path)
+    with_fields(made, "mlp", curves={"training": CURVE})
+    (axes,) = FIGURES["losses"](FigureSource.of(tmp_path)).draw().axes
+    training, validation = axes.get_lines()[:2]
+    np.testing.assert_allclose(training.get_ydata(), [1.0, 0.4, 0.2])
+    np.testing.assert_allclose(validation.get_ydata(), [1.0, 0.5, 2 / 3])
+    assert axes.get_ylabel() == "loss / first loss"
+
+
 def test_long_names_lose_their_middle_and_no_control_character_is_drawn():
     assert short("a" * 40 + "end").endswith("aend")
     assert len(short("a" * 99)) == 34
     assert short("a\x1b[2J") == "a\\x1b[2J"
+
+
+def test_names_that_are_alike_when_short_differ_in_a_legend():
+    long = "net@a-first-option=300@freeze={}@the-last-option=9999"
+    names = [
+        long.format("layers:1"),
+        long.format("full"),
+        "vjm",
+        "x" * 50 + "y" * 50,
+        "x" * 60 + "y" * 40,
+    ]
+    texts = short_names(names)
+    assert len(set(texts.values())) == len(names) and max(map(len, texts.values())) <= 34
+    assert "freeze=full" in texts[names[1]] and texts["vjm"] == "vjm"

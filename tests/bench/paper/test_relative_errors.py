@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from seaborn.utils import relative_luminance
 
 from helpers.made_results import MadeResults
 from stiff_bench.analysis.collected import StoredResults
@@ -21,7 +22,6 @@ STUDY = Study(
     sort_by="rough",
     table_notes=("a note",),
     orders={"plain": "default", "rough": "rough", "arms": "many arms"},
-    steps=("plain", "rough"),
 )
 
 
@@ -77,3 +77,26 @@ def test_without_the_vjm_there_is_nothing_to_be_relative_to(tmp_path):
     made.add_run("run-1", made.add("gp", [0.1]))
     with pytest.raises(StoreError, match="no result of vjm"):
         mean_errors(StoredResults.read(tmp_path))
+
+
+def test_the_heat_table_has_the_ratios_in_cells_coloured_alike_for_a_ratio_and_its_inverse():
+    made = relative(gp=[0.5, 0.8, 0.2, 0.4, 0.6], worse=[2.0, 2.0, np.nan, np.nan, np.nan])
+    axes, _ = made.figure().draw().axes
+    rows = [label.get_text() for label in axes.get_yticklabels()]
+    groups = [label.get_text() for label in axes.get_xticklabels()]
+    assert (rows, groups) == (["gp", "vjm", "worse"], ["plain", "rough", "arms"])
+    numbers = [number.get_text() for number in axes.texts]
+    assert numbers == ["0.50", "0.80", "0.40", "1.00", "1.00", "1.00", "2.00", "2.00"]
+    (cells,) = axes.collections
+    low, high = cells.get_clim()
+    assert low == -high
+    np.testing.assert_allclose(cells.get_array()[0][0], -cells.get_array()[2][0])
+
+
+def test_every_number_of_the_heat_table_has_a_contrast_of_at_least_4_5_to_its_cell():
+    made = relative(**{f"m{step}": [0.2 * 1.15**step] * 5 for step in range(25)})
+    axes, _ = made.figure().draw().axes
+    colors = axes.collections[0].get_facecolor()
+    for number, color in zip(axes.texts, colors, strict=True):
+        light, dark = sorted(map(relative_luminance, (number.get_color(), color)), reverse=True)
+        assert (light + 0.05) / (dark + 0.05) >= 4.5

@@ -58,14 +58,14 @@ def test_without_annotations_the_default_gives_the_type_and_a_key_may_hold_dots(
     [
         ("ft-mlp.freze=full", "unknown ft-mlp option 'freze'; did you mean 'freeze'"),
         ("ft-mpl.freeze=full", "unknown key 'ft-mpl'; did you mean 'ft-mlp'"),
-        ("ft-mlp.epochs=-1", r"'-1' is no valid epochs \(valid: whole number >= 0 or none\)"),
+        ("ft-mlp.epochs=-1", r"invalid epochs '-1' \(valid: whole number >= 0 or none\)"),
         ("ft-mlp.activation=swish", r"valid: auto \| relu .* \| sharp-gelu"),
         ("holdout.test_fraction=1", r"\(valid: number > 0 and < 1\)"),
-        ("vjm.lever=maybe", r"'maybe' is no valid lever \(valid: given \| fit\)$"),
-        ("ft-mlp.learning_rate=nan", "no valid learning_rate"),
-        ("ft-mlp.freeze", "expected KEY.option=value"),
+        ("vjm.lever=maybe", r"invalid lever 'maybe' \(valid: given \| fit\)$"),
+        ("ft-mlp.learning_rate=nan", "invalid learning_rate"),
+        ("ft-mlp.freeze", "expected KEY.OPTION=VALUE"),
         ("ft-mlp.epochs=18446744073709551617", "more than the 64 bits"),
-        ("ft-mlp.freeze=full\udcff", "no UTF-8"),
+        ("ft-mlp.freeze=full\udcff", "not valid UTF-8"),
     ],
 )
 def test_a_wrong_setting_is_refused_with_what_is_valid(word, message):
@@ -84,7 +84,7 @@ class Turned:
 
 
 def test_a_plugins_own_reason_is_told_beside_what_is_valid():
-    with pytest.raises(ConfigError, match=r"'3' is no valid turns: an odd .* \(valid: whole"):
+    with pytest.raises(ConfigError, match=r"invalid turns '3': an odd .* \(valid: whole"):
         parse_settings(["t.turns=3"], {"t": Turned})
 
 
@@ -173,8 +173,8 @@ def test_set_reaches_every_variant_and_the_word_has_the_last_word():
         ),
         ({"models": ("mlp@width",)}, "model 'mlp@width': expected KEY@OPTION=VALUE"),
         ({"models": ("mlp@width=8@width=9",)}, "mlp.width is set twice"),
-        ({"datasets": ("kr10-twin@specimen=10",)}, "dataset 'kr10-twin@specimen=10': '10' is no"),
-        ({"protocols": ("kfold@folds=1",)}, "protocol 'kfold@folds=1': '1' is no valid folds"),
+        ({"datasets": ("kr10-twin@specimen=10",)}, "invalid specimen '10'"),
+        ({"protocols": ("kfold@folds=1",)}, "protocol 'kfold@folds=1': invalid folds '1'"),
     ],
 )
 def test_a_wrong_word_is_refused_with_what_is_valid(changes, message):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -12,6 +13,7 @@ from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.report import report_content as gather
+from stiff_bench.report.first_screen import FIRST_COLUMNS
 from stiff_bench.report.report_content import PageOptions
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import StoreError
@@ -54,35 +56,48 @@ def test_every_model_stands_in_ranks_pairs_and_scores(results):
     assert "made up, never measured" in blocks["Leaderboard"].tables[1].notes
 
 
-def test_the_page_opens_with_who_is_first_on_which_data(results):
-    summary, data, *_ = blocks_of(results.folder).values()
-    verdict, counts = summary.texts
-    assert verdict.startswith("vjm ranks first of 3 models")
-    assert "12 results of 3 models in 2 comparisons; 0 failed, 0 skipped" in counts
-    assert "made up, never measured" in summary.notes
-    first, second = data.tables[0].texts()
-    tcp = "0.06, 0, 0.08"
-    assert first[:6] == [TWINS[0], "simulated", "kr10_r1100_2", tcp, "12", "12"]
-    assert second[:2] == [TWINS[1], "simulated"]
+def test_the_page_opens_with_the_answer_and_what_the_folder_holds(results):
+    first, *_ = blocks_of(results.folder).values()
+    counts, screen = first.heading, first.screen
+    assert "3 models, 1 data set, 1 protocol, 12 fits, 0 failed" in counts
+    assert "made up, never measured" in screen.notes
+    assert {model.name for model in screen.models} == {"vjm", "gp", "mlp"}
+    (part,) = screen.matrix
+    assert part.groups == [("twin", 1)]  # specimens of a robot are one column
+    errors = {name: cells[0].text for name, cells in part.rows}
+    assert errors == {"vjm": "0.15", "gp": "0.16", "mlp": "0.40"}
+    best = {name for name, cells in part.rows if cells[0].is_best}
+    assert best == {"vjm"}
 
 
-@pytest.mark.parametrize(
-    ("metric", "n_splits", "claim"),
-    [
-        ("norm", 5, " All others are significantly worse"),
-        ("norm-p95", 5, " All others are significantly worse"),
-        ("norm-p95", 1, ""),  # one value each: no test applies
-    ],
-)
-def test_the_page_calls_no_model_worse_where_no_test_was_made(tmp_path, metric, n_splits, claim):
+def test_a_chart_places_ratios_on_one_logarithmic_axis(results):
+    first, *_ = blocks_of(results.folder).values()
+    screen = first.screen
+    place = {model.name: model.chart for model in screen.models}
+    assert place["vjm"].dot == screen.reference_x  # the VJM's ratio is 1
+    assert place["gp"].dot < place["mlp"].dot
+    assert all(chart.low <= chart.dot <= chart.high for chart in place.values())
+    x, labels = zip(*screen.ticks, strict=True)
+    steps = [b - a for a, b in pairwise(x)]
+    assert max(steps) - min(steps) < 0.2 and labels[x.index(screen.reference_x)].startswith("1")
+
+
+def test_many_models_and_columns_are_one_click_away(tmp_path):
     made = MadeResults(tmp_path)
-    errors = [1.0, 1.01, 1.02, 1.01, 1.0][:n_splits]
-    for model, factor in (("vjm", 0.1), ("mlp", 0.5), ("gp", 0.9)):
-        made.add(model, [factor * error for error in errors], TWINS[0])
-    verdict, *_ = blocks_of(made.folder, metric=metric)["Summary"].texts
-    *_, after_the_value = verdict.partition(" mm.")
-    assert verdict.startswith("vjm has the smallest")
-    assert after_the_value.partition(" (")[0] == claim
+    for number in range(FIRST_COLUMNS + 2):
+        made.add_each({"vjm": [0.1, 0.2], "gp": [0.2, 0.1]}, f"set-{number:02}")
+    first, *_ = blocks_of(made.folder).values()
+    assert [len(part.headings) for part in first.screen.matrix] == [FIRST_COLUMNS, 2]
+    assert f"{FIRST_COLUMNS + 2} columns" in first.screen.more
+
+
+def test_robots_and_data_have_a_row_a_data_set_and_hashes_are_provenance(results):
+    blocks = blocks_of(results.folder)
+    first, second = blocks["Robots and data"].tables[0].texts()
+    assert first == [TWINS[0], "simulated", "kr10_r1100_2", "0.06, 0, 0.08", "12", "12"]
+    assert second[:2] == [TWINS[1], "simulated"]
+    hashes = blocks["Provenance"].tables[1].texts()
+    assert [row[0] for row in hashes] == [*TWINS[:2]] and {len(row[1]) for row in hashes} == {64}
 
 
 def test_identified_stiffnesses_stand_with_the_data(results):
@@ -120,12 +135,14 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
 def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
     """One model alone, or samples that are missing."""
     blocks = blocks_of(results.folder, models=("vjm",))
-    assert "nothing to rank" in blocks["Summary"].texts[0]
+    first, *_ = blocks.values()
+    assert [model.name for model in first.screen.models] == ["vjm"]
     assert "Leaderboard" not in blocks and "Pairs of models" not in blocks
     assert len(blocks["Scores"].tables[0].rows) == 2
     change(results.folder, "DELETE FROM data")
     blocks = blocks_of(results.folder)
-    assert blocks["Summary"].texts[0].startswith("No ranking: ")
+    first, *_ = blocks.values()
+    assert first.screen is None and first.texts[0].startswith("No answer: ")
     assert "Leaderboard" not in blocks
     assert len(blocks["Scores"].tables[0].rows) == 6
 
@@ -152,13 +169,28 @@ def test_a_figure_that_cannot_be_drawn_is_left_out(results, monkeypatch, error):
 
         return Prepared("drawn", "of nothing", Figure)
 
-    figures = {"losses": broken, "springs": whole, "scores": whole}
+    figures = {"losses": broken, "springs": whole, "errors": whole}
     monkeypatch.setattr(gather, "FIGURES", figures)
-    blocks = blocks_of(results.folder)
-    assert "bench figure scores " in blocks["Error by model"].pictures[0].command
-    (picture,) = blocks["Figures"].pictures
-    assert picture.title == "drawn" and "bench figure springs " in picture.command
-    assert [*blocks].index("Error by model") < [*blocks].index("Leaderboard")
+    pictures = blocks_of(results.folder)["Figures"].pictures
+    general, *by_data = pictures
+    assert general.dataset == "" and "bench figure springs " in general.command
+    assert [picture.dataset for picture in by_data] == [*TWINS[:2]]
+    assert all("bench figure errors " in one.command for one in by_data)
+    assert all(f"--dataset {one.dataset}" in one.command for one in by_data)
+
+
+def test_measured_data_come_first_and_few_comparisons_have_figures_of_their_own(
+    tmp_path, monkeypatch
+):
+    from matplotlib.figure import Figure
+
+    made = MadeResults(tmp_path)
+    for number in range(gather.MOST_CASES + 3):
+        made.add("vjm", [0.1], f"set-{number:02}")
+    made.add("vjm", [0.1], "own", kind="measured")
+    monkeypatch.setattr(gather, "FIGURES", {"errors": lambda _: Prepared("t", "c", Figure)})
+    shown = [picture.dataset for picture in blocks_of(made.folder)["Figures"].pictures]
+    assert shown[0] == "own" and len(shown) == gather.MOST_CASES
 
 
 def test_protocols_that_select_on_test_stand_apart(results):

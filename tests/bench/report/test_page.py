@@ -10,6 +10,14 @@ from html.parser import HTMLParser
 
 import pytest
 
+from stiff_bench.analysis.answer_text import Sentence
+from stiff_bench.report.first_screen import (
+    Chart,
+    FirstScreen,
+    MatrixCell,
+    MatrixPart,
+    ModelRow,
+)
 from stiff_bench.report.html_page import (
     MOST_ROWS,
     Block,
@@ -57,13 +65,25 @@ class Reader(HTMLParser):
 def made_page(text: str) -> str:
     table = Table(
         text,
-        [Column(text, "text"), Column("x", unit=text, format=".1f"), Column("y", by_sign=True)],
+        [Column(text, "text"), Column("x", unit=text, format=".1f"), Column("y", by_sign=1)],
         [[Name(text, text), Quantity(1.0, mark=text), 1], ["b", None, -1]],
         [text],
     )
     picture = Picture(text, text, "image/svg+xml", f"<svg>{text}</svg>".encode(), text)
-    block = Block(text, [text], [table], [picture], [(text, text)], [text], text)
-    return render_page({text: [block], "other": [Block("plain")]}, text)
+    screen = FirstScreen(
+        *(text, [Sentence(text, text)], [text], text, text, [(10.0, "1\u00d7")]),
+        models=[ModelRow(text, text, text, Chart(10.0, 5.0, 15.0, text), text, text, text)] * 12,
+        matrix_title=text,
+        matrix=[MatrixPart([(text, 1)], [text], [text], [(text, [MatrixCell(text)])], ())] * 2,
+        more=text,
+        notes=[text],
+    )
+    first = Block(text, screen=screen)
+    of_data = picture._replace(dataset=text, protocol=text)
+    pictures = [picture, of_data]
+    block = Block(text, [text], [table], pictures, [(text, text)], [text], text, folded=True)
+    parts = {text: [first, block, Block("plain", [text])], "other": [Block("none", [text])]}
+    return render_page(parts, text)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +146,7 @@ def test_language_title_and_headings_in_order(plain):
 
 def test_tables_pictures_boxes_and_references_can_be_read_by_a_screen_reader(plain):
     assert len(plain.of("caption")) == len(plain.of("table"))
-    assert {one["scope"] for one in plain.of("th")} == {"col", "row"}
+    assert {one["scope"] for one in plain.of("th")} == {"col", "colgroup", "row"}
     assert all(one["alt"] for one in plain.of("img"))
     boxes = [one for one in plain.of("div") if one.get("class") == "scroll"]
     assert boxes and {one["tabindex"] for one in boxes} == {"0"}
@@ -185,6 +205,6 @@ def test_a_table_of_the_page_has_what_its_readers_can_see():
 
 
 def test_a_cell_is_coloured_by_the_sign_of_its_number():
-    table = Table("t", [Column("x", by_sign=True)], [[-1], [-0.0], [0], [1e-20], [None]])
+    table = Table("t", [Column("x", by_sign=1)], [[-1], [-0.0], [0], [1e-20], [None]])
     styles = [row[0][2] for row in page_table(table)["rows"]]
     assert styles == ["number worse", "number", "number", "number better", "number"]

@@ -92,7 +92,7 @@ def test_rows_say_what_the_source_means_for_them(cross_tasks):
     [
         ("kr10-twn", "unknown dataset 'kr10-twn'; did you mean 'kr10-twin'"),
         ("kr10-twin@@specimn=3", "unknown kr10-twin option 'specimn'; did you mean 'specimen'"),
-        ("kr10-twin@@specimen=99", "'99' is no valid specimen"),
+        ("kr10-twin@@specimen=99", "invalid specimen '99'"),
     ],
 )
 def test_a_source_that_does_not_exist_is_refused_before_any_data_is_loaded(

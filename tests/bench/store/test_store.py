@@ -199,7 +199,7 @@ def test_a_write_that_fails_leaves_what_was_there_and_no_folder_is_made_in_a_fil
         store.write_cells(breaks())
     assert only(tmp_path).warnings == ("careful",)
     assert [path.name for path in tmp_path.iterdir()] == [FILE]
-    with pytest.raises(StoreError, match="cannot be made"):
+    with pytest.raises(StoreError, match="cannot create"):
         ResultStore(tmp_path / FILE / "results")
 
 

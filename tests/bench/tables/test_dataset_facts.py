@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import struct
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import stiffbench as sb
 from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
 from stiff_bench.figures.dataset_picture import dataset_picture
-from stiff_bench.tables.dataset_facts import dataset_info, facts
+from stiff_bench.tables.dataset_facts import card_text, dataset_info, facts
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Quantity
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
@@ -203,17 +203,21 @@ FANUC = DatasetInfo(
 
 def test_a_card_that_is_not_there_is_named():
     with pytest.raises(DataError, match=r"'fanuc-r2000ic': card 'data/absent\.md'.*expected"):
-        dataset_info(replace(FANUC, card="data/absent.md"), FANUC.target().load(), Path("a.png"))
+        card_text("fanuc-r2000ic", "data/absent.md")
 
 
-def test_info_holds_heading_facts_card_and_the_place_of_the_picture(tmp_path):
+def test_a_data_set_without_a_card_has_an_empty_one(twin):
+    assert sb.load_dataset("fanuc-r2000ic").card.startswith("# Data card: fanuc-r2000ic")
+    assert sb.Dataset.from_samples(twin.samples, twin.robot).card == ""
+
+
+def test_info_holds_heading_facts_and_the_place_of_the_picture(tmp_path):
     data, picture = FANUC.target().load(), tmp_path / "fanuc.png"
     text = dataset_info(FANUC, data, picture)
     parts = (
         *("fanuc-r2000ic (measured): 43 real deflections", "reference: a card"),
         *("caveat: too few to rank.", data.sha256, plain_text(facts(data)[3])),
-        *("# Data card: fanuc-r2000ic", f"picture: {picture}"),
+        f"picture: {picture}",
     )
     places = [text.index(part) for part in parts]
     assert places == sorted(places)
-    assert "# Data card" not in dataset_info(replace(FANUC, card=""), data, picture)

@@ -73,7 +73,7 @@ def test_a_urdf_of_ones_own_replaces_the_shipped_robot_and_other_tables_stay(csv
     [
         ("my", GOOD.replace("-60", "60"), None, TCP, r"row 2, column q2_deg: '60'"),
         ("my", GOOD.replace("0.5", "abc"), None, TCP, r"row 2, column dx_mm: 'abc'"),
-        ("my", GOOD, None, (60.0, 0.0, 80.0), "no tool centre point"),
+        ("my", GOOD, None, (60.0, 0.0, 80.0), "three lengths in m"),
         ("my", GOOD, Path("absent.urdf"), TCP, r"absent\.urdf: cannot read"),
         ("absent", GOOD, None, TCP, r"absent\.csv: cannot be read: No such file"),
     ],

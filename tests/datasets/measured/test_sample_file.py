@@ -175,7 +175,10 @@ def test_a_folder_in_place_of_a_file_is_named(tmp_path, kr10, name):
         ([HEADER, GOOD, "--- end of the log"], r"row 3, column pose_id: '--- end of the log'"),
         ([HEADER, GOOD, line(pose_id="P2", fx_N="abc")], r"row 3, column fx_N: 'abc'"),
         *(
-            ([HEADER, line(dy_mm=cell)], rf"row 2, column dy_mm: '{cell}', expected a finite numb")
+            (
+                [HEADER, GOOD, line(load_id=2, dy_mm=cell)],
+                rf"row 3, column dy_mm: '{cell}', expected a finite numb",
+            )
             for cell in ("nan", "", "inf")
         ),
         ([HEADER, line(pose_id="")], r"row 2, column pose_id: '', expected a name"),
@@ -223,7 +226,7 @@ def test_what_is_wrong_is_named_with_file_row_column_and_value(tmp_path, kr10, l
         ("my.xlsx", None, "cannot be read: No such file"),
         ("my.parquet", b"pose_id", "not a Parquet file"),
         ("my.xlsx", HEADER.encode(), "not an Excel file"),
-        ("my.csv", bytes(range(256)), r"no text in UTF-8 or UTF-16 \(byte 0x"),
+        ("my.csv", bytes(range(256)), r"not a text in UTF-8 or UTF-16 \(byte 0x"),
         ("my.csv", f"{HEADER}\n{GOOD}\n".encode("utf-32"), "not a CSV table in UTF-8 or UTF-16"),
         ("my.csv", f"# Prüfstand 2\n{HEADER}\n".encode("cp1252"), ".*save it as 'CSV UTF-8'"),
     ],

@@ -86,7 +86,7 @@ def test_a_parquet_file_holds_numbers_as_they_are_and_counts_rows_from_one(
 def test_names_that_would_not_come_back_from_a_file_are_refused(tmp_path, kr10, table, name):
     names = pd.Series([name, "P2", "P3"], dtype=object)
     table = table.assign(**dict.fromkeys(ID_COLUMNS, names))
-    with pytest.raises(DataError, match=r"my\.csv: row 2, column pose_id: .* expected a name"):
+    with pytest.raises(DataError, match=r"my\.csv: row 0, column pose_id: .* expected a name"):
         samples_of(tmp_path / "my.csv", table, kr10, "")
 
 

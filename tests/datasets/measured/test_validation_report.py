@@ -242,25 +242,46 @@ def test_every_error_is_listed_and_there_is_no_other_finding(fanucs):
     assert "  - row 4, column fx_N: 'abc', expected a finite number" in lines
 
 
-@pytest.mark.parametrize("empty", [np.nan, 0.0])
+@pytest.mark.parametrize("empty", [np.nan, 0.0, "-", "?", "NaN", " n/a ", "TODO"])
 def test_a_plan_that_is_not_filled_in_is_one_error(fanucs, empty):
     table = fanucs.table().assign(dx_mm=empty, dy_mm=empty, dz_mm=empty)
     report = fanucs.report_of(table)
     (found,) = report.errors
-    assert "not filled in yet: 9 of 9 rows have no deflections (rows 2-10)" in found.message
+    assert all(part in found.message for part in ("not filled in", "9 of 9 rows", "rows 2-10"))
+    assert "dx_mm, dy_mm, dz_mm" in found.message
     assert report.warnings == report.facts == ()
-    with pytest.raises(DataError, match=r"my\.csv: this plan is not filled in yet[^\n]*"):
+    with pytest.raises(DataError, match=r"my\.csv: plan not filled in yet[^\n]*"):
         read_samples(fanucs.path, fanucs.robot)
+
+
+def test_of_a_plan_without_any_complete_row_the_columns_to_fill_in_are_named(fanucs):
+    table = fanucs.table().assign(dy_mm=np.nan, dz_mm=np.nan)
+    (found,) = fanucs.report_of(table).errors
+    assert "9 of 9 rows have no dy_mm, dz_mm (rows 2-10)" in found.message
+
+
+def test_a_plan_without_names_and_wrenches_is_one_error(fanucs):
+    columns = ["fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm", "dx_mm", "dy_mm", "dz_mm"]
+    table = fanucs.table().drop(columns=["pose_id", "load_id", "group"])
+    (found,) = fanucs.report_of(table.assign(**dict.fromkeys(columns, ""))).errors
+    assert "9 of 9 rows" in found.message
+
+
+def test_a_cell_that_is_missing_in_a_complete_file_is_an_error_of_its_row(fanucs):
+    table = fanucs.table().astype(object)
+    table.loc[3, "dz_mm"] = ""
+    (found,) = fanucs.report_of(table).errors
+    assert found.rows == (5,) and "dz_mm" in found.message
 
 
 def test_of_a_plan_that_is_filled_in_by_half_the_other_half_is_checked(fanucs):
     table = fanucs.table().astype({"dx_mm": object})
     table.loc[[3, 6, 7, 8], ["dx_mm", "dy_mm", "dz_mm"]] = np.nan
     report = fanucs.report_of(table)
-    found = only(report.warnings, "this plan")
-    assert "4 of 9 rows have no deflections (rows 5, 8-10)" in found.message
+    found = only(report.warnings, "plan not filled in")
+    assert "4 of 9 rows have no dx_mm, dy_mm, dz_mm (rows 5, 8-10)" in found.message
     assert "5, 5 poses" in only(report.facts, "samples: ").message
-    with pytest.raises(DataError, match="4 of 9 rows have no deflections"):
+    with pytest.raises(DataError, match="4 of 9 rows have no dx_mm"):
         read_samples(fanucs.path, fanucs.robot, FileOptions(no_torque=True))
     table.loc[2, "fx_N"] = 5e6
     report = fanucs.report_of(table)

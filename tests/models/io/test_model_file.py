@@ -147,12 +147,12 @@ def test_files_that_are_none_or_damaged_are_refused_in_one_line(tmp_path):
     flipped[-5] ^= 1
     bomb = {"schema.json": bytes(2**20)}
     for content, said in (
-        (b"no model at all", "no model file, or a damaged one"),
-        (b"", "no model file, or a damaged one"),
-        (whole[:-100], "no model file, or a damaged one"),
-        (whole[:50], "no model file, or a damaged one"),
+        (b"no model at all", "not a model file, or a corrupt one"),
+        (b"", "not a model file, or a corrupt one"),
+        (whole[:-100], "not a model file, or a corrupt one"),
+        (whole[:50], "not a model file, or a corrupt one"),
         (bytes(flipped), ""),
-        (archived({"weight.npy": bytes(3)}), "no model file of stiffbench's"),
+        (archived({"weight.npy": bytes(3)}), "not a model file of stiffbench"),
         (archived(bomb, zipfile.ZIP_DEFLATED), r"file of \d+ bytes unpacks to 1048576"),
     ):
         other.write_bytes(content)

@@ -35,7 +35,7 @@ def test_what_cannot_be_written_is_named(tmp_path):
     ):
         pass
     (tmp_path / "file").touch()
-    with pytest.raises(StoreError, match="file/folder: cannot be made: Not a directory"):
+    with pytest.raises(StoreError, match="file/folder: cannot create this folder: Not a directory"):
         make_folder(tmp_path / "file" / "folder")
 
 

@@ -70,7 +70,8 @@ def test_samples_of_another_number_of_joints_do_not_fit_a_robot(kr10):
         BenchmarkData(make(q=np.zeros((2, 5))), kr10)
 
 
-def test_robot_and_samples_print_in_five_lines_at_most(twin):
-    for thing in (twin.robot, twin.samples):
-        assert len(repr(thing).splitlines()) <= 5
-        assert max(map(len, repr(thing).splitlines())) < 200
+def test_robot_samples_and_both_together_print_in_twelve_lines_of_a_screens_width(twin):
+    for thing in (twin.robot, twin.samples, twin):
+        lines = repr(thing).splitlines()
+        assert len(lines) <= 12
+        assert max(map(len, lines)) <= 100

@@ -1,0 +1,351 @@
+"""The answer of stored results: which model, how much better than the VJM, and how sure.
+
+The unit of a claim is the robot: data sets and protocols of one robot are averaged first, and
+fewer than `FEWEST_ROBOTS` of them allow no claim about another robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import stats
+
+from stiff_bench.analysis.collected import Case, Competitor, StoredResults
+from stiff_bench.analysis.leaderboard import of_newest_data
+from stiff_bench.analysis.scored_case import ScoredCase, family_of, scored_case
+from stiff_bench.analysis.sort_key import SortKey
+from stiff_bench.analysis.verdict import Estimate, Question, Verdict, estimates
+from stiff_bench.store.names import grouped
+from stiff_bench.store.newest import Slot
+from stiff_bench.tables.metric_table import known_result, mark_of
+from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.types import KNOWN
+from stiff_protocols.scoring.paired import LEVEL
+
+FEWEST_ROBOTS = 5
+"""Smallest number of robots with an interval over them."""
+NOISE_FLOOR = KNOWN["noise"]
+
+
+@dataclass(frozen=True)
+class ModelAnswer:
+    """One model against the VJM, over all comparisons shown.
+
+    Attributes:
+        name: model with its options.
+        mark: text that must stand next to the name; "" for none.
+        median_error: over the comparisons, in the metric's unit.
+        ratio: geometric mean of error / VJM's error over robots; None: not comparable.
+        low, high: 95 % interval of the ratio over robots; None with fewer than `FEWEST_ROBOTS`.
+        smallest, largest: ratio of a single comparison; None: not comparable.
+        counts: verdicts against the VJM; "a": the model is better, "b": worse.
+        n_cases: comparisons in which the model has a score.
+        fit_s: median time of a fit, s; None: not recorded.
+    """
+
+    name: str
+    mark: str
+    median_error: float
+    ratio: float | None
+    low: float | None
+    high: float | None
+    smallest: float | None
+    largest: float | None
+    counts: Mapping[Verdict, int]
+    n_cases: int
+    fit_s: float | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MatrixColumn(BriefFields):
+    """Comparisons under one heading of the matrix: the specimens of one data set.
+
+    Attributes:
+        dataset: name without its specimen.
+        protocol, condition: as shown.
+        cases: one for each specimen and seed.
+    """
+
+    dataset: str
+    protocol: str
+    condition: str
+    cases: tuple[ScoredCase, ...]
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether its data were measured."""
+        return _is_measured(self.cases[0])
+
+    @property
+    def text(self) -> str:
+        """Data set, protocol and condition for people."""
+        return " | ".join(filter(None, (self.dataset, self.protocol, self.condition)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Answer(BriefFields):
+    """Scores of models in several comparisons, each next to the VJM's.
+
+    Attributes:
+        key: metric of the scores.
+        cases: comparisons, measured data first, then in the order in which they were asked for.
+        asked: names of the models shown; the VJM is always among them where it can be fitted.
+        left_out: reasons why comparisons are not counted, by their name.
+        seed: of the draws of poses.
+    """
+
+    key: SortKey
+    cases: tuple[ScoredCase, ...]
+    asked: tuple[str, ...]
+    left_out: Mapping[str, str]
+    seed: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        stored: StoredResults,
+        key: SortKey,
+        cases: Sequence[Case] | None = None,
+        models: Collection[str] | None = None,
+        *,
+        seed: int = 0,
+    ) -> Answer:
+        """Score the models of stored results.
+
+        Results that select on the test part, or report training samples, count only where there
+        are no others.
+
+        Args:
+            stored: results with their samples.
+            key: metric to score by.
+            cases: those to show; None: all of `stored`.
+            models: exact names to show; None: all.
+            seed: of the draws of poses.
+
+        Raises:
+            ConfigError: no model has a score.
+            StoreError: samples are corrupt, or two models share no split.
+        """
+        newest = of_newest_data(stored.cases if cases is None else cases)
+        fair = [case for case in newest if not case.shown.reports_training]
+        fair = [case for case in fair if not case.shown.selects_on_test] or fair or newest
+        left_out = {
+            case.name.text: "selects on the test part or reports training samples"
+            for case in newest
+            if case not in fair
+        }
+        asked_first = {id(case): number for number, case in enumerate(stored.cases)}
+        fair.sort(key=lambda case: (case.shown.kind != "measured", asked_first[id(case)]))
+        scored = [
+            scored_case(
+                case,
+                [n for n in case.competitors if models is None or n in (*models, REFERENCE_MODEL)],
+                *(key, stored.data_of(case.name.data_sha256), seed),
+            )
+            for case in map(_with_reference, fair)
+        ]
+        scored = [case for case in scored if case.scores]
+        if not scored:
+            raise ConfigError(f"no model has a score of {key.text}")
+        names = dict.fromkeys(name for case in scored for name in case.scores)
+        return cls(key, tuple(scored), tuple(names), left_out, seed)
+
+    @cached_property
+    def robots(self) -> dict[str, list[ScoredCase]]:
+        """Robot type -> its comparisons; specimens and plans of one type are one robot."""
+        return grouped(self.cases, lambda case: case.data.robot.name)
+
+    @cached_property
+    def datasets(self) -> dict[str, list[ScoredCase]]:
+        """Data set, without its specimen -> its comparisons."""
+        return grouped(self.cases, lambda case: family_of(case.name))
+
+    @cached_property
+    def columns(self) -> tuple[MatrixColumn, ...]:
+        """Columns of the matrix, measured data sets first; those of a data set are neighbours."""
+        by_heading = grouped(
+            self.cases, lambda case: (family_of(case.name), case.name.protocol, case.name.condition)
+        )
+        order = list(self.datasets)
+        columns = [MatrixColumn(*name, tuple(of)) for name, of in by_heading.items()]
+        return tuple(sorted(columns, key=lambda column: order.index(column.dataset)))
+
+    def column_error(self, model: str, column: MatrixColumn) -> float | None:
+        """Return a model's mean score over a column's comparisons; None: it lacks one."""
+        errors = [error for case in column.cases if (error := self.error(model, case)) is not None]
+        return float(np.mean(errors)) if len(errors) == len(column.cases) else None
+
+    def column_ratio(self, model: str, column: MatrixColumn) -> float | None:
+        """Return the geometric mean of error / VJM's error over a column; None: it lacks one."""
+        ratios = [self.ratio(model, case) for case in column.cases]
+        known_ratios = [ratio for ratio in ratios if ratio is not None]
+        return (
+            math.exp(float(np.mean(np.log(known_ratios))))
+            if len(known_ratios) == len(ratios)
+            else None
+        )
+
+    def column_noise(self, column: MatrixColumn) -> float | None:
+        """Return the noise floor of a column, in the metric's unit; None: unknown."""
+        floors = [floor for case in column.cases if (floor := self.noise(case)) is not None]
+        return float(np.mean(floors)) if len(floors) == len(column.cases) else None
+
+    def best_of(self, column: MatrixColumn) -> str | None:
+        """Return the model with the best score of a column; None: no model has one."""
+        errors = {name: self.column_error(name, column) for name in self.asked}
+        scores = {
+            name: self.key.sign * error for name, error in errors.items() if error is not None
+        }
+        return min(scores, key=lambda name: scores[name], default=None)
+
+    @property
+    def measured(self) -> dict[str, list[ScoredCase]]:
+        """Data sets that were measured -> their comparisons."""
+        return {
+            name: cases
+            for name, cases in self.datasets.items()
+            if cases[0].case.shown.kind == "measured"
+        }
+
+    @cached_property
+    def models(self) -> tuple[ModelAnswer, ...]:
+        """The models, best first; those without a score in every comparison come last."""
+        answers = [self._model(name) for name in self.asked]
+        return tuple(sorted(answers, key=self._order))
+
+    def _order(self, model: ModelAnswer) -> tuple[bool, float, str]:
+        ratio = self.key.sign * model.median_error if model.ratio is None else model.ratio
+        return model.n_cases < len(self.cases), ratio, model.name
+
+    def error(self, model: str, case: ScoredCase) -> float | None:
+        """Return a model's mean score in a comparison, in the metric's unit; None: it has none."""
+        return case.mean(model) if model in case.scores else None
+
+    def ratio(self, model: str, case: ScoredCase) -> float | None:
+        """Return error / VJM's error; None where one of them has none or it is no error."""
+        error, reference = self.error(model, case), self.error(REFERENCE_MODEL, case)
+        if error is None or not reference or error <= 0.0 or self.key.sign < 0.0:
+            return None
+        return error / reference
+
+    def best(self, case: ScoredCase) -> str:
+        """Return the model with the best score in a comparison."""
+        return min(case.models, key=lambda name: self.key.sign * case.mean(name))
+
+    def verdict(
+        self, model: str, case: ScoredCase, reference: str = REFERENCE_MODEL
+    ) -> Verdict | None:
+        """Return whether a model ("a") or another ("b") is better; None: no test applies."""
+        if model == reference or not {model, reference} <= case.scores.keys():
+            return None
+        verdicts = case.verdicts([(model, reference)])
+        return None if verdicts is None else verdicts[0]
+
+    def estimates(
+        self, model: str, case: ScoredCase, reference: str = REFERENCE_MODEL
+    ) -> list[Estimate]:
+        """Return estimates of error(model) - error(reference), in the metric's unit.
+
+        The first is over splits where there are several; the last over poses.
+        """
+        if self.key.is_cost or not {model, reference} <= case.scores.keys():
+            return []
+        pair = case.models.index(model), case.models.index(reference)
+        return [
+            estimate for (estimate,) in estimates(case.errors, [pair], Question(seed=self.seed))
+        ]
+
+    def noise(self, case: ScoredCase) -> float | None:
+        """Return the score of a perfect model, which is the instrument's noise; None: unknown."""
+        values = self.key.of_splits(floor) if (floor := case.known(NOISE_FLOOR)) else None
+        return None if values is None else float(values.mean())
+
+    def mean_ratio(self, model: str, cases: Iterable[ScoredCase]) -> float | None:
+        """Return the geometric mean of ratios over data sets and protocols, each counted once."""
+        plans = grouped(cases, lambda case: (family_of(case.name), case.name.protocol))
+        means = [self._mean_log(model, of_plan) for of_plan in plans.values()]
+        logs = [mean for mean in means if mean is not None]
+        return math.exp(float(np.mean(logs))) if logs else None
+
+    def _mean_log(self, model: str, cases: Iterable[ScoredCase]) -> float | None:
+        ratios = [ratio for case in cases if (ratio := self.ratio(model, case)) is not None]
+        return float(np.mean(np.log(ratios))) if ratios else None
+
+    @property
+    def claim_robots(self) -> dict[str, list[ScoredCase]]:
+        """Robots that the headline is about: measured ones where they are enough.
+
+        Measured and simulated robots are never averaged; with fewer than `FEWEST_ROBOTS` of
+        either kind there are none.
+        """
+        for is_measured in (True, False):
+            robots = {
+                name: of_kind
+                for name, cases in self.robots.items()
+                if (of_kind := [case for case in cases if _is_measured(case) == is_measured])
+            }
+            if len(robots) >= FEWEST_ROBOTS:
+                return robots
+        return {}
+
+    def _model(self, name: str) -> ModelAnswer:
+        cases = [case for case in self.cases if name in case.scores]
+        ratios = [ratio for case in cases if (ratio := self.ratio(name, case)) is not None]
+        costs = [result.cost for case in cases for result in case.results[name]]
+        times = [cost.fit_s for cost in costs if cost is not None]
+        logs = [
+            math.log(ratio)
+            for of_robot in (self.claim_robots or self.robots).values()
+            if (ratio := self.mean_ratio(name, of_robot)) is not None
+        ]
+        low, high = _interval(logs) if self.claim_robots else (None, None)
+        marks = [mark_of(case.case.competitors[name].shown) for case in cases]
+        return ModelAnswer(
+            name,
+            ", ".join(filter(None, dict.fromkeys(marks))),
+            float(np.median([case.mean(name) for case in cases])),
+            math.exp(float(np.mean(logs))) if logs else None,
+            *(low, high, min(ratios, default=None), max(ratios, default=None)),
+            Counter(verdict for case in cases if (verdict := self.verdict(name, case)) is not None),
+            len(cases),
+            float(np.median(times)) if times else None,
+        )
+
+
+def _is_measured(case: ScoredCase) -> bool:
+    return case.case.shown.kind == "measured"
+
+
+def _interval(logs: Sequence[float]) -> tuple[float, float] | tuple[None, None]:
+    """Return the bounds of a geometric mean over robots (Student's t of the logarithms)."""
+    if len(logs) < FEWEST_ROBOTS:
+        return None, None
+    mean, error = np.mean(logs), stats.sem(logs)
+    half = stats.t.ppf(1.0 - 0.5 * LEVEL, len(logs) - 1) * error
+    return float(np.exp(mean - half)), float(np.exp(mean + half))
+
+
+def _with_reference(case: Case) -> Case:
+    """Add the VJM's predictions, which every cell holds, where the VJM itself was not run."""
+    if REFERENCE_MODEL in case.competitors:
+        return case
+    results: dict[Slot, CellResult] = {}
+    for competitor in case.competitors.values():
+        for slot, result in competitor.done.items():
+            predicted = known_result(result, REFERENCE_MODEL)
+            if slot not in results and predicted is not None:
+                results[slot] = predicted
+    if not results:
+        return case
+    done = dict(sorted(results.items()))
+    presentation = next(iter(done.values())).shown
+    reference = Competitor(presentation, done, failures={}, n_asked=len(done))
+    return replace(case, competitors={**case.competitors, REFERENCE_MODEL: reference})

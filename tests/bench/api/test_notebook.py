@@ -1,0 +1,78 @@
+"""The notebook of the docs, executed in a kernel: what its cells show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+NOTEBOOK = Path(__file__).parents[3] / "docs" / "notebook.ipynb"
+LARGEST_TEXT, LARGEST_PICTURE = 25_000, 500_000
+"""Characters of an output: of its text or HTML, and of a picture in base 64."""
+BARS_AT_ONCE = "from stiff_bench.run import progress; progress.SECONDS_BEFORE_BARS = 0.0"
+
+pytestmark = pytest.mark.xdist_group("notebook")  # it is executed once
+
+
+@pytest.fixture(scope="module")
+def cells(tmp_path_factory):
+    """Last line of each code cell -> its outputs."""
+    folder = tmp_path_factory.mktemp("notebook")
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(BARS_AT_ONCE))
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_RUNTIME_DIR"):
+            patch.setenv(name, str(folder / name.lower()))
+        NotebookClient(
+            notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": folder}}
+        ).execute()
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    return {cell.source.splitlines()[-1]: cell.outputs for cell in code}
+
+
+def test_the_notebook_is_kept_without_outputs():
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    nbformat.validate(notebook)
+    assert not any(cell.get("outputs") for cell in notebook.cells)
+
+
+def test_nothing_is_written_to_a_stream(cells):
+    streams = [
+        output for outputs in cells.values() for output in outputs if output.output_type == "stream"
+    ]
+    assert streams == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *("data", "data.robot", "model", "results", 'results["vjm-full"]'),
+        *('results.compare("vjm-full", "vjm")', 'sb.validate("my.csv", robot="kr10-r1100-2")'),
+    ],
+)
+def test_an_object_shows_a_table(cells, line):
+    assert "<table" in cells[line][-1].data["text/html"]
+
+
+@pytest.mark.parametrize("line", ["data.plot()", "results.plot()"])
+def test_a_figure_shows_a_picture(cells, line):
+    (output,) = cells[line]
+    assert output.data["image/png"] and "\n" not in output.data["text/plain"]
+    assert output.metadata["image/png"]["width"] <= 900
+
+
+def test_no_output_is_large(cells):
+    for outputs in cells.values():
+        for output in outputs:
+            for kind, content in output.data.items():
+                most = LARGEST_PICTURE if kind == "image/png" else LARGEST_TEXT
+                assert len(content) <= most
+
+
+def test_progress_is_one_output_that_ends_as_one_line(cells):
+    progress, result = cells["results"]
+    assert progress.output_type == "display_data" and result.output_type == "execute_result"
+    assert progress.data["text/plain"].startswith("15 ok in ")
+    assert "text/html" not in progress.data

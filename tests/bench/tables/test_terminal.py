@@ -1,0 +1,180 @@
+"""Tables of a terminal: no line is wider than it, nothing is lost, and no name is markup."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import re
+import struct
+import subprocess
+import sys
+import termios
+from itertools import pairwise
+
+import pytest
+from rich.cells import cell_len
+
+from helpers.made_results import TWINS, MadeResults
+from stiff_bench.analysis.answer import Answer
+from stiff_bench.analysis.answer_text import matrix_table
+from stiff_bench.analysis.case_text import answer_screen, case_table, verdict_sentence
+from stiff_bench.analysis.collected import StoredResults
+from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.tables.table import Column, Name, Quantity, Table
+from stiff_bench.tables.terminal import screen_console, screen_text
+
+WIDTHS = (80, 100, 120)
+HOSTILE = "[red]bold[/red] \x1b[31m $x$ 田"
+VJM_MM = (0.2, 0.21, 0.19)
+
+
+@pytest.fixture()
+def made(tmp_path) -> MadeResults:
+    return MadeResults(tmp_path / "runs")
+
+
+def answer_of(made: MadeResults) -> Answer:
+    return Answer.of(StoredResults.read(made.folder), sort_key("norm", None))
+
+
+def screen_of(table: Table, width: int) -> list[str]:
+    return screen_text([table], console=screen_console(width, colors=False)).splitlines()
+
+
+def wide_table(n_columns: int) -> Table:
+    numbers = [
+        Column(f"protocol-{n}", unit="mm", format=".3f", group=f"data set {n // 3}")
+        for n in range(n_columns)
+    ]
+    rows = [[Name("a-model@with=options@and=more", "a mark"), *map(float, range(n_columns))]]
+    return Table("title", [Column("model", "text"), *numbers], rows, unit="mm")
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_no_line_is_wider_than_the_terminal_and_no_number_is_lost(width):
+    lines = screen_of(wide_table(23), width)
+    assert max(map(cell_len, lines)) <= width
+    numbers = [float(word) for line in lines for word in re.findall(r"\b\d+\.\d{3}\b", line)]
+    assert sorted(numbers) == [float(n) for n in range(23)]
+
+
+def test_columns_of_one_data_set_stay_in_one_block():
+    blocks = "\n".join(screen_of(wide_table(12), 80)).split("a-model")[1:]
+    numbers = [[float(n) for n in re.findall(r"\b\d+\.\d{3}\b", block)] for block in blocks]
+    assert len(blocks) > 1 and all(block[0] % 3 == 0 for block in numbers)
+
+
+def test_a_name_is_neither_markup_nor_a_control_sequence():
+    table = Table(HOSTILE, [Column("model", "text"), Column("x")], [[HOSTILE, 1.0]], [HOSTILE])
+    text = "\n".join(screen_of(table, 100))
+    assert text.count("[red]bold[/red]") == 3 and "\x1b" not in text
+
+
+def test_the_numbers_of_a_column_stand_below_each_other_with_and_without_a_mark():
+    column = Column("error", format=".2f")
+    rows = [["a", Quantity(0.1, mark="*")], ["b", 12.34], ["c", None]]
+    *_, best, other, _ = screen_of(Table("", [Column("model", "text"), column], rows), 80)
+    assert best.index("0.10") + len("0.10") == other.index("12.34") + len("12.34")
+    assert "* 0.10" in best
+
+
+def test_colours_are_there_where_asked_for_alone():
+    column = Column("change", format="+.0f", by_sign=-1)
+    table = Table("", [Column("model", "text"), column], [["a", -5.0], ["b", 5.0]])
+    coloured = screen_text([table], console=screen_console(80, colors=True))
+    plain = screen_text([table], console=screen_console(80, colors=False))
+    assert "\x1b[32m" in coloured and "\x1b[31m" in coloured and "\x1b" not in plain
+    assert "+5" in plain and "-5" in plain  # the sign says the same
+
+
+def test_models_are_sorted_by_error_and_the_change_is_against_the_vjm(made):
+    made.add_each({"vjm": VJM_MM, "good": [0.1, 0.1, 0.1], "bad": [0.4, 0.4, 0.4]})
+    made.add("broken", failed=(0, 1, 2))
+    answer = answer_of(made)
+    table = case_table(answer, answer.cases[0])
+    names = [row[0].text for row in table.rows]
+    assert names == ["good", "vjm", "bad", "broken"] and table.best_first
+    errors, changes = ([row[n] for row in table.rows] for n in (1, 2))
+    assert all(a.value < b.value for a, b in pairwise(errors[:3]))
+    assert changes[0].value == pytest.approx(-50.0) and changes[1] is None
+    assert errors[3].status.startswith("FAILED")
+
+
+@pytest.mark.parametrize(
+    ("errors_mm", "word"),
+    [((0.1, 0.12, 0.09), "is better than"), ((0.4, 0.45, 0.42), "is worse than")],
+)
+def test_the_sentence_is_the_verdict_with_its_interval(made, errors_mm, word):
+    made.add_each({"vjm": VJM_MM, "net": errors_mm})
+    sentence = verdict_sentence(answer_of(made), answer_of(made).cases[0])
+    low, high = map(float, re.findall(r"interval ([\d.]+) to ([\d.]+)", sentence)[0])
+    assert word in sentence and 0.0 < low < high
+
+
+def test_a_difference_that_is_open_names_no_winner(made):
+    made.add_each({"vjm": VJM_MM, "net": [0.1, 0.35, 0.2]})
+    sentence = verdict_sentence(answer_of(made), answer_of(made).cases[0])
+    assert "No model is reliably better" in sentence and "is better than" not in sentence
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_several_data_sets_are_one_matrix_and_verbose_adds_their_tables(made, width):
+    for number, _ in enumerate(TWINS):
+        dataset = f"data-set-{number}"
+        made.add_each({"vjm": VJM_MM, "net": [0.1, 0.11, 0.09]}, dataset)
+    answer = answer_of(made)
+    brief, verbose = (
+        answer_screen(answer, verbose=all_, console=screen_console(width, colors=False))
+        for all_ in (False, True)
+    )
+    assert max(cell_len(line) for line in verbose.splitlines()) <= width
+    n_columns = len(matrix_table(answer).columns) - 1
+    assert n_columns == len(TWINS) and "±" not in brief
+    assert verbose.count("± sd") == len(TWINS)
+
+
+def run_in_terminal(words: list[str], width: int, folder) -> str:
+    """Return what a command prints on a pseudo-terminal of a width."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
+    environment = {**os.environ, "TERM": "xterm", "PYTHONIOENCODING": "utf-8"}
+    environment.pop("COLUMNS", None)
+    command = [sys.executable, "-m", "stiff_bench.cli.main", *words]
+    process = subprocess.Popen(
+        command, stdout=theirs, stderr=subprocess.DEVNULL, cwd=folder, env=environment
+    )
+    os.close(theirs)
+    parts = []
+    while True:
+        try:
+            part = os.read(ours, 65536)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        parts.append(part)
+    process.wait(timeout=120)
+    os.close(ours)
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", b"".join(parts).decode())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", WIDTHS)
+def test_commands_fit_a_real_terminal_and_pipes_get_markdown(made, tmp_path, width):
+    for number in range(6):
+        made.add_each({"vjm": VJM_MM, "net": [0.1, 0.11, 0.09]}, f"a-data-set-{number}")
+    for words in (
+        ["leaderboard", "--results", "runs"],
+        ["compare", "net", "vjm", "--results", "runs"],
+        ["list", "models"],
+        ["run", "--model", "knn", "--splits", "2", "--output", "new"],
+    ):
+        text = run_in_terminal(words, width, tmp_path)
+        assert text.strip() and max(map(cell_len, text.splitlines())) <= width, words
+        assert "|--" not in text and "**" not in text
+    words = [sys.executable, "-m", "stiff_bench.cli.main", "compare", "net", "vjm"]
+    piped = subprocess.run(
+        [*words, "--results", "runs"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert "|--" in piped.stdout and piped.stdout.count("- made by: ") == 1
