@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from stiff_bench.figures import style
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.figures.robot_picture import ARM_COLOR, arm_points
+from stiff_bench.figures.robot_picture import arm_points
 from stiff_bench.store.database import read_data
 from stiff_bench.tables.units import MM, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -28,6 +28,7 @@ VIEWS_INCH = 4.3
 _MANY = 400  # points beyond which they are drawn smaller, and as pixels
 TOP_SHARE = 0.95
 """Of all errors lie below the end of the colours: one outlier would leave the others one colour."""
+ARM_COLOR = "0.55"
 DIFFERENCES = "RdBu_r"
 """Colours of differences: blue below zero, red above."""
 
@@ -93,7 +94,7 @@ def _draw(
     many = len(value) > _MANY
     size, edge = (4.0, 0.0) if many else (11.0, 0.25)
     look: dict[str, Any] = {"s": size, "edgecolors": "0.3", "linewidths": edge, **colors}
-    link: dict[str, Any] = {"color": ARM_COLOR, "linewidth": 2.5, "alpha": 0.45, "zorder": 1.0}
+    link: dict[str, Any] = {"color": ARM_COLOR, "linewidth": 2.5, "zorder": 1.0}
     for axes, view in zip(views, (_from_the_side, _from_above), strict=True):
         axes.plot(*view(arm), **link, solid_capstyle="round", solid_joinstyle="round")
         points = axes.scatter(*view(place[order]), c=value[order], **look, rasterized=many)

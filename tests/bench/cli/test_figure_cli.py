@@ -92,6 +92,35 @@ def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
     assert stars == {(100.0, 0.2186), (100.0, 0.2090), (100.0, 0.2375), (380.0, 0.1199)}
 
 
+def test_figure_6_has_titled_panels_and_its_dashed_line_in_the_legend(paper):
+    figure = FIGURES["6"](paper).draw()
+    left, right = figure.axes
+    assert all(len(axes.get_title(loc="left")) > len("(a) ") for axes in (left, right))
+    (dashed,) = (line for line in right.get_lines() if line.get_linestyle() == "--")
+    (legend,) = figure.legends
+    assert dashed.get_label() in {text.get_text() for text in legend.get_texts()}
+
+
+def test_the_data_set_and_its_kind_stand_in_the_papers_figures(paper):
+    for name in ("5", "6", "8", "9"):
+        assert FIGURES[name](paper).subtitle.startswith("kr10-twin (simulated)")
+
+
+@pytest.mark.parametrize("name", ["scores", "robot", "9", "nobody"])
+def test_a_suffix_that_names_no_format_is_refused_before_results_are_read(name, tmp_path):
+    done = run(name, "--results", tmp_path / "none", "--output", tmp_path / "a.txt")
+    assert "extension .txt" in str(done.exception) + done.output
+    assert not (tmp_path / "a.txt").exists()
+
+
+def test_the_robot_of_a_data_set_needs_no_results(tmp_path):
+    done = run("robot", "--dataset", "kr10-twin", "--row", 3, "--output", tmp_path / "a.svg")
+    assert done.exit_code == 0, done.exception
+    assert "kr10-twin (simulated), pose " in (tmp_path / "a.svg").read_text()
+    both = run("robot", "--dataset", "kr10-twin", "--dataset", "ur5-twin")
+    assert both.exit_code != 0 and "one --dataset" in str(both.exception) + both.output
+
+
 def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_path):
     made = MadeResults(tmp_path)
     made.add("vjm", [0.1], **PAPER)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from helpers.contrast import LEAST_CONTRAST, contrast_on_white
-from stiff_bench.figures import corrected_path, style
+from stiff_bench.figures import corrected_path, robot_picture, style, workspace
 
 
 def test_the_formula_gives_the_known_ratios_of_black_and_of_wcags_grey():
@@ -20,6 +20,8 @@ def test_the_formula_gives_the_known_ratios_of_black_and_of_wcags_grey():
         *dict.fromkeys(look.color for look in style.looks(20)),
         style.REFERENCE_COLOR,
         corrected_path.WANTED_COLOR,
+        robot_picture.ARM_COLOR,
+        workspace.ARM_COLOR,
     ],
 )
 def test_every_line_colour_has_a_contrast_of_three_to_one_on_white(color):
