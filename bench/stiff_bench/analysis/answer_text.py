@@ -292,7 +292,6 @@ def model_table(answer: Answer) -> Table:
         ],
         answer.models,
         [sentence.text for sentence in sentences(answer)],
-        unit=unit,
     )
 
 

@@ -79,7 +79,7 @@ def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
         [
             Column("model", "text", value=lambda row: row.name),
             Column("3-D error", format=MATRIX_FORMAT, value=_error),
-            Column("vs VJM", format=_change, by_sign=-1, value=_ratio),
+            Column("vs VJM", format=signed_percent, by_sign=-1, value=_ratio),
             *(paths if has_paths else axes),
             Column("largest", format=MATRIX_FORMAT, value=lambda row: row.value("norm-max", "")),
         ],
@@ -107,7 +107,8 @@ def _ratio(row: _Row) -> Entry:
     return None if row.ratio is None else Quantity(100.0 * (row.ratio - 1.0))
 
 
-def _change(change: Quantity) -> str:
+def signed_percent(change: Quantity) -> str:
+    """Return a change in % with its sign and unit."""
     return f"{change.value:+.0f} %".replace("-", "\u2212")
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from stiff_bench.analysis.case_text import signed_percent
 from stiff_bench.analysis.collected import split_sizes
 from stiff_bench.analysis.comparison import NORM, Comparison, ModelComparison, Row
 from stiff_bench.analysis.scored_case import dataset_of, family_of
@@ -308,7 +309,7 @@ def _differences(report: ModelComparison) -> Table:
                 for number, name in enumerate("AB")
             ),
             Column("A - B", format="+.3f", value=lambda case: MM * case.row(NORM).difference),
-            Column("change", unit="%", format="+.0f", by_sign=-1, value=_change),
+            Column("vs B", format=signed_percent, by_sign=-1, value=_change),
             Column(interval, format="+.3f", value=lambda case: _interval(case.row(NORM).cautious)),
             _text_column("verdict", lambda case: _brief_verdict(case.row(NORM))),
         ],

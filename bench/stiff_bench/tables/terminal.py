@@ -21,10 +21,8 @@ if TYPE_CHECKING:
 
 SMALLEST_WIDTH, USUAL_WIDTH = 60, 100
 """Columns of characters: of the narrowest terminal that is served, and where it is unknown."""
-FIRST_COLUMN = 36
-"""Widest first column; longer names lose their middle."""
 LONG_TEXT = 24
-"""A column of texts with more characters may be broken into lines."""
+"""A column of texts with more characters may be broken into lines; names as the last."""
 ONE_LINE = 10
 """Longest heading that is not broken, characters."""
 GAP = 2
@@ -103,7 +101,6 @@ def _blocks(table: Table, width: int) -> Iterator[dict[int, int]]:
     widths = [_column_width(table, number) for number in range(len(table.columns))]
     if not widths:
         return
-    widths[0] = min(widths[0], FIRST_COLUMN)
     spare = width - sum(widths) - GAP * len(widths)
     texts = [n for n in range(1, len(widths)) if table.columns[n].kind == "text"]
     for number in (*sorted(texts, key=lambda n: -widths[n]), 0):  # the longest is broken first

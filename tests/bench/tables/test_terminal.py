@@ -21,8 +21,10 @@ from stiff_bench.analysis.answer_text import matrix_table
 from stiff_bench.analysis.case_text import answer_screen, case_table, verdict_sentence
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.tables.table import Column, Name, Quantity, Table
+from stiff_bench.tables.render import of_format
+from stiff_bench.tables.table import SCREEN, Column, Name, Quantity, Table
 from stiff_bench.tables.terminal import screen_console, screen_text
+from stiffbench import open_results
 
 WIDTHS = (80, 100, 120)
 HOSTILE = "[red]bold[/red] \x1b[31m $x$ 田"
@@ -178,3 +180,17 @@ def test_commands_fit_a_real_terminal_and_pipes_get_markdown(made, tmp_path, wid
         [*words, "--results", "runs"], cwd=tmp_path, capture_output=True, text=True, check=True
     )
     assert "|--" in piped.stdout and piped.stdout.count("- made by: ") == 1
+
+
+def test_names_are_not_broken_where_texts_can_be():
+    name, text = "vjm+sklearn:ensemble.RandomForestRegressor", "a text of many words " * 4
+    columns = [Column("name", "text"), Column("says", "text")]
+    assert any(name in line for line in screen_of(Table("", columns, [[name, text]]), 80))
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_comparison_and_its_verdict_stand_in_one_line(made, width):
+    made.add_each({"vjm": VJM_MM, "net": [0.1, 0.11, 0.09]})
+    tables = of_format(open_results(made.folder).compare("net", "vjm").tables, SCREEN)
+    lines = screen_text(tables, console=screen_console(width, colors=False)).splitlines()
+    assert any("A better" in line and "0.100" in line for line in lines)
