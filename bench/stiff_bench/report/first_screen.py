@@ -83,6 +83,11 @@ class MatrixPart:
     rows: Sequence[tuple[str, Sequence[MatrixCell]]]
     noise: Sequence[MatrixCell]
 
+    @property
+    def is_coloured(self) -> bool:
+        """Whether any cell compares with the VJM."""
+        return any(cell.style for _, cells in self.rows for cell in cells)
+
 
 @dataclass(frozen=True)
 class FirstScreen:
@@ -114,7 +119,7 @@ class FirstScreen:
     @property
     def one(self) -> float:
         """Position of the VJM on the axis, px."""
-        return next(at for at, label in self.ticks if label == "1×")
+        return next(at for at, label in self.ticks if label == "1x")
 
 
 def first_screen(answer: Answer) -> FirstScreen:
@@ -175,7 +180,7 @@ class Axis:
     def ticks(self) -> list[Tick]:
         """Position and label of each power of two."""
         powers = range(self.first, self.last + 1)
-        return [(self.at(2.0**power), f"{2.0**power:g}×") for power in powers]
+        return [(self.at(2.0**power), f"{2.0**power:g}x") for power in powers]
 
 
 def _chart_heading(answer: Answer) -> str:
@@ -192,14 +197,14 @@ def _model_row(answer: Answer, model: ModelAnswer, axis: Axis) -> ModelRow:
     _, factor = PRINTED[answer.key.metric.unit]
     is_reference = model.name == REFERENCE_MODEL
     tested = sum(model.counts.values())
-    change = "–" if model.ratio is None else f"{100.0 * (model.ratio - 1.0):+.0f} %"
+    change = "-" if model.ratio is None else f"{100.0 * (model.ratio - 1.0):+.0f} %"
     return ModelRow(
         str(Name(model.name, model.mark)),
         f"{factor * model.median_error:{number_format(answer.key.metric)}}",
-        "baseline" if is_reference else change.replace("-", "−"),
+        "baseline" if is_reference else change,
         _chart(model, axis),
-        f"{model.counts['a']} / {tested}" if tested else "–",
-        f"{model.counts['b']}" if tested else "–",
+        f"{model.counts['a']} / {tested}" if tested else "-",
+        f"{model.counts['b']}" if tested else "-",
         _time(model.fit_s),
     )
 
@@ -222,7 +227,7 @@ def _time(seconds: float | None) -> str:
     ('12 ms', '1.5 s', '13 min')
     """
     if seconds is None:
-        return "–"
+        return "-"
     if seconds < 1.0:
         return f"{1000.0 * seconds:.2g} ms"
     return f"{seconds:.2g} s" if seconds < 99.0 else f"{seconds / 60.0:.0f} min"
@@ -245,7 +250,7 @@ def _matrix_part(answer: Answer, columns: Sequence[MatrixColumn]) -> MatrixPart:
     written = number_format(answer.key.metric)
 
     def text(error: float | None) -> str:
-        return "–" if error is None else f"{factor * error:{written}}"
+        return "-" if error is None else f"{factor * error:{written}}"
 
     best = [answer.best_of(column) for column in columns]
     headings = [f"{one.dataset} (measured)" if one.is_measured else one.dataset for one in columns]

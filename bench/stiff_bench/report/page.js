@@ -1,4 +1,30 @@
 "use strict";
+// Opens a folded block that a link leads to; without it a click on its summary does.
+(() => {
+  const open = () => {
+    const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (target instanceof HTMLDetailsElement) target.open = true;
+  };
+  window.addEventListener("hashchange", open);
+  open();
+})();
+
+// Shows the figures of one data set and protocol; without it all are small multiples.
+for (const choices of document.querySelectorAll(".choices")) {
+  const selects = [...choices.querySelectorAll("select")];
+  const figures = [...choices.parentElement.querySelectorAll("figure.one-case")];
+  const show = () => {
+    for (const figure of figures) {
+      figure.hidden = selects.some(
+        ({ value, dataset }) => value !== "" && figure.dataset[dataset.kind] !== value,
+      );
+    }
+  };
+  for (const select of selects) select.addEventListener("change", show);
+  choices.hidden = false;
+  show();
+}
+
 // Sorts and filters the tables that are in the page already; without it they stay readable.
 (() => {
   const ROWS_A_PAGE = 25;

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from stiff_bench.analysis.answer import Answer
 from stiff_bench.analysis.collected import (
     StoredResults,
     left_out_notes,
@@ -18,18 +19,18 @@ from stiff_bench.analysis.leaderboard import (
     caveats_of,
 )
 from stiff_bench.analysis.leaderboard_tables import section_tables
-from stiff_bench.analysis.scored_case import correction_text
+from stiff_bench.analysis.scored_case import family_of
 from stiff_bench.analysis.selection import EVERYTHING, Selection
 from stiff_bench.analysis.sort_key import SortKey, sort_key
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.report.html_page import Block, Picture, render_page
+from stiff_bench.report.first_screen import FIRST_COLUMNS, first_screen
+from stiff_bench.report.html_page import Block, Part, Picture, render_page
 from stiff_bench.report.model_pairs import pair_table
-from stiff_bench.report.run_blocks import failure_block, run_block
-from stiff_bench.report.score_blocks import Asked, data_block, score_block
-from stiff_bench.store.samples import StoredData
-from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
-from stiff_bench.tables.units import PRINTED, counted, first_few
+from stiff_bench.report.run_blocks import failure_blocks, run_block
+from stiff_bench.report.score_blocks import Asked, data_block, data_hashes, score_block
+from stiff_bench.tables.metric_table import SELECTION_MARK
+from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import (
     ConfigError,
     StiffBenchError,
@@ -59,8 +60,8 @@ class PageOptions:
         return shlex.join(["bench", *words])
 
 
-def blocks_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> list[Block]:
-    """Return all that the page says of one folder.
+def part_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> Part:
+    """Return everything that the page shows of one folder.
 
     Raises:
         ConfigError: a word has no results in the folder.
@@ -73,84 +74,65 @@ def blocks_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> list[
     if not chosen:
         words = ", ".join(f"{kind} {word}" for kind, word in selection.options)
         raise ConfigError(f"{words}: nothing in {folder} is of all of these")
-    board, why_none = None, ""
+    answer, board, reasons = None, None, []
     shown = StoredResults(folder, chosen, stored.runs)
+    names = set(selection.models_of(chosen))
     try:  # scores need neither other models nor samples
+        answer = Answer.of(shown, key, chosen, names, seed=choice.seed)
+    except (ConfigError, StoreError) as error:
+        reasons.append(f"No answer: {str(error).removesuffix('.')}.")
+    try:
         board = build_leaderboard(shown, key, Selection(selection.models), seed=choice.seed)
     except (ConfigError, StoreError) as error:
-        why_none = f"No ranking: {str(error).removesuffix('.')}."
+        reasons.append(f"No ranking: {str(error).removesuffix('.')}.")
     asked = {
         case: [one for name, one in case.competitors.items() if selection.takes(name)]
         for case in chosen
     }
     data_of = shown.data_of
-    pictures = _pictures(FigureSource(folder, chosen, selection.models), choice)
-    first = pictures.pop(FIRST_FIGURE, None)
-    return [
-        _summary(_verdict(board) if board else why_none, asked, data_of),
-        data_block(chosen, data_of),
-        *([Block("Error by model", pictures=[first])] if first else []),
-        *(_ranking(board, folder, choice) if board else ()),
-        score_block(asked, key.metric.key),
-        *([Block("Figures", pictures=[*pictures.values()])] if pictures else []),
-        failure_block(asked),
-        run_block(stored.runs, chosen, board.provenance if board else ()),
-    ]
+    left_out = answer.left_out if answer else {}
+    return Part(
+        _facts(shown, asked),
+        first_screen(answer) if answer else None,
+        " ".join(reasons),
+        [
+            *caveats_of(chosen),
+            *same_name_other_data(chosen, data_of),
+            *left_out_notes(chosen),
+            *(f"Not in the answer: {name} ({why})." for name, why in left_out.items()),
+        ],
+        [
+            *_figure_block(FigureSource(folder, chosen, selection.models), answer, choice),
+            *failure_blocks(asked),
+            data_block(chosen, data_of),
+            *(_ranking(board, folder, choice) if board else ()),
+            score_block(asked, key.metric.key),
+            run_block(stored.runs, chosen, board.provenance if board else (), data_hashes(chosen)),
+        ],
+    )
 
 
-def _verdict(board: Leaderboard) -> str:
-    """Return which model is best, and which are not significantly worse.
-
-    Whether models differ is what `ScoredCase.verdicts` says, as in all tables of the page.
-    """
-    section, key = board.sections[0], board.key
-    if section.ranked.empty:
-        return "No ranking: no two models have all results."
-    first, *others = section.ranked.index
-    like_best = section.ranked["like_best"]
-    models, n_cases = counted(len(section.ranked), "model"), len(section.cases)
-    if n_cases == 1:
-        (case,) = section.cases
-        unit, factor = PRINTED[key.metric.unit]
-        value = f"{factor * case.mean(first):{number_format(key.metric)}} {unit}".rstrip()
-        best = "largest" if key.sign < 0.0 else "smallest"
-        text = f"{first} has the {best} {key.metric.label} of {models}: {value}."
-    else:
-        text = (
-            f"{first} ranks first of {models} by {key.text}: mean rank "
-            f"{section.ranked['mean_rank'].iloc[0]:.2f} over {n_cases} comparisons."
-        )
-    if key.is_cost or not others:
-        return text
-    correction = correction_text(section.cases)
-    if alike := [model for model in others if like_best[model] == n_cases]:
-        who = "No significant difference from it"
-        if n_cases > 1:
-            who = "Tied with the best in every comparison"
-        return f"{text} {who} ({correction}): {first_few(alike)}."
-    if all(like_best[others] == 0):  # NaN: no test applies
-        losers = "All others are" if len(others) > 1 else f"{others[0]} is"
-        than = " than the best in every comparison" if n_cases > 1 else ""
-        return f"{text} {losers} significantly worse{than} ({correction})."
-    return text
-
-
-def _summary(verdict: str, asked: Asked, data_of: Callable[[str], StoredData]) -> Block:
+def _facts(stored: StoredResults, asked: Asked) -> str:
+    """Return folder, date of the newest run, and how much there is, in one line."""
     cases, competitors = [*asked], [one for of_case in asked.values() for one in of_case]
-    n_results = sum(len(one.done) for one in competitors)
     failures = [failure for one in competitors for failure in one.failures.values()]
     n_skipped = sum(failure.status == "skipped" for failure in failures)
-    kinds = dict.fromkeys(case.shown.kind for case in cases)
-    n_models = len({one.name for one in competitors})
-    return Block(
-        "Summary",
+    n_failed = len(failures) - n_skipped
+    numbers = {
+        "model": len({one.name for one in competitors}),
+        "data set": len({family_of(case.name) for case in cases}),
+        "protocol": len({case.name.protocol for case in cases}),
+        "fit": sum(len(one.done) for one in competitors) + n_failed,
+    }
+    dates = [run.started[: len("2026-01-01")] for run in stored.runs if run.started]
+    skipped = [f"{n_skipped} skipped"] if n_skipped else []
+    counts = [counted(number, thing) for thing, number in numbers.items()]
+    return " · ".join(
         [
-            verdict,
-            f"{counted(n_results, 'result')} of {counted(n_models, 'model')} in "
-            f"{counted(len(cases), 'comparison')}; {len(failures) - n_skipped} failed, "
-            f"{n_skipped} skipped. Data: {', '.join(kinds)}.",
-        ],
-        notes=[*caveats_of(cases), *same_name_other_data(cases, data_of), *left_out_notes(cases)],
+            stored.folder.name or str(stored.folder),
+            *([max(dates)] if dates else []),
+            ", ".join([*counts, f"{n_failed} failed", *skipped]),
+        ]
     )
 
 
@@ -159,31 +141,64 @@ def _ranking(board: Leaderboard, folder: Path, choice: PageOptions) -> Iterator[
     command = choice.command("leaderboard", folder=folder, ranked=True)
     for section in board.sections:
         apart = f" ({SELECTION_MARK})" if section.selects_on_test else ""
-        yield Block(f"Leaderboard{apart}", tables=section_tables(section, board), command=command)
+        tables = section_tables(section, board)
+        yield Block(f"Leaderboard{apart}", tables=tables, command=command, is_detail=True)
         pairs = pair_table(section, board)
         if pairs.rows:
-            yield Block(f"Pairs of models{apart}", tables=[pairs])
+            yield Block(f"Pairs of models{apart}", tables=[pairs], is_detail=True)
 
 
-FIRST_FIGURE = "scores"
-LARGEST_SVG = 300_000
-"""Bytes; a picture of more is embedded as PNG."""
+OF_ONE_CASE = ("errors", "regression", "workspace")
+"""Figures that are drawn for each data set and protocol."""
+MOST_CASES = FIRST_COLUMNS
+"""Number of data sets and protocols with figures of their own."""
+LARGEST_SVG = 150_000
+"""Bytes; a larger picture is embedded as PNG."""
 
 
-def _pictures(source: FigureSource, choice: PageOptions) -> dict[str, Picture]:
-    """Return name -> each figure that the results are enough for."""
-    pictures = {}
-    for name, gather in FIGURES.items():
-        try:
-            figure = gather(source)
-            media_type, content = "image/svg+xml", figure.picture(".svg")
-            if len(content) > LARGEST_SVG:
-                media_type, content = "image/png", figure.picture(".png")
-        except (StiffBenchError, ArithmeticError, ValueError):  # must not cost the page
-            continue
-        command = choice.command("figure", name, folder=source.folder)
-        pictures[name] = Picture(figure.title, figure.caption, media_type, content, command)
-    return pictures
+def _figure_block(
+    source: FigureSource, answer: Answer | None, choice: PageOptions
+) -> Iterator[Block]:
+    """Yield the figures: first those of all results, then those of each matrix column."""
+    once = [name for name in FIGURES if name not in OF_ONE_CASE]
+    pictures = [_picture(name, source, choice) for name in once]
+    columns = answer.columns if answer else ()
+    for column in columns[:MOST_CASES]:
+        case = column.cases[0].case
+        selection = Selection(
+            choice.selection.models,
+            (case.name.dataset,),
+            (case.name.protocol,),
+            (case.name.condition,) if case.name.condition else (),
+        )
+        plan = ", ".join(filter(None, (column.protocol, column.condition)))
+        of_case = replace(source, cases=(case,))
+        for name in OF_ONE_CASE:
+            if name in FIGURES:
+                picture = _picture(name, of_case, replace(choice, selection=selection))
+                pictures.append(picture and picture._replace(dataset=column.dataset, protocol=plan))
+    drawn = [one for one in pictures if one]
+    notes = []
+    if len(columns) > MOST_CASES:
+        notes.append(
+            f"The first {MOST_CASES} of {len(columns)} data sets and protocols have figures of "
+            "their own; `bench figure` with --dataset and --protocol draws the others."
+        )
+    if drawn:
+        yield Block("Figures", pictures=drawn, notes=notes)
+
+
+def _picture(name: str, source: FigureSource, choice: PageOptions) -> Picture | None:
+    """Return a figure; None where the results are not enough for it."""
+    try:
+        figure = FIGURES[name](source)
+        media_type, content = "image/svg+xml", figure.picture(".svg")
+        if len(content) > LARGEST_SVG:
+            media_type, content = "image/png", figure.picture(".png")
+    except (StiffBenchError, ArithmeticError, ValueError):  # must not cost the page
+        return None
+    command = choice.command("figure", name, folder=source.folder)
+    return Picture(figure.title, figure.caption, media_type, content, command)
 
 
 SUFFIXES = (".html", ".htm")
@@ -203,6 +218,6 @@ def write_report(folders: Sequence[Path], choice: PageOptions, output: Path, com
         if folder.resolve() in {other.resolve() for other in folders[:number]}:
             raise ConfigError(f"{folder}: is named twice", "results")
     key = sort_key(choice.metric, choice.axis)
-    parts = {str(one): blocks_of(StoredResults.read(one), choice, key) for one in folders}
+    parts = {str(one): part_of(StoredResults.read(one), choice, key) for one in folders}
     with written_whole(output) as temporary:
         temporary.write_text(render_page(parts, command), encoding="utf-8", newline="\n")

@@ -20,11 +20,11 @@ MOST_ENVIRONMENTS = 10
 
 
 def run_block(
-    runs: Sequence[RunManifest], cases: Iterable[Case], provenance: Sequence[str]
+    runs: Sequence[RunManifest], cases: Iterable[Case], provenance: Sequence[str], hashes: Table
 ) -> Block:
     """Return the runs of a folder, the newest first, and how many results of the cases are theirs.
 
-    `provenance` are the lines that stand beneath the leaderboard.
+    `provenance` are the lines that stand beneath the leaderboard; `hashes` are those of the data.
     """
     counts = Counter(
         result.run_id
@@ -50,8 +50,9 @@ def run_block(
     folds = [("Commands that made these results, newest first", commands)] if runs else []
     return Block(
         "Provenance",
-        tables=[Table("Runs", columns, rows, notes)],
+        tables=[Table("Runs", columns, rows, notes), hashes],
         folds=[*folds, *_environments(newest)],
+        is_detail=True,
     )
 
 
@@ -95,16 +96,15 @@ LONGEST_SPLITS = 60
 LONGEST_LOG = 8000
 
 
-def failure_block(asked: Asked) -> Block:
-    """Return the failures that count; those that are alike in one row."""
+def failure_blocks(asked: Asked) -> list[Block]:
+    """Return a block of the failures that count, like ones in one row; [] where nothing failed."""
     competitors = chain.from_iterable(asked.values())
     found = sorted(
         (failure for competitor in competitors for failure in competitor.failures.values()),
         key=lambda one: (one.shown.model, case_name_of(one), slot_of(one)),
     )
-    heading = "Failed and skipped"
     if not found:
-        return Block(heading, ["None."])
+        return []
     alike = grouped(
         found,
         lambda one: (one.shown.model, case_name_of(one), one.status, one.cause, one.failure),
@@ -118,7 +118,8 @@ def failure_block(asked: Asked) -> Block:
         [_failure_row(members) for members in alike.values()],
         cut if len(logs) > MOST_LOGS else [],
     )
-    return Block(heading, tables=[table], folds=[_fold(one) for one in logs[:MOST_LOGS]])
+    folds = [_fold(one) for one in logs[:MOST_LOGS]]
+    return [Block("Failed and skipped", tables=[table], folds=folds)]
 
 
 def _failure_row(members: Sequence[CellResult]) -> list[Entry]:

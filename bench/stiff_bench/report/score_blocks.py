@@ -56,7 +56,7 @@ def score_block(asked: Asked, metric: str) -> Block:
         [_row(case, competitor, metrics) for case, competitor in shown],
         ["splits: with a result / asked for."],
     )
-    return Block("Scores", tables=[table], folds=_fit_notes(notes))
+    return Block("Scores", tables=[table], folds=_fit_notes(notes), is_detail=True)
 
 
 def _row(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> dict[Any, Entry]:
@@ -91,11 +91,8 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
 
     `data_of` returns the samples with a hash; it raises StoreError where they are not stored.
     """
-    of_data = {case.measured_sha256: case for case in cases}
     rows: list[list[Entry]] = []
-    for sha256, case in sorted(
-        of_data.items(), key=lambda item: (natural_key(item[1].name.dataset), item[0])
-    ):
+    for case in _case_of_data(cases):
         shown = case.shown
         try:
             data = data_of(case.name.data_sha256)
@@ -103,14 +100,30 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
             size: list[Entry] = [data.robot.name, _tcp(data), len(data.measured), n_poses]
         except StoreError:
             size = [None, None, None, None]
-        rows.append([case.name.dataset, shown.kind, *size, sha256])
+        rows.append([case.name.dataset, shown.kind, *size])
     columns = [
         *(Column(name, "text") for name in ("data set", "kind", "robot")),
         *(Column("TCP, frame of the last link [m]", "text"), Column("samples"), Column("poses")),
-        Column("sha256 of samples and robot", "text"),
     ]
     tables = [Table("Data sets", columns, rows), _stiffnesses(cases, data_of)]
     return Block("Robots and data", tables=[table for table in tables if table.rows])
+
+
+def data_hashes(cases: Sequence[Case]) -> Table:
+    """Return the sha256 of each data set's samples and robot."""
+    return Table(
+        "Data sets by their content",
+        text_columns("data set", "sha256 of samples and robot"),
+        [[case.name.dataset, case.measured_sha256] for case in _case_of_data(cases)],
+    )
+
+
+def _case_of_data(cases: Sequence[Case]) -> list[Case]:
+    """Return one case for each data set, in the order of their names."""
+    of_data = {case.measured_sha256: case for case in cases}
+    return sorted(
+        of_data.values(), key=lambda one: (natural_key(one.name.dataset), one.measured_sha256)
+    )
 
 
 def _tcp(data: StoredData) -> str:
