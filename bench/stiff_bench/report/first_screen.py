@@ -70,15 +70,16 @@ class MatrixPart:
     """Matrix columns that fit side by side.
 
     Attributes:
-        groups: data set -> number of its columns, from left to right.
-        headings: protocol and condition of each column.
+        datasets, protocols: with the number of their columns, from left to right.
+        conditions: of each column; empty where no protocol has any.
         labels: full name of each column.
         rows: model -> a cell per column.
         noise: noise floor per column; empty where none is known.
     """
 
-    groups: Sequence[tuple[str, int]]
-    headings: Sequence[str]
+    datasets: Sequence[tuple[str, int]]
+    protocols: Sequence[tuple[str, int]]
+    conditions: Sequence[str]
     labels: Sequence[str]
     rows: Sequence[tuple[str, Sequence[MatrixCell]]]
     noise: Sequence[MatrixCell]
@@ -200,7 +201,7 @@ def _model_row(answer: Answer, model: ModelAnswer, axis: Axis) -> ModelRow:
     change = "-" if model.ratio is None else f"{100.0 * (model.ratio - 1.0):+.0f} %"
     return ModelRow(
         str(Name(model.name, model.mark)),
-        f"{factor * model.median_error:{number_format(answer.key.metric)}}",
+        f"{factor * model.median_error:{_number_format(answer)}}",
         "baseline" if is_reference else change,
         _chart(model, axis),
         f"{model.counts['a']} / {tested}" if tested else "-",
@@ -229,8 +230,12 @@ def _time(seconds: float | None) -> str:
     if seconds is None:
         return "-"
     if seconds < 1.0:
-        return f"{1000.0 * seconds:.2g} ms"
-    return f"{seconds:.2g} s" if seconds < 99.0 else f"{seconds / 60.0:.0f} min"
+        return f"{_short(1000.0 * seconds)} ms"
+    return f"{_short(seconds)} s" if seconds < 99.0 else f"{seconds / 60.0:.0f} min"
+
+
+def _short(number: float) -> str:
+    return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
 def ratio_style(ratio: float | None) -> str:
@@ -245,19 +250,38 @@ def ratio_style(ratio: float | None) -> str:
     return "same" if step == 0 else f"{'less' if step < 0 else 'more'}-{abs(step)}"
 
 
+CLEAR_ERROR = 0.05
+"""Smallest error that two decimals show well, mm."""
+
+
+def _number_format(answer: Answer) -> str:
+    """Return how scores are written: mm with two decimals where no error is too small."""
+    unit, factor = PRINTED[answer.key.metric.unit]
+    errors = [answer.column_error(m.name, one) for m in answer.models for one in answer.columns]
+    smallest = min((factor * error for error in errors if error is not None), default=0.0)
+    is_clear = unit == "mm" and smallest >= CLEAR_ERROR
+    return ".2f" if is_clear else number_format(answer.key.metric)
+
+
+def _spans(headings: Sequence[tuple[str, ...]]) -> list[tuple[str, int]]:
+    """Return the last text of each heading, and how many neighbours share the heading."""
+    return [(heading[-1], len(list(same))) for heading, same in groupby(headings)]
+
+
 def _matrix_part(answer: Answer, columns: Sequence[MatrixColumn]) -> MatrixPart:
     _, factor = PRINTED[answer.key.metric.unit]
-    written = number_format(answer.key.metric)
+    written = _number_format(answer)
 
     def text(error: float | None) -> str:
         return "-" if error is None else f"{factor * error:{written}}"
 
     best = [answer.best_of(column) for column in columns]
-    headings = [f"{one.dataset} (measured)" if one.is_measured else one.dataset for one in columns]
+    datasets = [f"{one.dataset} (measured)" if one.is_measured else one.dataset for one in columns]
     floors = [answer.column_noise(column) for column in columns]
     return MatrixPart(
-        [(name, len(list(same))) for name, same in groupby(headings)],
-        [", ".join(filter(None, (one.protocol, one.condition))) for one in columns],
+        _spans([(name,) for name in datasets]),
+        _spans([(name, one.protocol) for name, one in zip(datasets, columns, strict=True)]),
+        [one.condition for one in columns] if any(one.condition for one in columns) else [],
         [one.text for one in columns],
         [
             (
