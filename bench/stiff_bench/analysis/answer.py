@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from scipy import stats
@@ -170,9 +171,10 @@ class Answer(BriefFields):
 
     @cached_property
     def columns(self) -> tuple[MatrixColumn, ...]:
-        """Columns of the matrix, measured data sets first."""
+        """Columns of the matrix, those of a data set side by side, measured data sets first."""
         by_heading = grouped(
-            self.cases, lambda one: (family_of(one.name), one.name.protocol, one.name.condition)
+            chain.from_iterable(self.datasets.values()),
+            lambda one: (family_of(one.name), one.name.protocol, one.name.condition),
         )
         return tuple(MatrixColumn(*name, tuple(of)) for name, of in by_heading.items())
 

@@ -23,7 +23,7 @@ FIRST_MODELS, FIRST_COLUMNS = 10, 12
 """Numbers of models and matrix columns before the others are unfolded."""
 STEPS = 4
 """Number of colours on each side of the VJM; the last is half or double its error."""
-WIDTH, MARGIN = 360.0, 14.0
+WIDTH, MARGIN = 360, 18
 """Width of an interval chart and its margin on each side, px."""
 MOST_DOUBLINGS = 4
 """Largest power of two on the axis of the interval charts."""
@@ -175,7 +175,7 @@ class Axis:
     def at(self, ratio: float) -> float:
         """Return the position of a ratio, px; those outside stand at the end."""
         share = (math.log2(ratio) - self.first) / (self.last - self.first)
-        return round(MARGIN + (WIDTH - 2.0 * MARGIN) * min(1.0, max(0.0, share)), 1)
+        return round(MARGIN + (WIDTH - 2 * MARGIN) * min(1.0, max(0.0, share)), 1)
 
     @property
     def ticks(self) -> list[Tick]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from itertools import chain
 
 from stiff_bench.analysis.collected import Case, case_name_of
-from stiff_bench.report.html_page import Block
+from stiff_bench.report.html_page import FEW_ROWS, Block
 from stiff_bench.report.score_blocks import Asked
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
@@ -119,7 +119,8 @@ def failure_blocks(asked: Asked) -> list[Block]:
         cut if len(logs) > MOST_LOGS else [],
     )
     folds = [_fold(one) for one in logs[:MOST_LOGS]]
-    return [Block("Failed and skipped", tables=[table], folds=folds)]
+    is_long = len(table.rows) > FEW_ROWS
+    return [Block("Failed and skipped", tables=[table], folds=folds, is_detail=is_long)]
 
 
 def _failure_row(members: Sequence[CellResult]) -> list[Entry]:
