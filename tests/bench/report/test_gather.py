@@ -32,11 +32,14 @@ def results(tmp_path):
     return made
 
 
-def blocks_of(folder, metric="norm", axis=None, seed=0, **choice):
+def part_of(folder, metric="norm", axis=None, seed=0, **choice):
     asked = PageOptions(Selection(**choice), metric, axis, seed)
     key = sort_key(asked.metric, asked.axis)
-    blocks = gather.blocks_of(StoredResults.read(folder), asked, key)
-    return {block.heading: block for block in blocks}
+    return gather.part_of(StoredResults.read(folder), asked, key)
+
+
+def blocks_of(folder, **choice):
+    return {block.heading: block for block in part_of(folder, **choice).blocks}
 
 
 def test_every_model_stands_in_ranks_pairs_and_scores(results):
@@ -54,35 +57,18 @@ def test_every_model_stands_in_ranks_pairs_and_scores(results):
     assert "made up, never measured" in blocks["Leaderboard"].tables[1].notes
 
 
-def test_the_page_opens_with_who_is_first_on_which_data(results):
-    summary, data, *_ = blocks_of(results.folder).values()
-    verdict, counts = summary.texts
-    assert verdict.startswith("vjm ranks first of 3 models")
-    assert "12 results of 3 models in 2 comparisons; 0 failed, 0 skipped" in counts
-    assert "made up, never measured" in summary.notes
+def test_the_page_opens_with_numbers_and_notes_and_the_answer(results):
+    part = part_of(results.folder)
+    assert (
+        part.facts == "runs-of-today · now · 3 models, 1 data set, 1 protocol, 12 fits, 0 failed"
+    )
+    assert part.notes == ["made up, never measured"]
+    assert part.answer and not part.reason
+    (data,) = (block for block in part.blocks if block.heading == "Robots and data")
     first, second = data.tables[0].texts()
     tcp = "0.06, 0, 0.08"
-    assert first[:6] == [TWINS[0], "simulated", "kr10_r1100_2", tcp, "12", "12"]
+    assert first == [TWINS[0], "simulated", "kr10_r1100_2", tcp, "12", "12"]
     assert second[:2] == [TWINS[1], "simulated"]
-
-
-@pytest.mark.parametrize(
-    ("metric", "n_splits", "claim"),
-    [
-        ("norm", 5, " All others are significantly worse"),
-        ("norm-p95", 5, " All others are significantly worse"),
-        ("norm-p95", 1, ""),  # one value each: no test applies
-    ],
-)
-def test_the_page_calls_no_model_worse_where_no_test_was_made(tmp_path, metric, n_splits, claim):
-    made = MadeResults(tmp_path)
-    errors = [1.0, 1.01, 1.02, 1.01, 1.0][:n_splits]
-    for model, factor in (("vjm", 0.1), ("mlp", 0.5), ("gp", 0.9)):
-        made.add(model, [factor * error for error in errors], TWINS[0])
-    verdict, *_ = blocks_of(made.folder, metric=metric)["Summary"].texts
-    *_, after_the_value = verdict.partition(" mm.")
-    assert verdict.startswith("vjm has the smallest")
-    assert after_the_value.partition(" (")[0] == claim
 
 
 def test_identified_stiffnesses_stand_with_the_data(results):
@@ -91,6 +77,7 @@ def test_identified_stiffnesses_stand_with_the_data(results):
             springs = {"stiffness A1 [Nm/rad]": 1000.0 + 200.0 * result.cell.split_index}
             ResultStore(results.folder).write_cells([replace(result, diagnostics=springs)])
     _, stiffnesses = blocks_of(results.folder)["Robots and data"].tables
+    assert "kr10_r1100_2" in stiffnesses.title
     assert [row[2] for row in stiffnesses.texts()] == ["1,100 ± 141"] * 2
 
 
@@ -103,6 +90,7 @@ def test_runs_stand_with_commit_command_and_results_also_of_one_without_a_manife
     assert (lost[0], lost[5]) == ("a run without a manifest", "2")
     assert provenance.folds[0][1] == "bench run"
     assert "commit: 0123456789abcdef" in provenance.folds[1][1]
+    assert {len(row[1]) for row in provenance.tables[1].texts()} == {64}
 
 
 def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(results):
@@ -117,16 +105,23 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
     assert [text for _, text in block.folds] == ["first\nlast <b>"] * 2
 
 
-def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
-    """One model alone, or samples that are missing."""
-    blocks = blocks_of(results.folder, models=("vjm",))
-    assert "nothing to rank" in blocks["Summary"].texts[0]
-    assert "Leaderboard" not in blocks and "Pairs of models" not in blocks
-    assert len(blocks["Scores"].tables[0].rows) == 2
-    change(results.folder, "DELETE FROM data")
+def test_details_are_folded_and_nothing_is_said_of_failures_where_there_are_none(results):
     blocks = blocks_of(results.folder)
-    assert blocks["Summary"].texts[0].startswith("No ranking: ")
-    assert "Leaderboard" not in blocks
+    folded = [heading for heading, block in blocks.items() if block.is_detail]
+    assert folded == ["Leaderboard", "Pairs of models", "Scores", "Provenance"]
+    assert "Failed and skipped" not in blocks
+
+
+def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
+    """One model alone is compared with the VJM; samples that are missing allow no answer."""
+    part = part_of(results.folder, models=("mlp",))
+    assert "nothing to rank" in part.reason
+    assert [row.name for row in part.answer.models] == ["vjm", "mlp"]
+    change(results.folder, "DELETE FROM data")
+    part = part_of(results.folder)
+    assert part.answer is None and part.reason.startswith("No answer: ")
+    blocks = {block.heading: block for block in part.blocks}
+    assert "Leaderboard" not in blocks and "Pairs of models" not in blocks
     assert len(blocks["Scores"].tables[0].rows) == 6
 
 
@@ -154,11 +149,29 @@ def test_a_figure_that_cannot_be_drawn_is_left_out(results, monkeypatch, error):
 
     figures = {"losses": broken, "springs": whole, "scores": whole}
     monkeypatch.setattr(gather, "FIGURES", figures)
-    blocks = blocks_of(results.folder)
-    assert "bench figure scores " in blocks["Error by model"].pictures[0].command
-    (picture,) = blocks["Figures"].pictures
-    assert picture.title == "drawn" and "bench figure springs " in picture.command
-    assert [*blocks].index("Error by model") < [*blocks].index("Leaderboard")
+    (first, second) = blocks_of(results.folder)["Figures"].pictures
+    assert first.title == "drawn" and "bench figure springs " in first.command
+    assert "bench figure scores " in second.command
+
+
+def test_some_figures_are_drawn_for_each_data_set_and_protocol(results, monkeypatch):
+    from matplotlib.figure import Figure
+
+    drawn = []
+
+    def of_cases(source):
+        drawn.append([case.name.dataset for case in source.cases])
+        return Prepared("drawn", "of something", Figure)
+
+    monkeypatch.setattr(gather, "FIGURES", {"scores": of_cases, "errors": of_cases})
+    results.add("vjm", [0.1, 0.2], "other")
+    block = blocks_of(results.folder)["Figures"]
+    assert drawn == [[*TWINS[:2], "other"], [TWINS[0]], ["other"]]
+    assert block.choices == {"data set": ["twin", "other"], "protocol": ["holdout"]}
+    assert "--dataset other --protocol holdout" in block.pictures[2].command
+    monkeypatch.setattr(gather, "MOST_CASES", 1)
+    block = blocks_of(results.folder)["Figures"]
+    assert len(block.pictures) == 2 and "first 1 of 2" in block.notes[0]
 
 
 def test_protocols_that_select_on_test_stand_apart(results):

@@ -6,13 +6,22 @@ import base64
 import hashlib
 import itertools
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
 
+from stiff_bench.report.first_screen import (
+    Chart,
+    FirstScreen,
+    MatrixCell,
+    MatrixPart,
+    ModelRow,
+)
 from stiff_bench.report.html_page import (
     MOST_ROWS,
     Block,
+    Part,
     Picture,
     page_table,
     render_page,
@@ -22,7 +31,7 @@ from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 HOSTILE = (
     "</script><script>hacked()</script><img src=http://evil.example onerror=hacked()>'\"&{{7*7}}"
 )
-VOID = {"meta", "link", "img", "input", "br", "wbr"}
+VOID = {"meta", "link", "img", "input", "br", "wbr", "line", "circle"}
 
 
 class Reader(HTMLParser):
@@ -46,6 +55,9 @@ class Reader(HTMLParser):
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
     def handle_data(self, data):
         if self.open and self.open[-1] in self.inside:
             self.inside[self.open[-1]][-1] += data
@@ -62,8 +74,20 @@ def made_page(text: str) -> str:
         [text],
     )
     picture = Picture(text, text, "image/svg+xml", f"<svg>{text}</svg>".encode(), text)
-    block = Block(text, [text], [table], [picture], [(text, text)], [text], text)
-    return render_page({text: [block], "other": [Block("plain")]}, text)
+    pictures = [picture, picture._replace(dataset=text, protocol=text)]
+    block = Block(text, [text], [table], pictures, [(text, text)], [text], text)
+    part = Part(text, made_screen(text), text, [text], [block, replace(block, is_detail=True)])
+    return render_page({text: part, "other": Part("other", blocks=[Block("plain")])}, text)
+
+
+def made_screen(text: str) -> FirstScreen:
+    rows = [ModelRow(text, text, text, Chart(1.0, 0.5, 2.0, text), text, text, text)] * 11
+    cells = [MatrixCell(text, "less-1", True), MatrixCell(text)]
+    columns = [[(text, 2)], [(text, 1), (text, 1)], [text, text], [text, text]]
+    matrix = MatrixPart(*columns, [(text, cells)] * 11, cells)
+    ticks = [(0.5, "1x")]
+    answer = [(text, text)]
+    return FirstScreen(text, answer, [text], text, text, ticks, rows, text, [matrix] * 2, text)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +150,7 @@ def test_language_title_and_headings_in_order(plain):
 
 def test_tables_pictures_boxes_and_references_can_be_read_by_a_screen_reader(plain):
     assert len(plain.of("caption")) == len(plain.of("table"))
-    assert {one["scope"] for one in plain.of("th")} == {"col", "row"}
+    assert {one["scope"] for one in plain.of("th")} == {"col", "colgroup", "row"}
     assert all(one["alt"] for one in plain.of("img"))
     boxes = [one for one in plain.of("div") if one.get("class") == "scroll"]
     assert boxes and {one["tabindex"] for one in boxes} == {"0"}
