@@ -59,9 +59,7 @@ def test_every_model_stands_in_ranks_pairs_and_scores(results):
 
 def test_the_page_opens_with_numbers_and_notes_and_the_answer(results):
     part = part_of(results.folder)
-    assert (
-        part.facts == "runs-of-today · now · 3 models, 1 data set, 1 protocol, 12 fits, 0 failed"
-    )
+    assert part.facts == "runs-of-today · now · 3 models, 1 data set, 1 protocol, 12 fits, 0 failed"
     assert part.notes == ["made up, never measured"]
     assert part.answer and not part.reason
     (data,) = (block for block in part.blocks if block.heading == "Robots and data")
