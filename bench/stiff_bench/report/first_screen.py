@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 from stiff_bench.analysis.answer import Answer, MatrixColumn, ModelAnswer
 from stiff_bench.analysis.answer_text import Sentence, headline, sentences
-from stiff_bench.analysis.leaderboard import caveats_of
 from stiff_bench.tables.metric_table import number_format
 from stiff_bench.tables.table import Name
 from stiff_bench.tables.units import PRINTED, counted, percent
@@ -22,15 +21,12 @@ from stiff_protocols.scoring.paired import LEVEL
 
 FIRST_MODELS, FIRST_COLUMNS = 10, 12
 """Numbers of models and matrix columns before the others are unfolded."""
-MATRIX_FORMAT = ".2f"
-"""Of mm: two digits fit many columns; the table of scores has all."""
 STEPS = 4
 """Number of colours on each side of the VJM; the last is half or double its error."""
-WIDTH, MARGIN = 360.0, 14.0
+WIDTH, MARGIN = 360, 18
 """Width of an interval chart and its margin on each side, px."""
 MOST_DOUBLINGS = 4
 """Largest power of two on the axis of the interval charts."""
-NONE, MINUS, TIMES = "\u2013", "\u2212", "\u00d7"
 Tick = tuple[float, str]
 """Position on the axis, px, and its label."""
 
@@ -74,18 +70,24 @@ class MatrixPart:
     """Matrix columns that fit side by side.
 
     Attributes:
-        groups: data set -> number of its columns, from left to right.
-        headings: protocol and condition of each column.
+        datasets, protocols: with the number of their columns, from left to right.
+        conditions: of each column; empty where no protocol has any.
         labels: full name of each column.
         rows: model -> a cell per column.
         noise: noise floor per column; empty where none is known.
     """
 
-    groups: Sequence[tuple[str, int]]
-    headings: Sequence[str]
+    datasets: Sequence[tuple[str, int]]
+    protocols: Sequence[tuple[str, int]]
+    conditions: Sequence[str]
     labels: Sequence[str]
     rows: Sequence[tuple[str, Sequence[MatrixCell]]]
     noise: Sequence[MatrixCell]
+
+    @property
+    def is_coloured(self) -> bool:
+        """Whether any cell compares with the VJM."""
+        return any(cell.style for _, cells in self.rows for cell in cells)
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,6 @@ class FirstScreen:
         matrix_title: metric, unit and what the rows and columns are.
         matrix: parts of at most `FIRST_COLUMNS` columns.
         more: text of the switch that shows all models and columns; "" where all are shown.
-        notes: on data and protocols.
     """
 
     headline: str
@@ -115,25 +116,19 @@ class FirstScreen:
     matrix_title: str
     matrix: Sequence[MatrixPart]
     more: str = ""
-    notes: Sequence[str] = ()
 
     @property
-    def width(self) -> float:
-        """Width of a chart, px."""
-        return WIDTH
-
-    @property
-    def reference_x(self) -> float:
+    def one(self) -> float:
         """Position of the VJM on the axis, px."""
-        return next(at for at, label in self.ticks if label == f"1{TIMES}")
+        return next(at for at, label in self.ticks if label == "1x")
 
 
-def first_screen(answer: Answer, notes: Sequence[str] = ()) -> FirstScreen:
-    """Return the texts and chart positions of an answer; `notes` are those on left-out results."""
+def first_screen(answer: Answer) -> FirstScreen:
+    """Return the texts and chart positions of an answer."""
     ratios = [
         ratio
-        for model in answer.models
-        for ratio in (model.ratio, model.low, model.high, model.smallest, model.largest)
+        for one in answer.models
+        for ratio in (one.ratio, one.low, one.high, one.smallest, one.largest)
         if ratio is not None
     ]
     axis = Axis.over(ratios)
@@ -153,11 +148,13 @@ def first_screen(answer: Answer, notes: Sequence[str] = ()) -> FirstScreen:
         f"median {answer.key.metric.label}{f' [{unit}]' if unit else ''}",
         _chart_heading(answer),
         axis.ticks,
-        [_model_row(answer, model, axis) for model in answer.models],
+        [_model_row(answer, one, axis) for one in answer.models],
         f"{answer.key.text} by data set and protocol",
-        [_matrix_part(answer, columns) for columns in _parts(answer.columns)],
+        [
+            _matrix_part(answer, answer.columns[first : first + FIRST_COLUMNS])
+            for first in range(0, n_columns, FIRST_COLUMNS)
+        ],
         f"Show all {' and '.join(more)}" if more else "",
-        list(dict.fromkeys([*caveats_of(case.case for case in answer.cases), *notes])),
     )
 
 
@@ -178,13 +175,13 @@ class Axis:
     def at(self, ratio: float) -> float:
         """Return the position of a ratio, px; those outside stand at the end."""
         share = (math.log2(ratio) - self.first) / (self.last - self.first)
-        return round(MARGIN + (WIDTH - 2.0 * MARGIN) * min(1.0, max(0.0, share)), 1)
+        return round(MARGIN + (WIDTH - 2 * MARGIN) * min(1.0, max(0.0, share)), 1)
 
     @property
     def ticks(self) -> list[Tick]:
         """Position and label of each power of two."""
         powers = range(self.first, self.last + 1)
-        return [(self.at(2.0**power), f"{2.0**power:g}{TIMES}") for power in powers]
+        return [(self.at(2.0**power), f"{2.0**power:g}x") for power in powers]
 
 
 def _chart_heading(answer: Answer) -> str:
@@ -201,14 +198,14 @@ def _model_row(answer: Answer, model: ModelAnswer, axis: Axis) -> ModelRow:
     _, factor = PRINTED[answer.key.metric.unit]
     is_reference = model.name == REFERENCE_MODEL
     tested = sum(model.counts.values())
-    change = NONE if model.ratio is None else f"{100.0 * (model.ratio - 1.0):+.0f} %"
+    change = "-" if model.ratio is None else f"{100.0 * (model.ratio - 1.0):+.0f} %"
     return ModelRow(
         str(Name(model.name, model.mark)),
-        f"{factor * model.median_error:{number_format(answer.key.metric)}}",
-        "baseline" if is_reference else change.replace("-", MINUS),
+        f"{factor * model.median_error:{_number_format(answer)}}",
+        "baseline" if is_reference else change,
         _chart(model, axis),
-        f"{model.counts['a']} / {tested}" if tested else NONE,
-        f"{model.counts['b']}" if tested else NONE,
+        f"{model.counts['a']} / {tested}" if tested else "-",
+        f"{model.counts['b']}" if tested else "-",
         _time(model.fit_s),
     )
 
@@ -231,10 +228,14 @@ def _time(seconds: float | None) -> str:
     ('12 ms', '1.5 s', '13 min')
     """
     if seconds is None:
-        return NONE
-    if seconds < 0.1:
-        return f"{1000.0 * seconds:.2g} ms"
-    return f"{seconds:.2g} s" if seconds < 99.0 else f"{seconds / 60.0:.0f} min"
+        return "-"
+    if seconds < 1.0:
+        return f"{_short(1000.0 * seconds)} ms"
+    return f"{_short(seconds)} s" if seconds < 99.0 else f"{seconds / 60.0:.0f} min"
+
+
+def _short(number: float) -> str:
+    return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
 def ratio_style(ratio: float | None) -> str:
@@ -249,37 +250,39 @@ def ratio_style(ratio: float | None) -> str:
     return "same" if step == 0 else f"{'less' if step < 0 else 'more'}-{abs(step)}"
 
 
-def _parts(columns: Sequence[MatrixColumn]) -> list[list[MatrixColumn]]:
-    """Return columns that fit side by side; a data set is divided only if it is too wide."""
-    parts: list[list[MatrixColumn]] = [[]]
-    for _, same in groupby(columns, lambda column: column.dataset):
-        of_dataset = list(same)
-        if parts[-1] and len(parts[-1]) + len(of_dataset) > FIRST_COLUMNS:
-            parts.append([])
-        for column in of_dataset:
-            if len(parts[-1]) == FIRST_COLUMNS:
-                parts.append([])
-            parts[-1].append(column)
-    return parts
+CLEAR_ERROR = 0.05
+"""Smallest error that two decimals show well, mm."""
+
+
+def _number_format(answer: Answer) -> str:
+    """Return how scores are written: mm with two decimals where no error is too small."""
+    unit, factor = PRINTED[answer.key.metric.unit]
+    errors = [answer.column_error(m.name, one) for m in answer.models for one in answer.columns]
+    smallest = min((factor * error for error in errors if error is not None), default=0.0)
+    is_clear = unit == "mm" and smallest >= CLEAR_ERROR
+    return ".2f" if is_clear else number_format(answer.key.metric)
+
+
+def _spans(headings: Sequence[tuple[str, ...]]) -> list[tuple[str, int]]:
+    """Return the last text of each heading, and how many neighbours share the heading."""
+    return [(heading[-1], len(list(same))) for heading, same in groupby(headings)]
 
 
 def _matrix_part(answer: Answer, columns: Sequence[MatrixColumn]) -> MatrixPart:
-    unit, factor = PRINTED[answer.key.metric.unit]
-    written = MATRIX_FORMAT if unit == "mm" else number_format(answer.key.metric)
+    _, factor = PRINTED[answer.key.metric.unit]
+    written = _number_format(answer)
 
     def text(error: float | None) -> str:
-        return NONE if error is None else f"{factor * error:{written}}"
+        return "-" if error is None else f"{factor * error:{written}}"
 
     best = [answer.best_of(column) for column in columns]
-    headings = [
-        f"{column.dataset} (measured)" if column.is_measured else column.dataset
-        for column in columns
-    ]
+    datasets = [f"{one.dataset} (measured)" if one.is_measured else one.dataset for one in columns]
     floors = [answer.column_noise(column) for column in columns]
     return MatrixPart(
-        [(name, len(list(same))) for name, same in groupby(headings)],
-        [", ".join(filter(None, (column.protocol, column.condition))) for column in columns],
-        [column.text for column in columns],
+        _spans([(name,) for name in datasets]),
+        _spans([(name, one.protocol) for name, one in zip(datasets, columns, strict=True)]),
+        [one.condition for one in columns] if any(one.condition for one in columns) else [],
+        [one.text for one in columns],
         [
             (
                 str(Name(model.name, model.mark)),
@@ -294,5 +297,5 @@ def _matrix_part(answer: Answer, columns: Sequence[MatrixColumn]) -> MatrixPart:
             )
             for model in answer.models
         ],
-        [MatrixCell(text(floor)) for floor in floors if any(floors)],
+        [MatrixCell(text(floor)) for floor in floors] if floors.count(None) < len(floors) else [],
     )

@@ -17,7 +17,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from stiff_bench.console import printable
-from stiff_bench.report.first_screen import FIRST_MODELS, FirstScreen
+from stiff_bench.report.first_screen import FIRST_MODELS, WIDTH, FirstScreen
 from stiff_bench.store.names import OPTION_MARK, natural_key
 from stiff_bench.tables.render import html_text
 from stiff_bench.tables.table import Column, Entry, Table, quantity
@@ -26,7 +26,7 @@ from stiff_bench.tables.table import Column, Entry, Table, quantity
 class Picture(NamedTuple):
     """A figure of the page: its file, such as of "image/svg+xml", and the command that draws it.
 
-    `dataset` and `protocol` are those that it shows; "" where it shows all.
+    `dataset` and `protocol` are those that it shows; "" where it shows several.
     """
 
     title: str
@@ -40,10 +40,10 @@ class Picture(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """Content under one heading; `command` prints the same as the tables, "" for none.
+    """What stands under one heading; `command` prints the same as the tables, "" for none.
 
-    `folds` are texts that are folded away, such as a log, each with its summary. A block that is
-    `folded` shows its heading until it is opened. `screen` is the first one of a folder.
+    `folds` are texts that are folded away, such as a log, each with its summary. `is_detail`: the
+    whole block is folded away, and not printed.
     """
 
     heading: str
@@ -53,8 +53,36 @@ class Block:
     folds: Sequence[tuple[str, str]] = ()
     notes: Sequence[str] = ()
     command: str = ""
-    folded: bool = False
-    screen: FirstScreen | None = None
+    is_detail: bool = False
+
+    @property
+    def choices(self) -> dict[str, list[str]]:
+        """Data sets and protocols of the pictures that show one; empty where none does."""
+        of_one = [one for one in self.pictures if one.dataset]
+        kinds = {
+            "data set": dict.fromkeys(one.dataset for one in of_one),
+            "protocol": dict.fromkeys(one.protocol for one in of_one),
+        }
+        return {kind: [*names] for kind, names in kinds.items() if names}
+
+
+@dataclass(frozen=True)
+class Part:
+    """Everything that the page shows of one folder of results.
+
+    Attributes:
+        facts: date and numbers, in one line.
+        answer: first screen; None: the models cannot be compared.
+        reason: why there is no answer, or no ranking; "" for none.
+        notes: on the data.
+        blocks: details, most important first.
+    """
+
+    facts: str
+    answer: FirstScreen | None = None
+    reason: str = ""
+    notes: Sequence[str] = ()
+    blocks: Sequence[Block] = ()
 
 
 _HERE = Path(__file__).parent
@@ -93,6 +121,7 @@ def page_table(table: Table) -> dict[str, Any]:
         "rows": [[*map(_page_cell, shown.columns, row, styles)] for row in rows],
         "notes": notes,
         "can_be_sorted": len(rows) > FEW_ROWS and not by_sign,
+        "as_cards": not by_sign,
     }
 
 
@@ -117,7 +146,7 @@ def _page_cell(column: Column, cell: Entry, style: str) -> tuple[str, str, str]:
     return text, f"{found.order:.12g}", style + tone * (column.by_sign > 0)
 
 
-def render_page(parts: Mapping[str, Sequence[Block]], command: str, date: str = "") -> str:
+def render_page(parts: Mapping[str, Part], command: str) -> str:
     """Return the page as HTML: folder of results -> what it says of it; the command that makes it.
 
     All texts are escaped, and nothing but the two scripts and the style of this package can act in
@@ -141,9 +170,9 @@ def render_page(parts: Mapping[str, Sequence[Block]], command: str, date: str = 
         parts=parts,
         command_line=command,
         version=version("stiffbench"),
-        date=date,
         few_rows=FEW_ROWS,
         first_models=FIRST_MODELS,
+        chart_width=WIDTH,
         policy=_policy(scripts, style),
         scripts=[Markup(script) for script in scripts],
         style=Markup(style),

@@ -1,4 +1,30 @@
 "use strict";
+// Opens a folded block that a link leads to; without it a click on its summary does.
+(() => {
+  const open = () => {
+    const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (target instanceof HTMLDetailsElement) target.open = true;
+  };
+  window.addEventListener("hashchange", open);
+  open();
+})();
+
+// Shows the figures of one data set and protocol; without it all are small multiples.
+for (const choices of document.querySelectorAll(".choices")) {
+  const selects = [...choices.querySelectorAll("select")];
+  const figures = [...choices.parentElement.querySelectorAll("figure.one-case")];
+  const show = () => {
+    for (const figure of figures) {
+      figure.hidden = selects.some(
+        ({ value, dataset }) => value !== "" && figure.dataset[dataset.kind] !== value,
+      );
+    }
+  };
+  for (const select of selects) select.addEventListener("change", show);
+  choices.hidden = false;
+  show();
+}
+
 // Sorts and filters the tables that are in the page already; without it they stay readable.
 (() => {
   const ROWS_A_PAGE = 25;
@@ -60,13 +86,6 @@
         type: cell.classList.contains("number") ? "measured" : "string",
       })),
     });
-    const title = element.caption.textContent;
-    const namePages = () => {
-      const pages = element.closest(".dt-container")?.querySelector(".dt-paging nav");
-      pages?.setAttribute("aria-label", `Pages of: ${title}`);
-    };
-    table.on("draw", namePages);
-    namePages();
     addFilters(table, element, headings);
     // the table alone scrolls sideways, not the fields around it
     const inner = element.closest(".dt-layout-table");
@@ -79,42 +98,6 @@
     tables.push(table);
   }
   for (const text of document.querySelectorAll(".with-scripts")) text.hidden = tables.length === 0;
-
-  // a menu for the data set and one for the protocol; without scripts all figures are shown
-  for (const grid of document.querySelectorAll(".figures.by-data")) {
-    const figures = [...grid.querySelectorAll("figure")];
-    const bar = document.createElement("div");
-    bar.className = "chooser";
-    const menus = [["Data set", "dataset"], ["Protocol", "protocol"]].map(([title, key]) => {
-      const label = document.createElement("label");
-      const menu = document.createElement("select");
-      const names = [...new Set(figures.map((figure) => figure.dataset[key]))];
-      for (const name of names) menu.append(new Option(name));
-      menu.append(new Option("all", ""));
-      menu.dataset.key = key;
-      label.append(`${title}: `, menu);
-      bar.append(label);
-      return menu;
-    });
-    const choose = () => {
-      for (const figure of figures) {
-        figure.hidden = menus.some(
-          (menu) => menu.value !== "" && figure.dataset[menu.dataset.key] !== menu.value,
-        );
-      }
-    };
-    for (const menu of menus) menu.addEventListener("change", choose);
-    grid.before(bar);
-    choose();
-  }
-
-  // a link to a folded part opens it
-  const openTarget = () => {
-    const target = document.getElementById(location.hash.slice(1));
-    if (target instanceof HTMLDetailsElement) target.open = true;
-  };
-  window.addEventListener("hashchange", openTarget);
-  openTarget();
 
   // paper has no next page to click for; afterwards the screen is as it was
   const lengths = new Map();

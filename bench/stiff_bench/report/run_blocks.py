@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
 
 from stiff_bench.analysis.collected import Case, case_name_of
-from stiff_bench.report.html_page import Block, Picture
+from stiff_bench.report.html_page import FEW_ROWS, Block
 from stiff_bench.report.score_blocks import Asked
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import NO_MANIFEST
-from stiff_bench.tables.table import Column, Entry, Table, text_columns
+from stiff_bench.tables.table import Column, Entry, Table
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.record import CellResult, RunManifest
 
 MOST_ENVIRONMENTS = 10
 
 
-def provenance_block(
-    runs: Sequence[RunManifest],
-    cases: Sequence[Case],
-    provenance: Sequence[str],
-    pictures: Sequence[Picture] = (),
+def run_block(
+    runs: Sequence[RunManifest], cases: Iterable[Case], provenance: Sequence[str], hashes: Table
 ) -> Block:
-    """Return runs, commands, versions, machines and hashes of the data, folded.
+    """Return the runs of a folder, the newest first, and how many results of the cases are theirs.
 
-    Args:
-        runs: of the folder; the newest is shown first.
-        cases: whose results are counted by run, and whose data are named by their hashes.
-        provenance: lines that stand below the leaderboard.
-        pictures: whose commands are listed.
+    `provenance` are the lines that stand beneath the leaderboard; `hashes` are those of the data.
     """
     counts = Counter(
         result.run_id
@@ -55,19 +48,11 @@ def provenance_block(
     ]
     commands = "\n".join(dict.fromkeys(run.command for run in newest))
     folds = [("Commands that made these results, newest first", commands)] if runs else []
-    drawn = "\n".join(dict.fromkeys(picture.command for picture in pictures))
-    folds += [("Commands that draw the figures", drawn)] if pictures else []
-    hashes = {case.measured_sha256: case.name.dataset for case in cases}
-    data = Table(
-        "Hashes of samples and robot",
-        text_columns("data set", "sha256"),
-        [[dataset, sha256] for sha256, dataset in hashes.items()],
-    )
     return Block(
         "Provenance",
-        tables=[Table("Runs", columns, rows, notes), data],
+        tables=[Table("Runs", columns, rows, notes), hashes],
         folds=[*folds, *_environments(newest)],
-        folded=True,
+        is_detail=True,
     )
 
 
@@ -111,16 +96,15 @@ LONGEST_SPLITS = 60
 LONGEST_LOG = 8000
 
 
-def failure_block(asked: Asked) -> Block:
-    """Return the failures that count; those that are alike in one row."""
+def failure_blocks(asked: Asked) -> list[Block]:
+    """Return a block of the failures that count, like ones in one row; [] where nothing failed."""
     competitors = chain.from_iterable(asked.values())
     found = sorted(
         (failure for competitor in competitors for failure in competitor.failures.values()),
         key=lambda one: (one.shown.model, case_name_of(one), slot_of(one)),
     )
-    heading = "Failed and skipped"
     if not found:
-        return Block(heading)
+        return []
     alike = grouped(
         found,
         lambda one: (one.shown.model, case_name_of(one), one.status, one.cause, one.failure),
@@ -134,8 +118,9 @@ def failure_block(asked: Asked) -> Block:
         [_failure_row(members) for members in alike.values()],
         cut if len(logs) > MOST_LOGS else [],
     )
-    logged = [_fold(one) for one in logs[:MOST_LOGS]]
-    return Block(heading, tables=[table], folds=logged, folded=True)
+    folds = [_fold(one) for one in logs[:MOST_LOGS]]
+    is_long = len(table.rows) > FEW_ROWS
+    return [Block("Failed and skipped", tables=[table], folds=folds, is_detail=is_long)]
 
 
 def _failure_row(members: Sequence[CellResult]) -> list[Entry]:

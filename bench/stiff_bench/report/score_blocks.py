@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from typing import Any
 
@@ -56,7 +56,7 @@ def score_block(asked: Asked, metric: str) -> Block:
         [_row(case, competitor, metrics) for case, competitor in shown],
         ["splits: with a result / asked for."],
     )
-    return Block("Scores", tables=[table], folds=_fit_notes(notes), folded=True)
+    return Block("Scores", tables=[table], folds=_fit_notes(notes), is_detail=True)
 
 
 def _row(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> dict[Any, Entry]:
@@ -91,11 +91,8 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
 
     `data_of` returns the samples with a hash; it raises StoreError where they are not stored.
     """
-    of_data = {case.measured_sha256: case for case in cases}
     rows: list[list[Entry]] = []
-    for _, case in sorted(
-        of_data.items(), key=lambda item: (natural_key(item[1].name.dataset), item[0])
-    ):
+    for case in _case_of_data(cases):
         shown = case.shown
         try:
             data = data_of(case.name.data_sha256)
@@ -108,8 +105,25 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
         *(Column(name, "text") for name in ("data set", "kind", "robot")),
         *(Column("TCP, frame of the last link [m]", "text"), Column("samples"), Column("poses")),
     ]
-    tables = [Table("Data sets", columns, rows), _stiffnesses(cases, data_of)]
-    return Block("Robots and data", tables=[table for table in tables if table.rows], folded=True)
+    tables = [Table("Data sets", columns, rows), *_stiffnesses(cases, data_of)]
+    return Block("Robots and data", tables=tables)
+
+
+def data_hashes(cases: Sequence[Case]) -> Table:
+    """Return the sha256 of each data set's samples and robot."""
+    return Table(
+        "Data sets by their content",
+        text_columns("data set", "sha256 of samples and robot"),
+        [[case.name.dataset, case.measured_sha256] for case in _case_of_data(cases)],
+    )
+
+
+def _case_of_data(cases: Sequence[Case]) -> list[Case]:
+    """Return one case for each data set, in the order of their names."""
+    of_data = {case.measured_sha256: case for case in cases}
+    return sorted(
+        of_data.values(), key=lambda one: (natural_key(one.name.dataset), one.measured_sha256)
+    )
 
 
 def _tcp(data: StoredData) -> str:
@@ -121,9 +135,9 @@ Joint = tuple[str, str]
 """Name, and the unit of its stiffness."""
 
 
-def _stiffnesses(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Table:
-    """Return the joint stiffnesses that the reference model identified on each data set."""
-    found: dict[str, tuple[str, dict[Joint, Quantity]]] = {}
+def _stiffnesses(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Iterator[Table]:
+    """Yield the joint stiffnesses that the reference model identified, a table for each robot."""
+    found: dict[str, tuple[str, str, dict[Joint, Quantity]]] = {}
     for case in sorted(cases, key=in_order):
         if REFERENCE_MODEL not in case.competitors or case.name.dataset in found:
             continue
@@ -138,17 +152,19 @@ def _stiffnesses(cases: Sequence[Case], data_of: Callable[[str], StoredData]) ->
             for key in [spring_key("stiffness", *joint)]
         }
         row = {joint: mean_over(of_fits) for joint, of_fits in values.items() if of_fits}
-        found[case.name.dataset] = (case.name.protocol, row)
-    joints = dict.fromkeys(joint for _, row in found.values() for joint in row)
-    return Table(
-        f"Joint stiffnesses of {REFERENCE_MODEL}, mean ± standard deviation over splits",
-        [
-            *(Column("data set", "text"), Column("protocol", "text")),
-            *(Column(name, unit=unit, format=",.0f") for name, unit in joints),
-        ],
-        [
-            [dataset, protocol, *(row.get(joint) for joint in joints)]
-            for dataset, (protocol, row) in found.items()
-            if row
-        ],
-    )
+        if row:
+            found[case.name.dataset] = (data.robot.name, case.name.protocol, row)
+    for robot, datasets in grouped(found, lambda name: found[name][0]).items():
+        joints = dict.fromkeys(joint for name in datasets for joint in found[name][2])
+        yield Table(
+            f"Joint stiffnesses of {robot} by {REFERENCE_MODEL}, mean ± standard deviation over "
+            "splits",
+            [
+                *text_columns("data set", "protocol"),
+                *(Column(name, unit=unit, format=",.0f") for name, unit in joints),
+            ],
+            [
+                [name, found[name][1], *(found[name][2].get(joint) for joint in joints)]
+                for name in datasets
+            ],
+        )

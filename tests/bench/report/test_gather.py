@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import pytest
 
@@ -13,7 +12,6 @@ from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.report import report_content as gather
-from stiff_bench.report.first_screen import FIRST_COLUMNS
 from stiff_bench.report.report_content import PageOptions
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import StoreError
@@ -34,11 +32,14 @@ def results(tmp_path):
     return made
 
 
-def blocks_of(folder, metric="norm", axis=None, seed=0, **choice):
+def part_of(folder, metric="norm", axis=None, seed=0, **choice):
     asked = PageOptions(Selection(**choice), metric, axis, seed)
     key = sort_key(asked.metric, asked.axis)
-    blocks = gather.blocks_of(StoredResults.read(folder), asked, key)
-    return {block.heading: block for block in blocks}
+    return gather.part_of(StoredResults.read(folder), asked, key)
+
+
+def blocks_of(folder, **choice):
+    return {block.heading: block for block in part_of(folder, **choice).blocks}
 
 
 def test_every_model_stands_in_ranks_pairs_and_scores(results):
@@ -56,48 +57,16 @@ def test_every_model_stands_in_ranks_pairs_and_scores(results):
     assert "made up, never measured" in blocks["Leaderboard"].tables[1].notes
 
 
-def test_the_page_opens_with_the_answer_and_what_the_folder_holds(results):
-    first, *_ = blocks_of(results.folder).values()
-    counts, screen = first.heading, first.screen
-    assert "3 models, 1 data set, 1 protocol, 12 fits, 0 failed" in counts
-    assert "made up, never measured" in screen.notes
-    assert {model.name for model in screen.models} == {"vjm", "gp", "mlp"}
-    (part,) = screen.matrix
-    assert part.groups == [("twin", 1)]  # specimens of a robot are one column
-    errors = {name: cells[0].text for name, cells in part.rows}
-    assert errors == {"vjm": "0.15", "gp": "0.16", "mlp": "0.40"}
-    best = {name for name, cells in part.rows if cells[0].is_best}
-    assert best == {"vjm"}
-
-
-def test_a_chart_places_ratios_on_one_logarithmic_axis(results):
-    first, *_ = blocks_of(results.folder).values()
-    screen = first.screen
-    place = {model.name: model.chart for model in screen.models}
-    assert place["vjm"].dot == screen.reference_x  # the VJM's ratio is 1
-    assert place["gp"].dot < place["mlp"].dot
-    assert all(chart.low <= chart.dot <= chart.high for chart in place.values())
-    x, labels = zip(*screen.ticks, strict=True)
-    steps = [b - a for a, b in pairwise(x)]
-    assert max(steps) - min(steps) < 0.2 and labels[x.index(screen.reference_x)].startswith("1")
-
-
-def test_many_models_and_columns_are_one_click_away(tmp_path):
-    made = MadeResults(tmp_path)
-    for number in range(FIRST_COLUMNS + 2):
-        made.add_each({"vjm": [0.1, 0.2], "gp": [0.2, 0.1]}, f"set-{number:02}")
-    first, *_ = blocks_of(made.folder).values()
-    assert [len(part.headings) for part in first.screen.matrix] == [FIRST_COLUMNS, 2]
-    assert f"{FIRST_COLUMNS + 2} columns" in first.screen.more
-
-
-def test_robots_and_data_have_a_row_a_data_set_and_hashes_are_provenance(results):
-    blocks = blocks_of(results.folder)
-    first, second = blocks["Robots and data"].tables[0].texts()
-    assert first == [TWINS[0], "simulated", "kr10_r1100_2", "0.06, 0, 0.08", "12", "12"]
+def test_the_page_opens_with_numbers_and_notes_and_the_answer(results):
+    part = part_of(results.folder)
+    assert part.facts == "runs-of-today · now · 3 models, 1 data set, 1 protocol, 12 fits, 0 failed"
+    assert part.notes == ["made up, never measured"]
+    assert part.answer and not part.reason
+    (data,) = (block for block in part.blocks if block.heading == "Robots and data")
+    first, second = data.tables[0].texts()
+    tcp = "0.06, 0, 0.08"
+    assert first == [TWINS[0], "simulated", "kr10_r1100_2", tcp, "12", "12"]
     assert second[:2] == [TWINS[1], "simulated"]
-    hashes = blocks["Provenance"].tables[1].texts()
-    assert [row[0] for row in hashes] == [*TWINS[:2]] and {len(row[1]) for row in hashes} == {64}
 
 
 def test_identified_stiffnesses_stand_with_the_data(results):
@@ -106,6 +75,7 @@ def test_identified_stiffnesses_stand_with_the_data(results):
             springs = {"stiffness A1 [Nm/rad]": 1000.0 + 200.0 * result.cell.split_index}
             ResultStore(results.folder).write_cells([replace(result, diagnostics=springs)])
     _, stiffnesses = blocks_of(results.folder)["Robots and data"].tables
+    assert "kr10_r1100_2" in stiffnesses.title
     assert [row[2] for row in stiffnesses.texts()] == ["1,100 ± 141"] * 2
 
 
@@ -118,6 +88,7 @@ def test_runs_stand_with_commit_command_and_results_also_of_one_without_a_manife
     assert (lost[0], lost[5]) == ("a run without a manifest", "2")
     assert provenance.folds[0][1] == "bench run"
     assert "commit: 0123456789abcdef" in provenance.folds[1][1]
+    assert {len(row[1]) for row in provenance.tables[1].texts()} == {64}
 
 
 def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(results):
@@ -132,18 +103,23 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
     assert [text for _, text in block.folds] == ["first\nlast <b>"] * 2
 
 
-def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
-    """One model alone, or samples that are missing."""
-    blocks = blocks_of(results.folder, models=("vjm",))
-    first, *_ = blocks.values()
-    assert [model.name for model in first.screen.models] == ["vjm"]
-    assert "Leaderboard" not in blocks and "Pairs of models" not in blocks
-    assert len(blocks["Scores"].tables[0].rows) == 2
-    change(results.folder, "DELETE FROM data")
+def test_details_are_folded_and_nothing_is_said_of_failures_where_there_are_none(results):
     blocks = blocks_of(results.folder)
-    first, *_ = blocks.values()
-    assert first.screen is None and first.texts[0].startswith("No answer: ")
-    assert "Leaderboard" not in blocks
+    folded = [heading for heading, block in blocks.items() if block.is_detail]
+    assert folded == ["Leaderboard", "Pairs of models", "Scores", "Provenance"]
+    assert "Failed and skipped" not in blocks
+
+
+def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
+    """One model alone is compared with the VJM; samples that are missing allow no answer."""
+    part = part_of(results.folder, models=("mlp",))
+    assert "nothing to rank" in part.reason
+    assert [row.name for row in part.answer.models] == ["vjm", "mlp"]
+    change(results.folder, "DELETE FROM data")
+    part = part_of(results.folder)
+    assert part.answer is None and part.reason.startswith("No answer: ")
+    blocks = {block.heading: block for block in part.blocks}
+    assert "Leaderboard" not in blocks and "Pairs of models" not in blocks
     assert len(blocks["Scores"].tables[0].rows) == 6
 
 
@@ -169,28 +145,31 @@ def test_a_figure_that_cannot_be_drawn_is_left_out(results, monkeypatch, error):
 
         return Prepared("drawn", "of nothing", Figure)
 
-    figures = {"losses": broken, "springs": whole, "errors": whole}
+    figures = {"losses": broken, "springs": whole, "scores": whole}
     monkeypatch.setattr(gather, "FIGURES", figures)
-    pictures = blocks_of(results.folder)["Figures"].pictures
-    general, *by_data = pictures
-    assert general.dataset == "" and "bench figure springs " in general.command
-    assert [picture.dataset for picture in by_data] == [*TWINS[:2]]
-    assert all("bench figure errors " in one.command for one in by_data)
-    assert all(f"--dataset {one.dataset}" in one.command for one in by_data)
+    (first, second) = blocks_of(results.folder)["Figures"].pictures
+    assert first.title == "drawn" and "bench figure springs " in first.command
+    assert "bench figure scores " in second.command
 
 
-def test_measured_data_come_first_and_few_comparisons_have_figures_of_their_own(
-    tmp_path, monkeypatch
-):
+def test_some_figures_are_drawn_for_each_data_set_and_protocol(results, monkeypatch):
     from matplotlib.figure import Figure
 
-    made = MadeResults(tmp_path)
-    for number in range(gather.MOST_CASES + 3):
-        made.add("vjm", [0.1], f"set-{number:02}")
-    made.add("vjm", [0.1], "own", kind="measured")
-    monkeypatch.setattr(gather, "FIGURES", {"errors": lambda _: Prepared("t", "c", Figure)})
-    shown = [picture.dataset for picture in blocks_of(made.folder)["Figures"].pictures]
-    assert shown[0] == "own" and len(shown) == gather.MOST_CASES
+    drawn = []
+
+    def of_cases(source):
+        drawn.append([case.name.dataset for case in source.cases])
+        return Prepared("drawn", "of something", Figure)
+
+    monkeypatch.setattr(gather, "FIGURES", {"scores": of_cases, "errors": of_cases})
+    results.add("vjm", [0.1, 0.2], "other")
+    block = blocks_of(results.folder)["Figures"]
+    assert drawn == [[*TWINS[:2], "other"], [TWINS[0]], ["other"]]
+    assert block.choices == {"data set": ["twin", "other"], "protocol": ["holdout"]}
+    assert "--dataset other --protocol holdout" in block.pictures[2].command
+    monkeypatch.setattr(gather, "MOST_CASES", 1)
+    block = blocks_of(results.folder)["Figures"]
+    assert len(block.pictures) == 2 and "first 1 of 2" in block.notes[0]
 
 
 def test_protocols_that_select_on_test_stand_apart(results):

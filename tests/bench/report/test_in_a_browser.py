@@ -1,26 +1,32 @@
-"""The page in a real browser: the answer first, at three widths, on paper, for screen readers."""
+"""The page in a real browser: the answer first, on screen, phone and paper; it loads nothing."""
 
 from __future__ import annotations
 
 import base64
 import io
+import re
 import shutil
+from collections import Counter
+from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-from helpers.made_results import TWINS, MadeResults
+from helpers.made_results import TWINS, MadeResults, made_data
+from stiff_bench.figures.figure_catalog import FIGURES
+from stiff_bench.report import report_content
 from stiff_bench.report.report_content import PageOptions, write_report
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PROGRAM, DRIVER = next(filter(None, map(shutil.which, BROWSERS)), ""), shutil.which("chromedriver")
+PACKAGES = ("selenium", "pypdf", "axe_core_python")
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.xdist_group("browser"),  # a browser takes seconds to start
     pytest.mark.skipif(
-        not (PROGRAM and DRIVER and find_spec("selenium")),
-        reason=f"needs selenium, chromedriver and one of {', '.join(BROWSERS)}",
+        not (PROGRAM and DRIVER and all(map(find_spec, PACKAGES))),
+        reason=f"needs {', '.join(PACKAGES)}, chromedriver and one of {', '.join(BROWSERS)}",
     ),
 ]
 FLAGS = (
@@ -34,7 +40,7 @@ HACKS = (
 )
 N_MORE = 30  # models, so that a table has a second page
 PHONE, TABLET, DESKTOP = (390, 844), (768, 1024), (1400, 900)
-N_SETS, SMALL_MODELS = 4, ("vjm", "vjm-full", "vjm-gp", "gp", "knn")
+SIZES = pytest.mark.parametrize("size", [PHONE, TABLET, DESKTOP], ids=lambda size: f"{size[0]} px")
 
 
 @pytest.fixture(scope="module")
@@ -55,20 +61,36 @@ def page(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory) -> Path:
-    """The page of 5 models on 4 data sets under 2 protocols, one of them with two conditions."""
-    folder = tmp_path_factory.mktemp("small")
+def usual_page(tmp_path_factory) -> Path:
+    """Five models on four data sets under two protocols, with two figures."""
+    folder = tmp_path_factory.mktemp("usual")
     made = MadeResults(folder / "runs")
-    for number in range(N_SETS):
-        kind = {"kind": "measured" if number == 0 else "simulated", "caveats": ("made up",)}
-        for condition in ("", "heavier", "other way"):
-            protocol = "load-extrapolation" if condition else "holdout"
-            for place, model in enumerate(SMALL_MODELS):
-                errors = [0.111 * (1 + place) + 0.013 * number + 0.001 * n for n in range(3)]
-                made.add(model, errors, f"set-{number}", protocol, condition=condition, **kind)
+    keys = []
+    for number, dataset in enumerate(("robot-a", "robot-b", "robot-c", "robot-d")):
+        data = made_data(number)
+        for plan in (
+            {"protocol": "holdout"},
+            *({"protocol": "loads", "condition": text} for text in ("heavier", "other directions")),
+        ):
+            for place, model in enumerate(("vjm", "vjm-gp", "vjm-full", "gp", "knn")):
+                errors = [0.2 + 0.07 * place + 0.01 * number, 0.21 + 0.1 * place]
+                keys += made.add(model, errors, dataset, data=data, caveats=("a note",), **plan)
+    made.add_run("run-1", keys)
     output = folder / "report.html"
-    write_report([made.folder], PageOptions(), output, "bench report")
+    with pytest.MonkeyPatch.context() as patch:
+        drawn = {name: FIGURES[name] for name in ("scores", "errors")}
+        patch.setattr(report_content, "FIGURES", drawn)
+        write_report([made.folder], PageOptions(), output, "bench report")
     return output
+
+
+@pytest.fixture()
+def usual(browser, usual_page):
+    """The browser with the usual page, on a desktop."""
+    set_width(browser, *DESKTOP)
+    browser.get(usual_page.as_uri())
+    browser.refresh()  # get() of the same address with another fragment keeps the page
+    return browser
 
 
 @pytest.fixture(scope="module")
@@ -92,13 +114,15 @@ def ranks(browser, page):
     """The leaderboard's table, unfolded, as it is before anybody touches it."""
     set_width(browser, *DESKTOP)
     browser.get(page.as_uri())
-    (summary,) = (
-        one
-        for one in browser.find_elements("css selector", "details.block > summary")
-        if one.text == "Leaderboard"
+    browser.refresh()
+    unfold(browser)
+    return browser.find_element("css selector", "details.block table.widget")
+
+
+def unfold(browser):
+    browser.execute_script(
+        "for (const one of document.querySelectorAll('details')) one.open = true"
     )
-    summary.click()
-    return summary.find_element("xpath", "..").find_element("css selector", "table.widget")
 
 
 def set_width(browser, width, height):
@@ -170,122 +194,126 @@ def test_the_field_under_a_heading_filters_rows_by_text_or_bounds(
     assert shown == ["vjm"] if title == "model" else max(map(float, shown)) < 4.6
 
 
-@pytest.mark.parametrize("size", [PHONE, TABLET, DESKTOP], ids=["phone", "tablet", "desktop"])
-@pytest.mark.parametrize("name", ["page", "small"])
-def test_the_page_is_no_wider_than_the_screen_and_shows_every_picture(browser, request, name, size):
+WIDER = """
+    const inBox = (element) => element.parentElement.closest(".scroll") !== null;
+    return [...document.body.querySelectorAll("*")]
+        .filter((one) => one.getBoundingClientRect().right > arguments[0] + 1 && !inBox(one))
+        .map((one) => one.outerHTML.slice(0, 200));
+"""
+
+
+@SIZES
+def test_nothing_is_wider_than_the_screen_and_every_picture_is_shown(browser, ranks, size):
+    """Wide tables scroll in their own box on a desktop."""
     set_width(browser, *size)
-    browser.get(request.getfixturevalue(name).as_uri())
-    wide = browser.execute_script("return document.documentElement.scrollWidth")
-    assert wide <= size[0]
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= size[0]
+    assert browser.execute_script(WIDER, size[0]) == []
     widths = browser.execute_script(
         "return [...document.images].map((image) => image.naturalWidth)"
     )
     assert len(widths) > 2 and all(widths)
 
 
-def boxes(browser, selector):
-    """Return top and bottom of elements on the screen, px, and their widths."""
+def bottoms(browser, selector):
     script = """
-        return [...document.querySelectorAll(arguments[0])].map((one) => {
-            const box = one.getBoundingClientRect();
-            return [box.top, box.bottom, box.width];
-        });
+        return [...document.querySelectorAll(arguments[0])]
+            .map((one) => one.getBoundingClientRect()).filter((box) => box.height > 0)
+            .map((box) => box.bottom);
     """
     return browser.execute_script(script, selector)
 
 
-def test_the_first_screen_holds_the_answer_the_models_and_the_matrix(browser, small):
-    set_width(browser, *DESKTOP)
-    browser.get(small.as_uri())
-    (card,) = boxes(browser, ".answer")
-    models, matrix = boxes(browser, ".models tbody tr"), boxes(browser, ".matrix tbody tr")
-    assert len(models) == len(matrix) == len(SMALL_MODELS)
-    bottoms = [bottom for _, bottom, _ in (card, *models, *matrix)]
-    assert bottoms == sorted(bottoms) and bottoms[-1] <= DESKTOP[1]
-    charts = boxes(browser, ".models tbody .chart svg")
-    assert len(charts) == len(SMALL_MODELS) and all(width > 150 for *_, width in charts)
+def test_the_answer_the_models_and_the_matrix_stand_on_the_first_screen(usual):
+    (card,) = bottoms(usual, ".card")
+    charts = bottoms(usual, ".models td.chart svg[role=img]")
+    matrix = bottoms(usual, ".matrix tbody tr")
+    assert len(charts) == 5 and len(matrix) >= 5
+    assert card < charts[0] and charts[-1] < matrix[0]
+    assert matrix[-1] <= DESKTOP[1]
 
 
-def test_the_matrix_has_colours_by_the_ratio_and_a_bold_best(browser, small):
-    browser.get(small.as_uri())
-    script = """
-        return [...document.querySelectorAll(".matrix tbody tr")].map((row) => ({
-            name: row.cells[0].innerText,
-            ground: getComputedStyle(row.cells[1]).backgroundColor,
-            bold: row.cells[1].querySelector("strong") !== null,
-        }));
-    """
-    rows = browser.execute_script(script)
-    assert [row["name"] for row in rows] == list(SMALL_MODELS)
-    assert [row["bold"] for row in rows] == [True, *[False] * 4]
-    assert rows[0]["ground"] != rows[-1]["ground"]
+def test_of_many_models_the_best_ten_are_shown_until_all_are_asked_for(browser, ranks):
+    browser.execute_script("document.querySelector('details.all').open = false")
+    for table in (".models", ".matrix"):
+        assert len(bottoms(browser, f"{table} tbody tr:not(.noise)")) == 10
+    browser.find_element("css selector", "details.all summary").click()
+    for table in (".models", ".matrix"):
+        assert len(bottoms(browser, f"{table} tbody tr:not(.noise)")) > N_MORE
 
 
-def test_on_a_phone_rows_are_cards_that_name_their_columns(browser, small):
-    set_width(browser, *PHONE)
-    browser.get(small.as_uri())
-    script = """
-        const cell = document.querySelector(".matrix tbody td");
-        return [getComputedStyle(document.querySelector(".matrix thead")).display,
-                getComputedStyle(cell, "::before").content, cell.dataset.label];
-    """
-    head, before, label = browser.execute_script(script)
-    assert head == "none" and label in before and label.startswith("set-0")
+def test_tables_are_cards_on_a_phone_and_each_cell_names_its_column(usual):
+    set_width(usual, *PHONE)
+    labels = usual.execute_script(
+        """return [...document.querySelectorAll(".matrix td[data-label]")]
+               .map((cell) => getComputedStyle(cell, "::before").content)"""
+    )
+    assert {'"robot-a | holdout"', '"robot-d | loads | heavier"'} <= {*labels}
+    assert bottoms(usual, ".matrix thead") == []
+    left, right = usual.execute_script(
+        """const box = document.querySelector(".models td.chart svg").getBoundingClientRect();
+           return [box.left, box.right]"""
+    )
+    assert 0 <= left < right <= PHONE[0]
 
 
-def test_a_menu_shows_the_figures_of_one_data_set_and_without_scripts_all_are_there(browser, small):
+def test_a_choice_shows_the_figures_of_one_data_set_and_protocol(usual):
     from selenium.webdriver.support.select import Select
 
-    set_width(browser, *DESKTOP)
-    browser.get(small.as_uri())
-    figures = browser.find_elements("css selector", ".by-data figure")
-    datasets = {figure.get_attribute("data-dataset") for figure in figures}
-    assert len(datasets) == N_SETS and " hidden" not in small.read_text().split("by-data")[1][:200]
-    for name in sorted(datasets):
-        menu = browser.find_element("css selector", ".chooser select")
-        Select(menu).select_by_visible_text(name)
-        shown = [one.get_attribute("data-dataset") for one in figures if one.is_displayed()]
-        assert shown and set(shown) == {name}
+    def shown():
+        return len(bottoms(usual, "figure.one-case"))
+
+    selects = usual.find_elements("css selector", ".choices select")
+    dataset, protocol = map(Select, selects)
+    assert shown() == 1
+    dataset.select_by_visible_text("robot-c")
+    (figure,) = (
+        one for one in usual.find_elements("css selector", "figure.one-case:not([hidden])")
+    )
+    assert figure.get_attribute("data-dataset") == "robot-c"
+    protocol.select_by_visible_text("all")
+    assert shown() == 3
+    dataset.select_by_visible_text("all")
+    assert shown() == 12
 
 
-def test_on_paper_every_number_of_the_matrix_is_text_on_at_most_six_pages(browser, small):
+def test_a_link_opens_the_folded_block_that_it_leads_to(usual):
+    (link,) = (
+        one for one in usual.find_elements("css selector", ".chips a") if one.text == "Provenance"
+    )
+    link.click()
+    opened = usual.find_elements("css selector", "details.block[open] h3")
+    assert [one.text for one in opened] == ["Provenance"]
+
+
+def test_the_print_has_few_pages_in_landscape_with_every_number_of_the_matrix(usual):
     from pypdf import PdfReader
 
-    set_width(browser, *DESKTOP)
-    browser.get(small.as_uri())
-    numbers = browser.execute_script(
-        'return [...document.querySelectorAll(".matrix tbody td")].map((one) => one.innerText)'
+    cells = usual.execute_script(
+        """return [...document.querySelectorAll(".matrix tbody td")]
+               .map((one) => one.textContent)"""
     )
-    printed = browser.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True})
+    printed = usual.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True})
     pages = PdfReader(io.BytesIO(base64.b64decode(printed["data"]))).pages
-    words = " ".join(one.extract_text() for one in pages).split()
-    assert len(pages) <= 6 and len(numbers) == 3 * N_SETS * len(SMALL_MODELS)
-    box = pages[0].mediabox
-    assert box.width > box.height  # landscape
-    for number in set(numbers):
-        assert words.count(number) >= numbers.count(number)
+    assert len(pages) <= 6
+    assert all(page.mediabox.width > page.mediabox.height for page in pages)
+    numbers = Counter(re.findall(r"\d+\.\d+", "\n".join(page.extract_text() for page in pages)))
+    wanted = Counter(filter(re.compile(r"\d").search, cells))
+    assert wanted.total() >= 5 * 12
+    assert not wanted - numbers
 
 
-@pytest.mark.parametrize("size", [PHONE, DESKTOP], ids=["phone", "desktop"])
-@pytest.mark.parametrize("name", ["page", "small"])
-def test_axe_finds_nothing(browser, request, name, size):
-    """Folded parts are opened, so that they are looked at too."""
-    import axe_core_python
-
-    script = Path(axe_core_python.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
-    set_width(browser, *size)
-    browser.get(request.getfixturevalue(name).as_uri())
-    browser.execute_cdp_cmd("Runtime.evaluate", {"expression": script})  # past the page's policy
-    found = browser.execute_async_script(
-        """
-        const done = arguments[arguments.length - 1];
-        for (const one of document.querySelectorAll("details")) one.open = true;
-        axe.run(document).then((found) => done(found.violations.map(
-            (one) => `${one.id}: ${one.nodes.map((node) => node.html.slice(0, 90)).slice(0, 3)}`
-        )));
-        """
-    )
-    assert found == []
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing(usual, scheme):
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    usual.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    unfold(usual)
+    axe = files("axe_core_python").joinpath("axe.min.js").read_text(encoding="utf-8")
+    usual.execute_cdp_cmd("Runtime.evaluate", {"expression": axe})  # the page's policy forbids it
+    run = {"expression": "axe.run()", "awaitPromise": True, "returnByValue": True}
+    result = usual.execute_cdp_cmd("Runtime.evaluate", run)["result"]["value"]
+    usual.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    found = [(one["id"], [n["html"] for n in one["nodes"][:3]]) for one in result["violations"]]
+    assert len(result["passes"]) > 10 and found == []
 
 
 def test_the_console_stays_silent_and_the_page_alone_is_loaded(browser, ranks, page):

@@ -6,11 +6,11 @@ import base64
 import hashlib
 import itertools
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
 
-from stiff_bench.analysis.answer_text import Sentence
 from stiff_bench.report.first_screen import (
     Chart,
     FirstScreen,
@@ -21,6 +21,7 @@ from stiff_bench.report.first_screen import (
 from stiff_bench.report.html_page import (
     MOST_ROWS,
     Block,
+    Part,
     Picture,
     page_table,
     render_page,
@@ -30,7 +31,7 @@ from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 HOSTILE = (
     "</script><script>hacked()</script><img src=http://evil.example onerror=hacked()>'\"&{{7*7}}"
 )
-VOID = {"meta", "link", "img", "input", "br", "wbr"}
+VOID = {"meta", "link", "img", "input", "br", "wbr", "line", "circle"}
 
 
 class Reader(HTMLParser):
@@ -54,6 +55,9 @@ class Reader(HTMLParser):
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
     def handle_data(self, data):
         if self.open and self.open[-1] in self.inside:
             self.inside[self.open[-1]][-1] += data
@@ -65,25 +69,25 @@ class Reader(HTMLParser):
 def made_page(text: str) -> str:
     table = Table(
         text,
-        [Column(text, "text"), Column("x", unit=text, format=".1f"), Column("y", by_sign=1)],
+        [Column(text, "text"), Column("x", unit=text, format=".1f"), Column("y", by_sign=True)],
         [[Name(text, text), Quantity(1.0, mark=text), 1], ["b", None, -1]],
         [text],
     )
     picture = Picture(text, text, "image/svg+xml", f"<svg>{text}</svg>".encode(), text)
-    screen = FirstScreen(
-        *(text, [Sentence(text, text)], [text], text, text, [(10.0, "1\u00d7")]),
-        models=[ModelRow(text, text, text, Chart(10.0, 5.0, 15.0, text), text, text, text)] * 12,
-        matrix_title=text,
-        matrix=[MatrixPart([(text, 1)], [text], [text], [(text, [MatrixCell(text)])], ())] * 2,
-        more=text,
-        notes=[text],
-    )
-    first = Block(text, screen=screen)
-    of_data = picture._replace(dataset=text, protocol=text)
-    pictures = [picture, of_data]
-    block = Block(text, [text], [table], pictures, [(text, text)], [text], text, folded=True)
-    parts = {text: [first, block, Block("plain", [text])], "other": [Block("none", [text])]}
-    return render_page(parts, text)
+    pictures = [picture, picture._replace(dataset=text, protocol=text)]
+    block = Block(text, [text], [table], pictures, [(text, text)], [text], text)
+    part = Part(text, made_screen(text), text, [text], [block, replace(block, is_detail=True)])
+    return render_page({text: part, "other": Part("other", blocks=[Block("plain")])}, text)
+
+
+def made_screen(text: str) -> FirstScreen:
+    rows = [ModelRow(text, text, text, Chart(1.0, 0.5, 2.0, text), text, text, text)] * 11
+    cells = [MatrixCell(text, "less-1", True), MatrixCell(text)]
+    columns = [[(text, 2)], [(text, 1), (text, 1)], [text, text], [text, text]]
+    matrix = MatrixPart(*columns, [(text, cells)] * 11, cells)
+    ticks = [(0.5, "1x")]
+    answer = [(text, text)]
+    return FirstScreen(text, answer, [text], text, text, ticks, rows, text, [matrix] * 2, text)
 
 
 @pytest.fixture(scope="module")
@@ -205,6 +209,6 @@ def test_a_table_of_the_page_has_what_its_readers_can_see():
 
 
 def test_a_cell_is_coloured_by_the_sign_of_its_number():
-    table = Table("t", [Column("x", by_sign=1)], [[-1], [-0.0], [0], [1e-20], [None]])
+    table = Table("t", [Column("x", by_sign=True)], [[-1], [-0.0], [0], [1e-20], [None]])
     styles = [row[0][2] for row in page_table(table)["rows"]]
     assert styles == ["number worse", "number", "number", "number better", "number"]
