@@ -20,7 +20,7 @@ from stiff_bench.analysis.verdict import Verdict
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.metric_table import number_format
 from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, Table
-from stiff_bench.tables.units import PRINTED, counted, first_few, percent
+from stiff_bench.tables.units import PRINTED, counted, duration, first_few, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.paired import LEVEL
 
@@ -158,8 +158,9 @@ def sentences(answer: Answer) -> list[Sentence]:
     span = change(best.ratio)
     if len(answer.cases) > 1:
         most, least = change(best.smallest), change(best.largest)
-        same = most.split()[-1] == least.split()[-1] == "less"
-        span = f"{least.split()[0]} to {most}" if same else f"{most} to {least}"
+        same = most.split()[-1] == least.split()[-1]
+        nearer, farther = (least, most) if best.largest <= 1.0 else (most, least)
+        span = f"{nearer.split()[0]} to {farther}" if same else f"{most} to {least}"
     remaining = f"{errors[0]:.2f}" if len(errors) == 1 else f"{errors[0]:.2f} to {errors[-1]:.2f}"
     lines = [
         Sentence("How sure", sure),
@@ -176,7 +177,7 @@ def _exceptions(answer: Answer, model: str) -> str:
     parts = []
     for column in answer.columns:
         rival = answer.best_of(column)
-        if rival in (None, model) or rival is None:
+        if rival is None or rival in (model, REFERENCE_MODEL):
             continue
         if all(answer.verdict(rival, case, model) == "a" for case in column.cases):
             errors = [answer.column_error(name, column) for name in (rival, model)]
@@ -288,7 +289,11 @@ def model_table(answer: Answer) -> Table:
             Column("better", value=lambda model: model.counts["a"]),
             Column("worse", value=lambda model: model.counts["b"]),
             Column("open", value=lambda model: model.counts["open"] + model.counts["equivalent"]),
-            Column("fit", unit="s", format=".3g", value=lambda model: model.fit_s),
+            Column(
+                *("fit", "number", "s"),
+                format=lambda fit: duration(fit.value),
+                value=lambda model: model.fit_s,
+            ),
         ],
         answer.models,
         [sentence.text for sentence in sentences(answer)],

@@ -13,11 +13,10 @@ from stiff_bench.analysis.answer import NOISE_FLOOR, Answer
 from stiff_bench.analysis.answer_text import MATRIX_FORMAT, headline, matrix_table, sentences
 from stiff_bench.analysis.scored_case import ScoredCase
 from stiff_bench.analysis.verdict import DISAGREEMENTS, Estimate, disagreement
-from stiff_bench.store.names import grouped
 from stiff_bench.tables.fit_notes import outcome_notes
 from stiff_bench.tables.metric_table import mark_of, metric_values
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
-from stiff_bench.tables.terminal import print_lines, print_table, screen_console, screen_of
+from stiff_bench.tables.terminal import WORSE, print_lines, print_table, screen_console, screen_of
 from stiff_bench.tables.units import MM, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import CellResult
@@ -176,29 +175,9 @@ def _range(numbers: Sequence[int]) -> str:
     return f"{low}" if low == high else f"{low} to {high}"
 
 
-def _skipped(cases: Sequence[ScoredCase]) -> str:
-    """Return in one line which models were skipped and why; "" for none."""
-    reasons = {
-        (competitor.name, " ".join(failure.failure.split()))
-        for case in cases
-        for competitor in case.case.competitors.values()
-        for failure in competitor.failures.values()
-        if failure.status == "skipped"
-    }
-    models = grouped(sorted(reasons), lambda pair: pair[1])
-    parts = [f"{', '.join(name for name, _ in of)} ({reason})" for reason, of in models.items()]
-    return f"Skipped: {'; '.join(parts)}." if parts else ""
-
-
 def case_notes(case: ScoredCase) -> list[str]:
-    """Return caveats of the data, warnings of fits and reasons of failures."""
-    every = [
-        [
-            *competitor.done.values(),
-            *(f for f in competitor.failures.values() if f.status == "failed"),
-        ]
-        for competitor in case.case.competitors.values()
-    ]
+    """Return caveats of the data, choices and warnings of fits."""
+    every = [list(competitor.done.values()) for competitor in case.case.competitors.values()]
     outcomes = [note for of_model in every if of_model for note in outcome_notes(of_model)]
     presentation = case.case.shown
     return [*filter(None, [presentation.warning]), *outcomes, *presentation.caveats]
@@ -208,6 +187,7 @@ def answer_screen(
     answer: Answer,
     facts: str = "",
     *,
+    failures: Sequence[str] = (),
     options: str = "",
     verbose: bool = False,
     console: Console | None = None,
@@ -219,6 +199,7 @@ def answer_screen(
     Args:
         answer: at least one comparison.
         facts: what was run, and where it is stored.
+        failures: which fits have no result, and why.
         options: of the next commands, after a space, such as " --results my/runs".
         verbose: with every note.
         console: of `screen_console`; None: that of the terminal.
@@ -238,12 +219,20 @@ def answer_screen(
     else:
         print_lines(console, verdict_sentence(answer, single_case), style="bold")
     print_lines(console, f"{case_facts(single_case)} {facts}" if single_case else facts)
-    listed = [_skipped(answer.cases), *chain(*map(case_notes, answer.cases))]
+    for line in failures:
+        print_lines(console, line, style=WORSE)
+    listed = list(chain(*map(case_notes, answer.cases)))
     notes = Table("", (), (), listed, brief=not verbose).shown()
     for note in notes.notes:
         print_lines(console, note, style="dim")
     best = next((model.name for model in answer.models if model.name != REFERENCE_MODEL), "")
-    compared = f"bench compare {shlex.quote(best)} {REFERENCE_MODEL}{options} · " if best else ""
-    report = f"bench report{options} --output report.html"
-    print_lines(console, f"Next: {compared}{report} · more metrics: --metric stde", style="dim")
+    next_steps = [
+        *([f"bench compare {shlex.quote(best)} {REFERENCE_MODEL}{options}"] if best else []),
+        f"bench report{options} --output report.html",
+        "more metrics: --metric stde",
+    ]
+    line = f"Next: {' · '.join(next_steps)}"
+    if len(line) > console.width:  # a command is not broken
+        line = "\n      ".join([f"Next: {next_steps[0]}", *next_steps[1:]])
+    console.print(line, style="dim", soft_wrap=True)
     return screen_of(console)

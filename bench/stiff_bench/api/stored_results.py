@@ -16,6 +16,7 @@ from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
 from stiff_bench.api.tables import Comparison, Tables, screen, short_table
 from stiff_bench.store.database import read_results
+from stiff_bench.tables.fit_notes import failure_lines
 from stiff_bench.tables.metric_table import build_tables, metric_lines
 from stiff_bench.tables.table import SCREEN
 from stiff_bench.tables.units import MM, counted, first_few
@@ -261,7 +262,8 @@ class Results:
             return "\n".join([self.table(verbose=verbose).text_as(SCREEN), *facts])
         options = "" if self.folder == RESULTS else f" --results {shlex.quote(str(self.folder))}"
         text = ". ".join([*facts, ""]).strip()
-        return answer_screen(answer, text, options=options, verbose=verbose)
+        failures = failure_lines(self.cells)
+        return answer_screen(answer, text, failures=failures, options=options, verbose=verbose)
 
     def plot(self, name: str = "scores") -> Prepared:
         """Return a figure of the results; see `figure` and `list_figures`."""

@@ -131,7 +131,9 @@ def execute(
     """Compute a run and print its tables; return 1 if a cell failed or was skipped, else 0."""
     results = run.compute()
     if fmt == SCREEN and not (paper or results.metrics):
-        print_text(results.screen(*summary(results), verbose=verbose), laid_out=True)
+        ended, *more = summary(results)
+        facts = [f"Fits: {ended.replace(';', ',')}", *more]
+        print_text(results.screen(*facts, verbose=verbose), laid_out=True)
     else:
         print_tables(results.table(verbose=verbose), fmt)
         say_summary(results)

@@ -15,7 +15,7 @@ from stiff_bench.analysis.answer import Answer, MatrixColumn, ModelAnswer
 from stiff_bench.analysis.answer_text import Sentence, headline, sentences
 from stiff_bench.tables.metric_table import number_format
 from stiff_bench.tables.table import Name
-from stiff_bench.tables.units import PRINTED, counted, percent
+from stiff_bench.tables.units import PRINTED, counted, duration, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.paired import LEVEL
 
@@ -206,7 +206,7 @@ def _model_row(answer: Answer, model: ModelAnswer, axis: Axis) -> ModelRow:
         _chart(model, axis),
         f"{model.counts['a']} / {tested}" if tested else "-",
         f"{model.counts['b']}" if tested else "-",
-        _time(model.fit_s),
+        duration(model.fit_s),
     )
 
 
@@ -219,23 +219,6 @@ def _chart(model: ModelAnswer, axis: Axis) -> Chart | None:
     low, high = (model.ratio if bound is None else bound for bound in bounds)
     text = f"{model.ratio:.2f} times the VJM's error, {low:.2f} to {high:.2f}"
     return Chart(axis.at(model.ratio), axis.at(low), axis.at(high), text)
-
-
-def _time(seconds: float | None) -> str:
-    """Return a fit's time for people.
-
-    >>> _time(0.0123), _time(1.53), _time(754.0)
-    ('12 ms', '1.5 s', '13 min')
-    """
-    if seconds is None:
-        return "-"
-    if seconds < 1.0:
-        return f"{_short(1000.0 * seconds)} ms"
-    return f"{_short(seconds)} s" if seconds < 99.0 else f"{seconds / 60.0:.0f} min"
-
-
-def _short(number: float) -> str:
-    return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
 def ratio_style(ratio: float | None) -> str:

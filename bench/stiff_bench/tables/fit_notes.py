@@ -8,8 +8,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import Column, Entry, Quantity, Table
-from stiff_bench.tables.units import percent
+from stiff_bench.tables.units import counted, first_few, percent
 from stiff_protocols.contract.plugin import in_words
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.springs.identification import IdentifiedSprings
@@ -91,6 +92,17 @@ def outcome_notes(results: Sequence[CellResult]) -> list[str]:
     said = Counter((kind, " ".join(text.split())) for kind, text in messages)
     notes += [f"{kind}{_times(n, results)}: {text}" for (kind, text), n in said.items()]
     return [f"{shown.model}: {note}" for note in notes]
+
+
+def failure_lines(results: Iterable[CellResult]) -> list[str]:
+    """Return a line per reason for which fits have no result, with their models."""
+    failures = [result for result in results if result.status != "ok"]
+    lines = []
+    by_reason = grouped(failures, lambda one: (one.status.upper(), " ".join(one.failure.split())))
+    for (status, reason), of_reason in by_reason.items():
+        models = first_few(list(dict.fromkeys(result.shown.model for result in of_reason)))
+        lines.append(f"{status}: {models} ({counted(len(of_reason), 'fit')}): {reason}")
+    return lines
 
 
 def _times(n: int, results: Sequence[CellResult]) -> str:

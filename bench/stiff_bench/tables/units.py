@@ -41,3 +41,20 @@ def first_few(names: Sequence[str], most: int = 3) -> str:
     """
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return f"{', '.join(names[:most])}{more}"
+
+
+def duration(seconds: float | None) -> str:
+    """Return a time in s as ms, s or min, with two digits.
+
+    >>> duration(0.0123), duration(1.53), duration(754.0)
+    ('12 ms', '1.5 s', '13 min')
+    """
+    if seconds is None:
+        return "-"
+    if seconds < 1.0:
+        return f"{_short(1000.0 * seconds)} ms"
+    return f"{_short(seconds)} s" if seconds < 99.0 else f"{seconds / 60.0:.0f} min"
+
+
+def _short(number: float) -> str:
+    return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"

@@ -139,3 +139,31 @@ def test_a_metric_whose_larger_values_are_better_has_no_ratio(made):
     add_robot(made, 0, 0.5)
     answer = Answer.of(StoredResults.read(made.folder), sort_key("r2", None))
     assert model_of(answer, "net").ratio is None and "net" in headline(answer)
+
+
+@pytest.mark.parametrize(
+    ("ratios", "text"),
+    [
+        ((0.5, 0.8), "20 to 50 % less"),
+        ((1.2, 1.6), "20 to 60 % more"),
+        ((0.5, 1.2), "50 % less to 20 % more"),
+    ],
+)
+def test_the_gain_is_a_range_over_comparisons_from_the_smaller_to_the_larger_change(
+    made, ratios, text
+):
+    for number, ratio in enumerate(ratios):
+        add_robot(made, number, ratio)
+    gain = next(one.text for one in sentences(answer_of(made)) if one.label == "Gain")
+    assert gain.startswith(f"{text} error than the VJM")
+
+
+def test_another_model_that_is_better_somewhere_is_named(made):
+    for number, ratio, factor in ((0, 0.5, 5.0), (1, 0.6, 0.1)):
+        add_robot(made, number, ratio)
+        data = made_data(number)
+        data = replace(data, robot=replace(data.robot, name=f"robot-{number}"))
+        made.add("other", [factor * error for error in VJM_MM], f"arm-{number}", data=data)
+    texts = {one.label: one.text for one in sentences(answer_of(made))}
+    assert texts["How sure"].startswith("net ")
+    assert "arm-1 other is better" in texts["But"] and "arm-0" not in texts["But"]
