@@ -117,18 +117,13 @@ class FirstScreen:
     matrix: Sequence[MatrixPart]
     more: str = ""
 
-    @property
-    def one(self) -> float:
-        """Position of the VJM on the axis, px."""
-        return next(at for at, label in self.ticks if label == "1x")
-
 
 def first_screen(answer: Answer) -> FirstScreen:
     """Return the texts and chart positions of an answer."""
     ratios = [
         ratio
-        for one in answer.models
-        for ratio in (one.ratio, one.low, one.high, one.smallest, one.largest)
+        for model in answer.models
+        for ratio in (model.ratio, model.low, model.high, model.smallest, model.largest)
         if ratio is not None
     ]
     axis = Axis.over(ratios)
@@ -148,7 +143,7 @@ def first_screen(answer: Answer) -> FirstScreen:
         f"median {answer.key.metric.label}{f' [{unit}]' if unit else ''}",
         _chart_heading(answer),
         axis.ticks,
-        [_model_row(answer, one, axis) for one in answer.models],
+        [_model_row(answer, model, axis) for model in answer.models],
         f"{answer.key.text} by data set and protocol",
         [
             _matrix_part(answer, answer.columns[first : first + FIRST_COLUMNS])
@@ -240,14 +235,18 @@ CLEAR_ERROR = 0.05
 def _number_format(answer: Answer) -> str:
     """Return how scores are written: mm with two decimals where no error is too small."""
     unit, factor = PRINTED[answer.key.metric.unit]
-    errors = [answer.column_error(m.name, one) for m in answer.models for one in answer.columns]
+    errors = [
+        answer.column_error(model.name, column)
+        for model in answer.models
+        for column in answer.columns
+    ]
     smallest = min((factor * error for error in errors if error is not None), default=0.0)
     is_clear = unit == "mm" and smallest >= CLEAR_ERROR
     return ".2f" if is_clear else number_format(answer.key.metric)
 
 
 def _spans(headings: Sequence[tuple[str, ...]]) -> list[tuple[str, int]]:
-    """Return the last text of each heading, and how many neighbours share the heading."""
+    """Return the last text of each heading, and the number of neighbours that share the heading."""
     return [(heading[-1], len(list(same))) for heading, same in groupby(headings)]
 
 
@@ -259,13 +258,17 @@ def _matrix_part(answer: Answer, columns: Sequence[MatrixColumn]) -> MatrixPart:
         return "-" if error is None else f"{factor * error:{written}}"
 
     best = [answer.best_of(column) for column in columns]
-    datasets = [f"{one.dataset} (measured)" if one.is_measured else one.dataset for one in columns]
+    datasets = [
+        f"{column.dataset} (measured)" if column.is_measured else column.dataset
+        for column in columns
+    ]
+    conditions = [column.condition for column in columns]
     floors = [answer.column_noise(column) for column in columns]
     return MatrixPart(
         _spans([(name,) for name in datasets]),
-        _spans([(name, one.protocol) for name, one in zip(datasets, columns, strict=True)]),
-        [one.condition for one in columns] if any(one.condition for one in columns) else [],
-        [one.text for one in columns],
+        _spans([(name, column.protocol) for name, column in zip(datasets, columns, strict=True)]),
+        conditions if any(conditions) else [],
+        [column.text for column in columns],
         [
             (
                 str(Name(model.name, model.mark)),

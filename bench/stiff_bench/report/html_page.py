@@ -40,7 +40,7 @@ class Picture(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """What stands under one heading; `command` prints the same as the tables, "" for none.
+    """Content under one heading; `command` prints the same as the tables, "" for none.
 
     `folds` are texts that are folded away, such as a log, each with its summary. `is_detail`: the
     whole block is folded away, and not printed.
@@ -58,10 +58,10 @@ class Block:
     @property
     def choices(self) -> dict[str, list[str]]:
         """Data sets and protocols of the pictures that show one; empty where none does."""
-        of_one = [one for one in self.pictures if one.dataset]
+        by_data = [picture for picture in self.pictures if picture.dataset]
         kinds = {
-            "data set": dict.fromkeys(one.dataset for one in of_one),
-            "protocol": dict.fromkeys(one.protocol for one in of_one),
+            "data set": dict.fromkeys(picture.dataset for picture in by_data),
+            "protocol": dict.fromkeys(picture.protocol for picture in by_data),
         }
         return {kind: [*names] for kind, names in kinds.items() if names}
 

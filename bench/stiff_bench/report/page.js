@@ -86,6 +86,13 @@ for (const choices of document.querySelectorAll(".choices")) {
         type: cell.classList.contains("number") ? "measured" : "string",
       })),
     });
+    const title = element.caption.textContent;
+    const namePages = () => {
+      const pages = element.closest(".dt-container")?.querySelector(".dt-paging nav");
+      pages?.setAttribute("aria-label", `Pages of: ${title}`);
+    };
+    table.on("draw", namePages);
+    namePages();
     addFilters(table, element, headings);
     // the table alone scrolls sideways, not the fields around it
     const inner = element.closest(".dt-layout-table");

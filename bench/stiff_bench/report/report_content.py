@@ -86,7 +86,7 @@ def part_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> Part:
     except (ConfigError, StoreError) as error:
         reasons.append(f"No ranking: {str(error).removesuffix('.')}.")
     asked = {
-        case: [one for name, one in case.competitors.items() if selection.takes(name)]
+        case: [model for name, model in case.competitors.items() if selection.takes(name)]
         for case in chosen
     }
     data_of = shown.data_of
@@ -114,15 +114,15 @@ def part_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> Part:
 
 def _facts(stored: StoredResults, asked: Asked) -> str:
     """Return folder, date of the newest run, and how much there is, in one line."""
-    cases, competitors = [*asked], [one for of_case in asked.values() for one in of_case]
-    failures = [failure for one in competitors for failure in one.failures.values()]
+    cases, competitors = [*asked], [model for of_case in asked.values() for model in of_case]
+    failures = [failure for model in competitors for failure in model.failures.values()]
     n_skipped = sum(failure.status == "skipped" for failure in failures)
     n_failed = len(failures) - n_skipped
     numbers = {
-        "model": len({one.name for one in competitors}),
+        "model": len({model.name for model in competitors}),
         "data set": len({family_of(case.name) for case in cases}),
         "protocol": len({case.name.protocol for case in cases}),
-        "fit": sum(len(one.done) for one in competitors) + n_failed,
+        "fit": sum(len(model.done) for model in competitors) + n_failed,
     }
     dates = [run.started[: len("2026-01-01")] for run in stored.runs if run.started]
     skipped = [f"{n_skipped} skipped"] if n_skipped else []
@@ -177,7 +177,7 @@ def _figure_block(
             if name in FIGURES:
                 picture = _picture(name, of_case, replace(choice, selection=selection))
                 pictures.append(picture and picture._replace(dataset=column.dataset, protocol=plan))
-    drawn = [one for one in pictures if one]
+    drawn = [picture for picture in pictures if picture]
     notes = []
     if len(columns) > MOST_CASES:
         notes.append(

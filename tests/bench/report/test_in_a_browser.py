@@ -303,15 +303,20 @@ def test_the_print_has_few_pages_in_landscape_with_every_number_of_the_matrix(us
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing(usual, scheme):
+@pytest.mark.parametrize("size", [PHONE, DESKTOP], ids=lambda size: f"{size[0]} px")
+@pytest.mark.parametrize("name", ["page", "usual_page"])
+def test_axe_finds_nothing(browser, request, name, size, scheme):
+    """Folded parts are opened, so that they are looked at too."""
+    set_width(browser, *size)
+    browser.get(request.getfixturevalue(name).as_uri())
     features = [{"name": "prefers-color-scheme", "value": scheme}]
-    usual.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
-    unfold(usual)
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    unfold(browser)
     axe = files("axe_core_python").joinpath("axe.min.js").read_text(encoding="utf-8")
-    usual.execute_cdp_cmd("Runtime.evaluate", {"expression": axe})  # the page's policy forbids it
+    browser.execute_cdp_cmd("Runtime.evaluate", {"expression": axe})  # the page's policy forbids it
     run = {"expression": "axe.run()", "awaitPromise": True, "returnByValue": True}
-    result = usual.execute_cdp_cmd("Runtime.evaluate", run)["result"]["value"]
-    usual.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    result = browser.execute_cdp_cmd("Runtime.evaluate", run)["result"]["value"]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
     found = [(one["id"], [n["html"] for n in one["nodes"][:3]]) for one in result["violations"]]
     assert len(result["passes"]) > 10 and found == []
 
