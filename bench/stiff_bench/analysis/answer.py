@@ -81,7 +81,7 @@ class MatrixColumn(BriefFields):
 
     @property
     def is_measured(self) -> bool:
-        """Whether its data were measured."""
+        """True for measured data."""
         return _is_measured(self.cases[0])
 
     @property
@@ -118,7 +118,7 @@ class Answer(BriefFields):
         *,
         seed: int = 0,
     ) -> Answer:
-        """Score the models of stored results.
+        """Score models in stored results.
 
         Results that select on the test part, or report training samples, count only where there
         are no others.
@@ -170,7 +170,7 @@ class Answer(BriefFields):
 
     @cached_property
     def columns(self) -> tuple[MatrixColumn, ...]:
-        """Columns of the matrix, measured data sets first; those of a data set are neighbours."""
+        """Columns of the matrix, measured data sets first; one data set after the other."""
         by_heading = grouped(
             self.cases, lambda case: (family_of(case.name), case.name.protocol, case.name.condition)
         )
@@ -179,12 +179,12 @@ class Answer(BriefFields):
         return tuple(sorted(columns, key=lambda column: order.index(column.dataset)))
 
     def column_error(self, model: str, column: MatrixColumn) -> float | None:
-        """Return a model's mean score over a column's comparisons; None: it lacks one."""
+        """Return a model's mean score over a column's comparisons; None: one is missing."""
         errors = [error for case in column.cases if (error := self.error(model, case)) is not None]
         return float(np.mean(errors)) if len(errors) == len(column.cases) else None
 
     def column_ratio(self, model: str, column: MatrixColumn) -> float | None:
-        """Return the geometric mean of error / VJM's error over a column; None: it lacks one."""
+        """Return the geometric mean of error / VJM's error over a column; None: one is missing."""
         ratios = [self.ratio(model, case) for case in column.cases]
         known_ratios = [ratio for ratio in ratios if ratio is not None]
         return (
@@ -230,7 +230,7 @@ class Answer(BriefFields):
         return case.mean(model) if model in case.scores else None
 
     def ratio(self, model: str, case: ScoredCase) -> float | None:
-        """Return error / VJM's error; None where one of them has none or it is no error."""
+        """Return error / VJM's error; None: one is missing, or the score is not an error."""
         error, reference = self.error(model, case), self.error(REFERENCE_MODEL, case)
         if error is None or not reference or error <= 0.0 or self.key.sign < 0.0:
             return None

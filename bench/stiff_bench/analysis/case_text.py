@@ -32,7 +32,7 @@ _METRICS = tuple(METRICS[key] for key in ("norm", "mae", "norm-p95", "norm-max",
 
 @dataclass(frozen=True)
 class _Row:
-    """What a row of the table is of: results of a model, or of what a simulation knows."""
+    """A row of the table: results of a model, or a bound that a simulation knows."""
 
     name: Name
     results: Sequence[CellResult]
@@ -192,7 +192,7 @@ def answer_screen(
     verbose: bool = False,
     console: Console | None = None,
 ) -> str:
-    """Return an answer as a terminal shows it: a table, the verdict, facts, and what to do next.
+    """Return an answer as a terminal shows it: a table, the verdict, facts, and the next steps.
 
     One comparison is a table of its models; several are a matrix, and with `verbose` their tables.
 

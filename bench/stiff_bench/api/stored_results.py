@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,7 +18,7 @@ from stiff_bench.store.database import read_results
 from stiff_bench.tables.fit_notes import failure_lines
 from stiff_bench.tables.metric_table import build_tables, metric_lines
 from stiff_bench.tables.table import SCREEN
-from stiff_bench.tables.units import MM, counted, first_few
+from stiff_bench.tables.units import MM, first_few
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES
@@ -234,13 +233,12 @@ class Results:
         if len(answer.cases) == 1 and metric == "norm":
             (case,) = answer.cases
             table = case_text.case_table(answer, case, case_text.case_title(case))
-            notes = [case_text.case_facts(case), *case_text.case_notes(case)]
+            failures = failure_lines(self.cells)
+            notes = [case_text.case_facts(case), *failures, *case_text.case_notes(case)]
             text = case_text.verdict_sentence(answer, case)
             return Tables([replace(table, notes=notes, brief=True)], self.command, text)
-        failures = Counter(cell.shown.model for cell in self.cells if cell.status == "failed")
-        failed = [f"{model} ({counted(number, 'fit')})" for model, number in failures.items()]
         notes = [f"{label}: {text}" for label, text in answer_text.sentences(answer)]
-        notes += [f"Failed: {first_few(failed)}; frame() has the reasons."] * bool(failed)
+        notes += failure_lines(self.cells)
         matrix = answer_text.matrix_table(answer)
         where = first_few(matrix.headings()[1:])
         title = f"{answer.key.text} against the VJM's on {where}"

@@ -166,7 +166,8 @@ def robot_figure(arm: LoadedArm) -> Figure:
         axes.invert_xaxis()
     axes.set(xlabel=label, ylabel="z [m]")
     axes.locator_params(nbins=7)
-    lines = [f"{np.linalg.norm(one) * MM:.3g} mm ({what})" for what, one in arm.deflections.items()]
+    lengths = {what: np.linalg.norm(vector) * MM for what, vector in arm.deflections.items()}
+    lines = [f"{length:.3g} mm ({what})" for what, length in lengths.items()]
     axes.annotate(
         "\n".join(["deflection of the TCP", *(style.short(line) for line in lines)]),
         tuple(flat(loaded)[-1]),
@@ -200,9 +201,9 @@ class _Names:
         low, high = drawn.min(axis=0), drawn.max(axis=0)
         inch = float(((high - low) / (PANEL_INCH - 2.0 * MARGIN_INCH)).max())
         middle, half = 0.5 * (low + high), 0.5 * inch * PANEL_INCH
-        (left, bottom), (right, top) = middle - half, middle + half
-        axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-        ground = np.column_stack([np.linspace(left, right, 60), np.zeros(60)])
+        corners = np.stack([middle - half, middle + half])
+        axes.set(xlim=tuple(corners[:, 0]), ylim=tuple(corners[:, 1]), aspect="equal")
+        ground = np.column_stack([np.linspace(*corners[:, 0], 60), np.zeros(60)])
         return cls(axes, inch, np.concatenate([drawn, ground]))
 
     def write(self, text: str, place: FloatArray, **look: Any) -> None:
@@ -270,7 +271,7 @@ def robot_picture(
     model_name: str = "",
     row: int | None = None,
 ) -> Prepared:
-    """Return the picture of an arm at the pose and load of a sample.
+    """Draw an arm at a sample's pose and load.
 
     Args:
         samples: of the data set; at least one.
@@ -327,13 +328,13 @@ def _in_plane(vector: FloatArray, right: FloatArray) -> str:
 def _joint_compliances(
     samples: Samples, robot: Robot, model: Any, model_name: str
 ) -> tuple[FloatArray, str]:
-    """Return the (n_joints,) compliances of the joints, and where they come from.
+    """Return the (n_joints,) joint compliances, and their origin in words.
 
     They are the model's, or those of a VJM that is fitted to the samples.
     """
-    own = getattr(model, "springs_", None)
-    if isinstance(own, IdentifiedSprings) and own.names == robot.joint_names:
-        return own.compliance, f"stiffness ({model_name})"
+    joint_springs = getattr(model, "springs_", None)
+    if isinstance(joint_springs, IdentifiedSprings) and joint_springs.names == robot.joint_names:
+        return joint_springs.compliance, f"stiffness ({model_name})"
     choice = Choice.of(build_registry().model(REFERENCE_MODEL))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)  # such as joints that nothing turns

@@ -25,11 +25,11 @@ def made(tmp_path: Path) -> MadeResults:
     return MadeResults(tmp_path)
 
 
-def add_robot(made: MadeResults, number: int, ratio: float, **shown) -> None:
+def add_robot(made: MadeResults, number: int, ratio: float, **presentation) -> None:
     """Write the VJM's and a network's results on a robot of its own."""
     data = made_data(number)
     data = replace(data, robot=replace(data.robot, name=f"robot-{number}"))
-    where = {"dataset": f"arm-{number}", "data": data, **shown}
+    where = {"dataset": f"arm-{number}", "data": data, **presentation}
     made.add("vjm", VJM_MM, **where)
     made.add("net", [ratio * error for error in VJM_MM], **where)
 
@@ -39,7 +39,7 @@ def answer_of(made: MadeResults, **narrowed) -> Answer:
 
 
 def model_of(answer: Answer, name: str) -> ModelAnswer:
-    return next(one for one in answer.models if one.name == name)
+    return next(model for model in answer.models if model.name == name)
 
 
 def test_the_ratio_is_a_geometric_mean_over_robots_with_students_interval(made):
@@ -102,7 +102,7 @@ def test_with_few_robots_the_headline_names_data_sets(made):
 def test_the_vjm_of_each_cell_is_the_reference_where_it_was_not_run(made):
     made.add("net", [0.5, 0.5, 0.5])
     answer = answer_of(made)
-    assert {one.name for one in answer.models} == {"net", "vjm"}
+    assert {model.name for model in answer.models} == {"net", "vjm"}
     (case,) = answer.cases
     assert answer.error("vjm", case) == pytest.approx(np.sqrt(3.0) * 1e-3)  # 1 mm along each axis
 
@@ -111,7 +111,8 @@ def test_protocols_that_select_on_the_test_part_do_not_count_beside_others(made)
     add_robot(made, 0, 0.5)
     add_robot(made, 0, 0.1, protocol="paper", selects_on_test=True, warning="selects")
     answer = answer_of(made)
-    assert [one.name.protocol for one in answer.cases] == ["holdout"] and len(answer.left_out) == 1
+    assert [case.name.protocol for case in answer.cases] == ["holdout"]
+    assert len(answer.left_out) == 1
 
 
 def test_only_the_models_asked_for_and_the_vjm_are_shown(made):
@@ -119,7 +120,7 @@ def test_only_the_models_asked_for_and_the_vjm_are_shown(made):
     data = made_data(0)
     data = replace(data, robot=replace(data.robot, name="robot-0"))
     made.add("other", [0.1] * 3, "arm-0", data=data)
-    assert {one.name for one in answer_of(made, models=["net"]).models} == {"net", "vjm"}
+    assert {model.name for model in answer_of(made, models=["net"]).models} == {"net", "vjm"}
 
 
 def test_the_matrix_has_a_row_a_model_and_marks_the_best_of_each_column(made):
@@ -154,7 +155,7 @@ def test_the_gain_is_a_range_over_comparisons_from_the_smaller_to_the_larger_cha
 ):
     for number, ratio in enumerate(ratios):
         add_robot(made, number, ratio)
-    gain = next(one.text for one in sentences(answer_of(made)) if one.label == "Gain")
+    gain = dict(sentences(answer_of(made)))["Gain"]
     assert gain.startswith(f"{text} error than the VJM")
 
 
@@ -164,6 +165,6 @@ def test_another_model_that_is_better_somewhere_is_named(made):
         data = made_data(number)
         data = replace(data, robot=replace(data.robot, name=f"robot-{number}"))
         made.add("other", [factor * error for error in VJM_MM], f"arm-{number}", data=data)
-    texts = {one.label: one.text for one in sentences(answer_of(made))}
+    texts = dict(sentences(answer_of(made)))
     assert texts["How sure"].startswith("net ")
     assert "arm-1 other is better" in texts["But"] and "arm-0" not in texts["But"]

@@ -249,40 +249,42 @@ def test_tables_are_cards_on_a_phone_and_each_cell_names_its_column(usual):
     )
     assert {'"robot-a | holdout"', '"robot-d | loads | heavier"'} <= {*labels}
     assert bottoms(usual, ".matrix thead") == []
-    left, right = usual.execute_script(
+    start, end = usual.execute_script(
         """const box = document.querySelector(".models td.chart svg").getBoundingClientRect();
            return [box.left, box.right]"""
     )
-    assert 0 <= left < right <= PHONE[0]
+    assert 0 <= start < end <= PHONE[0]
 
 
 def test_a_choice_shows_the_figures_of_one_data_set_and_protocol(usual):
     from selenium.webdriver.support.select import Select
 
-    def shown():
+    def n_figures():
         return len(bottoms(usual, "figure.one-case"))
 
     selects = usual.find_elements("css selector", ".choices select")
     dataset, protocol = map(Select, selects)
-    assert shown() == 1
+    assert n_figures() == 1
     dataset.select_by_visible_text("robot-c")
     (figure,) = (
-        one for one in usual.find_elements("css selector", "figure.one-case:not([hidden])")
+        figure for figure in usual.find_elements("css selector", "figure.one-case:not([hidden])")
     )
     assert figure.get_attribute("data-dataset") == "robot-c"
     protocol.select_by_visible_text("all")
-    assert shown() == 3
+    assert n_figures() == 3
     dataset.select_by_visible_text("all")
-    assert shown() == 12
+    assert n_figures() == 12
 
 
 def test_a_link_opens_the_folded_block_that_it_leads_to(usual):
     (link,) = (
-        one for one in usual.find_elements("css selector", ".chips a") if one.text == "Provenance"
+        link
+        for link in usual.find_elements("css selector", ".chips a")
+        if link.text == "Provenance"
     )
     link.click()
     opened = usual.find_elements("css selector", "details.block[open] h3")
-    assert [one.text for one in opened] == ["Provenance"]
+    assert [title.text for title in opened] == ["Provenance"]
 
 
 def test_the_print_has_few_pages_in_landscape_with_every_number_of_the_matrix(usual):
@@ -297,9 +299,9 @@ def test_the_print_has_few_pages_in_landscape_with_every_number_of_the_matrix(us
     assert len(pages) <= 6
     assert all(page.mediabox.width > page.mediabox.height for page in pages)
     numbers = Counter(re.findall(r"\d+\.\d+", "\n".join(page.extract_text() for page in pages)))
-    wanted = Counter(filter(re.compile(r"\d").search, cells))
-    assert wanted.total() >= 5 * 12
-    assert not wanted - numbers
+    expected = Counter(filter(re.compile(r"\d").search, cells))
+    assert expected.total() >= 5 * 12
+    assert not expected - numbers
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -317,8 +319,8 @@ def test_axe_finds_nothing(browser, request, name, size, scheme):
     run = {"expression": "axe.run()", "awaitPromise": True, "returnByValue": True}
     result = browser.execute_cdp_cmd("Runtime.evaluate", run)["result"]["value"]
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
-    found = [(one["id"], [n["html"] for n in one["nodes"][:3]]) for one in result["violations"]]
-    assert len(result["passes"]) > 10 and found == []
+    violations = [(v["id"], [n["html"] for n in v["nodes"][:3]]) for v in result["violations"]]
+    assert len(result["passes"]) > 10 and violations == []
 
 
 def test_the_console_stays_silent_and_the_page_alone_is_loaded(browser, ranks, page):
