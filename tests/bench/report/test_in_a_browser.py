@@ -253,7 +253,8 @@ def test_tables_are_cards_on_a_phone_and_each_cell_names_its_column(usual):
         """const box = document.querySelector(".models td.chart svg").getBoundingClientRect();
            return [box.left, box.right]"""
     )
-    assert 0 <= left < right <= PHONE[0]
+    assert 0 <= left < left + PHONE[0] / 2 < right <= PHONE[0]
+    assert len(bottoms(usual, ".models td.chart .labels")) == 5  # each card has an axis
 
 
 def test_a_choice_shows_the_figures_of_one_data_set_and_protocol(usual):
