@@ -203,7 +203,8 @@ class _Names:
         middle, half = 0.5 * (low + high), 0.5 * inch * PANEL_INCH
         corners = np.stack([middle - half, middle + half])
         axes.set(xlim=tuple(corners[:, 0]), ylim=tuple(corners[:, 1]), aspect="equal")
-        ground = np.column_stack([np.linspace(*corners[:, 0], 60), np.zeros(60)])
+        (first, last), _ = corners.T
+        ground = np.column_stack([np.linspace(first, last, 60), np.zeros(60)])
         return cls(axes, inch, np.concatenate([drawn, ground]))
 
     def write(self, text: str, place: FloatArray, **look: Any) -> None:

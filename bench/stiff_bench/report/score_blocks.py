@@ -106,7 +106,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
         *(Column("TCP, frame of the last link [m]", "text"), Column("samples"), Column("poses")),
     ]
     tables = [Table("Data sets", columns, rows), *_stiffnesses(cases, data_of)]
-    return Block("Robots and data", tables=tables)
+    return Block("Robots and data", tables=tables, is_detail=True)
 
 
 def data_hashes(cases: Sequence[Case]) -> Table:

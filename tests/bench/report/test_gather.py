@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -12,6 +13,7 @@ from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.report import report_content as gather
+from stiff_bench.report.first_screen import FIRST_COLUMNS
 from stiff_bench.report.report_content import PageOptions
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import StoreError
@@ -69,6 +71,47 @@ def test_the_page_opens_with_numbers_and_notes_and_the_answer(results):
     assert second[:2] == [TWINS[1], "simulated"]
 
 
+def test_the_first_screen_has_each_model_and_one_column_for_specimens_of_a_robot(results):
+    screen = part_of(results.folder).answer
+    assert [row.name for row in screen.models] == ["vjm", "gp", "mlp"]
+    (part,) = screen.matrix
+    assert part.datasets == [("twin", 1)] and part.conditions == []
+    errors = {name: cells[0].text for name, cells in part.rows}
+    assert errors == {"vjm": "0.15", "gp": "0.16", "mlp": "0.40"}
+    assert [name for name, cells in part.rows if cells[0].is_best] == ["vjm"]
+    assert [cells[0].style for _, cells in part.rows] == ["same", "same", "more-4"]
+
+
+def test_a_chart_places_ratios_on_one_logarithmic_axis(results):
+    screen = part_of(results.folder).answer
+    place = {model.name: model.chart for model in screen.models}
+    assert (place["vjm"].dot, "1x") in screen.ticks  # the VJM's ratio is 1
+    assert place["gp"].dot < place["mlp"].dot
+    assert all(chart.low <= chart.dot <= chart.high for chart in place.values())
+    steps = [after - before for (before, _), (after, _) in pairwise(screen.ticks)]
+    assert max(steps) - min(steps) < 0.2
+
+
+def test_the_matrix_has_headings_in_levels_and_digits_enough_for_small_errors(tmp_path):
+    made = MadeResults(tmp_path)
+    for protocol, condition in (("holdout", ""), ("loads", "heavier"), ("loads", "other way")):
+        made.add_each({"vjm": [0.1], "gp": [0.004]}, "set", protocol, condition=condition)
+    (part,) = part_of(made.folder).answer.matrix
+    assert (part.datasets, part.protocols) == ([("set", 3)], [("holdout", 1), ("loads", 2)])
+    assert part.conditions == ["", "heavier", "other way"]
+    errors = {name: cells[0].text for name, cells in part.rows}
+    assert float(errors["gp"]) > 0.0 and len(errors["gp"]) > len("0.00")
+
+
+def test_many_models_and_columns_are_one_click_away(tmp_path):
+    made = MadeResults(tmp_path)
+    for number in range(FIRST_COLUMNS + 2):
+        made.add_each({"vjm": [0.1, 0.2], "gp": [0.2, 0.1]}, f"set-{number:02}")
+    screen = part_of(made.folder).answer
+    assert [len(part.labels) for part in screen.matrix] == [FIRST_COLUMNS, 2]
+    assert f"{FIRST_COLUMNS + 2} columns" in screen.more
+
+
 def test_identified_stiffnesses_stand_with_the_data(results):
     for result in [*read_results(results.folder)]:
         if result.shown.model == "vjm":
@@ -106,7 +149,7 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
 def test_details_are_folded_and_nothing_is_said_of_failures_where_there_are_none(results):
     blocks = blocks_of(results.folder)
     folded = [heading for heading, block in blocks.items() if block.is_detail]
-    assert folded == ["Leaderboard", "Pairs of models", "Scores", "Provenance"]
+    assert folded == ["Robots and data", "Leaderboard", "Pairs of models", "Scores", "Provenance"]
     assert "Failed and skipped" not in blocks
 
 

@@ -249,42 +249,41 @@ def test_tables_are_cards_on_a_phone_and_each_cell_names_its_column(usual):
     )
     assert {'"robot-a | holdout"', '"robot-d | loads | heavier"'} <= {*labels}
     assert bottoms(usual, ".matrix thead") == []
-    start, end = usual.execute_script(
+    left, right = usual.execute_script(
         """const box = document.querySelector(".models td.chart svg").getBoundingClientRect();
            return [box.left, box.right]"""
     )
-    assert 0 <= start < end <= PHONE[0]
+    assert 0 <= left < left + PHONE[0] / 2 < right <= PHONE[0]
+    assert len(bottoms(usual, ".models td.chart .labels")) == 5  # each card has an axis
 
 
 def test_a_choice_shows_the_figures_of_one_data_set_and_protocol(usual):
     from selenium.webdriver.support.select import Select
 
-    def n_figures():
+    def shown():
         return len(bottoms(usual, "figure.one-case"))
 
     selects = usual.find_elements("css selector", ".choices select")
     dataset, protocol = map(Select, selects)
-    assert n_figures() == 1
+    assert shown() == 1
     dataset.select_by_visible_text("robot-c")
     (figure,) = (
-        figure for figure in usual.find_elements("css selector", "figure.one-case:not([hidden])")
+        one for one in usual.find_elements("css selector", "figure.one-case:not([hidden])")
     )
     assert figure.get_attribute("data-dataset") == "robot-c"
     protocol.select_by_visible_text("all")
-    assert n_figures() == 3
+    assert shown() == 3
     dataset.select_by_visible_text("all")
-    assert n_figures() == 12
+    assert shown() == 12
 
 
 def test_a_link_opens_the_folded_block_that_it_leads_to(usual):
     (link,) = (
-        link
-        for link in usual.find_elements("css selector", ".chips a")
-        if link.text == "Provenance"
+        one for one in usual.find_elements("css selector", ".chips a") if one.text == "Provenance"
     )
     link.click()
     opened = usual.find_elements("css selector", "details.block[open] h3")
-    assert [title.text for title in opened] == ["Provenance"]
+    assert [one.text for one in opened] == ["Provenance"]
 
 
 def test_the_print_has_few_pages_in_landscape_with_every_number_of_the_matrix(usual):
@@ -299,9 +298,9 @@ def test_the_print_has_few_pages_in_landscape_with_every_number_of_the_matrix(us
     assert len(pages) <= 6
     assert all(page.mediabox.width > page.mediabox.height for page in pages)
     numbers = Counter(re.findall(r"\d+\.\d+", "\n".join(page.extract_text() for page in pages)))
-    expected = Counter(filter(re.compile(r"\d").search, cells))
-    assert expected.total() >= 5 * 12
-    assert not expected - numbers
+    wanted = Counter(filter(re.compile(r"\d").search, cells))
+    assert wanted.total() >= 5 * 12
+    assert not wanted - numbers
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -319,8 +318,8 @@ def test_axe_finds_nothing(browser, request, name, size, scheme):
     run = {"expression": "axe.run()", "awaitPromise": True, "returnByValue": True}
     result = browser.execute_cdp_cmd("Runtime.evaluate", run)["result"]["value"]
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
-    violations = [(v["id"], [n["html"] for n in v["nodes"][:3]]) for v in result["violations"]]
-    assert len(result["passes"]) > 10 and violations == []
+    found = [(one["id"], [n["html"] for n in one["nodes"][:3]]) for one in result["violations"]]
+    assert len(result["passes"]) > 10 and found == []
 
 
 def test_the_console_stays_silent_and_the_page_alone_is_loaded(browser, ranks, page):
