@@ -216,8 +216,8 @@ def answer_screen(
         print_lines(console, f"{headline(answer)}.", style="bold")
         for sentence in sentences(answer):
             print_lines(console, sentence.text)
-    else:
-        print_lines(console, verdict_sentence(answer, single_case), style="bold")
+    elif verdict := verdict_sentence(answer, single_case):
+        print_lines(console, verdict, style="bold")
     print_lines(console, f"{case_facts(single_case)} {facts}" if single_case else facts)
     for line in failures:
         print_lines(console, line, style=WORSE)
