@@ -218,6 +218,6 @@ def write_report(folders: Sequence[Path], choice: PageOptions, output: Path, com
         if folder.resolve() in {other.resolve() for other in folders[:number]}:
             raise ConfigError(f"{folder}: is named twice", "results")
     key = sort_key(choice.metric, choice.axis)
-    parts = {str(one): part_of(StoredResults.read(one), choice, key) for one in folders}
+    parts = {str(path): part_of(StoredResults.read(path), choice, key) for path in folders}
     with written_whole(output) as temporary:
         temporary.write_text(render_page(parts, command), encoding="utf-8", newline="\n")

@@ -118,7 +118,7 @@ def failure_blocks(asked: Asked) -> list[Block]:
         [_failure_row(members) for members in alike.values()],
         cut if len(logs) > MOST_LOGS else [],
     )
-    folds = [_fold(one) for one in logs[:MOST_LOGS]]
+    folds = [_fold(failure) for failure in logs[:MOST_LOGS]]
     is_long = len(table.rows) > FEW_ROWS
     return [Block("Failed and skipped", tables=[table], folds=folds, is_detail=is_long)]
 

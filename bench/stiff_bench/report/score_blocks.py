@@ -122,7 +122,7 @@ def _case_of_data(cases: Sequence[Case]) -> list[Case]:
     """Return one case for each data set, in the order of their names."""
     of_data = {case.measured_sha256: case for case in cases}
     return sorted(
-        of_data.values(), key=lambda one: (natural_key(one.name.dataset), one.measured_sha256)
+        of_data.values(), key=lambda case: (natural_key(case.name.dataset), case.measured_sha256)
     )
 
 
