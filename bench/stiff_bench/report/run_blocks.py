@@ -12,6 +12,7 @@ from stiff_bench.report.score_blocks import Asked
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import NO_MANIFEST
+from stiff_bench.tables.fit_notes import failure_lines
 from stiff_bench.tables.table import Column, Entry, Table
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.record import CellResult, RunManifest
@@ -97,7 +98,10 @@ LONGEST_LOG = 8000
 
 
 def failure_blocks(asked: Asked) -> list[Block]:
-    """Return a block of the failures that count, like ones in one row; [] where nothing failed."""
+    """Return a block of the failures that count, like ones in one row; [] where nothing failed.
+
+    Skipped fits are one line per reason, such as a package that is not installed.
+    """
     competitors = chain.from_iterable(asked.values())
     found = sorted(
         (failure for competitor in competitors for failure in competitor.failures.values()),
@@ -105,6 +109,8 @@ def failure_blocks(asked: Asked) -> list[Block]:
     )
     if not found:
         return []
+    skipped = failure_lines(failure for failure in found if failure.status == "skipped")
+    found = [failure for failure in found if failure.status != "skipped"]
     alike = grouped(
         found,
         lambda one: (one.shown.model, case_name_of(one), one.status, one.cause, one.failure),
@@ -120,7 +126,8 @@ def failure_blocks(asked: Asked) -> list[Block]:
     )
     folds = [_fold(failure) for failure in logs[:MOST_LOGS]]
     is_long = len(table.rows) > FEW_ROWS
-    return [Block("Failed and skipped", tables=[table], folds=folds, is_detail=is_long)]
+    tables = [table] if found else []
+    return [Block("Failed and skipped", skipped, tables, folds=folds, is_detail=is_long)]
 
 
 def _failure_row(members: Sequence[CellResult]) -> list[Entry]:

@@ -222,3 +222,15 @@ def test_protocols_that_select_on_test_stand_apart(results):
     assert "not fair" in blocks["Leaderboard (epoch picked on test part)"].tables[0].notes
     assert "Pairs of models (epoch picked on test part)" in blocks
     assert "not fair" not in blocks["Leaderboard"].tables[0].notes
+
+
+def test_skipped_fits_are_one_line_per_reason(results):
+    for model in ("realmlp", "tabm"):
+        for key in results.add(model, failed=(0, 1)):
+            (failed,) = read_results(results.folder, {key})
+            reason = {"status": "skipped", "failure": "needs the package pytabkit"}
+            ResultStore(results.folder).write_cells([replace(failed, **reason)])
+    block = blocks_of(results.folder)["Failed and skipped"]
+    (line,) = block.texts
+    assert "realmlp, tabm (4 fits)" in line and "pytabkit" in line
+    assert not block.tables
