@@ -117,6 +117,7 @@ class Answer(BriefFields):
         models: Collection[str] | None = None,
         *,
         seed: int = 0,
+        scored: Iterable[ScoredCase] = (),
     ) -> Answer:
         """Score models in stored results.
 
@@ -129,6 +130,7 @@ class Answer(BriefFields):
             cases: those to show; None: all of `stored`.
             models: exact names to show; None: all.
             seed: of the draws of poses.
+            scored: comparisons of the same results, key and seed, whose draws are used again.
 
         Raises:
             ConfigError: no model has a score.
@@ -144,19 +146,21 @@ class Answer(BriefFields):
         }
         asked_first = {id(case): number for number, case in enumerate(stored.cases)}
         fair.sort(key=lambda case: (case.shown.kind != "measured", asked_first[id(case)]))
-        scored = [
-            scored_case(
-                case,
-                [n for n in case.competitors if models is None or n in (*models, REFERENCE_MODEL)],
-                *(key, stored.data_of(case.name.data_sha256), seed),
-            )
-            for case in map(_with_reference, fair)
-        ]
-        scored = [case for case in scored if case.scores]
-        if not scored:
+        earlier = {case.name: case for case in scored}
+
+        def score(case: Case) -> ScoredCase:
+            chosen = set(case.competitors if models is None else [*models, REFERENCE_MODEL])
+            names = [name for name in case.competitors if name in chosen]
+            same = earlier.get(case.name)
+            if same and same.scores.keys() <= {*names} <= {*same.scores, *same.missing}:
+                return same
+            return scored_case(case, names, key, stored.data_of(case.name.data_sha256), seed)
+
+        with_scores = [case for case in map(score, map(_with_reference, fair)) if case.scores]
+        if not with_scores:
             raise ConfigError(f"no model has a score of {key.text}")
-        names = dict.fromkeys(name for case in scored for name in case.scores)
-        return cls(key, tuple(scored), tuple(names), left_out, seed)
+        names = dict.fromkeys(name for case in with_scores for name in case.scores)
+        return cls(key, tuple(with_scores), tuple(names), left_out, seed)
 
     @cached_property
     def robots(self) -> dict[str, list[ScoredCase]]:

@@ -281,6 +281,7 @@ class Results:
             ConfigError: fewer than two models have results, or the metric cannot rank.
             StoreError: the folder holds no results, or corrupt ones.
         """
+        from stiff_bench.analysis.answer import Answer
         from stiff_bench.analysis.answer_text import model_table
         from stiff_bench.analysis.leaderboard import build_leaderboard
         from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
@@ -289,7 +290,10 @@ class Results:
         key, stored = sort_key(metric, axis), StoredResults.read(self.folder)
         board = build_leaderboard(stored, key, self.selection, seed=seed)
         about = {"sort_key": key.text, "direction": key.metric.direction}
-        answer = model_table(self.answer(metric, axis, seed=seed))
+        cases = self.selection.cases_of(stored.cases)
+        models = self.selection.models_of(cases)
+        scored = [case for section in board.sections for case in section.cases]
+        answer = model_table(Answer.of(stored, key, cases, models, seed=seed, scored=scored))
         tables = [replace(answer, formats=(SCREEN,)), *leaderboard_tables(board)]
         return Tables(tables, self.command, about=about)
 

@@ -78,13 +78,14 @@ def part_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> Part:
     shown = StoredResults(folder, chosen, stored.runs)
     names = set(selection.models_of(chosen))
     try:  # scores need neither other models nor samples
-        answer = Answer.of(shown, key, chosen, names, seed=choice.seed)
-    except (ConfigError, StoreError) as error:
-        reasons.append(f"No answer: {str(error).removesuffix('.')}.")
-    try:
         board = build_leaderboard(shown, key, Selection(selection.models), seed=choice.seed)
     except (ConfigError, StoreError) as error:
         reasons.append(f"No ranking: {str(error).removesuffix('.')}.")
+    scored = [case for section in board.sections for case in section.cases] if board else []
+    try:
+        answer = Answer.of(shown, key, chosen, names, seed=choice.seed, scored=scored)
+    except (ConfigError, StoreError) as error:
+        reasons.insert(0, f"No answer: {str(error).removesuffix('.')}.")
     asked = {
         case: [model for name, model in case.competitors.items() if selection.takes(name)]
         for case in chosen

@@ -13,6 +13,7 @@ from helpers.made_results import TWINS, MadeResults, made_data
 from stiff_bench.analysis.answer import FEWEST_ROBOTS, Answer, ModelAnswer
 from stiff_bench.analysis.answer_text import headline, matrix_table, model_table, sentences
 from stiff_bench.analysis.collected import StoredResults
+from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.tables.table import Quantity
 
@@ -168,3 +169,15 @@ def test_another_model_that_is_better_somewhere_is_named(made):
     texts = dict(sentences(answer_of(made)))
     assert texts["How sure"].startswith("net ")
     assert "arm-1 other is better" in texts["But"] and "arm-0" not in texts["But"]
+
+
+@pytest.mark.parametrize("models", [None, ["net"]])
+def test_comparisons_that_a_leaderboard_scored_give_the_same_answer(made, models):
+    for number, ratio in enumerate(RATIOS):
+        add_robot(made, number, ratio)
+    stored, key = StoredResults.read(made.folder), sort_key("norm", None)
+    board = build_leaderboard(stored, key)
+    scored = [case for section in board.sections for case in section.cases]
+    again = Answer.of(stored, key, models=models, scored=scored)
+    assert again.models == Answer.of(stored, key, models=models).models
+    assert {id(case) for case in again.cases} == {id(case) for case in scored}
