@@ -164,7 +164,10 @@ def sentences(answer: Answer) -> list[Sentence]:
     remaining = f"{errors[0]:.2f}" if len(errors) == 1 else f"{errors[0]:.2f} to {errors[-1]:.2f}"
     lines = [
         Sentence("How sure", sure),
-        Sentence("Gain", f"{span} error than the VJM; {remaining} {unit} of error remain."),
+        Sentence(
+            "Gain" if best.largest <= 1.0 else "Change",
+            f"{span} error than the VJM; {remaining} {unit} of error remain.",
+        ),
     ]
     if exceptions := _exceptions(answer, best.name):
         lines.append(Sentence("But", exceptions))
