@@ -137,15 +137,25 @@ def verdict_sentence(answer: Answer, case: ScoredCase) -> str:
     main = max(results, key=lambda result: result.high - result.low)
     if verdict == "equivalent":
         rope = f"{MM * ROPE_M:g} mm"
-        return f"{model} and vjm are equivalent: their errors differ by less than {rope}."
+        equivalent = f"{model} and vjm are equivalent: their errors differ by less than {rope}."
+        return f"{equivalent}{_of_fits(case)}"
     if verdict in ("a", "b"):
         better = "better" if verdict == "a" else "worse"
         less = " No model is better than vjm." if verdict == "b" else ""
-        return f"{model} is {better} than vjm: {amount} ({_interval(main, gain)}).{less}"
+        text = f"{model} is {better} than vjm: {amount} ({_interval(main, gain)})."
+        return f"{text}{less}{_of_fits(case)}"
     return (
         f"No model is reliably better than vjm. The closest, {model}, has {amount} "
         f"({_interval(main, gain)}).{_disagreement(results, gain)}"
     )
+
+
+def _of_fits(case: ScoredCase) -> str:
+    """Return a limit of the verdict where the spread over splits is unknown; else ""."""
+    if case.errors.of_splits is not None:
+        return ""
+    splits = "One split does" if len(case.slots) == 1 else "Pooled splits do"
+    return f" {splits} not show how results vary with the training samples."
 
 
 def _interval(estimate: Estimate, gain: float) -> str:

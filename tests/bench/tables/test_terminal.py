@@ -15,7 +15,7 @@ from itertools import pairwise
 import pytest
 from rich.cells import cell_len
 
-from helpers.made_results import TWINS, MadeResults
+from helpers.made_results import N_POSES, TWINS, MadeResults
 from stiff_bench.analysis.answer import Answer
 from stiff_bench.analysis.answer_text import matrix_table
 from stiff_bench.analysis.case_text import answer_screen, case_table, verdict_sentence
@@ -194,3 +194,12 @@ def test_a_comparison_and_its_verdict_stand_in_one_line(made, width):
     tables = of_format(open_results(made.folder).compare("net", "vjm").tables, SCREEN)
     lines = screen_text(tables, console=screen_console(width, colors=False)).splitlines()
     assert any("A better" in line and "0.100" in line for line in lines)
+
+
+@pytest.mark.parametrize(("n_splits", "is_limited"), [(1, True), (3, False)])
+def test_a_verdict_of_one_split_says_that_it_is_of_these_fits(made, n_splits, is_limited):
+    errors_mm = {"vjm": VJM_MM[:n_splits], "net": (0.1, 0.12, 0.09)[:n_splits]}
+    made.add_each(errors_mm, rows=range(N_POSES))
+    answer = answer_of(made)
+    sentence = verdict_sentence(answer, answer.cases[0])
+    assert "is better than" in sentence and ("One split" in sentence) == is_limited
