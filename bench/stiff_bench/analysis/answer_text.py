@@ -156,12 +156,12 @@ def sentences(answer: Answer) -> list[Sentence]:
     unit, factor = PRINTED[answer.key.metric.unit]
     errors = sorted(factor * case.mean(best.name) for case in answer.cases)
     span = change(best.ratio)
-    if len(answer.cases) > 1:
+    if len(answer.cases) > 1 and change(best.smallest) != change(best.largest):
         most, least = change(best.smallest), change(best.largest)
         same = most.split()[-1] == least.split()[-1]
         nearer, farther = (least, most) if best.largest <= 1.0 else (most, least)
         span = f"{nearer.split()[0]} to {farther}" if same else f"{most} to {least}"
-    remaining = f"{errors[0]:.2f}" if len(errors) == 1 else f"{errors[0]:.2f} to {errors[-1]:.2f}"
+    remaining = " to ".join(dict.fromkeys(f"{error:.2f}" for error in (errors[0], errors[-1])))
     lines = [
         Sentence("How sure", sure),
         Sentence(

@@ -182,3 +182,10 @@ def test_comparisons_that_a_leaderboard_scored_give_the_same_answer(made, models
     again = Answer.of(stored, key, models=models, scored=scored)
     assert again.models == Answer.of(stored, key, models=models).models
     assert {id(case) for case in again.cases} == {id(case) for case in scored}
+
+
+def test_a_range_of_one_number_is_that_number(made):
+    add_robot(made, 0, 0.5)
+    add_robot(made, 1, 0.5)
+    gain = dict(sentences(answer_of(made)))["Gain"]
+    assert gain.startswith("50 % less error") and " to " not in gain
