@@ -54,6 +54,8 @@ from stiff_protocols.scoring.conformal import calibration_samples_needed, confor
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from stiff_bench.figures.prepared_figure import Prepared
+
 MOST_NUMBERS = 4
 """Reported numbers that a short view of a model shows."""
 
@@ -343,6 +345,18 @@ class Model(Shown):
         predicted = self.predict(samples.q, samples.wrench)
         prediction = Prediction(np.arange(len(samples)), predicted, samples.deflection)
         return DataFrame(metric_lines(prediction))
+
+    def plot(self) -> Prepared:
+        """Return the picture of the robot under its largest predicted deflection.
+
+        Raises:
+            NotFittedError: the model is not fitted.
+            ModelError: no joint spring explains the predictions.
+        """
+        from stiff_bench.figures.robot_picture import model_picture
+
+        self.check_fitted()
+        return model_picture(self.fitted, self.name)
 
     @property
     def diagnostics(self) -> dict[str, float]:

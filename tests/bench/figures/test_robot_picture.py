@@ -168,3 +168,13 @@ def test_what_does_not_belong_together_is_refused(data, tmp_path):
         sb.figure("robot", model=model, row=1)
     with pytest.raises(ConfigError, match="only the figure robot"):
         sb.figure("scores", tmp_path, row=1)
+
+
+def test_a_models_plot_is_its_figure_and_needs_a_fit(data):
+    model = sb.make_model("vjm").fit(data)
+    pictures = model.plot(), sb.figure("robot", model=model)
+    plotted, figure = (picture.paint.args[0] for picture in pictures)
+    np.testing.assert_array_equal(plotted.q, figure.q)
+    np.testing.assert_array_equal(plotted.deflection, figure.deflection)
+    with pytest.raises(NotFittedError):
+        sb.make_model("vjm").plot()
