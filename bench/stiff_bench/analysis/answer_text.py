@@ -55,9 +55,14 @@ class DatasetAnswer:
     counts: Counter[Verdict]
     n_cases: int
 
+    @property
+    def is_better(self) -> bool:
+        """True where it wins more comparisons with the VJM than it loses."""
+        return self.ratio < 1.0 and self.counts["a"] > self.counts["b"]
+
 
 def dataset_answers(answer: Answer) -> list[DatasetAnswer]:
-    """Return the best model of each data set; none where nothing compares with the VJM."""
+    """Return the best model of each data set, one that beats the VJM where there is one."""
     answers = []
     for dataset, cases in answer.datasets.items():
         ratios = {
@@ -68,11 +73,18 @@ def dataset_answers(answer: Answer) -> list[DatasetAnswer]:
         }
         if not ratios:
             continue
-        model = min(ratios, key=lambda name: ratios[name])
-        counts = Counter(v for case in cases if (v := answer.verdict(model, case)) is not None)
         kind = cases[0].case.shown.kind
-        answers.append(DatasetAnswer(dataset, kind, model, ratios[model], counts, len(cases)))
+        models = [
+            DatasetAnswer(dataset, kind, name, ratio, _verdicts(answer, name, cases), len(cases))
+            for name, ratio in ratios.items()
+        ]
+        winners = [model for model in models if model.is_better]
+        answers.append(min(winners or models, key=lambda model: model.ratio))
     return answers
+
+
+def _verdicts(answer: Answer, model: str, cases: Sequence[ScoredCase]) -> Counter[Verdict]:
+    return Counter(v for case in cases if (v := answer.verdict(model, case)) is not None)
 
 
 def change(ratio: float) -> str:
@@ -102,7 +114,7 @@ def headline(answer: Answer) -> str:
     by_dataset = dataset_answers(answer)
     if len(by_dataset) == 1:
         return _of_dataset(by_dataset[0])
-    sure = [best_model for best_model in by_dataset if best_model.counts["a"]]
+    sure = [best_model for best_model in by_dataset if best_model.is_better]
     if not sure:
         return "No model is reliably better than the VJM on any of these data sets"
     names = grouped(sure, lambda best_model: best_model.model)
@@ -122,7 +134,7 @@ def _won(best: DatasetAnswer) -> str:
 
 def _of_dataset(best: DatasetAnswer) -> str:
     on = f"on {best.dataset}"
-    if not best.counts["a"]:
+    if not best.is_better:
         return f"No model is reliably better than the VJM {on}"
     won = f" (better in {_won(best)})" if best.n_cases > 1 else ""
     return f"Use {best.model} {on}: {change(best.ratio)} error than the VJM{won}"

@@ -13,6 +13,7 @@ from stiff_bench.analysis.answer import NOISE_FLOOR, Answer
 from stiff_bench.analysis.answer_text import MATRIX_FORMAT, headline, matrix_table, sentences
 from stiff_bench.analysis.scored_case import ScoredCase
 from stiff_bench.analysis.verdict import DISAGREEMENTS, Estimate, disagreement
+from stiff_bench.console import one_line
 from stiff_bench.tables.fit_notes import outcome_notes
 from stiff_bench.tables.metric_table import mark_of, metric_values
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
@@ -128,7 +129,8 @@ def verdict_sentence(answer: Answer, case: ScoredCase) -> str:
     rivals = [name for name in case.models if name != REFERENCE_MODEL]
     if REFERENCE_MODEL not in case.scores or not rivals:
         return ""
-    model = min(rivals, key=case.mean)
+    winners = [name for name in rivals if answer.verdict(name, case) == "a"]
+    model = min(winners or rivals, key=case.mean)
     verdict, results = answer.verdict(model, case), answer.estimates(model, case)
     if verdict is None or not results:
         return f"{model} against vjm: one split and one pose allow no test."
@@ -167,6 +169,8 @@ def _interval(estimate: Estimate, gain: float) -> str:
 
 def _disagreement(results: Sequence[Estimate], gain: float) -> str:
     """Return in words where splits are sure and poses are not, or the other way; else ""."""
+    if all(estimate.low > 0.0 or estimate.high < 0.0 for estimate in results):
+        return " Its interval excludes zero, but not after correction for all pairs of models."
     return f" {DISAGREEMENTS[disagreement(results[0], results[-1])]}".rstrip()
 
 
@@ -236,8 +240,10 @@ def answer_screen(
     for note in notes.notes:
         print_lines(console, note, style="dim")
     best = next((model.name for model in answer.models if model.name != REFERENCE_MODEL), "")
+    options = one_line(options)
+    model = shlex.quote(one_line(best))
     next_steps = [
-        *([f"bench compare {shlex.quote(best)} {REFERENCE_MODEL}{options}"] if best else []),
+        *([f"bench compare {model} {REFERENCE_MODEL}{options}"] if best else []),
         f"bench report{options} --output report.html",
         "more metrics: --metric stde",
     ]

@@ -203,3 +203,13 @@ def test_a_verdict_of_one_split_says_that_it_is_of_these_fits(made, n_splits, is
     answer = answer_of(made)
     sentence = verdict_sentence(answer, answer.cases[0])
     assert "is better than" in sentence and ("One split" in sentence) == is_limited
+
+
+def test_a_model_that_is_better_is_named_although_another_has_a_smaller_unsure_mean(made):
+    errors_mm = {"vjm": VJM_MM, "steady": (0.1, 0.12, 0.09), "lucky": (0.01, 0.21, 0.05)}
+    made.add_each(errors_mm)
+    answer = answer_of(made)
+    (case,) = answer.cases
+    assert case.mean("lucky") < case.mean("steady")
+    assert [answer.verdict(name, case) for name in ("lucky", "steady")] == ["open", "a"]
+    assert verdict_sentence(answer, case).startswith("steady is better")
