@@ -213,11 +213,7 @@ class Answer(BriefFields):
     @property
     def measured(self) -> dict[str, list[ScoredCase]]:
         """Data sets that were measured -> their comparisons."""
-        return {
-            name: cases
-            for name, cases in self.datasets.items()
-            if cases[0].case.shown.kind == "measured"
-        }
+        return {name: cases for name, cases in self.datasets.items() if _is_measured(cases[0])}
 
     @cached_property
     def models(self) -> tuple[ModelAnswer, ...]:
@@ -299,6 +295,12 @@ class Answer(BriefFields):
             if len(robots) >= FEWEST_ROBOTS:
                 return robots
         return {}
+
+    @property
+    def claim_scope(self) -> str:
+        """Return number and kind of the headline's robots, such as "12 simulated robots"."""
+        kinds = [cases[0].case.shown.kind for cases in self.claim_robots.values()]
+        return f"{len(kinds)} {kinds[0]} robots" if kinds else ""
 
     def _model(self, name: str) -> ModelAnswer:
         cases = [case for case in self.cases if name in case.scores]

@@ -41,7 +41,6 @@ class DatasetAnswer:
 
     Attributes:
         dataset: name without its specimen.
-        kind: of the data, such as "measured".
         model: with the smallest error / VJM's error among those with every score.
         ratio: that ratio, the geometric mean over the data set's comparisons.
         counts: verdicts on the model against the VJM; "a": the model is better.
@@ -49,7 +48,6 @@ class DatasetAnswer:
     """
 
     dataset: str
-    kind: str
     model: str
     ratio: float
     counts: Counter[Verdict]
@@ -73,9 +71,8 @@ def dataset_answers(answer: Answer) -> list[DatasetAnswer]:
         }
         if not ratios:
             continue
-        kind = cases[0].case.shown.kind
         models = [
-            DatasetAnswer(dataset, kind, name, ratio, _verdicts(answer, name, cases), len(cases))
+            DatasetAnswer(dataset, name, ratio, _verdicts(answer, name, cases), len(cases))
             for name, ratio in ratios.items()
         ]
         winners = [model for model in models if model.is_better]
@@ -102,8 +99,7 @@ def headline(answer: Answer) -> str:
     if best is None or best.ratio is None:
         return _by_score(answer)
     if robots:
-        kind = next(iter(robots.values()))[0].case.shown.kind
-        over = f"{len(robots)} {kind} robots"
+        over = answer.claim_scope
         if best.high is None or best.low is None or best.high >= 1.0:
             return f"No model is reliably better than the VJM over {over}"
         interval = f"{100 * (1 - best.high):.0f} to {100 * (1 - best.low):.0f} %"

@@ -169,7 +169,7 @@ def _interval(estimate: Estimate, gain: float) -> str:
 
 def _disagreement(results: Sequence[Estimate], gain: float) -> str:
     """Return in words where splits are sure and poses are not, or the other way; else ""."""
-    if all(estimate.low > 0.0 or estimate.high < 0.0 for estimate in results):
+    if all(estimate.excludes_zero for estimate in results):
         return " Its interval excludes zero, but not after correction for all pairs of models."
     return f" {DISAGREEMENTS[disagreement(results[0], results[-1])]}".rstrip()
 

@@ -61,6 +61,11 @@ class Estimate:
     p_value: float
     posterior: Posterior
 
+    @property
+    def excludes_zero(self) -> bool:
+        """Whether the interval holds one sign only."""
+        return self.low > 0.0 or self.high < 0.0
+
 
 def decide(results: Sequence[Estimate], confidence: float) -> Verdict:
     """Return the verdict on a difference, A less B.
@@ -86,7 +91,7 @@ DISAGREEMENTS: dict[str, str] = {
 
 def disagreement(splits: Estimate, poses: Estimate) -> Literal["", "splits", "poses"]:
     """Return which of two intervals alone excludes zero; "" where both do or none does."""
-    is_sure = [estimate.low > 0.0 or estimate.high < 0.0 for estimate in (splits, poses)]
+    is_sure = [splits.excludes_zero, poses.excludes_zero]
     if is_sure == [True, False]:
         return "splits"
     return "poses" if is_sure == [False, True] else ""

@@ -180,11 +180,10 @@ class Axis:
 
 
 def _chart_heading(answer: Answer) -> str:
-    if robots := answer.claim_robots:
-        kind = next(iter(robots.values()))[0].case.shown.kind
+    if answer.claim_robots:
         return (
             f"error / VJM's error: mean and {percent(1.0 - LEVEL)} interval over "
-            f"{len(robots)} {kind} robots"
+            f"{answer.claim_scope}"
         )
     return f"error / VJM's error: mean and range over {counted(len(answer.cases), 'comparison')}"
 
