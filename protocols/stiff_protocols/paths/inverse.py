@@ -32,6 +32,9 @@ it is about 10 in the middle of the workspace, and 100 with joint 5 a few degree
 
 STARTS = 128
 """Random seeds for the first point, where no start is given."""
+LANDMARK_SEEDS, LANDMARK_M, LANDMARK_TURN = 40, 0.15, 0.5
+"""Seeds, and the size of a neighbourhood in which configurations are searched for once: m, and
+difference in an entry of the rotation matrix."""
 COMPARED_AT = 200
 """Points of a path at which configurations are compared."""
 LIMIT_SLACK = 1e-6
@@ -215,25 +218,106 @@ def _configurations(
 
     The nearest where none is reached. Turns of 360 deg are not different.
     """
+    q, reached = _from_seeds(
+        robot, position[None], rotation[None], _random_seeds(robot, held), held
+    )
+    if not reached.any():
+        away = np.linalg.norm(robot.tcp_position(q[:, 0]) - position, axis=1)
+        return q[[np.argmin(away)], 0]
+    return np.asarray(_different(robot, q, reached, held)[0])
+
+
+def all_configurations(
+    robot: Robot, position: FloatArray, rotation: FloatArray, held: FloatArray | None = None
+) -> FloatArray:
+    """Return the different joint positions at which the TCP has each of n poses.
+
+    Limits of the joints are not looked at, and turns of 360 deg are not different: revolute joints
+    that move are within +-pi. A pose next to a singularity can have fewer configurations than it
+    should. Poses of one neighbourhood share the search: `LANDMARK_SEEDS` random seeds for its first
+    pose, whose configurations are the others' seeds.
+
+    Args:
+        robot: of at most six joints that move.
+        position: (n, 3) of the TCP, base frame, m.
+        rotation: (n, 3, 3) of the last joint's frame.
+        held: see `free_joints`.
+
+    Returns:
+        (n, m, n_joints) rad or m, m the largest number of configurations of a pose; rows of NaN
+        where a pose has fewer.
+
+    Raises:
+        DataError: more than six joints move, or a number is not finite.
+    """
+    free_joints(robot, held)
+    held = np.full(robot.n_joints, np.nan) if held is None else held
+    place = np.hstack([position / LANDMARK_M, rotation.reshape(-1, 9) / LANDMARK_TURN]).round()
+    _, firsts, region = np.unique(place, axis=0, return_index=True, return_inverse=True)
+    seeds = _random_seeds(robot, held)[:LANDMARK_SEEDS]
+    landmarks = _different(
+        robot, *_from_seeds(robot, position[firsts], rotation[firsts], seeds, held), held
+    )
+    if len(firsts) == len(position):
+        return np.asarray(landmarks[region.ravel()])
+    near = landmarks[region.ravel()].swapaxes(0, 1)  # (m, n, n_joints)
+    known: BoolArray = np.asarray(~np.isnan(near).any(axis=2))
+    q, reached = np.where(known[..., None], near, 0.0), np.zeros(known.shape, dtype=bool)
+    rows = np.nonzero(known)
+    free = np.isnan(held)
+    q[rows], reached[rows] = robot.inverse(position[rows[1]], rotation[rows[1]], q[rows], free)
+    found = _different(robot, q, reached, held)
+    lost = np.flatnonzero((~np.isnan(found[..., 0])).sum(axis=1) < known.sum(axis=0))
+    if len(lost):  # the landmark's seeds do not reach all of them here
+        again = _different(
+            robot, *_from_seeds(robot, position[lost], rotation[lost], seeds, held), held
+        )
+        more = max(found.shape[1], again.shape[1])
+        found, again = (
+            np.pad(each, ((0, 0), (0, more - each.shape[1]), (0, 0)), constant_values=np.nan)
+            for each in (found, again)
+        )
+        better = (~np.isnan(again[..., 0])).sum(axis=1) > (~np.isnan(found[lost, :, 0])).sum(axis=1)
+        found[lost[better]] = again[better]
+    return found
+
+
+def _random_seeds(robot: Robot, held: FloatArray) -> FloatArray:
+    """Return (STARTS, n_joints) random joint positions to search from."""
     turns = robot.turns
     lower = np.where(turns, -np.pi, np.clip(robot.lower, -2.0, 2.0))
     upper = np.where(turns, np.pi, np.clip(robot.upper, -2.0, 2.0))
-    free = np.isnan(held)
     seeds = np.random.default_rng(0).uniform(lower, upper, size=(STARTS, robot.n_joints))
-    seeds = np.where(free, seeds, held)
-    poses = (np.tile(position, (STARTS, 1)), np.tile(rotation, (STARTS, 1, 1)))
-    q, reached = robot.inverse(*poses, seeds, free)
-    if not reached.any():
-        away = np.linalg.norm(robot.tcp_position(q) - position, axis=1)
-        return q[[np.argmin(away)]]
-    different: list[FloatArray] = []
-    for each in np.where(turns & free, (q[reached] + np.pi) % (2.0 * np.pi) - np.pi, q[reached]):
-        others = [
-            np.where(turns, np.sin(0.5 * (each - other)), each - other) for other in different
-        ]
-        if not any(np.abs(one).max() < SAME_CONFIGURATION for one in others):
-            different.append(each)
-    return np.array(different)
+    return np.where(np.isnan(held), seeds, held)
+
+
+def _from_seeds(
+    robot: Robot,
+    position: FloatArray,
+    rotation: FloatArray,
+    seeds: FloatArray,
+    held: FloatArray,
+) -> tuple[FloatArray, BoolArray]:
+    """Return (n_seeds, n, n_joints) where the search from each seed ends, and what is reached."""
+    n = len(position)
+    q = np.repeat(seeds[:, None], n, axis=1).reshape(-1, robot.n_joints)
+    poses = np.tile(position, (len(seeds), 1)), np.tile(rotation, (len(seeds), 1, 1))
+    q, reached = robot.inverse(*poses, q, np.isnan(held))
+    return q.reshape(len(seeds), n, -1), reached.reshape(len(seeds), n)
+
+
+def _different(robot: Robot, q: FloatArray, reached: BoolArray, held: FloatArray) -> FloatArray:
+    """Return (n, m, n_joints) the different ones of (n_seeds, n, n_joints); NaN for the rest."""
+    turns, free = robot.turns, np.isnan(held)
+    q = np.where(turns & free, (q + np.pi) % (2.0 * np.pi) - np.pi, q)
+    new = reached.copy()
+    for seed in range(1, len(q)):
+        away = q[seed] - q[:seed]
+        away = np.abs(np.where(turns, np.sin(0.5 * away), away)).max(axis=2)
+        new[seed] &= ~((away < SAME_CONFIGURATION) & new[:seed]).any(axis=0)
+    order = np.argsort(~new, axis=0, kind="stable")[: max(new.sum(axis=0).max(initial=0), 1)]
+    q = np.where(new[..., None], q, np.nan)
+    return np.asarray(np.take_along_axis(q, order[..., None], axis=0).swapaxes(0, 1))
 
 
 def _marched(

@@ -10,8 +10,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.made_robots import random_chain, seven_joint_arm
+from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_protocols.contract.errors import ConfigError, DataError
-from stiff_protocols.paths.inverse import follow, joint_number, judged
+from stiff_protocols.paths.inverse import (
+    all_configurations,
+    follow,
+    is_singular,
+    joint_number,
+    judged,
+)
 from stiff_protocols.paths.path import SHAPES, ToolPath, shaped
 
 LOAD = (0.0, 0.0, -85.0, 0.0, 0.0, 0.0)
@@ -225,3 +232,29 @@ def test_a_robot_with_a_choice_at_every_point_and_a_path_without_points_are_refu
         follow(robot, np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)))
     with pytest.raises(DataError, match="no points"):
         ToolPath("none", np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 6)))
+
+
+@pytest.mark.parametrize("name", ["kr10-r1100-2", "ur5"])
+def test_all_configurations_of_neighbouring_poses_are_those_of_a_search_for_each(name):
+    robot = named_robot(name).robot()
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1.2, 1.2, (20, 6)).repeat(5, axis=0) + rng.normal(0.0, 0.02, (100, 6))
+    poses = robot.forward(q)
+    found = all_configurations(robot, poses.points[:, -1], poses.rotation)
+    rows, which = np.nonzero(~np.isnan(found[..., 0]))
+    reached = robot.forward(found[rows, which])
+    np.testing.assert_allclose(reached.points[:, -1], poses.points[rows, -1], atol=1e-7)
+    np.testing.assert_allclose(reached.rotation, poses.rotation[rows], atol=1e-7)
+    near = np.abs(np.sin(0.5 * (found - q[:, None]))).max(axis=2)
+    regular = ~is_singular(robot, q, np.ones(6, dtype=bool))
+    assert regular.sum() > 80
+    assert (np.nanmin(near[regular], axis=1) < 1e-6).all()
+    for row in range(0, 100, 9):
+        alone = all_configurations(robot, poses.points[[row], -1], poses.rotation[[row]])
+        assert (~np.isnan(alone[..., 0])).sum() == (~np.isnan(found[row, :, 0])).sum()
+
+
+def test_a_pose_out_of_reach_has_no_configuration():
+    robot = named_robot("kr10-r1100-2").robot()
+    found = all_configurations(robot, np.array([[9.0, 0.0, 0.0]]), np.eye(3)[None])
+    assert np.isnan(found).all()
