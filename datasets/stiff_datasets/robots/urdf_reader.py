@@ -15,13 +15,14 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
+from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.types import FloatArray, JointType, Robot
 
@@ -70,7 +71,7 @@ def read_chain(
         DataError: the file is not a URDF, a joint of the chain is neither revolute nor prismatic or
             follows another one, or limits are reversed.
     """
-    tree, followers = _parse(urdf)
+    tree, followers, controller = _parse(urdf)
     frame, notes = _chosen_tip(tree, followers, urdf, tip)
     path = [*tree.supports[frame.parentJoint]][1:]
     if not path:
@@ -91,7 +92,7 @@ def read_chain(
     model, locked = _locked_but(tree, path)
     flange = model.frames[model.getFrameId(frame.name, pin.FrameType.BODY)].placement
     try:
-        robot = _robot(model, flange, offset)
+        robot = replace(_robot(model, flange, offset), controller=controller)
     except DataError as error:
         raise DataError(f"{urdf}: {error}") from error
     unlimited = [
@@ -150,8 +151,8 @@ def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
     )
 
 
-def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str]]:
-    """Return the whole tree, and mimic joints with the joint that each one follows."""
+def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str], Controller | None]:
+    """Return the tree, mimic joints with the joint that each one follows, and the controller."""
     try:
         with urdf.open("rb") as file:
             content = file.read(LARGEST_URDF + 1)
@@ -172,7 +173,7 @@ def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str]]:
             model = pin.buildModelFromXML(text)
         if any("Could not parse inertial" in line for line in printed):
             raise ValueError  # the parser leaves such a link without mass
-        return model, followers
+        return model, followers, _controller(root.find("controller"), urdf)
     except ElementTree.ParseError as error:
         raise DataError(f"{urdf}: not a robot description (URDF): not XML: {error}") from error
     except (ValueError, RuntimeError) as error:
@@ -180,6 +181,47 @@ def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str]]:
         reason = next(filter(None, found), str(error))  # the first message is the cause
         reason += "".join(f"; {line}" for line in found if "inertial element for Link" in line)
         raise DataError(f"{urdf}: not a robot description (URDF): {reason}") from error
+
+
+def _controller(element: ElementTree.Element | None, urdf: Path) -> Controller | None:
+    """Read stiffbench's own element of a URDF, which other readers skip.
+
+    ``<controller signs="1 1 1 1 1 1" zeros_deg="0 0 0 0 0 0" j3_from_ground="false">`` with the
+    elements ``<world xyz="" rpy=""/>`` and ``<flange xyz="" rpy=""/>``; see `Controller`.
+
+    Raises:
+        DataError: an attribute is missing or wrong.
+    """
+    if element is None:
+        return None
+
+    def numbers(owner: ElementTree.Element, name: str, count: int | None = None) -> FloatArray:
+        text = owner.get(name, "")
+        try:
+            values = np.array(text.split(), dtype=np.float64)
+        except ValueError:
+            values = np.empty(0)
+        if not len(values) or len(values) != (count or len(values)) or not np.isfinite(values).all():
+            valid = f"{count} numbers" if count else "a number for each joint"
+            raise DataError(f"{urdf}: <{owner.tag}> has {name}={text!r} (valid: {valid})")
+        return values
+
+    def pose(name: str) -> FloatArray:
+        owner = element.find(name)
+        if owner is None:
+            return np.eye(4)
+        roll_pitch_yaw = pin.rpy.rpyToMatrix(numbers(owner, "rpy", 3))
+        return np.asarray(pin.SE3(roll_pitch_yaw, numbers(owner, "xyz", 3)).homogeneous)
+
+    from_ground = element.get("j3_from_ground", "false")
+    if from_ground not in ("true", "false"):
+        raise DataError(f"{urdf}: j3_from_ground={from_ground!r} (valid: true or false)")
+    signs = numbers(element, "signs")
+    zeros = np.radians(numbers(element, "zeros_deg", len(signs)))
+    try:
+        return Controller(signs, zeros, pose("world"), pose("flange"), from_ground == "true")
+    except DataError as error:
+        raise DataError(f"{urdf}: {error}") from error
 
 
 def _check_description(root: ElementTree.Element, urdf: Path) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, freeze
+from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.screen import Screen, Shown
 from stiff_protocols.kinematics.chain_formulas import JointType
@@ -39,6 +40,7 @@ class Robot(Shown, SerialChain):
         gravity: (3,) acceleration of gravity in the base frame, m/s2.
         flange: (4, 4) pose of the robot description's last link in the last joint's frame, m: the
             frame in which people give a TCP. No number depends on it.
+        controller: how its controller counts joints and frames; None: as the description does.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Robot(Shown, SerialChain):
     flange: FloatArray = field(
         default_factory=lambda: np.eye(4), metadata={"shapes_no_result": True}
     )
+    controller: Controller | None = field(default=None, metadata={"shapes_no_result": True})
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)
@@ -74,6 +77,11 @@ class Robot(Shown, SerialChain):
                 f"robot {self.name!r}: joint axes must have unit length, here {lengths}"
             )
         self._check_sizes()
+        if self.controller is not None and len(self.controller.signs) != n:
+            raise DataError(
+                f"robot {self.name!r}: its controller has {len(self.controller.signs)} joints, "
+                f"expected {n}"
+            )
 
     def _check_sizes(self) -> None:
         """Check that no mass is negative and that placements are poses within `LONGEST_M`."""
