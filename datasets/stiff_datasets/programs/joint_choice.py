@@ -125,11 +125,15 @@ def _candidates(
     ]
     turns = 2.0 * np.pi * np.array([*product(*choices)])
     candidates = (found[:, :, None] + turns).reshape(len(position), -1, robot.n_joints)
-    numbers = np.full((*candidates.shape[:2], 4), np.nan)
-    rows = np.nonzero(~np.isnan(candidates[..., 0]))
-    values = configuration_numbers(language, robot, candidates[rows])
-    numbers[(*rows, slice(0, values.shape[1]))] = values
-    return candidates, numbers
+    if language.configurations is None or robot.n_joints != 6:
+        return candidates, np.empty((*candidates.shape[:2], 0))
+    signs, reached = np.zeros((*found.shape[:2], 3)), ~np.isnan(found[..., 0])
+    controller = controller_of(robot)
+    wrist = controller.from_description(found[reached])[:, 4]
+    signs[reached] = arm_signs(robot, found[reached], wrist)
+    angles = controller.from_description(candidates.reshape(-1, robot.n_joints))
+    numbers = language.configurations(signs.repeat(len(turns), axis=1).reshape(-1, 3), angles)
+    return candidates, numbers.reshape(*candidates.shape[:2], -1)
 
 
 def _needed(low: float, high: float, turns: bool) -> tuple[float, ...]:

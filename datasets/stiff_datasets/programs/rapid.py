@@ -1,0 +1,313 @@
+"""ABB RAPID: targets of a module, with the targets, tools and work objects that it declares.
+
+Lengths are in mm, joint angles in deg, orientations quaternions, w first. Each robtarget holds its
+configuration [cf1, cf4, cf6, cfx] (Technical reference manual: RAPID instructions, functions and
+data types, "confdata"): with `ConfL\\On`, the default, a controller stops where it does not fit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from lark import Lark, Token, Tree
+from lark.exceptions import LarkError
+
+from stiff_datasets.programs.program_file import (
+    Edit,
+    Frame,
+    Insertion,
+    Language,
+    LeftMotion,
+    Number,
+    RobotProgram,
+    StatementError,
+    Target,
+)
+from stiff_datasets.programs.rotations import quaternion_rotations, quaternions
+from stiff_protocols.contract.types import FloatArray
+
+GRAMMAR = r"""
+start: motion | data
+motion: MOTION option* ","? argument ("," argument)* ";"
+data: NAME+ ":=" value ";"
+argument: value option*
+option: "\\" NAME (":=" value)?
+?value: array | NUMBER | NAME | EXPRESSION | OTHER
+array: OPEN value ("," value)* CLOSE
+
+OPEN: "["
+CLOSE: "]"
+MOTION.3: /Move(L|J|AbsJ|C)\b/i
+NUMBER.2: /[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?(?=\s*[,\]\\;])/i
+EXPRESSION.1: /[A-Z_]\w*\s*(\((?:[^()]|\([^()]*\))*\)|\{[^}]*\}|\.)[\w.]*/i
+NAME: /[A-Z_]\w*/i
+OTHER.-1: /[^\s\[\],;\\][^\[\],;\\]*/
+COMMENT: /![^\r\n]*/
+%ignore COMMENT
+%ignore /\s+/
+"""
+REST = r"(?:\"(?:[^\"\r\n]|\"\")*\"|![^\r\n]*|[^;\"!])*;"
+STATEMENT = re.compile(
+    r"![^\r\n]*|\"(?:[^\"\r\n]|\"\")*\""
+    r"|(?:^|(?<=;))[ \t]*(?P<text>"
+    rf"(?P<motion>(?:Move|Trigg|Arc|Search|Paint|Disp|Spot)(?:L|J|AbsJ|C)\w*)\b{REST}"
+    rf"|(?P<data>(?:(?:LOCAL|TASK)\s+)*(?:CONST|PERS|VAR)\s+"
+    rf"(?P<type>robtarget|jointtarget|tooldata|wobjdata)\s+(?P<name>\w+)\s*:={REST})"
+    rf"|(?P<conf>Conf[LJ]\s*\\\s*(?:On|Off))\s*;"
+    r"|(?P<assigned>\w+)[\w.{}]*\s*:="
+    r"|(?P<harmless>(?:Set|Reset|Wait|TP|AccSet|VelSet|SingArea|Grip|Pulse|Incr|Decr|Clk|Conf|CONST"
+    r"|PERS|VAR|LOCAL|TASK)\w*)\b"
+    r"|(?P<flow>[A-Z_]\w*))",
+    re.IGNORECASE | re.MULTILINE,
+)
+VALID_POSE = "[[x,y,z],[q1,q2,q3,q4],[cf1,cf4,cf6,cfx],[external axes]]"
+VALID_JOINTS = "[[j1,..,j6],[external axes]]"
+LITERALS = {"robtarget": VALID_POSE, "jointtarget": VALID_JOINTS}
+KNOWN_FRAMES = {"tool0": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)}
+KNOWN_FRAMES["wobj0"] = KNOWN_FRAMES["tool0"]
+UNIT_LENGTH_SLACK = 1e-3
+"""How far the length of a quaternion may be from 1."""
+
+
+@dataclass(frozen=True)
+class _Data:
+    """Declared data: the value, and where its statement starts."""
+
+    kind: str
+    value: Tree[Token] | Token
+    start: int
+    text: str
+
+
+@cache
+def _parser() -> Lark:
+    return Lark(GRAMMAR, parser="lalr")
+
+
+def _parsed(text: str, start: int, valid: str) -> Tree[Token]:
+    try:
+        return _parser().parse(text).children[0]  # type: ignore[return-value]
+    except LarkError as error:
+        raise StatementError(start, text, valid) from error
+
+
+def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
+    """Yield the motions of a module."""
+    (text,) = texts
+    data, assigned = _declarations(text)
+    frames: dict[str, Frame] = {}
+    binds, follows = {"L": True, "J": True}, False
+    for match in STATEMENT.finditer(text):
+        start, statement = match.start("text"), match["text"]
+        if match["motion"]:
+            for motion in _motions(match["motion"], statement, start, data, assigned, frames):
+                if isinstance(motion, LeftMotion):
+                    follows &= "helper" in motion.reason
+                    yield motion
+                    continue
+                is_bound = binds["L" if motion.is_linear else "J"]
+                config = motion.config if is_bound else ()
+                yield motion._replace(config=config, follows=follows)
+                follows = True
+        elif match["conf"]:
+            binds[match["conf"][4].upper()] = match["conf"].upper().endswith("ON")
+        elif match["flow"]:
+            follows = False
+
+
+def _declarations(text: str) -> tuple[dict[str, _Data], set[str]]:
+    """Return data by name, and the names of data that the program assigns."""
+    data, assigned = {}, set[str]()
+    for match in STATEMENT.finditer(text):
+        if match["data"]:
+            start, kind = match.start("text"), match["type"].lower()
+            valid = LITERALS.get(kind, f"a literal {kind}")
+            value = _parsed(match["data"], start, valid).children[-1]
+            data[match["name"].lower()] = _Data(kind, value, start, match["data"])
+        elif match["assigned"]:
+            assigned.add(match["assigned"].lower())
+    return data, assigned
+
+
+def _motions(
+    word: str,
+    text: str,
+    start: int,
+    data: Mapping[str, _Data],
+    assigned: set[str],
+    frames: dict[str, Frame],
+) -> Iterator[Target | LeftMotion]:
+    """Yield the helper point and the target of a motion."""
+    kind = word.lower()
+    if kind not in ("movel", "movej", "moveabsj", "movec"):
+        yield LeftMotion(start, text, f"{word} is not read (MoveL, MoveJ, MoveAbsJ and MoveC are)")
+        return
+    valid = f"{word} {VALID_JOINTS if kind == 'moveabsj' else 'p10'}, v100, z10, tool1;"
+    tree = _parsed(text, start, valid)
+    arguments = [*tree.find_pred(lambda node: node.data == "argument")]
+    arguments.sort(key=lambda node: _place(node.children[0], 0))
+    if len(arguments) < 4 + (kind == "movec"):
+        raise StatementError(start, text, valid)
+    if kind == "movec":
+        yield LeftMotion(start, text, "helper point of a circular motion")
+    goal, last = arguments[1 if kind == "movec" else 0], arguments[-1]
+    place = _place(goal.children[0], start)
+    value, offset, kind_of_data = goal.children[0], start, ""
+    if isinstance(value, Token):
+        name = str(value).strip()
+        if value.type != "NAME":
+            yield LeftMotion(start, text, f"target {name} is an expression")
+            return
+        declared = data.get(name.lower())
+        if declared is None or name.lower() in assigned:
+            reason = "is a variable" if declared is None else "is assigned in the program"
+            yield LeftMotion(start, text, f"target {name} {reason}")
+            return
+        value, offset, kind_of_data = declared.value, declared.start, declared.kind
+    has_joints = kind == "moveabsj"
+    usual = "jointtarget" if has_joints else "robtarget"
+    if kind_of_data and kind_of_data != usual:
+        raise StatementError(start, text, f"a {usual}, {LITERALS[usual]}")
+    rows = _rows(value, offset, text, usual)
+    tool_option = last.children[0]
+    base = "wobj0"
+    for option in last.children[1:]:
+        if isinstance(option, Tree) and str(option.children[0]).lower() == "wobj":
+            base = str(option.children[1]).strip()
+    yield Target(
+        start,
+        start + len(text),
+        *place,
+        is_linear=kind == "movel",
+        follows=False,
+        has_joints=has_joints,
+        numbers=rows[0] if has_joints else (*rows[0], *rows[1]),
+        config=() if has_joints or kind == "movec" else rows[2],
+        base=_frame(base, "wobjdata", data, frames),
+        tool=_frame(str(tool_option).strip(), "tooldata", data, frames),
+    )
+
+
+def _place(value: Tree[Token] | Token, start: int) -> tuple[int, int]:
+    """Return the place of a value, with its brackets."""
+    first, last = value, value
+    if isinstance(value, Tree):
+        first, last = value.children[0], value.children[-1]
+    return start + int(first.start_pos), start + int(last.end_pos)  # type: ignore[union-attr,arg-type]
+
+
+def _rows(value: Tree[Token] | Token, start: int, text: str, kind: str) -> list[list[Number]]:
+    """Return the rows of numbers of a robtarget or jointtarget."""
+    rows = [
+        [_number(item, start) for item in row.children[1:-1]]
+        for row in _inner(value)
+        if isinstance(row, Tree)
+    ]
+    counts = [6, 6] if kind == "jointtarget" else [3, 4, 4, 6]
+    if [len(row) for row in rows] != counts or any(None in row for row in rows):
+        raise StatementError(start, text, LITERALS[kind])
+    numbers = [[number for number in row if number is not None] for row in rows]
+    if kind == "robtarget":
+        length = np.linalg.norm([number.value for number in numbers[1]])
+        if abs(length - 1.0) > UNIT_LENGTH_SLACK:
+            raise StatementError(start, text, f"a quaternion of length 1, here {length:.4g}")
+    return numbers
+
+
+def _inner(value: Tree[Token] | Token) -> list[Tree[Token] | Token]:
+    """Return the items of an array, without its brackets; none of another value."""
+    return value.children[1:-1] if isinstance(value, Tree) else []  # type: ignore[return-value]
+
+
+def _number(token: Tree[Token] | Token, start: int) -> Number | None:
+    if isinstance(token, Tree) or token.type != "NUMBER":
+        return None
+    return Number(float(token), start + int(token.start_pos or 0), start + int(token.end_pos or 0))
+
+
+def _frame(
+    name: str, kind: str, data: Mapping[str, _Data], frames: dict[str, Frame]
+) -> Frame:
+    """Return a tool or work object by its name; without values if the module does not hold it."""
+    key = name.lower()
+    if key in KNOWN_FRAMES:
+        return Frame(name, KNOWN_FRAMES[key])
+    if key not in frames:
+        declared = data.get(key)
+        is_literal = declared is not None and declared.kind == kind
+        frames[key] = Frame(name, _frame_values(declared) if is_literal and declared else ())
+    return frames[key]
+
+
+def _frame_values(declared: _Data) -> tuple[float, ...]:
+    """Return position and quaternion of literal tooldata or wobjdata."""
+    items = _inner(declared.value)
+    poses = [
+        np.array([number.value for number in row if number])
+        for item in items
+        if isinstance(item, Tree) and len(item.children) == 4
+        for row in [[_number(token, 0) for part in _inner(item) for token in _inner(part)]]
+    ]
+    is_tool = declared.kind == "tooldata"
+    held = str(items[0]).strip().upper()
+    sizes = [7] if is_tool else [7, 7]
+    if [len(pose) for pose in poses] != sizes or held != ("TRUE" if is_tool else "FALSE"):
+        valid = "a tool on the robot" if is_tool else "a work object that does not move"
+        raise StatementError(declared.start, declared.text, f"{valid}, all numbers literal")
+    position, turn = np.zeros(3), np.eye(3)
+    for pose in poses:
+        position = position + turn @ pose[:3]
+        turn = turn @ quaternion_rotations(pose[None, 3:])[0]
+    return (*position.tolist(), *quaternions(turn[None])[0].tolist())
+
+
+def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
+    """Return (n, 4) cf1, cf4, cf6 and cfx.
+
+    The first three are quarters of a turn of joints 1, 4 and 6, counted from zero; cfx is 4 if the
+    wrist centre is behind axis 1, plus 2 if it is behind the lower arm, plus 1 if joint 5 is
+    negative.
+    """
+    quarters = np.floor(angles[:, [0, 3, 5]] / (0.5 * np.pi) + 1e-9)
+    shape = (signs < 0.0) @ np.array([4.0, 2.0, 1.0])
+    return np.column_stack([quarters, shape])
+
+
+def insert(
+    texts: Sequence[str],
+    program: RobotProgram,
+    row: int,
+    numbers: Sequence[str],
+    config: Sequence[int],
+) -> Insertion:
+    """Return a statement before a motion that moves to a literal target in the same way."""
+    (start, end), (goal_start, goal_end) = program.statements[row], program.goals[row]
+    text = texts[0]
+    line = text.rfind("\n", 0, start) + 1
+    indent = text[line:start] if text[line:start].isspace() else ""
+    external = ",".join(["9E9"] * 6)
+    goal = f"[[{','.join(numbers[:3])}],[{','.join(numbers[3:])}],"
+    goal += f"[{','.join(map(str, config))}],[{external}]]"
+    newline = "\r\n" if "\r\n" in text else "\n"
+    new = text[start:goal_start] + goal + text[goal_end:end] + newline + indent
+    return [Edit(0, int(start), int(start), new)]
+
+
+LANGUAGE = Language(
+    name="RAPID",
+    companion="",
+    metres=1e-3,
+    radians=float(np.pi / 180.0),
+    n_turns=4,
+    decimals=(4, 5, 9),
+    read=read,
+    to_rotations=quaternion_rotations,
+    from_rotations=quaternions,
+    configurations=configurations,
+    insert=insert,
+    config_of_linear=True,
+)
