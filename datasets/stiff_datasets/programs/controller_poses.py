@@ -92,9 +92,10 @@ def program_poses(
     q = np.full((n, robot.n_joints), np.nan)
     poses, joints = np.flatnonzero(~program.has_joints), np.flatnonzero(program.has_joints)
     if len(joints):
-        if robot.n_joints > program.values.shape[1] or np.isnan(
-            program.values[joints, : robot.n_joints]
-        ).any():
+        if (
+            robot.n_joints > program.values.shape[1]
+            or np.isnan(program.values[joints, : robot.n_joints]).any()
+        ):
             raise DataError(
                 f"{program.place(joints[0])}: not the {robot.n_joints} joint angles of {robot.name}"
             )
@@ -120,7 +121,8 @@ def pose_numbers(
 
     Args:
         language: of the program.
-        base, tool: (n, 4, 4) as of `ProgramPoses`.
+        base: (n, 4, 4) base frames in the description's base frame, m.
+        tool: (n, 4, 4) tool frames in the last joint's frame, m.
         position: (n, 3) of the TCP, description's base frame, m.
         rotation: (n, 3, 3) of the last joint's frame.
     """

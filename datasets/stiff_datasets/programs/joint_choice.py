@@ -19,6 +19,8 @@ OUT_OF_REACH, BEYOND_LIMITS = "out of reach", "beyond the joint limits in every 
 OTHER_CONFIGURATION = "not reachable in the configuration that is written"
 SINGULAR = "singular: the joints cannot correct it"
 FLIPS = "on the other side of a singularity than the target before"
+LONGEST_PROBLEM = 64
+"""Characters of a problem."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +32,17 @@ class ChosenJoints:
         problem: (n,) why the target cannot be driven or corrected; "" if it can.
         config_fits: (n,) the numbers of the configuration are those of `q`; true where none are
             written.
+        possible: row of a target that is not reachable in its configuration -> those in which it
+            is.
     """
 
     q: FloatArray
     problem: TextArray
     config_fits: BoolArray
+    possible: dict[int, str]
 
 
-def configuration_numbers(
-    language: Language, robot: Robot, q: FloatArray
-) -> FloatArray:
+def configuration_numbers(language: Language, robot: Robot, q: FloatArray) -> FloatArray:
     """Return (n, k) the numbers of a language for configurations; (n, 0) if it has none."""
     if language.configurations is None or robot.n_joints != 6:
         return np.empty((len(q), 0))
@@ -63,12 +66,15 @@ def choose_joints(
     Args:
         program: the targets.
         robot: that drives them.
-        position, rotation, q: of `ProgramPoses`.
+        position: (n, 3) of `ProgramPoses`.
+        rotation: (n, 3, 3) of `ProgramPoses`.
+        q: (n, n_joints) of `ProgramPoses`.
         start: (n_joints,) joint positions near the first target, rad or m.
     """
     n = len(program)
-    chosen, problem = q.copy(), np.full(n, "", dtype=f"<U{len(BEYOND_LIMITS) + 8}")
+    chosen, problem = q.copy(), np.full(n, "", dtype=f"<U{LONGEST_PROBLEM}")
     config_fits, before = np.ones(n, dtype=bool), start
+    possible: dict[int, str] = {}
     for first in range(0, n, BLOCK):
         rows = np.arange(first, min(first + BLOCK, n))
         poses = rows[~program.has_joints[rows]]
@@ -88,18 +94,15 @@ def choose_joints(
                 problem[row] = BEYOND_LIMITS if reached.any() else OUT_OF_REACH
                 continue
             fits = inside & _fits(program, row, numbers[index])
-            config_fits[row] = fits.any()
             is_bound = not program.is_linear[row] or program.language.config_of_linear
             if is_bound and not fits.any() and not program.is_linear[row]:
                 problem[row] = OTHER_CONFIGURATION
+                possible[row] = _possible(program, row, numbers[index][inside])
                 continue
             pool = fits if is_bound and fits.any() else inside
             ways = candidates[index][pool]
-            chosen[row] = ways[np.argmin(np.linalg.norm(ways - before, axis=1))]
-            before = chosen[row]
-            config_fits[row] = bool(_fits(program, row, numbers[index][pool])[
-                np.argmin(np.linalg.norm(ways - before, axis=1))
-            ])
+            before = chosen[row] = ways[np.argmin(np.linalg.norm(ways - before, axis=1))]
+            config_fits[row] = fits.any() or not is_bound
     driven = np.flatnonzero(problem == "")
     if len(driven):
         free = np.ones(robot.n_joints, dtype=bool)
@@ -109,7 +112,7 @@ def choose_joints(
         flips = np.r_[False, np.diff(sign) != 0] & program.is_linear[driven]
         flips &= np.r_[False, np.diff(driven) == 1] & program.follows[driven] & ~singular
         problem[driven[flips]] = FLIPS
-    return ChosenJoints(chosen, problem, config_fits)
+    return ChosenJoints(chosen, problem, config_fits, possible)
 
 
 def _candidates(
@@ -147,6 +150,17 @@ def _needed(low: float, high: float, turns: bool) -> tuple[float, ...]:
 def _inside(robot: Robot, q: FloatArray) -> BoolArray:
     beyond = (q < robot.lower - LIMIT_SLACK) | (q > robot.upper + LIMIT_SLACK)
     return np.asarray(~beyond.any(axis=1))
+
+
+def _possible(program: RobotProgram, row: int, numbers: FloatArray) -> str:
+    """Return the configurations (m, k) of a pose, next to the one that is written."""
+    names, ways = program.language.config_names, np.unique(numbers, axis=0).astype(int).tolist()
+    written = program.config[row, : len(names)].astype(int).tolist()
+    texts = [
+        ", ".join(f"{name} {number}" for name, number in zip(names, way, strict=True))
+        for way in (written, *ways)
+    ]
+    return f"{texts[0]}; the pose is reached with {' or '.join(texts[1:])}"
 
 
 def _fits(program: RobotProgram, row: int, numbers: FloatArray) -> BoolArray:

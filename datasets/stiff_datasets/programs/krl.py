@@ -19,13 +19,13 @@ from stiff_datasets.programs.program_file import (
     NO_FRAME,
     Edit,
     Frame,
-    Insertion,
     Language,
     LeftMotion,
     Number,
     RobotProgram,
     StatementError,
     Target,
+    copied_motions,
 )
 from stiff_datasets.programs.rotations import euler_angles, euler_rotations
 from stiff_protocols.contract.types import FloatArray
@@ -34,7 +34,7 @@ GRAMMAR = r"""
 start: motion | assignment | declaration
 motion: MOTION goal ("," goal)* _TAIL?
 assignment: VARIABLE "=" goal
-declaration: "DECL"i "GLOBAL"i? NAME VARIABLE "=" aggregate
+declaration: "DECL"i? "GLOBAL"i? NAME VARIABLE "=" aggregate
 goal: aggregate | VARIABLE | EXPRESSION
 aggregate: OPEN (TYPE ":")? component ("," component)* CLOSE
 component: NAME (NUMBER | EXPRESSION | aggregate)
@@ -59,12 +59,13 @@ STATEMENT = re.compile(
     r"|FDAT_ACT[ \t]*=[ \t]*(?P<fdat>\w+)"
     r"|(?P<assigned>\w+)[ \t]*=[^\r\n;]*"
     r"|(?P<flow>(?:IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|LOOP|ENDLOOP|REPEAT|UNTIL|SWITCH|CASE"
-    r"|DEFAULT|ENDSWITCH|GOTO|RETURN|DEF|DEFFCT|END|ENDFCT|INTERRUPT)\b|\w+[ \t]*:(?!=)"
+    r"|DEFAULT|ENDSWITCH|GOTO|RETURN|DEF|DEFFCT|END|ENDFCT|INTERRUPT)\b"
+    r"|\w+[ \t]*:(?!=)"
     r"|(?!BAS\b|WAIT\b|OUT\b|PULSE\b)\w+[ \t]*\([^\r\n]*))",
     re.IGNORECASE | re.MULTILINE,
 )
 DECLARATION = re.compile(
-    r"^[ \t]*(?P<text>DECL[ \t]+(?:GLOBAL[ \t]+)?(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)[ \t]+"
+    r"^[ \t]*(?P<text>(?:DECL[ \t]+)?(?:GLOBAL[ \t]+)?(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)[ \t]+"
     r"(?P<name>\w+)[ \t]*=[^\r\n;]*)",
     re.IGNORECASE | re.MULTILINE,
 )
@@ -177,9 +178,9 @@ def _numbers(
     """Return the named numbers of a pose or of joint angles, S and T, and why there are none."""
     values: dict[str, Token] = {}
     for component in aggregate.find_data("component"):
-        name, value = component.children
-        if isinstance(value, Token):
-            values[str(name).upper()] = value
+        first, last = component.children
+        if isinstance(first, Token) and isinstance(last, Token):
+            values[first.upper()] = last
     names = JOINTS if "A1" in values else POSE
     missing = [name for name in names if name not in values]
     if missing:
@@ -187,13 +188,21 @@ def _numbers(
     for name in names:
         if values[name].type != "NUMBER":
             return [], [], f"{name} {values[name].strip()} is an expression"
+    numbers = [(name, _number(values[name], start)) for name in names]
+    if not {"S", "T"} <= {*values}:
+        return numbers, [], ""
+    status, turn = (_number(values[name], start) for name in ("S", "T"))
+    status = status._replace(value=float(int(status.value) & 7))
+    return numbers, [status, turn], ""
 
-    def number(name: str) -> Number:
-        token = values[name]
-        return Number(float(token), start + int(token.start_pos or 0), start + int(token.end_pos or 0))
 
-    config = [number(name) for name in ("S", "T")] if {"S", "T"} <= {*values} else []
-    return [(name, number(name)) for name in names], config, ""
+def _number(token: Token, start: int) -> Number:
+    """Return a number, which S and T may write as 'B010' or 'H2'."""
+    bits = re.fullmatch(r"'([BH])([0-9A-F]+)'", token.strip(), re.IGNORECASE)
+    value = int(bits[2], 2 if bits[1] in "bB" else 16) if bits else float(token)
+    length = len(token.rstrip())
+    place = start + int(token.start_pos or 0)
+    return Number(float(value), place, place + length)
 
 
 def _frame(text: str, start: int) -> Frame:
@@ -219,7 +228,9 @@ def _inline_form(name: str, data: Mapping[str, tuple[Tree[Token], int]]) -> tupl
     numbers = {"BASE_NO": "?", "TOOL_NO": "?"}
     if name in data:
         for component in data[name][0].find_data("component"):
-            numbers[str(component.children[0]).upper()] = str(component.children[1])
+            numbers[str(component.children[0]).upper()] = str(component.children[1]).strip()
+    if numbers.get("IPO_FRAME", "").upper() == "#TCP":
+        raise StatementError(data[name][1], f"{name}: IPO_FRAME #TCP", "a tool on the robot", 1)
     return _numbered("BASE", numbers["BASE_NO"]), _numbered("TOOL", numbers["TOOL_NO"])
 
 
@@ -235,26 +246,27 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
     """Return (n, 2) status and turn.
 
     Bit 0 of the status: the wrist centre is behind axis 1. Bit 1: joint 3 is at or above the angle
-    at which the arm is straight. Bit 2: joint 5 is positive. Bit i of the turn: joint i + 1 is
-    negative. Bits 3 and 4 of the status do not choose a configuration.
+    at which the arm is straight. Bit 2: joint 5 is negative. Bit i of the turn: joint i + 1 is
+    negative. Bits 3 and 4 of the status do not choose a configuration and are not compared.
     """
     shoulder, elbow, wrist = signs.T
-    status = (shoulder < 0) + 2 * (elbow >= 0) + 4 * (wrist > 0)
+    status = (shoulder < 0) + 2 * (elbow >= 0) + 4 * (wrist < 0)
     turn = (angles < 0.0) @ (1 << np.arange(angles.shape[1]))
     return np.column_stack([status, turn]).astype(np.float64)
 
 
 def insert(
-    texts: Sequence[str], program: RobotProgram, row: int, numbers: Sequence[str], config: Sequence[int]
-) -> Insertion:
-    """Return a line before a motion that moves to a literal target in the same way."""
-    (start, end), (goal_start, goal_end) = program.statements[row], program.goals[row]
-    text = texts[0]
-    line = text.rfind("\n", 0, start) + 1
-    goal = "{" + ",".join(f"{name} {n}" for name, n in zip(POSE, numbers, strict=True)) + "}"
-    newline = "\r\n" if "\r\n" in text else "\n"
-    new = text[line:goal_start] + goal + text[goal_end:end].rstrip() + newline
-    return [Edit(0, line, line, new)]
+    program: RobotProgram,
+    rows: Sequence[int],
+    numbers: Sequence[Sequence[str]],
+    config: Sequence[Sequence[int]],
+) -> list[Edit]:
+    """Return edits that put motions to literal targets before others; see `Language.insert`."""
+    goals = [
+        "{" + ",".join(f"{name} {text}" for name, text in zip(POSE, texts, strict=True)) + "}"
+        for texts in numbers
+    ]
+    return copied_motions(program, rows, goals)
 
 
 LANGUAGE = Language(
@@ -269,4 +281,5 @@ LANGUAGE = Language(
     from_rotations=lambda rotations: euler_angles("ZYX", rotations),
     configurations=configurations,
     insert=insert,
+    config_names=("S", "T"),
 )

@@ -10,7 +10,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,17 +19,7 @@ from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.files import written_whole
 
-MODULES = {
-    ".src": "krl",
-    ".mod": "rapid",
-    ".modx": "rapid",
-    ".prg": "rapid",
-    ".ls": "fanuc_ls",
-    ".script": "urscript",
-    ".urscript": "urscript",
-}
-"""Suffix of a program -> module of its language."""
-MOST_NUMBERS, MOST_CONFIG = 7, 4
+MOST_NUMBERS, MOST_CONFIG = 7, 6
 """Numbers of a target (a position and a quaternion), and of its configuration."""
 NO_FRAME = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -139,8 +128,9 @@ class Language:
         configurations: (n, 3) signs of shoulder, elbow and wrist (`arm_shape`) and (n, n_joints)
             controller's joint angles, rad -> (n, k) numbers of the configuration; None if targets
             have none.
-        insert: (text of a motion's statement, place of its target in it, its numbers as texts,
-            configuration) -> the statement with a literal target.
+        insert: (program, rows, numbers as texts, configurations) -> edits that put a motion to
+            each literal target before the motion of its row, in this order.
+        config_names: names of the numbers of a configuration.
         config_of_linear: linear motions are bound to the configuration that is written.
     """
 
@@ -154,7 +144,10 @@ class Language:
     to_rotations: Callable[[FloatArray], FloatArray]
     from_rotations: Callable[[FloatArray], FloatArray]
     configurations: Callable[[FloatArray, FloatArray], FloatArray] | None
-    insert: Callable[[Sequence[str], RobotProgram, int, Sequence[str], Sequence[int]], Insertion]
+    insert: Callable[
+        [RobotProgram, Sequence[int], Sequence[Sequence[str]], Sequence[Sequence[int]]], list[Edit]
+    ]
+    config_names: tuple[str, ...] = ()
     config_of_linear: bool = False
 
 
@@ -165,9 +158,6 @@ class Edit(NamedTuple):
     start: int
     end: int
     text: str
-
-
-Insertion = Sequence[Edit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,8 +174,8 @@ class RobotProgram:
         text_index: (n,) number of the text that holds a target's numbers.
         values: (n, 7) numbers, in the program's units; NaN beyond the target's own.
         places: (n, 7, 2) places of these numbers.
-        config: (n, 4) numbers of the configuration; NaN where there are none.
-        config_places: (n, 4, 2) their places.
+        config: (n, 6) numbers of the configuration; NaN where there are none.
+        config_places: (n, 6, 2) their places.
         frames: the pairs of base and tool frame that occur.
         frame_index: (n,) number of each target's pair.
         left: motions that are left as they are.
@@ -257,13 +247,20 @@ def read_program(path: Path) -> RobotProgram:
 
 def language_of(path: Path) -> Language:
     """Return the language of a program by its suffix; DataError for an unknown one."""
-    name = MODULES.get(path.suffix.lower())
-    if name is None:
-        raise DataError(
-            f"{path}: unknown language of a robot program (valid: KUKA .src, ABB .mod, FANUC .ls, "
-            "URScript .script)"
-        )
-    language: Language = import_module(f"stiff_datasets.programs.{name}").LANGUAGE
+    match path.suffix.lower():
+        case ".src":
+            from stiff_datasets.programs.krl import LANGUAGE as language
+        case ".mod" | ".modx" | ".prg":
+            from stiff_datasets.programs.rapid import LANGUAGE as language
+        case ".ls":
+            from stiff_datasets.programs.fanuc_ls import LANGUAGE as language
+        case ".script" | ".urscript":
+            from stiff_datasets.programs.urscript import LANGUAGE as language
+        case _:
+            raise DataError(
+                f"{path}: unknown language of a robot program (valid: KUKA .src, ABB .mod, FANUC "
+                ".ls, URScript .script)"
+            )
     return language
 
 
@@ -272,7 +269,8 @@ def edited_texts(texts: Sequence[str], edits: Sequence[Edit]) -> list[str]:
     results = []
     for index, text in enumerate(texts):
         parts, end = [], 0
-        for edit in sorted(edit for edit in edits if edit.text_index == index):
+        own = (edit for edit in edits if edit.text_index == index)
+        for edit in sorted(own, key=lambda edit: (edit.start, edit.end)):
             parts += [text[end : edit.start], edit.text]
             end = edit.end
         results.append("".join([*parts, text[end:]]))
@@ -284,6 +282,20 @@ def write_texts(paths: Sequence[Path], texts: Sequence[str]) -> None:
     for path, text in zip(paths, texts, strict=True):
         with written_whole(path) as temporary:
             temporary.write_bytes(text.encode("latin-1"))
+
+
+def copied_motions(program: RobotProgram, rows: Sequence[int], goals: Sequence[str]) -> list[Edit]:
+    """Return edits that put copies of motions' lines, with other targets, before these lines."""
+    edits, text = [], program.texts[0]
+    newline = "\r\n" if "\r\n" in text else "\n"
+    for row, goal in zip(rows, goals, strict=True):
+        (start, end), (goal_start, goal_end) = program.statements[row], program.goals[row]
+        line = text.rfind("\n", 0, start) + 1
+        before = text[line:start] if text[line:start].isspace() else ""
+        place = int(start) - len(before)
+        copy = text[start:goal_start] + goal + text[goal_end:end].rstrip()
+        edits.append(Edit(0, place, place, before + copy + newline))
+    return edits
 
 
 def number_text(value: float, old: str, decimals: int) -> str:
@@ -330,9 +342,7 @@ class _Columns:
             self.left.append(motion)
             return
         self.statements.extend((motion.start, motion.end, motion.goal_start, motion.goal_end))
-        self.flags.extend(
-            (motion.is_linear, motion.follows, motion.has_joints, motion.text_index)
-        )
+        self.flags.extend((motion.is_linear, motion.follows, motion.has_joints, motion.text_index))
         for numbers, count, values, places in (
             (motion.numbers, MOST_NUMBERS, self.values, self.places),
             (motion.config, MOST_CONFIG, self.config, self.config_places),

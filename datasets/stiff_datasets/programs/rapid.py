@@ -1,8 +1,8 @@
-"""ABB RAPID: targets of a module, with the targets, tools and work objects that it declares.
+r"""ABB RAPID: targets of a module, with the targets, tools and work objects that it declares.
 
 Lengths are in mm, joint angles in deg, orientations quaternions, w first. Each robtarget holds its
 configuration [cf1, cf4, cf6, cfx] (Technical reference manual: RAPID instructions, functions and
-data types, "confdata"): with `ConfL\\On`, the default, a controller stops where it does not fit.
+data types, "confdata"): with `ConfL\On`, the default, a controller stops where it does not fit.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from lark.exceptions import LarkError
 from stiff_datasets.programs.program_file import (
     Edit,
     Frame,
-    Insertion,
     Language,
     LeftMotion,
     Number,
     RobotProgram,
     StatementError,
     Target,
+    copied_motions,
 )
 from stiff_datasets.programs.rotations import quaternion_rotations, quaternions
 from stiff_protocols.contract.types import FloatArray
@@ -220,7 +220,7 @@ def _rows(value: Tree[Token] | Token, start: int, text: str, kind: str) -> list[
 
 def _inner(value: Tree[Token] | Token) -> list[Tree[Token] | Token]:
     """Return the items of an array, without its brackets; none of another value."""
-    return value.children[1:-1] if isinstance(value, Tree) else []  # type: ignore[return-value]
+    return value.children[1:-1] if isinstance(value, Tree) else []
 
 
 def _number(token: Tree[Token] | Token, start: int) -> Number | None:
@@ -229,9 +229,7 @@ def _number(token: Tree[Token] | Token, start: int) -> Number | None:
     return Number(float(token), start + int(token.start_pos or 0), start + int(token.end_pos or 0))
 
 
-def _frame(
-    name: str, kind: str, data: Mapping[str, _Data], frames: dict[str, Frame]
-) -> Frame:
+def _frame(name: str, kind: str, data: Mapping[str, _Data], frames: dict[str, Frame]) -> Frame:
     """Return a tool or work object by its name; without values if the module does not hold it."""
     key = name.lower()
     if key in KNOWN_FRAMES:
@@ -278,23 +276,18 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
 
 
 def insert(
-    texts: Sequence[str],
     program: RobotProgram,
-    row: int,
-    numbers: Sequence[str],
-    config: Sequence[int],
-) -> Insertion:
-    """Return a statement before a motion that moves to a literal target in the same way."""
-    (start, end), (goal_start, goal_end) = program.statements[row], program.goals[row]
-    text = texts[0]
-    line = text.rfind("\n", 0, start) + 1
-    indent = text[line:start] if text[line:start].isspace() else ""
+    rows: Sequence[int],
+    numbers: Sequence[Sequence[str]],
+    config: Sequence[Sequence[int]],
+) -> list[Edit]:
+    """Return edits that put motions to literal targets before others; see `Language.insert`."""
     external = ",".join(["9E9"] * 6)
-    goal = f"[[{','.join(numbers[:3])}],[{','.join(numbers[3:])}],"
-    goal += f"[{','.join(map(str, config))}],[{external}]]"
-    newline = "\r\n" if "\r\n" in text else "\n"
-    new = text[start:goal_start] + goal + text[goal_end:end] + newline + indent
-    return [Edit(0, int(start), int(start), new)]
+    goals = [
+        f"[[{','.join(texts[:3])}],[{','.join(texts[3:])}],[{','.join(map(str, way))}],[{external}]]"
+        for texts, way in zip(numbers, config, strict=True)
+    ]
+    return copied_motions(program, rows, goals)
 
 
 LANGUAGE = Language(
@@ -309,5 +302,6 @@ LANGUAGE = Language(
     from_rotations=quaternions,
     configurations=configurations,
     insert=insert,
+    config_names=("cf1", "cf4", "cf6", "cfx"),
     config_of_linear=True,
 )

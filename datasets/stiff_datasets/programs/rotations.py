@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import warnings
 
+from typing import Literal
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stiff_protocols.contract.types import FloatArray
 
 
-def euler_rotations(order: str, angles: FloatArray) -> FloatArray:
+Order = Literal["ZYX", "xyz"]
+
+
+def euler_rotations(order: Order, angles: FloatArray) -> FloatArray:
     """Return (n, 3, 3) rotations of (n, 3) angles, deg; `order` as in scipy's Rotation."""
     return np.asarray(Rotation.from_euler(order, angles, degrees=True).as_matrix())
 
 
-def euler_angles(order: str, rotations: FloatArray) -> FloatArray:
+def euler_angles(order: Order, rotations: FloatArray) -> FloatArray:
     """Return (n, 3) angles, deg, of rotations; the third is zero where only a sum is defined."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Gimbal lock")

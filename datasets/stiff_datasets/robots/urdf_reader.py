@@ -201,7 +201,11 @@ def _controller(element: ElementTree.Element | None, urdf: Path) -> Controller |
             values = np.array(text.split(), dtype=np.float64)
         except ValueError:
             values = np.empty(0)
-        if not len(values) or len(values) != (count or len(values)) or not np.isfinite(values).all():
+        if (
+            not len(values)
+            or len(values) != (count or len(values))
+            or not np.isfinite(values).all()
+        ):
             valid = f"{count} numbers" if count else "a number for each joint"
             raise DataError(f"{urdf}: <{owner.tag}> has {name}={text!r} (valid: {valid})")
         return values

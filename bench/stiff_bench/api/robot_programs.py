@@ -1,0 +1,362 @@
+"""Robot programs: motion targets corrected for the predicted deflection, in place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.api.remaining_error import ExpectedError, expected_error
+from stiff_bench.run.progress import display
+from stiff_bench.tables.picture_file import check_suffix
+from stiff_bench.tables.units import counted
+from stiff_datasets.measured.path_file import LoadFrame, frame_matrix
+from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
+from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
+from stiff_datasets.programs.controller_poses import ProgramPoses, controller_of, program_poses
+from stiff_datasets.programs.corrected_program import corrected_texts, shared_target_conflicts
+from stiff_datasets.programs.corrected_targets import (
+    CorrectedTargets,
+    correct_targets,
+    errors_between,
+)
+from stiff_datasets.programs.joint_choice import SINGULAR, choose_joints
+from stiff_datasets.programs.load_lines import loads_by_line
+from stiff_datasets.programs.program_file import RobotProgram, read_program, write_texts
+from stiff_protocols.contract.errors import ConfigError, DataError, ModelError, unknown_name
+from stiff_protocols.contract.files import check_new_file
+from stiff_protocols.contract.stiffness_model import optional
+from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, TextArray
+from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M
+
+if TYPE_CHECKING:
+    from stiff_bench.figures.prepared_figure import Prepared
+
+MOST_LISTED = 10
+"""Motions that are left which the text names, and rows in which a configuration changed."""
+
+
+@dataclass(frozen=True, eq=False)
+class LeftTarget:
+    """A motion that is left as it was.
+
+    Attributes:
+        line: of the program, from 1.
+        text: the statement.
+        reason: why it is not corrected.
+    """
+
+    line: int
+    text: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedProgram:
+    """A robot program whose targets put the loaded tool where the program has it.
+
+    Attributes:
+        files: that were written.
+        language: of the program.
+        lines: (n,) line of each motion.
+        removed: (n,) predicted deflection that the correction takes out, m; 0 where a target is
+            left.
+        expected: what remains, after the model's own error.
+        left: motions that are left as they were.
+        extrapolates: (n,) what of a target lies beyond the training range.
+        targets: points, commands and predicted deflections, with the points between.
+        between: (m,) predicted errors on straight motions between corrected ends, m.
+        between_lines: (m,) lines of these motions.
+        changed_configurations: lines whose written configuration has new numbers.
+        unfit_configurations: lines whose written configuration does not fit the pose.
+        notes: what else to know, a line each.
+    """
+
+    files: tuple[Path, ...]
+    language: str
+    lines: tuple[int, ...]
+    removed: FloatArray
+    expected: ExpectedError
+    left: tuple[LeftTarget, ...]
+    extrapolates: tuple[str, ...]
+    targets: CorrectedTargets
+    between: FloatArray
+    between_lines: tuple[int, ...]
+    changed_configurations: tuple[int, ...]
+    unfit_configurations: tuple[int, ...]
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """Return what was corrected, what will remain, and what was left."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> list[str]:
+        """Return the lines of the text."""
+        n_inserted = int((~self.targets.is_target).sum())
+        done = self.targets.found.problem[self.targets.is_target] == ""
+        beyond = sum(map(bool, self.extrapolates))
+        first = f"{int(done.sum())} of {counted(len(done), 'target')} corrected"
+        if n_inserted:
+            first += f", {counted(n_inserted, 'point')} inserted"
+        if beyond:
+            first += f"; {beyond} of {len(done)} beyond the training range of the model"
+        lines = [first]
+        if done.any():
+            removed = MM_PER_M * self.removed[done]
+            lines.append(
+                f"removed deflection: {removed.mean():.3g} mm mean, {removed.max():.3g} mm largest"
+            )
+        lines.append(f"expected remaining error: {self.expected}")
+        if len(self.between):
+            worst = int(np.nanargmax(self.between))
+            lines.append(
+                f"between targets: up to {MM_PER_M * self.between[worst]:.2g} mm off the straight "
+                f"line (motion of line {self.between_lines[worst]}); --every puts points between"
+            )
+        for text, numbers in (
+            ("status, turn or quadrants written anew", self.changed_configurations),
+            ("configuration does not fit the pose", self.unfit_configurations),
+        ):
+            if numbers:
+                lines.append(f"{text}: {_listed([f'line {number}' for number in numbers])}")
+        lines += self.notes
+        if self.left:
+            lines.append(f"left as they were: {counted(len(self.left), 'motion')}")
+            lines += [
+                f"  line {left.line}: {_short(left.text)}: {left.reason}"
+                for left in self.left[:MOST_LISTED]
+            ]
+            if len(self.left) > MOST_LISTED:
+                lines.append(f"  and {len(self.left) - MOST_LISTED} more")
+        return lines
+
+
+def compensate_program(
+    model: Model,
+    program: Path | str,
+    output: Path | str,
+    *,
+    load: Sequence[float] | None = None,
+    loads: Path | str | None = None,
+    frame: LoadFrame = "base",
+    tool: Sequence[float] | None = None,
+    workpiece: Sequence[float] | None = None,
+    start: Sequence[float] | None = None,
+    every: float | None = None,
+    strict: bool = False,
+    tolerance: float = MM_PER_M * TOLERANCE_M,
+    iterations: int = MAX_ITERATIONS,
+    coverage: float | None = None,
+) -> CorrectedProgram:
+    """Correct the motion targets of a robot program, and write it back in place.
+
+    Every other character stays as it was. Targets that cannot be corrected are left and listed.
+
+    Args:
+        model: fitted.
+        program: KUKA .src (with the .dat beside it), ABB .mod, FANUC .ls or URScript .script.
+        output: a new file with the same suffix; a .dat is written beside it.
+        load: (3,) or (6,) process load at every target, N and N m.
+        loads: file of loads by line of the program, in place of `load`.
+        frame: "base" or "tool", in which loads are expressed: the controller's base frame, or the
+            tool frame of each target.
+        tool: x, y, z [mm], a, b, c [deg] of the tool in the controller's flange frame, for a
+            program that does not hold it.
+        workpiece: x, y, z [mm], a, b, c [deg] of the base frame in the controller's world frame,
+            likewise.
+        start: (n_joints,) joint positions of the model's robot near the first target, deg or mm;
+            None: the middle of the training poses.
+        every: points are put between the targets of straight motions, at most so far apart, mm.
+        strict: a target that cannot be corrected is an error.
+        tolerance: remaining predicted error at which a target is done, mm.
+        iterations: predictions of a target at most.
+        coverage: of the interval from which the remaining error is taken (0..1); None: the
+            cross-validated error of the fit.
+
+    Raises:
+        NotFittedError: the model is not fitted.
+        ConfigError: an option is wrong, or a frame or load is missing.
+        DataError: the program cannot be read, is for another robot or tool, or a target cannot be
+            reached.
+        ModelError: `strict`, and a target cannot be corrected.
+        StoreError: a file cannot be written, or exists.
+    """
+    file, output = Path(program), Path(output)
+    if frame not in ("base", "tool"):
+        raise unknown_name("frame", frame, ("base", "tool"))
+    model.check_fitted()
+    if output.suffix.lower() != file.suffix.lower():
+        raise ConfigError(f"{output} has another suffix than {file.name}", "output")
+    check_new_file(output)
+    model.check_coverage(coverage)
+    robot: Robot = model.fitted.robot_
+    source = read_program(file)
+    written = (output, *(output.with_suffix(path.suffix) for path in source.paths[1:]))
+    for path in written[1:]:
+        check_new_file(path)
+    poses = program_poses(
+        source,
+        robot,
+        tool=None if tool is None else frame_matrix(tool),
+        workpiece=None if workpiece is None else frame_matrix(workpiece),
+    )
+    fitted = model.fitted
+
+    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        with blamed_on(model.file):
+            return np.asarray(optional(fitted, "predict_at_tcp")(q, wrench))
+
+    with display():
+        position, rotation, q, problem, fits = _joints(source, robot, poses, model, start)
+        wrench = _wrenches(source, robot, poses, rotation, load, loads, frame)
+        targets = correct_targets(
+            predict,
+            robot,
+            source,
+            position,
+            rotation,
+            q,
+            wrench,
+            problem,
+            every_m=None if every is None else every / MM_PER_M,
+            tolerance_m=tolerance / MM_PER_M,
+            max_iterations=iterations,
+        )
+        reasons = targets.found.problem[targets.is_target].astype(object)
+        conflicts = shared_target_conflicts(source, targets)
+        reasons[conflicts] = "the target is also that of another motion with another command"
+        left = _left(source, reasons)
+        if left and strict:
+            raise ModelError(
+                f"{file}, line {left[0].line}: {_short(left[0].text)}: {left[0].reason} (strict: "
+                f"{counted(len(left), 'motion')} cannot be corrected)"
+            )
+        keep = np.array([bool(reason) for reason in reasons], dtype=bool)
+        texts, changed = corrected_texts(source, robot, poses, targets, q, keep)
+        between_rows, between = errors_between(predict, robot, targets)
+        done = targets.found.problem[targets.is_target] == ""
+        commands, loads_done = targets.found.q[targets.is_target][done], wrench[done]
+        expected = expected_error(model, commands, loads_done, coverage)
+        words = np.full(len(source), "", dtype=object)
+        words[done] = model.training_range.extrapolates(commands, loads_done)
+        write_texts(written, texts)
+    removed = np.linalg.norm(targets.found.before[targets.is_target], axis=1) * ~keep
+    beyond = extrapolation_warning(
+        model.training_range, robot, commands, loads_done, words[done].tolist()
+    )
+    notes = [beyond] if beyond else []
+    if robot.controller is None:
+        notes.append(
+            f"{robot.name} has no <controller> in its URDF: joint angles and frames of the program "
+            "count as the URDF's"
+        )
+    if not wrench.any():
+        notes.append("every load is zero, so there is nothing to correct")
+    return CorrectedProgram(
+        files=written,
+        language=source.language.name,
+        lines=tuple(source.lines.tolist()),
+        removed=removed,
+        expected=expected,
+        left=left,
+        extrapolates=tuple(words.tolist()),
+        targets=targets,
+        between=between,
+        between_lines=tuple(source.lines[targets.row[between_rows]].tolist()),
+        changed_configurations=tuple(source.lines[changed].tolist()),
+        unfit_configurations=tuple(source.lines[~fits].tolist()),
+        notes=tuple(notes),
+    )
+
+
+def _joints(
+    source: RobotProgram,
+    robot: Robot,
+    poses: ProgramPoses,
+    model: Model,
+    start: Sequence[float] | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, TextArray, BoolArray]:
+    """Return position, rotation, joints, problems and fitting configurations of the targets."""
+    if robot.n_joints != 6:
+        raise DataError(
+            f"{source.paths[0]}: programs are corrected for robots of six joints; {robot.name} has "
+            f"{robot.n_joints}"
+        )
+    known = model.training_range
+    near = 0.5 * (known.lower + known.upper)
+    if start is not None:
+        if len(start) != robot.n_joints:
+            raise ConfigError(
+                f"{len(start)} numbers (valid: {robot.n_joints}, a joint each)", "start"
+            )
+        near = np.array(start) / file_units(robot)
+    chosen = choose_joints(source, robot, poses.position, poses.rotation, poses.q, near)
+    wrong = np.flatnonzero(
+        (chosen.problem != "")
+        & ~source.has_joints
+        & ((chosen.problem != SINGULAR) | source.is_linear)
+    )
+    if len(wrong):
+        row = int(wrong[0])
+        count = source.language.n_turns + 3
+        pose = ",".join(f"{value:g}" for value in source.values[row, :count])
+        valid = chosen.possible.get(row, f"a pose that {robot.name} reaches")
+        raise DataError(
+            f"{source.place(row)}: target {pose}: {chosen.problem[row]} ({valid}); "
+            f"{counted(len(wrong), 'target')} like this"
+        )
+    position, rotation = poses.position.copy(), poses.rotation.copy()
+    joints = np.flatnonzero(source.has_joints)
+    stands = robot.forward(chosen.q[joints])
+    position[joints], rotation[joints] = stands.points[:, -1], stands.rotation
+    return position, rotation, chosen.q, chosen.problem, chosen.config_fits
+
+
+def _wrenches(
+    source: RobotProgram,
+    robot: Robot,
+    poses: ProgramPoses,
+    rotation: FloatArray,
+    load: Sequence[float] | None,
+    loads: Path | str | None,
+    frame: LoadFrame,
+) -> FloatArray:
+    """Return (n, 6) loads in the description's base frame, N and N m."""
+    if (load is None) == (loads is None):
+        valid = "valid: fx,fy,fz[,tx,ty,tz] in N and N m, or a file of loads by line"
+        raise ConfigError(f"needed once, for {counted(len(source), 'target')} ({valid})", "load")
+    if load is not None:
+        if len(load) not in (3, 6) or not np.isfinite(load).all():
+            raise ConfigError(f"{len(load)} numbers (valid: 3 or 6, N and N m)", "load")
+        given = np.tile([*load, 0.0, 0.0, 0.0][:6], (len(source), 1))
+    else:
+        given = loads_by_line(Path(str(loads)), source)
+    turn = np.broadcast_to(controller_of(robot).world[:3, :3], (len(source), 3, 3))
+    if frame == "tool":
+        turn = rotation @ poses.tools[source.frame_index][:, :3, :3]
+    return np.einsum("nij,nkj->nki", turn, given.reshape(-1, 2, 3)).reshape(-1, 6)
+
+
+def _left(source: RobotProgram, reasons: Sequence[str]) -> tuple[LeftTarget, ...]:
+    """Return the motions that are left, in the order of the program."""
+    text = source.texts[0]
+    left = [LeftTarget(source.line(each.start), each.text, each.reason) for each in source.left]
+    for row, reason in enumerate(reasons):
+        if reason:
+            start, end = source.statements[row]
+            left.append(LeftTarget(int(source.lines[row]), text[start:end], reason))
+    return tuple(sorted(left, key=lambda each: each.line))
+
+
+def _short(text: str) -> str:
+    words = " ".join(text.split())
+    return words if len(words) <= 50 else words[:47] + "..."
+
+
+def _listed(texts: Sequence[str]) -> str:
+    rest = len(texts) - MOST_LISTED
+    return ", ".join(texts[:MOST_LISTED]) + (f" and {rest} more" if rest > 0 else "")

@@ -1,0 +1,130 @@
+"""Write corrected targets into a program, and everything else as it was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stiff_datasets.programs.controller_poses import ProgramPoses, controller_of, pose_numbers
+from stiff_datasets.programs.corrected_targets import CorrectedTargets
+from stiff_datasets.programs.joint_choice import configuration_numbers
+from stiff_datasets.programs.program_file import Edit, RobotProgram, edited_texts, number_text
+from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot
+
+SAME_M, SAME_RAD = 1e-6, 1e-6
+"""Commands of one target datum that are the same."""
+
+
+def shared_target_conflicts(program: RobotProgram, targets: CorrectedTargets) -> IntArray:
+    """Return the rows whose target is also that of another motion, under another command."""
+    found, is_target = targets.found, targets.is_target
+    key = np.column_stack([program.text_index, program.places[:, 0, 0]])
+    _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    group = group.ravel()
+    position, q = found.position[is_target], found.q[is_target]
+    at = first[group]
+    off = np.abs(position - position[at]).max(axis=1) > SAME_M
+    off |= program.has_joints & (np.abs(q - q[at]).max(axis=1) > SAME_RAD)
+    off |= (found.problem[is_target] == "") != (found.problem[is_target][at] == "")
+    return np.asarray(np.flatnonzero(np.isin(group, group[off])))
+
+
+def corrected_texts(
+    program: RobotProgram,
+    robot: Robot,
+    poses: ProgramPoses,
+    targets: CorrectedTargets,
+    q_before: FloatArray,
+    keep: BoolArray,
+) -> tuple[list[str], list[int]]:
+    """Return the texts of the corrected program, and the rows whose configuration has new numbers.
+
+    Args:
+        program: as it was read.
+        robot: of the joint positions.
+        poses: its frames.
+        targets: the commands.
+        q_before: (n, n_joints) joint positions at the targets as they were, rad or m.
+        keep: (n,) targets that are left as they are.
+    """
+    edits: list[Edit] = []
+    is_target, language = targets.is_target, program.language
+    position, q = targets.found.position[is_target], targets.found.q[is_target]
+    index = program.frame_index
+    rows = np.flatnonzero(~keep)
+    pose_rows, joint_rows = rows[~program.has_joints[rows]], rows[program.has_joints[rows]]
+    numbers = np.full((len(program), 7), np.nan)
+    if len(pose_rows):
+        numbers[pose_rows, :3] = pose_numbers(
+            language,
+            poses.bases[index[pose_rows]],
+            poses.tools[index[pose_rows]],
+            position[pose_rows],
+            targets.rotation[is_target][pose_rows],
+        )[:, :3]
+    if len(joint_rows):
+        angles = controller_of(robot).from_description(q[joint_rows]) / language.radians
+        numbers[joint_rows, : robot.n_joints] = angles
+    seen = set[tuple[int, int]]()
+    for row in rows.tolist():
+        text_index = int(program.text_index[row])
+        decimals = language.decimals[1 if program.has_joints[row] else 0]
+        text = program.texts[text_index]
+        spot = (text_index, int(program.places[row, 0, 0]))
+        if spot in seen:
+            continue
+        seen.add(spot)
+        for value, (start, end) in zip(
+            numbers[row].tolist(), program.places[row].tolist(), strict=True
+        ):
+            if value == value:
+                edits.append(
+                    Edit(text_index, start, end, number_text(value, text[start:end], decimals))
+                )
+    changed = []
+    if program.config.size and len(pose_rows):
+        before = configuration_numbers(language, robot, q_before[pose_rows])
+        after = configuration_numbers(language, robot, q[pose_rows])
+        written = program.config[pose_rows, : before.shape[1]]
+        for i, j in np.argwhere((written == before) & (after != before)).tolist():
+            row = int(pose_rows[i])
+            start, end = program.config_places[row, j].tolist()
+            text_index = int(program.text_index[row])
+            edits.append(Edit(text_index, start, end, str(int(after[i, j]))))
+            changed.append(row)
+    edits = [*dict.fromkeys(edits), *_insertions(program, robot, poses, targets, keep)]
+    return edited_texts(program.texts, edits), sorted({*changed})
+
+
+def _insertions(
+    program: RobotProgram,
+    robot: Robot,
+    poses: ProgramPoses,
+    targets: CorrectedTargets,
+    keep: BoolArray,
+) -> list[Edit]:
+    """Return the motions that are put between targets."""
+    language, found = program.language, targets.found
+    points = np.flatnonzero(~targets.is_target & (found.problem == "") & ~keep[targets.row])
+    if not len(points):
+        return []
+    index = program.frame_index[targets.row[points]]
+    numbers = pose_numbers(
+        language,
+        poses.bases[index],
+        poses.tools[index],
+        found.position[points],
+        targets.rotation[points],
+    )
+    config = configuration_numbers(language, robot, found.q[points]).astype(np.int64)
+    texts = [_texts(values, language.decimals) for values in numbers.tolist()]
+    return language.insert(program, targets.row[points].tolist(), texts, config.tolist())
+
+
+def _texts(values: Sequence[float], decimals: tuple[int, int, int]) -> list[str]:
+    """Return the texts of a pose's numbers."""
+    return [
+        number_text(value, "", decimals[0 if number < 3 else 2])
+        for number, value in enumerate(values)
+    ]

@@ -1,0 +1,189 @@
+"""A program's targets corrected for the predicted deflection, with points between on request."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiff_datasets.programs.program_file import RobotProgram
+from stiff_protocols.contract.types import BoolArray, Deflection, FloatArray, IntArray, Robot
+from stiff_protocols.contract.types import TextArray
+from stiff_protocols.paths.compensation import Compensation, compensate
+from stiff_protocols.paths.path import ToolPath
+
+BLOCK = 20_000
+"""Points that are corrected at once; a program of a million targets needs no more memory."""
+SHARES = (0.25, 0.5, 0.75)
+"""Places along a straight motion at which its error between the corrected ends is predicted."""
+MOST_SEGMENTS = 2000
+"""Straight motions, the longest ones, for which that is done."""
+NOT_REACHED = "out of reach between this target and the one before"
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedTargets:
+    """Points of a program: its targets, and points on the way to them.
+
+    Attributes:
+        row: (n,) number of the target to which the motion leads.
+        share: (n,) of the way from the target before it; 1 at the target itself.
+        rotation: (n, 3, 3) of the last joint's frame.
+        wrench: (n, 6) N and N m at the TCP, base frame.
+        found: points, commands and predicted deflections.
+        is_straight: (n,) the tool moves to the point along a straight line from the point before.
+    """
+
+    row: IntArray
+    share: FloatArray
+    rotation: FloatArray
+    wrench: FloatArray
+    found: Compensation
+    is_straight: BoolArray
+
+    @property
+    def is_target(self) -> BoolArray:
+        """(n,) whether the point is a target of the program, and not between two."""
+        return np.asarray(self.share == 1.0)
+
+
+def correct_targets(
+    predict: Deflection,
+    robot: Robot,
+    program: RobotProgram,
+    position: FloatArray,
+    rotation: FloatArray,
+    q: FloatArray,
+    wrench: FloatArray,
+    problem: TextArray,
+    *,
+    every_m: float | None,
+    tolerance_m: float,
+    max_iterations: int,
+) -> CorrectedTargets:
+    """Return the commands of a program's targets.
+
+    Args:
+        predict: deflections of a model.
+        robot: of the joint positions.
+        program: the targets.
+        position: (n, 3) of the TCP, base frame, m.
+        rotation: (n, 3, 3) of the last joint's frame.
+        q: (n, n_joints) rad or m.
+        wrench: (n, 6) N and N m at the TCP, base frame.
+        problem: (n,) why a target is left; "" for the targets that are corrected.
+        every_m: straight motions get points at most so far apart, m; None: they get none.
+        tolerance_m: as of `compensate`, m.
+        max_iterations: as of `compensate`.
+    """
+    n = len(program)
+    driven = problem == ""
+    straight = np.zeros(n, dtype=bool)
+    straight[1:] = program.is_linear[1:] & program.follows[1:] & driven[1:] & driven[:-1]
+    count = np.ones(n, dtype=np.int64)
+    if every_m is not None:  # a motion to joint angles cannot be copied to a pose
+        length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
+        parts = np.ceil(np.nan_to_num(length) / every_m - 1e-9).astype(np.int64)
+        count = np.where(straight & ~program.has_joints, np.maximum(parts, 1), 1)
+    row = np.repeat(np.arange(n), count)
+    part = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + 1
+    share = part / count[row]
+    point, turn, joints, reason = position[row], rotation[row], q[row], problem[row]
+    between = np.flatnonzero(share < 1.0)
+    if len(between):
+        point[between], turn[between], joints[between], reached = _between(
+            robot, position, rotation, q, row[between], share[between]
+        )
+        lost = {*row[between[~reached]].tolist()}
+        kept = (share == 1.0) | ~np.isin(row, [*lost])
+        row, share, point, turn = row[kept], share[kept], point[kept], turn[kept]
+        joints, reason = joints[kept], reason[kept]
+    found = _compensated(
+        predict, robot, point, turn, joints, wrench[row], reason, tolerance_m, max_iterations
+    )
+    return CorrectedTargets(row, share, turn, wrench[row], found, straight[row])
+
+
+def _between(
+    robot: Robot,
+    position: FloatArray,
+    rotation: FloatArray,
+    q: FloatArray,
+    row: IntArray,
+    share: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Return positions, rotations and joints on the way to rows, and whether they are reached."""
+    from scipy.spatial.transform import Rotation
+
+    part = share[:, None]
+    point = (1.0 - part) * position[row - 1] + part * position[row]
+    turn = rotation[row - 1].transpose(0, 2, 1) @ rotation[row]
+    vector = share[:, None] * Rotation.from_matrix(turn).as_rotvec()
+    turned = rotation[row - 1] @ Rotation.from_rotvec(vector).as_matrix()
+    seed = (1.0 - part) * q[row - 1] + part * q[row]
+    joints, reached = robot.inverse(point, turned, seed)
+    return point, turned, joints, reached
+
+
+def _compensated(
+    predict: Deflection,
+    robot: Robot,
+    position: FloatArray,
+    rotation: FloatArray,
+    q: FloatArray,
+    wrench: FloatArray,
+    problem: TextArray,
+    tolerance_m: float,
+    max_iterations: int,
+) -> Compensation:
+    """Return the commands of points, block by block; those with a problem stay as they are."""
+    n = len(position)
+    command, joints, deflection, before = (
+        position.copy(),
+        q.copy(),
+        np.zeros((n, 3)),
+        np.zeros((n, 3)),
+    )
+    iterations, contraction = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
+    reason = problem.copy()
+    driven = np.flatnonzero(problem == "")
+    for first in range(0, len(driven), BLOCK):
+        rows = driven[first : first + BLOCK]
+        path = ToolPath("", position[rows], rotation[rows], wrench[rows])
+        found = compensate(
+            predict, robot, path, q[rows], tolerance_m=tolerance_m, max_iterations=max_iterations
+        )
+        command[rows], joints[rows] = found.position, found.q
+        deflection[rows], before[rows] = found.deflection, found.before
+        iterations[rows], contraction[rows] = found.iterations, found.contraction
+        reason[rows] = found.problem
+    return Compensation(
+        position, command, joints, deflection, before, iterations, contraction, reason
+    )
+
+
+def errors_between(
+    predict: Deflection, robot: Robot, targets: CorrectedTargets
+) -> tuple[IntArray, FloatArray]:
+    """Return how far the tool is predicted off straight lines between corrected points.
+
+    Only the ends of a motion are corrected; between them the command is a straight line, and the
+    deflection is not. The longest `MOST_SEGMENTS` motions are looked at.
+
+    Returns:
+        (m,) numbers of the points that the motions lead to, and (m,) the largest error on the way,
+        m.
+    """
+    found = targets.found
+    done = found.problem == ""
+    ends = np.flatnonzero(targets.is_straight[1:] & done[1:] & done[:-1]) + 1
+    length = np.linalg.norm(found.wanted[ends] - found.wanted[ends - 1], axis=1)
+    ends = np.sort(ends[np.argsort(-length, kind="stable")[:MOST_SEGMENTS]])
+    if not len(ends):
+        return ends, np.empty(0)
+    row, share = np.repeat(ends, len(SHARES)), np.tile(SHARES, len(ends))
+    point, _, q, reached = _between(robot, found.position, targets.rotation, found.q, row, share)
+    part = share[:, None]
+    wanted = (1.0 - part) * found.wanted[row - 1] + part * found.wanted[row]
+    off = np.linalg.norm(point + predict(q, targets.wrench[row]) - wanted, axis=1)
+    return ends, np.where(reached, off, np.nan).reshape(-1, len(SHARES)).max(axis=1)

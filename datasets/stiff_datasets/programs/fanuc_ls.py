@@ -1,0 +1,258 @@
+"""FANUC TP programs as .ls text: motions of /MN with the positions of /POS.
+
+Lengths are in mm, angles in deg; W, P, R turn about the fixed axes X, Y, Z. Numbers of the user
+frame (UF) and the tool frame (UT) stand in each position; the frames themselves are in the
+controller. CONFIG holds the wrist (F: joint 5 is positive, N: it is not), the elbow (U, D), the
+shoulder (T, B) and full turns of joints 1, 4 and 6. These rules reproduce 16 poses of ROBOGUIDE for
+an M-20iD/25 (GitHub LeroyDu56/robconv), against which they were checked by hand.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+
+import numpy as np
+from lark import Lark, Token, Tree
+from lark.exceptions import LarkError
+
+from stiff_datasets.programs.program_file import (
+    NO_FRAME,
+    Edit,
+    Frame,
+    Language,
+    LeftMotion,
+    Number,
+    RobotProgram,
+    StatementError,
+    Target,
+)
+from stiff_datasets.programs.rotations import euler_angles, euler_rotations
+from stiff_protocols.contract.types import FloatArray
+
+GRAMMAR = r"""
+start: motion | position
+motion: LETTER goal REST?
+goal: NAME "[" INDEX (":" TEXT?)? "]"
+position: NAME "[" INDEX (":" TEXT?)? "]" "{" group+ "}"
+group: "GP" INDEX ":" field ("," field)*
+field: FRAME ":" INDEX | "CONFIG" ":" CONFIG | AXIS "=" (NUMBER | UNKNOWN) UNIT
+
+LETTER.2: /[LJCAS](?=\s)/
+NAME.2: /PR|P/
+FRAME.2: /UF|UT/
+AXIS.2: /[XYZWPR]|[JE]\d/
+INDEX.1: /\d+|F/
+TEXT: /"[^"]*"|[^\]"]+/
+CONFIG.2: /'[^']*'/
+NUMBER.2: /[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?/i
+UNKNOWN: /\*+/
+UNIT.2: /mm|deg/
+REST: /[^;]+/
+%ignore /\s+/
+"""
+MOTION = re.compile(
+    r"^[ \t]*\d*[ \t]*:[ \t]*(?P<text>(?P<motion>[LJCAS])[ \t]+(?:P|PR)[ \t]*\[[^;]*)(?=;)"
+    r"|^[ \t]*\d*[ \t]*:[ \t]*(?P<flow>IF|SELECT|JMP|LBL|CALL|RUN|FOR|ENDFOR|ELSE|ENDIF|SKIP)\b",
+    re.MULTILINE,
+)
+POSITION = re.compile(r"^[ \t]*(?P<text>P[ \t]*\[[^\]]*\][ \t]*\{[^}]*\})", re.MULTILINE)
+POSE = ("X", "Y", "Z", "W", "P", "R")
+JOINTS = ("J1", "J2", "J3", "J4", "J5", "J6")
+VALID = "P[1]{ GP1: UF : 0, UT : 1, CONFIG : 'N U T, 0, 0, 0', X = 0.000 mm, .. R = 0.000 deg };"
+MOVED = re.compile(r"\b(Offset|Tool_Offset|INC|VOFFSET)\b", re.IGNORECASE)
+SHAPES = {"F": 1.0, "N": 0.0, "U": 1.0, "D": 0.0, "T": 1.0, "B": 0.0}
+"""Letter of CONFIG -> number of the configuration."""
+
+
+@cache
+def _parser() -> Lark:
+    return Lark(GRAMMAR, parser="lalr")
+
+
+def _parsed(text: str, start: int, valid: str) -> Tree[Token]:
+    try:
+        return _parser().parse(text).children[0]  # type: ignore[return-value]
+    except LarkError as error:
+        raise StatementError(start, text, valid) from error
+
+
+def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
+    """Yield the motions of a program."""
+    (text,) = texts
+    body = text.find("/POS")
+    positions = dict(_positions(text, max(body, 0)))
+    follows = False
+    for match in MOTION.finditer(text, 0, body if body >= 0 else len(text)):
+        if match["flow"]:
+            follows = False
+            continue
+        for motion in _motions(match["motion"], match["text"], match.start("text"), positions):
+            if isinstance(motion, LeftMotion):
+                follows &= "helper" in motion.reason
+                yield motion
+            else:
+                yield motion._replace(follows=follows)
+                follows = True
+
+
+def _positions(text: str, start: int) -> Iterator[tuple[str, tuple[Tree[Token], int]]]:
+    """Yield the numbers of positions, each with the fields of its first group."""
+    for match in POSITION.finditer(text, start):
+        place = match.start("text")
+        tree = _parsed(match["text"], place, VALID)
+        groups = [*tree.find_data("group")]
+        first = next((group for group in groups if group.children[0] == "1"), groups[0])
+        yield str(tree.children[1]), (first, place)
+
+
+def _motions(
+    letter: str, text: str, start: int, positions: Mapping[str, tuple[Tree[Token], int]]
+) -> Iterator[Target | LeftMotion]:
+    """Yield the helper point and the target of a motion."""
+    whole = text.strip()
+    if letter == "A":
+        yield LeftMotion(start, whole, "arc motion (its points are each other's helper points)")
+        return
+    if letter == "C":
+        yield LeftMotion(start, whole, "helper point of a circular motion")
+        points = [*re.finditer(r":[ \t]*(P[ \t]*\[[^\]]*\])", text)]
+        if not points:
+            raise StatementError(
+                start, whole, "C P[1] and, in the next line, : P[2] 100mm/sec FINE"
+            )
+        last = points[-1]
+        tree = _parsed(f"L {last[1]} ", start, "C P[1] : P[2] 100mm/sec FINE")
+        goal_place = start + last.start(1), start + last.end(1)
+    else:
+        tree = _parsed(text, start, "L P[1] 100mm/sec FINE ;")
+        goal_place = start + text.index("P"), start + text.index("]") + 1
+    goal = tree.children[1]
+    name, index = (str(part) for part in goal.children[:2])  # type: ignore[union-attr]
+    moved = MOVED.search(text)
+    if name == "PR" or moved:
+        reason = f"moved by {moved[1]}" if moved else f"target PR[{index}] is a register"
+        yield LeftMotion(start, whole, reason)
+        return
+    if index not in positions:
+        yield LeftMotion(start, whole, f"P[{index}] is not in /POS")
+        return
+    group, place = positions[index]
+    fields = {str(field.children[0]): field.children for field in group.find_data("field")}
+    has_joints = "J1" in fields
+    names = JOINTS if has_joints else POSE
+    numbers = []
+    for axis in names:
+        token = fields[axis][1] if axis in fields else None
+        if not isinstance(token, Token) or token.type != "NUMBER":
+            yield LeftMotion(start, whole, f"P[{index}] has no number {axis}")
+            return
+        numbers.append(
+            Number(float(token), place + int(token.start_pos or 0), place + int(token.end_pos or 0))
+        )
+    yield Target(
+        start,
+        start + len(text),
+        *goal_place,
+        is_linear=letter == "L",
+        follows=False,
+        has_joints=has_joints,
+        numbers=numbers,
+        config=() if has_joints or letter == "C" else _config(group, place),
+        base=_frame("UF", fields),
+        tool=_frame("UT", fields),
+    )
+
+
+def _frame(name: str, fields: Mapping[str, Sequence[Tree[Token] | Token]]) -> Frame:
+    """Return the frame of a number; 0 is the world or the flange, the controller has the rest."""
+    number = str(fields[name][1]) if name in fields else "?"
+    return Frame(f"{name} {number}", NO_FRAME if number == "0" else ())
+
+
+def _config(group: Tree[Token], place: int) -> list[Number]:
+    """Return wrist, elbow and shoulder of CONFIG as `SHAPES`, and three full turns."""
+    for field in group.find_data("field"):
+        token = field.children[0]
+        if isinstance(token, Token) and token.type == "CONFIG":
+            start = place + int(token.start_pos or 0)
+            numbers = [
+                Number(SHAPES[found[0]] if found[0] in SHAPES else float(found[0]), *found.span())
+                for found in re.finditer(r"[FNUDTB]|[+-]?\d+", token)
+            ]
+            numbers = [n._replace(start=start + n.start, end=start + n.end) for n in numbers]
+            return numbers if len(numbers) == 6 else []
+    return []
+
+
+def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
+    """Return (n, 6) wrist (1: F), elbow (1: U), shoulder (1: T), and turns of joints 1, 4, 6."""
+    shape = np.column_stack([signs[:, 2] > 0.0, signs[:, 1] > 0.0, signs[:, 0] > 0.0])
+    turns = np.floor((angles[:, [0, 3, 5]] + np.pi) / (2.0 * np.pi) + 1e-12)
+    return np.hstack([shape.astype(np.float64), turns])
+
+
+def insert(
+    program: RobotProgram,
+    rows: Sequence[int],
+    numbers: Sequence[Sequence[str]],
+    config: Sequence[Sequence[int]],
+) -> list[Edit]:
+    """Return edits that put motions to literal targets before others; see `Language.insert`."""
+    text = program.texts[0]
+    newline = "\r\n" if "\r\n" in text else "\n"
+    first = 1 + max(int(match[1]) for match in re.finditer(r"P[ \t]*\[[ \t]*(\d+)", text))
+    goals = [f"P[{first + number}]" for number in range(len(rows))]
+    motions, blocks = list[tuple[int, str]](), list[str]()
+    for row, goal, texts in zip(rows, goals, numbers, strict=True):
+        (start, end), (goal_start, goal_end) = program.statements[row], program.goals[row]
+        motion = text[start:goal_start] + goal + text[goal_end:end].rstrip() + "    ;" + newline
+        motions.append((text.rfind("\n", 0, start) + 1, motion))
+        places = program.places[row, :6].tolist()
+        start = text.rfind("P", 0, text.rfind("{", 0, places[0][0]))
+        end = text.index(";", text.index("}", places[-1][1])) + 1
+        block, here = goal, text.index("]", start) + 1
+        for (place, place_end), number in zip(places, texts, strict=True):
+            block += text[here:place] + number.rjust(place_end - place)
+            here = place_end
+        blocks.append(block + text[here:end] + newline)
+    end = text.rfind("/END")
+    place = end if end >= 0 else len(text)
+    return [*_numbered(program, motions), Edit(0, place, place, "".join(blocks))]
+
+
+def _numbered(program: RobotProgram, motions: Sequence[tuple[int, str]]) -> list[Edit]:
+    """Return inserted lines with numbers, new numbers for the others, and their count."""
+    text = program.texts[0]
+    start, end = text.index("/MN"), text.find("/POS")
+    lines = [*re.finditer(r"^([ \t]*)(\d+)(?=[ \t]*:)", text[start:end], re.MULTILINE)]
+    edits, number, waiting = [], 0, [*motions]
+    for line in lines:
+        place, end = start + line.start(), start + line.end()
+        while waiting and waiting[0][0] <= place:
+            number += 1
+            edits.append(Edit(0, place, place, f"{number:4}:{waiting.pop(0)[1]}"))
+        number += 1
+        edits.append(Edit(0, place, end, f"{number:{end - place}}"))
+    count = re.search(r"(LINE_COUNT[ \t]*=[ \t]*)\d+", text)
+    if count:
+        edits.append(Edit(0, count.start(), count.end(), f"{count[1]}{number}"))
+    return edits
+
+
+LANGUAGE = Language(
+    name="FANUC TP",
+    companion="",
+    metres=1e-3,
+    radians=float(np.pi / 180.0),
+    n_turns=3,
+    decimals=(3, 5, 5),
+    read=read,
+    to_rotations=lambda turns: euler_rotations("xyz", turns),
+    from_rotations=lambda rotations: euler_angles("xyz", rotations),
+    configurations=configurations,
+    insert=insert,
+    config_names=("F", "U", "T", "turn 1", "turn 4", "turn 6"),
+    config_of_linear=True,
+)
