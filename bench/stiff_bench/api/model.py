@@ -18,7 +18,7 @@ from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
-from stiff_bench.run.whole_fit import left_out_errors, whole_fit
+from stiff_bench.run.whole_fit import cross_validated_errors, left_out_errors, whole_fit
 from stiff_bench.tables.fit_notes import springs_table
 from stiff_bench.tables.metric_table import metric_lines
 from stiff_bench.tables.render import plain_text
@@ -224,6 +224,34 @@ class Model(Shown):
         return frozen_array(errors, "left-out errors", (None, len(AXES)))
 
     @property
+    def cross_validated_errors(self) -> FloatArray | None:
+        """(n,) m, 3-D error at each training sample of a fit without its fifth of the poses.
+
+        The first call after `fit` makes these fits; `save` keeps the errors with the model. None
+        for the model of a file without them, and for a single pose.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ModelError: a part of the samples cannot be fitted.
+        """
+        self.check_fitted()
+        errors = getattr(self.fitted, "cross_validated_errors_", None)
+        if errors is None and self.data is not None:
+            data, seed = self.data
+            own = getattr(self.fitted, "left_out_errors_at_", None)  # of the intervals' folds
+            if own is not None and np.isfinite(own).all():
+                errors = np.linalg.norm(own, axis=1)
+            else:
+                with display():
+                    errors = cross_validated_errors(
+                        self.choice, data.samples, data.robot, seed=seed
+                    )
+            self.fitted.cross_validated_errors_ = errors
+        if errors is None or not len(errors):
+            return None
+        return frozen_array(errors, "cross-validated errors", (None,))
+
+    @property
     def training_range(self) -> TrainingRange:
         """Joint positions and loads of the samples that it was fitted to; saved with the model.
 
@@ -409,18 +437,25 @@ class Model(Shown):
 
         self.check_fitted()
         choice = self.choice
-        if self.data is not None and not offers(self.fitted, "predict_interval"):
-            self._keep_left_out_errors()
+        if self.data is not None:
+            self._keep_errors()
         is_plugin = choice.cls.__module__ != "__main__" and bool(code_of(choice.cls))
         save(self.fitted, Path(file), {choice.info.key: choice.params} if is_plugin else None)
 
-    def _keep_left_out_errors(self) -> None:
-        """Compute what the intervals need; where that fails, the model stays without, and warns."""
+    def _keep_errors(self) -> None:
+        """Compute what intervals and remaining errors need; where that fails, warn."""
+        if not offers(self.fitted, "predict_interval"):
+            try:
+                _ = self.left_out_errors
+            except Exception as error:  # whatever a third-party model raises in its second fit
+                self.fitted.left_out_errors_ = np.empty((0, len(AXES)))
+                text = f"{self.name} is saved without intervals: {said_by(error)}"
+                warn(text, stacklevel=3)
         try:
-            _ = self.left_out_errors
-        except Exception as error:  # whatever a third-party model raises in its second fit
-            self.fitted.left_out_errors_ = np.empty((0, len(AXES)))
-            text = f"{self.name} is saved without intervals: {said_by(error)}"
+            _ = self.cross_validated_errors
+        except Exception as error:
+            self.fitted.cross_validated_errors_ = np.empty(0)
+            text = f"{self.name} is saved without cross-validated error: {said_by(error)}"
             warn(text, stacklevel=3)
 
     def view(self) -> Screen:

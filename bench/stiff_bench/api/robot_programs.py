@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from stiff_bench.api.model import Model, blamed_on
-from stiff_bench.api.remaining_error import ExpectedError, expected_error
+from stiff_bench.api.remaining_error import (
+    ExpectedError,
+    beyond_training,
+    correction_lines,
+    expected_error,
+)
+from stiff_bench.api.tool_paths import six_numbers
 from stiff_bench.run.progress import display
-from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured.path_file import LoadFrame, frame_matrix
-from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
 from stiff_datasets.programs.controller_poses import ProgramPoses, controller_of, program_poses
 from stiff_datasets.programs.corrected_program import corrected_texts, shared_target_conflicts
@@ -32,9 +34,6 @@ from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.stiffness_model import optional
 from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, TextArray
 from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M
-
-if TYPE_CHECKING:
-    from stiff_bench.figures.prepared_figure import Prepared
 
 MOST_LISTED = 10
 """Motions that are left which the text names, and rows in which a configuration changed."""
@@ -96,21 +95,11 @@ class CorrectedProgram:
 
     def _lines(self) -> list[str]:
         """Return the lines of the text."""
-        n_inserted = int((~self.targets.is_target).sum())
         done = self.targets.found.problem[self.targets.is_target] == ""
-        beyond = sum(map(bool, self.extrapolates))
-        first = f"{int(done.sum())} of {counted(len(done), 'target')} corrected"
-        if n_inserted:
-            first += f", {counted(n_inserted, 'point')} inserted"
-        if beyond:
-            first += f"; {beyond} of {len(done)} beyond the training range of the model"
-        lines = [first]
-        if done.any():
-            removed = MM_PER_M * self.removed[done]
-            lines.append(
-                f"removed deflection: {removed.mean():.3g} mm mean, {removed.max():.3g} mm largest"
-            )
-        lines.append(f"expected remaining error: {self.expected}")
+        words = [word for word, good in zip(self.extrapolates, done, strict=True) if good]
+        lines = correction_lines(len(done), "target", self.removed[done], self.expected, words)
+        if n_inserted := int((~self.targets.is_target).sum()):
+            lines[0] += f"; {counted(n_inserted, 'point')} put between"
         if len(self.between):
             worst = int(np.nanargmax(self.between))
             lines.append(
@@ -226,9 +215,9 @@ def compensate_program(
             tolerance_m=tolerance / MM_PER_M,
             max_iterations=iterations,
         )
-        reasons = targets.found.problem[targets.is_target].astype(object)
-        conflicts = shared_target_conflicts(source, targets)
-        reasons[conflicts] = "the target is also that of another motion with another command"
+        reasons: list[str] = targets.found.problem[targets.is_target].tolist()
+        for row in shared_target_conflicts(source, targets):
+            reasons[row] = "the target is also that of another motion with another command"
         left = _left(source, reasons)
         if left and strict:
             raise ModelError(
@@ -242,12 +231,9 @@ def compensate_program(
         commands, loads_done = targets.found.q[targets.is_target][done], wrench[done]
         expected = expected_error(model, commands, loads_done, coverage)
         words = np.full(len(source), "", dtype=object)
-        words[done] = model.training_range.extrapolates(commands, loads_done)
+        words[done], beyond = beyond_training(model, commands, loads_done)
         write_texts(written, texts)
-    removed = np.linalg.norm(targets.found.before[targets.is_target], axis=1) * ~keep
-    beyond = extrapolation_warning(
-        model.training_range, robot, commands, loads_done, words[done].tolist()
-    )
+    removed = targets.found.removed[targets.is_target] * ~keep
     notes = [beyond] if beyond else []
     if robot.controller is None:
         notes.append(
@@ -330,15 +316,14 @@ def _wrenches(
         valid = "valid: fx,fy,fz[,tx,ty,tz] in N and N m, or a file of loads by line"
         raise ConfigError(f"needed once, for {counted(len(source), 'target')} ({valid})", "load")
     if load is not None:
-        if len(load) not in (3, 6) or not np.isfinite(load).all():
-            raise ConfigError(f"{len(load)} numbers (valid: 3 or 6, N and N m)", "load")
-        given = np.tile([*load, 0.0, 0.0, 0.0][:6], (len(source), 1))
+        given = np.tile(six_numbers(load), (len(source), 1))
     else:
         given = loads_by_line(Path(str(loads)), source)
     turn = np.broadcast_to(controller_of(robot).world[:3, :3], (len(source), 3, 3))
     if frame == "tool":
         turn = rotation @ poses.tools[source.frame_index][:, :3, :3]
-    return np.einsum("nij,nkj->nki", turn, given.reshape(-1, 2, 3)).reshape(-1, 6)
+    turned = np.einsum("nij,nkj->nki", turn, given.reshape(-1, 2, 3))
+    return np.asarray(turned.reshape(-1, 6))
 
 
 def _left(source: RobotProgram, reasons: Sequence[str]) -> tuple[LeftTarget, ...]:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.api.remaining_error import (
+    ExpectedError,
+    beyond_training,
+    correction_lines,
+    expected_error,
+)
 from stiff_bench.api.robots import as_robot, payload_of
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
@@ -25,21 +31,20 @@ from stiff_datasets.measured.path_file import (
     write_path,
 )
 from stiff_datasets.measured.row_checks import Problem, problems_error
-from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
 from stiff_datasets.measured.sheet_files import write_table
 from stiff_protocols.contract.errors import ConfigError, ModelError, unknown_name, warn
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY, Robot
-from stiff_protocols.contract.stiffness_model import interval_at_tcp, offers, optional
-from stiff_protocols.contract.types import FloatArray, Interval
+from stiff_protocols.contract.stiffness_model import offers, optional
+from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.compensation import (
     MAX_ITERATIONS,
     TOLERANCE_M,
     Compensation,
     compensate,
 )
-from stiff_protocols.paths.example import drivable_path
+from stiff_protocols.paths.example import drivable_path, trained_path
 from stiff_protocols.paths.inverse import Followed, follow, joint_number, judged
 from stiff_protocols.paths.path import SHAPES
 
@@ -54,38 +59,32 @@ class CorrectedPath:
     Attributes:
         name: of the path.
         found: points, commands and predicted deflections.
-        interval: of the deflections at the commands; None where none was asked for.
+        expected: error that remains at the corrected points.
+        extrapolates: (n,) what of a point is beyond the training range; "" where nothing is.
     """
 
     name: str
     found: Compensation
-    interval: Interval | None
+    expected: ExpectedError
+    extrapolates: tuple[str, ...]
 
     @property
-    def error_before(self) -> FloatArray:
-        """(n,) predicted distance from the path without correction, m."""
-        return np.asarray(np.linalg.norm(self.found.before, axis=1))
-
-    @property
-    def error_after(self) -> FloatArray:
-        """(n,) predicted distance from the path with the commands, m."""
-        return np.asarray(np.linalg.norm(self.found.after, axis=1))
+    def removed(self) -> FloatArray:
+        """(n,) predicted deflection that the commands take out, m."""
+        return self.found.removed
 
     def plot(self) -> Prepared:
-        """Return the picture of the path and its predicted errors before and after."""
+        """Return the picture of the path, what is removed, and the error that remains."""
         from stiff_bench.figures.corrected_path import path_picture
 
-        return path_picture(self.name, self.found, self.interval)
+        return path_picture(self.name, self.found, self.expected, self.extrapolates)
 
     def __repr__(self) -> str:
-        """Return how many points were corrected, and the predicted errors."""
-        before, after = MM_PER_M * self.error_before, MM_PER_M * self.error_after
-        done = int(self.found.converged.sum())
-        return (
-            f"{done} of {len(before)} points corrected\n"
-            f"predicted path error before: {before.mean():.4g} mm mean, {before.max():.4g} mm "
-            f"largest; after: {after.mean():.2g} mm mean, {after.max():.2g} mm largest"
-        )
+        """Return how many points were corrected, what is removed, and what remains."""
+        done = self.found.converged
+        words = [word for word, corrected in zip(self.extrapolates, done, strict=True) if corrected]
+        lines = correction_lines(len(done), "point", self.removed[done], self.expected, words)
+        return "\n".join(lines)
 
 
 def example_path(
@@ -96,6 +95,7 @@ def example_path(
     points: int = 401,
     load: Sequence[float] | None = None,
     robot: str | Robot | None = None,
+    model: Model | None = None,
     hold: Mapping[str, float | None] | None = None,
 ) -> Text:
     """Write a path in front of a robot that it can drive, and return what was written.
@@ -105,8 +105,12 @@ def example_path(
         output: a new file.
         size: edge, diameter or length; of iso9283 the edge of the cube, mm.
         points: number of points.
-        load: (6,) process load, N and N m, base frame; None: a quarter of the payload downwards.
+        load: (3,) or (6,) process load, N and N m, base frame; None: a quarter of the payload
+            downwards, or with `model` half its largest training force, in the training direction
+            that points downwards most.
         robot: that drives it: the name of a shipped one, or a `Robot`; None: the KR10.
+        model: whose robot drives it, inside its training range as far as possible: the tool's
+            orientation then changes along the path.
         hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
             which it is held.
 
@@ -119,13 +123,24 @@ def example_path(
     check_new_file(output)
     if shape not in SHAPES:
         raise unknown_name("shape", shape, SHAPES)
+    if model is not None and (robot is not None or hold):
+        raise ConfigError("the model has a robot (valid: no robot and no hold)", "model")
+    if model is not None:
+        model.check_fitted()
+        arm, known = model.fitted.robot_, model.training_range
+        wrench = known.typical_load if load is None else six_numbers(load)
+        path, share = trained_path(arm, known, shape, size / MM_PER_M, points, wrench=wrench)
+        write_path(output, path, tool_of(arm, None))
+        inside = "inside the training range" if not share else f"{share:.0%} beyond training"
+        return Text(f"{output}: {shape} of {points} points for {model.name}, base frame, {inside}")
     arm = as_robot(robot)
     if load is None:
         if (payload := payload_of(arm)) is None:
             raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
         load = (0.0, 0.0, -0.25 * payload * STANDARD_GRAVITY, 0.0, 0.0, 0.0)
     held = held_positions(arm, hold or {})
-    path = drivable_path(arm, shape, size / MM_PER_M, points, wrench=load, held=held)
+    wrench = six_numbers(load)
+    path = drivable_path(arm, shape, size / MM_PER_M, points, wrench=wrench, held=held)
     write_path(output, path, tool_of(arm, None))
     return Text(f"{output}: {shape} of {points} points for {arm.name}, base frame")
 
@@ -136,9 +151,9 @@ def compensate_path(
     output: Path | str,
     *,
     tool: Sequence[float] | None = None,
-    frame: Sequence[float] | None = None,
+    workpiece: Sequence[float] | None = None,
     load: Sequence[float] | None = None,
-    load_frame: LoadFrame = "base",
+    frame: LoadFrame = "base",
     start: Sequence[float] | None = None,
     hold: Mapping[str, float | None] | None = None,
     tolerance: float = MM_PER_M * TOLERANCE_M,
@@ -159,9 +174,10 @@ def compensate_path(
         output: a new file.
         tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
             link; None: the model's TCP with the orientation of that link.
-        frame: x, y, z [mm], a, b, c [deg] of the path's frame in the base frame; None: the base.
-        load: (6,) process load at every point, N and N m, for a file without loads.
-        load_frame: "base" or "tool", in which loads are expressed.
+        workpiece: x, y, z [mm], a, b, c [deg] of the path's frame in the base frame; None: the
+            base.
+        load: (3,) or (6,) process load at every point, N and N m, for a file without loads.
+        frame: "base" or "tool", in which loads are expressed.
         start: (n_joints,) joint positions near the first point, deg or mm, which choose the
             configuration; None: the one that is nearest to the training poses.
         hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
@@ -171,7 +187,8 @@ def compensate_path(
         iterations: predictions of a point at most.
         on_failure: "stop" with an error at a point that cannot be corrected, or "keep" it
             uncorrected and warn.
-        coverage: of intervals that are written, too (0..1); None: none are.
+        coverage: of intervals that are written, too (0..1), and from which the remaining error is
+            taken; None: none are written, and see `expected_error`.
         sheet: of an Excel file; None: the only one that holds a table.
         figure: a new picture of the path and its errors.
 
@@ -183,7 +200,7 @@ def compensate_path(
         StoreError: a file cannot be written, or exists.
     """
     for kind, word, valid in (
-        ("load frame", load_frame, ("base", "tool")),
+        ("frame", frame, ("base", "tool")),
         ("on-failure", on_failure, ("stop", "keep")),
     ):
         if word not in valid:
@@ -201,9 +218,9 @@ def compensate_path(
         arm,
         tool_of(arm, tool),
         sheet_name=sheet,
-        load=load,
-        load_frame=load_frame,
+        load=None if load is None else six_numbers(load),
         frame=frame,
+        workpiece=workpiece,
     )
     for oddity in table.oddities:
         say(f"warning: {oddity}")
@@ -229,18 +246,16 @@ def compensate_path(
         failures = _failures(file, table, arm, found, f"{tolerance:g} mm within {iterations}")
         if failures and on_failure == "stop":
             raise ModelError(f"{failures}; on-failure keep leaves such points uncorrected")
-        interval = None
-        if coverage is not None:
-            with blamed_on(model.file):
-                interval = model.predict_interval(found.q, wrench, coverage)
-                interval = interval_at_tcp(fitted, interval, found.q, wrench)
-        extrapolates = known.extrapolates(found.q, wrench)
+        extrapolates, beyond = beyond_training(model, found.q, wrench)
+        expected = expected_error(model, found.q, wrench, coverage)
         carried = 0.0
         if offers(fitted, "predict_at_tcp"):
             with blamed_on(model.file):
                 own = fitted.predict(found.q, wrench)
             carried = np.linalg.norm(found.deflection - own, axis=1).max()
-        write_table(output, [corrected_table(table, arm, found, extrapolates, interval)])
+        interval = None if coverage is None else expected.interval
+        rows = corrected_table(table, arm, found, extrapolates, expected.values, interval)
+        write_table(output, [rows])
     if not wrench.any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
     if carried:
@@ -249,15 +264,24 @@ def compensate_path(
             f"rotation of the tool, which was not measured, changes the deflections by up to "
             f"{MM_PER_M * carried:.3g} mm on the way to the TCP"
         )
-    beyond = extrapolation_warning(known, arm, found.q, wrench, extrapolates)
     for warning, column in ((failures, "uncorrected"), (beyond, "extrapolates")):
         if warning:
             text = f"{warning}; see the column {column}"
             warn(text)
-    corrected = CorrectedPath(table.path.name, found, interval)
+    done = found.converged
+    if expected.values is not None:
+        expected = replace(expected, values=expected.values[done])
+    corrected = CorrectedPath(table.path.name, found, expected, tuple(extrapolates))
     if figure is not None:
         corrected.plot().save(Path(figure))
     return corrected
+
+
+def six_numbers(load: Sequence[float]) -> tuple[float, ...]:
+    """Return a load of three forces or of forces and torques as six numbers, N and N m."""
+    if len(load) not in (3, 6):
+        raise ConfigError(f"{len(load)} numbers (valid: 3 or 6, N and N m)", "load")
+    return (*load, 0.0, 0.0, 0.0)[:6]
 
 
 def _driven(

@@ -10,6 +10,7 @@ import numpy as np
 from stiff_bench.plan.cells import uses_validation
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.request import DEFAULT_COVERAGE
+from stiff_models.fitted_model import folds_of_poses
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.evaluation import training_side
 from stiff_protocols.contract.plugin import ModelInfo
@@ -72,6 +73,29 @@ def left_out_errors(
         warnings.simplefilter("ignore", StiffBenchWarning)  # those of the whole fit were shown
         model.fit(train, robot=robot, validation=validation, seed=seed)
     return model.residuals_
+
+
+def cross_validated_errors(
+    choice: Choice[ModelInfo], samples: Samples, robot: Robot, *, seed: int = 0
+) -> FloatArray:
+    """Return the (n,) 3-D errors of fits that leave a fifth of the poses out, m.
+
+    Each sample's error is that of the fit that did not learn from its pose.
+
+    Raises:
+        StiffBenchError: a part of the samples cannot be fitted.
+    """
+    errors = np.full(len(samples), np.nan)
+    if len(np.unique(samples.pose_id)) < 2:
+        return np.empty(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StiffBenchWarning)  # those of the whole fit were shown
+        for learned, left_out in folds_of_poses(samples, seed):
+            model, _ = whole_fit(choice, samples.take(learned), robot, seed=seed)
+            rows = samples.take(left_out)
+            error = model.predict(rows.q, rows.wrench) - rows.deflection
+            errors[left_out] = np.linalg.norm(error, axis=1)
+    return errors
 
 
 def _training_side(

@@ -57,9 +57,9 @@ class Compensation(BriefFields):
     problem: TextArray
 
     @property
-    def after(self) -> FloatArray:
-        """(n, 3) from the wanted point to where the loaded tool is predicted, base frame, m."""
-        return self.position + self.deflection - self.wanted
+    def removed(self) -> FloatArray:
+        """(n,) length of the predicted deflection that the commands take out, m; 0 for a row left."""
+        return np.asarray(np.linalg.norm(self.before, axis=1) * self.converged)
 
     @property
     def converged(self) -> BoolArray:
