@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from stiff_bench.api.registered import list_protocols as list_protocols
     from stiff_bench.api.registered import show as show
     from stiff_bench.api.registered import use_plugin as use_plugin
+    from stiff_bench.api.robot_programs import compensate_program as compensate_program
     from stiff_bench.api.robots import load_robot as load_robot
     from stiff_bench.api.robots import read_robot as read_robot
     from stiff_bench.api.stored_results import Results as Results
@@ -57,6 +58,7 @@ _PLACES = {
         *("check", "list_datasets", "list_figures", "list_metrics"),
         *("list_models", "list_protocols", "show", "use_plugin"),
     ),
+    "robot_programs": ("compensate_program",),
     "robots": ("load_robot", "read_robot"),
     "stored_results": ("Results", "figure", "merge", "open_results", "paper_table"),
     "tables": ("Tables",),

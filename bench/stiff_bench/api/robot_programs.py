@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from stiff_bench.api.model import Model, blamed_on
@@ -16,6 +18,7 @@ from stiff_bench.api.remaining_error import (
 )
 from stiff_bench.api.tool_paths import six_numbers
 from stiff_bench.run.progress import display
+from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured.path_file import LoadFrame, frame_matrix
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
@@ -28,13 +31,18 @@ from stiff_datasets.programs.corrected_targets import (
 )
 from stiff_datasets.programs.joint_choice import SINGULAR, choose_joints
 from stiff_datasets.programs.load_lines import loads_by_line
-from stiff_datasets.programs.program_file import RobotProgram, read_program, write_texts
+from stiff_datasets.programs.program_file import RobotProgram, write_texts
+from stiff_datasets.programs.program_reader import read_program
 from stiff_protocols.contract.errors import ConfigError, DataError, ModelError, unknown_name
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.stiffness_model import optional
 from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, TextArray
 from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M
 
+if TYPE_CHECKING:
+    from stiff_bench.figures.prepared_figure import Prepared
+
+SHARED = "the target is also that of another motion with another command"
 MOST_LISTED = 10
 """Motions that are left which the text names, and rows in which a configuration changed."""
 
@@ -62,9 +70,7 @@ class CorrectedProgram:
         files: that were written.
         language: of the program.
         lines: (n,) line of each motion.
-        removed: (n,) predicted deflection that the correction takes out, m; 0 where a target is
-            left.
-        expected: what remains, after the model's own error.
+        expected: error that remains at the corrected targets.
         left: motions that are left as they were.
         extrapolates: (n,) what of a target lies beyond the training range.
         targets: points, commands and predicted deflections, with the points between.
@@ -78,7 +84,6 @@ class CorrectedProgram:
     files: tuple[Path, ...]
     language: str
     lines: tuple[int, ...]
-    removed: FloatArray
     expected: ExpectedError
     left: tuple[LeftTarget, ...]
     extrapolates: tuple[str, ...]
@@ -89,13 +94,27 @@ class CorrectedProgram:
     unfit_configurations: tuple[int, ...]
     notes: tuple[str, ...]
 
+    @property
+    def removed(self) -> FloatArray:
+        """(n,) predicted deflection that the commands take out, m; 0 if a target is left."""
+        return self.targets.at_targets.removed
+
+    def plot(self) -> Prepared:
+        """Return the picture of the targets, what is removed, and the error that remains."""
+        from stiff_bench.figures.corrected_path import path_picture
+
+        found = self.targets.at_targets
+        return path_picture(
+            self.files[0].stem, found, self.expected.values, self.expected.source, self.extrapolates
+        )
+
     def __repr__(self) -> str:
         """Return what was corrected, what will remain, and what was left."""
         return "\n".join(self._lines())
 
     def _lines(self) -> list[str]:
         """Return the lines of the text."""
-        done = self.targets.found.problem[self.targets.is_target] == ""
+        done = self.targets.at_targets.converged
         words = [word for word, good in zip(self.extrapolates, done, strict=True) if good]
         lines = correction_lines(len(done), "target", self.removed[done], self.expected, words)
         if n_inserted := int((~self.targets.is_target).sum()):
@@ -140,6 +159,7 @@ def compensate_program(
     tolerance: float = MM_PER_M * TOLERANCE_M,
     iterations: int = MAX_ITERATIONS,
     coverage: float | None = None,
+    figure: Path | str | None = None,
 ) -> CorrectedProgram:
     """Correct the motion targets of a robot program, and write it back in place.
 
@@ -165,6 +185,7 @@ def compensate_program(
         iterations: predictions of a target at most.
         coverage: of the interval from which the remaining error is taken (0..1); None: the
             cross-validated error of the fit.
+        figure: a new picture of the targets and of what is removed.
 
     Raises:
         NotFittedError: the model is not fitted.
@@ -181,6 +202,9 @@ def compensate_program(
     if output.suffix.lower() != file.suffix.lower():
         raise ConfigError(f"{output} has another suffix than {file.name}", "output")
     check_new_file(output)
+    if figure is not None:
+        check_suffix(Path(figure))
+        check_new_file(Path(figure))
     model.check_coverage(coverage)
     robot: Robot = model.fitted.robot_
     source = read_program(file)
@@ -215,25 +239,23 @@ def compensate_program(
             tolerance_m=tolerance / MM_PER_M,
             max_iterations=iterations,
         )
-        reasons: list[str] = targets.found.problem[targets.is_target].tolist()
-        for row in shared_target_conflicts(source, targets):
-            reasons[row] = "the target is also that of another motion with another command"
-        left = _left(source, reasons)
+        conflicts = shared_target_conflicts(source, targets)
+        targets = targets.without(conflicts, SHARED)
+        found = targets.at_targets
+        left = _left(source, found.problem.tolist())
         if left and strict:
             raise ModelError(
                 f"{file}, line {left[0].line}: {_short(left[0].text)}: {left[0].reason} (strict: "
                 f"{counted(len(left), 'motion')} cannot be corrected)"
             )
-        keep = np.array([bool(reason) for reason in reasons], dtype=bool)
-        texts, changed = corrected_texts(source, robot, poses, targets, q, keep)
+        texts, changed = corrected_texts(source, robot, poses, targets, q)
         between_rows, between = errors_between(predict, robot, targets)
-        done = targets.found.problem[targets.is_target] == ""
-        commands, loads_done = targets.found.q[targets.is_target][done], wrench[done]
+        done = found.converged
+        commands, loads_done = found.q[done], wrench[done]
         expected = expected_error(model, commands, loads_done, coverage)
         words = np.full(len(source), "", dtype=object)
         words[done], beyond = beyond_training(model, commands, loads_done)
         write_texts(written, texts)
-    removed = targets.found.removed[targets.is_target] * ~keep
     notes = [beyond] if beyond else []
     if robot.controller is None:
         notes.append(
@@ -242,11 +264,10 @@ def compensate_program(
         )
     if not wrench.any():
         notes.append("every load is zero, so there is nothing to correct")
-    return CorrectedProgram(
+    corrected = CorrectedProgram(
         files=written,
         language=source.language.name,
         lines=tuple(source.lines.tolist()),
-        removed=removed,
         expected=expected,
         left=left,
         extrapolates=tuple(words.tolist()),
@@ -257,6 +278,9 @@ def compensate_program(
         unfit_configurations=tuple(source.lines[~fits].tolist()),
         notes=tuple(notes),
     )
+    if figure is not None:
+        corrected.plot().save(Path(figure))
+    return corrected
 
 
 def _joints(

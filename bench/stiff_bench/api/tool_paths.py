@@ -52,6 +52,10 @@ if TYPE_CHECKING:
     from stiff_bench.figures.prepared_figure import Prepared
 
 
+LEAST_CARRIED_M = 1e-8
+"""A change of the deflections on the way to the TCP that is rounding."""
+
+
 @dataclass(frozen=True, eq=False)
 class CorrectedPath:
     """A path and the commands that put the loaded tool on it; its file has more columns.
@@ -77,7 +81,9 @@ class CorrectedPath:
         """Return the picture of the path, what is removed, and the error that remains."""
         from stiff_bench.figures.corrected_path import path_picture
 
-        return path_picture(self.name, self.found, self.expected, self.extrapolates)
+        return path_picture(
+            self.name, self.found, self.expected.values, self.expected.source, self.extrapolates
+        )
 
     def __repr__(self) -> str:
         """Return how many points were corrected, what is removed, and what remains."""
@@ -258,7 +264,7 @@ def compensate_path(
         write_table(output, [rows])
     if not wrench.any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
-    if carried:
+    if carried > LEAST_CARRIED_M:
         say(
             f"warning: {file}: the model was fitted to another point of the tool than the TCP; the "
             f"rotation of the tool, which was not measured, changes the deflections by up to "

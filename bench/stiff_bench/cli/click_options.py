@@ -120,9 +120,9 @@ class Numbers(click.ParamType[tuple[float, ...]]):
 
     name = "numbers"
 
-    def __init__(self, what: str, count: int | None = None) -> None:
-        """Remember what they are, and how many there must be; None: at least one."""
-        self.what, self.count = what, count
+    def __init__(self, what: str, *counts: int) -> None:
+        """Remember what they are, and how many there may be; without counts at least one."""
+        self.what, self.counts = what, counts
 
     def convert(self, value: Any, param: Parameter, ctx: Context) -> tuple[float, ...]:
         """Return the numbers, or refuse a text that is none of them."""
@@ -130,7 +130,9 @@ class Numbers(click.ParamType[tuple[float, ...]]):
             numbers = tuple(float(word) for word in str(value).split(","))
         except ValueError:
             numbers = (math.nan,)
-        if not all(map(math.isfinite, numbers)) or self.count not in (None, len(numbers)):
+        if not all(map(math.isfinite, numbers)) or (
+            self.counts and len(numbers) not in self.counts
+        ):
             self.fail(f"{value!r} (valid: {self.what})", param, ctx)
         return numbers
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from stiff_bench import api
 from stiff_bench.cli.click_options import (
@@ -24,12 +25,16 @@ from stiff_bench.cli.click_options import (
 from stiff_bench.cli.help_pages import group
 from stiff_bench.cli.model_commands import model_file_option
 from stiff_bench.console import print_prose, warnings_said
+from stiff_protocols.contract.errors import ConfigError
 
+ONLY_PATH = ("sheet", "hold", "on_failure")
+ONLY_PROGRAM = ("loads", "every", "strict")
+"""Options that only go with `--path`, or with `--program`."""
 FRAME = Numbers("six finite numbers, x,y,z in mm and a,b,c in deg", 6)
 load_option = click.option(
     "--load",
-    type=Numbers("six finite numbers, fx,fy,fz in N and tx,ty,tz in N m", 6),
-    metavar="FX,FY,FZ,TX,TY,TZ",
+    type=Numbers("three or six finite numbers, fx,fy,fz in N and tx,ty,tz in N m", 3, 6),
+    metavar="FX,FY,FZ[,TX,TY,TZ]",
     help="Process load on the tool at every point, in N and N m.",
 )
 
@@ -63,7 +68,8 @@ hold_option = click.option(
 
 @group(
     epilog="bench path example --output square.csv\n"
-    "bench path compensate --model my.stiff --path square.csv --output new.csv"
+    "bench path compensate --model my.stiff --path square.csv --output new.csv\n"
+    "bench path compensate --model my.stiff --program part.src --load 0,0,-60 --output new/part.src"
 )
 def path() -> None:
     """Correct tool paths for the deflection under load."""
@@ -84,46 +90,72 @@ def path() -> None:
     help="Edge, diameter or length of the shape; for iso9283 the edge of the cube.",
 )
 @click.option("--points", type=WholeRange(2, 1_000_000), default=401, help="Number of points.")
+@click.option(
+    "--model",
+    type=FILE,
+    metavar="FILE.stiff",
+    help="Place the path inside the training range of this model, for its robot.",
+)
 @load_option
 @hold_option
 @robot_options
 @output_option("FILE.csv")
-def example(**words: Any) -> None:
+@plugin_option
+def example(model: Path | None, **words: Any) -> None:
     """Write an example path for `bench path compensate`.
 
-    Without --load, a quarter of the robot's payload pulls downwards.
+    Without --load, a quarter of the robot's payload pulls downwards; with --model half the largest
+    force of its training.
     """
-    print_prose(api.tool_paths.example_path(**words))
+    fitted = None if model is None else api.model.load_model(model)
+    print_prose(api.tool_paths.example_path(model=fitted, **words))
 
 
-@path.command(epilog="bench path compensate --model my.stiff --path circle.csv --output new.csv")
+@path.command(
+    epilog="bench path compensate --model my.stiff --path circle.csv --output new.csv\n"
+    "bench path compensate --model my.stiff --program part.src --load 0,0,-60 --output new/part.src"
+)
 @model_file_option
 @click.option(
     "--path",
     "points",
     type=FILE,
-    required=True,
     metavar="FILE",
     help="Tool path: a file of points.",
 )
+@click.option(
+    "--program",
+    type=FILE,
+    metavar="FILE",
+    help="Robot program: KUKA .src (with its .dat), ABB .mod, FANUC .ls or URScript .script; it is "
+    "written back with corrected targets.",
+)
 @sheet_option
-@output_option("FILE.csv", "New file: commanded poses and joint angles, predicted errors.")
+@output_option("FILE", "New file: the commands of a path, or the corrected program.")
 @click.option(
     "--tool",
     type=FRAME,
     metavar="X,Y,Z,A,B,C",
-    help="Tool frame in the frame of the last link, in mm and deg.  [default: the model's TCP with "
-    "the axes of the last link]",
+    help="Tool frame in the frame of the last link, in mm and deg; for a program that does not "
+    "hold it, in the controller's flange frame.  [default: the model's TCP with the axes of the "
+    "last link]",
 )
 @click.option(
-    "--frame",
+    "--workpiece",
     type=FRAME,
     metavar="X,Y,Z,A,B,C",
-    help="Frame of the path in the base frame, in mm and deg.  [default: the base frame]",
+    help="Frame of the path or program in the base frame, in mm and deg.  [default: the base "
+    "frame, or the program's own]",
 )
 @load_option
 @click.option(
-    "--load-frame",
+    "--loads",
+    type=FILE,
+    metavar="FILE",
+    help="Loads of a program by line: columns line, fx_N, fy_N, fz_N and torques.",
+)
+@click.option(
+    "--frame",
     type=click.Choice(["base", "tool"]),
     default="base",
     help="Frame that loads are expressed in.",
@@ -137,11 +169,18 @@ def example(**words: Any) -> None:
 )
 @hold_option
 @click.option(
+    "--every",
+    type=Millimetres(0.01, 1e4),
+    metavar="MM",
+    help="Put points between the targets of straight motions of a program, at most so far apart.",
+)
+@click.option("--strict", is_flag=True, help="Stop if a motion of a program cannot be corrected.")
+@click.option(
     "--tolerance",
     type=Millimetres(1e-5, 10),
     default=1e-3,
     metavar="MM",
-    help="Largest predicted error that may remain.",
+    help="Distance at which the iteration of a point ends.",
 )
 @click.option(
     "--iterations",
@@ -153,23 +192,43 @@ def example(**words: Any) -> None:
     "--on-failure",
     type=click.Choice(["stop", "keep"]),
     default="stop",
-    help="If a point cannot be corrected: stop, or keep it uncorrected and name it.",
+    help="If a point of a path cannot be corrected: stop, or keep it uncorrected and name it.",
 )
-@coverage_option("Add prediction intervals of this coverage, per axis.")
+@coverage_option(
+    "Take the expected remaining error from prediction intervals of this coverage; the file of a "
+    "path gets them, too."
+)
 @click.option(
     "--figure",
     type=PICTURE,
     metavar="FILE.png",
-    help="Draw the path and its errors.",
+    help="Draw the path, what is removed and what remains.",
 )
 @plugin_option
-def compensate(model: Path, points: Path, output: Path, **words: Any) -> None:
+def compensate(
+    model: Path, points: Path | None, program: Path | None, output: Path, **words: Any
+) -> None:
     """Write the commands that put the loaded tool on a path.
 
     The predicted deflection at the commanded pose is subtracted, until the loaded tool is predicted
-    to be on the path. Its orientation does not change.
+    to be on the path. Its orientation does not change. A robot program is corrected in place: every
+    other character stays as it was.
     """
+    if (points is None) == (program is None):
+        raise ConfigError("needed once: a file of points, or else --program", "path")
+    context = click.get_current_context()
+    for name in ONLY_PROGRAM if program is None else ONLY_PATH:
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            kind = "--path" if name in ONLY_PATH else "--program"
+            raise ConfigError(f"only goes with {kind}", name.replace("_", "-"))
+        del words[name]
     fitted = api.model.load_model(model)
     with warnings_said():
-        corrected = api.tool_paths.compensate_path(fitted, points, output, **words)
-    print_prose(f"{output}: {fitted.name}, robot {fitted.fitted.robot_.name}; {corrected!r}")
+        corrected: object
+        if points is not None:
+            corrected = api.tool_paths.compensate_path(fitted, points, output, **words)
+            files = str(output)
+        elif program is not None:
+            done = api.robot_programs.compensate_program(fitted, program, output, **words)
+            corrected, files = done, ", ".join(map(str, done.files))
+    print_prose(f"{files}: {fitted.name}, robot {fitted.fitted.robot_.name}; {corrected!r}")

@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from stiff_bench.api.remaining_error import ExpectedError
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import PAGE_INCH, looks, new_figure, round_factor, share_legend
 from stiff_bench.tables.units import MM
+from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.compensation import Compensation
 from stiff_protocols.paths.inverse import evenly_spaced
 
@@ -26,26 +26,33 @@ SHOWN_SHARE = 0.2
 
 
 def path_picture(
-    name: str, found: Compensation, expected: ExpectedError, extrapolates: Sequence[str]
+    name: str,
+    found: Compensation,
+    remaining: FloatArray | None,
+    source: str,
+    extrapolates: Sequence[str],
 ) -> Prepared:
     """Return the figure of a corrected path, with what its marks mean.
 
     Args:
         name: of the path.
         found: points and commands.
-        expected: error that remains at the corrected points.
+        remaining: error that is expected to remain at the corrected points, m; None: not known.
+        source: where it comes from.
         extrapolates: (n,) what of a point is beyond the training range.
     """
     return Prepared(
         title=f"Path {name}: deflection that is removed, error that remains",
         caption="Predicted deflections of the uncorrected path, magnified as stated; along the "
         "path the deflection that the commands take out, and the band of the error that is "
-        f"expected to remain ({expected.source}). Points beyond the training range are shaded.",
-        paint=partial(_painted, found, expected, extrapolates),
+        f"expected to remain ({source}). Points beyond the training range are shaded.",
+        paint=partial(_painted, found, remaining, extrapolates),
     )
 
 
-def _painted(found: Compensation, expected: ExpectedError, extrapolates: Sequence[str]) -> Figure:
+def _painted(
+    found: Compensation, remaining: FloatArray | None, extrapolates: Sequence[str]
+) -> Figure:
     place, before = MM * found.wanted, MM * found.before
     rows, arrows = evenly_spaced(len(place), MOST_POINTS), evenly_spaced(len(place), ARROWS)
     removed = MM * found.removed
@@ -75,9 +82,9 @@ def _painted(found: Compensation, expected: ExpectedError, extrapolates: Sequenc
     label = "removed deflection"
     along.plot(distance[rows], removed[rows], color=orange.color, marker=marker, label=label)
     title = f"(b) Mean {removed.mean():.3g} mm removed"
-    if expected.values is not None and found.converged.any():
+    if remaining is not None and found.converged.any():
         left = np.full(len(place), np.nan)
-        left[found.converged] = MM * expected.values
+        left[found.converged] = MM * remaining
         band: dict[str, Any] = {"color": blue.color, "alpha": 0.2, "linewidth": 0}
         label = "expected remaining error"
         along.fill_between(distance[rows], 0.0, left[rows], **band, label=label)

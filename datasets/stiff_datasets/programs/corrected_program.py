@@ -10,7 +10,7 @@ from stiff_datasets.programs.controller_poses import ProgramPoses, controller_of
 from stiff_datasets.programs.corrected_targets import CorrectedTargets
 from stiff_datasets.programs.joint_choice import configuration_numbers
 from stiff_datasets.programs.program_file import Edit, RobotProgram, edited_texts, number_text
-from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot
 
 SAME_M, SAME_RAD = 1e-6, 1e-6
 """Commands of one target datum that are the same."""
@@ -18,16 +18,14 @@ SAME_M, SAME_RAD = 1e-6, 1e-6
 
 def shared_target_conflicts(program: RobotProgram, targets: CorrectedTargets) -> IntArray:
     """Return the rows whose target is also that of another motion, under another command."""
-    found, is_target = targets.found, targets.is_target
+    found = targets.at_targets
     key = np.column_stack([program.text_index, program.places[:, 0, 0]])
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    group = group.ravel()
-    position, q = found.position[is_target], found.q[is_target]
-    at = first[group]
-    off = np.abs(position - position[at]).max(axis=1) > SAME_M
-    off |= program.has_joints & (np.abs(q - q[at]).max(axis=1) > SAME_RAD)
-    off |= (found.problem[is_target] == "") != (found.problem[is_target][at] == "")
-    return np.asarray(np.flatnonzero(np.isin(group, group[off])))
+    at = first[group.ravel()]
+    off = np.abs(found.position - found.position[at]).max(axis=1) > SAME_M
+    off |= program.has_joints & (np.abs(found.q - found.q[at]).max(axis=1) > SAME_RAD)
+    off |= found.converged != found.converged[at]
+    return np.asarray(np.flatnonzero(np.isin(at, at[off])))
 
 
 def corrected_texts(
@@ -36,7 +34,6 @@ def corrected_texts(
     poses: ProgramPoses,
     targets: CorrectedTargets,
     q_before: FloatArray,
-    keep: BoolArray,
 ) -> tuple[list[str], list[int]]:
     """Return the texts of the corrected program, and the rows whose configuration has new numbers.
 
@@ -46,13 +43,12 @@ def corrected_texts(
         poses: its frames.
         targets: the commands.
         q_before: (n, n_joints) joint positions at the targets as they were, rad or m.
-        keep: (n,) targets that are left as they are.
     """
     edits: list[Edit] = []
     is_target, language = targets.is_target, program.language
-    position, q = targets.found.position[is_target], targets.found.q[is_target]
-    index = program.frame_index
-    rows = np.flatnonzero(~keep)
+    found, index = targets.at_targets, program.frame_index
+    position, q = found.position, found.q
+    rows = np.flatnonzero(found.converged)
     pose_rows, joint_rows = rows[~program.has_joints[rows]], rows[program.has_joints[rows]]
     numbers = np.full((len(program), 7), np.nan)
     if len(pose_rows):
@@ -93,7 +89,7 @@ def corrected_texts(
             text_index = int(program.text_index[row])
             edits.append(Edit(text_index, start, end, str(int(after[i, j]))))
             changed.append(row)
-    edits = [*dict.fromkeys(edits), *_insertions(program, robot, poses, targets, keep)]
+    edits = [*dict.fromkeys(edits), *_insertions(program, robot, poses, targets)]
     return edited_texts(program.texts, edits), sorted({*changed})
 
 
@@ -102,11 +98,11 @@ def _insertions(
     robot: Robot,
     poses: ProgramPoses,
     targets: CorrectedTargets,
-    keep: BoolArray,
 ) -> list[Edit]:
     """Return the motions that are put between targets."""
     language, found = program.language, targets.found
-    points = np.flatnonzero(~targets.is_target & (found.problem == "") & ~keep[targets.row])
+    done = targets.at_targets.converged
+    points = np.flatnonzero(~targets.is_target & found.converged & done[targets.row])
     if not len(points):
         return []
     index = program.frame_index[targets.row[points]]

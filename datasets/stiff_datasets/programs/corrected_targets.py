@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from stiff_datasets.programs.program_file import RobotProgram
-from stiff_protocols.contract.types import BoolArray, Deflection, FloatArray, IntArray, Robot
-from stiff_protocols.contract.types import TextArray
+from stiff_protocols.contract.types import (
+    BoolArray,
+    Deflection,
+    FloatArray,
+    IntArray,
+    Robot,
+    TextArray,
+)
 from stiff_protocols.paths.compensation import Compensation, compensate
 from stiff_protocols.paths.path import ToolPath
 
@@ -45,6 +51,18 @@ class CorrectedTargets:
     def is_target(self) -> BoolArray:
         """(n,) whether the point is a target of the program, and not between two."""
         return np.asarray(self.share == 1.0)
+
+    def without(self, rows: IntArray, reason: str) -> CorrectedTargets:
+        """Return the targets with some of them, by their number, left for a reason."""
+        problem = self.found.problem.astype(object)
+        problem[np.flatnonzero(self.is_target)[rows]] = reason
+        return replace(self, found=replace(self.found, problem=problem.astype(str)))
+
+    @property
+    def at_targets(self) -> Compensation:
+        """The program's targets alone, without points between."""
+        own = {item.name: getattr(self.found, item.name) for item in fields(self.found)}
+        return Compensation(**{name: values[self.is_target] for name, values in own.items()})
 
 
 def correct_targets(

@@ -65,8 +65,8 @@ STATEMENT = re.compile(
     re.IGNORECASE | re.MULTILINE,
 )
 DECLARATION = re.compile(
-    r"^[ \t]*(?P<text>(?:DECL[ \t]+)?(?:GLOBAL[ \t]+)?(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)[ \t]+"
-    r"(?P<name>\w+)[ \t]*=[^\r\n;]*)",
+    r"^[ \t]*(?P<text>(?:DECL[ \t]+)?(?:GLOBAL[ \t]+)?"
+    r"(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)[ \t]+(?P<name>\w+)[ \t]*=[^\r\n;]*)",
     re.IGNORECASE | re.MULTILINE,
 )
 WHOLE_POSE = "{X 0,Y 0,Z 0,A 0,B 0,C 0} or {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}"

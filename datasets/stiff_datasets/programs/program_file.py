@@ -1,8 +1,6 @@
 """Motion targets of a robot program, and the same program with other numbers.
 
-A language's module yields the targets of a program with the places of their numbers. They are
-kept in columns: a program of a million targets takes 300 MB. A program is written back number by
-number, so every other character stays as it was.
+A program is written back number by number, so every other character stays as it was.
 """
 
 from __future__ import annotations
@@ -13,10 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
-from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.files import written_whole
 
 MOST_NUMBERS, MOST_CONFIG = 7, 6
@@ -212,58 +207,6 @@ class RobotProgram:
         return f"{self.paths[0]}, line {self.lines[row]}"
 
 
-def read_program(path: Path) -> RobotProgram:
-    """Read the targets of a robot program.
-
-    Args:
-        path: KUKA .src (with the .dat beside it), ABB .mod, FANUC .ls, or URScript .script.
-
-    Raises:
-        DataError: the file cannot be read, its language is unknown, a statement is wrong, or it
-            holds no target.
-    """
-    language = language_of(path)
-    paths = [path]
-    if language.companion:
-        data = [path.with_suffix(suffix) for suffix in _either_case(language.companion)]
-        paths += [file for file in data if file.is_file()][:1]
-    texts = tuple(_text(file) for file in paths)
-    starts = tuple(_line_starts(text) for text in texts)
-    columns = _Columns()
-    try:
-        for motion in language.read(texts):
-            columns.add(motion)
-    except StatementError as error:
-        wrong = error.statement
-        line = bisect_right(starts[wrong.text_index], wrong.start)
-        text = " ".join(wrong.text.split())[:60]
-        raise DataError(
-            f"{paths[wrong.text_index]}, line {line}: {text} (valid: {wrong.valid})"
-        ) from error
-    if not columns.statements and not columns.left:
-        raise DataError(f"{path}: no motion of {language.name} in this program")
-    return columns.program(tuple(paths), texts, language, starts)
-
-
-def language_of(path: Path) -> Language:
-    """Return the language of a program by its suffix; DataError for an unknown one."""
-    match path.suffix.lower():
-        case ".src":
-            from stiff_datasets.programs.krl import LANGUAGE as language
-        case ".mod" | ".modx" | ".prg":
-            from stiff_datasets.programs.rapid import LANGUAGE as language
-        case ".ls":
-            from stiff_datasets.programs.fanuc_ls import LANGUAGE as language
-        case ".script" | ".urscript":
-            from stiff_datasets.programs.urscript import LANGUAGE as language
-        case _:
-            raise DataError(
-                f"{path}: unknown language of a robot program (valid: KUKA .src, ABB .mod, FANUC "
-                ".ls, URScript .script)"
-            )
-    return language
-
-
 def edited_texts(texts: Sequence[str], edits: Sequence[Edit]) -> list[str]:
     """Return texts with new numbers in their places; the rest is as it was."""
     results = []
@@ -303,85 +246,3 @@ def number_text(value: float, old: str, decimals: int) -> str:
     had = len(old.partition(".")[2]) if "e" not in old.lower() else 0
     text = f"{value:.{max(decimals, had)}f}"
     return text[1:] if float(text) == 0.0 and text[0] == "-" else text
-
-
-def _text(path: Path) -> str:
-    """Return a file's text, a character for a byte."""
-    try:
-        return path.read_bytes().decode("latin-1")
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
-def _line_starts(text: str) -> list[int]:
-    starts, place = [0], text.find("\n")
-    while place >= 0:
-        starts.append(place + 1)
-        place = text.find("\n", place + 1)
-    return starts
-
-
-def _either_case(suffix: str) -> tuple[str, str]:
-    return suffix, suffix.upper()
-
-
-class _Columns:
-    """Collect targets as columns of numbers."""
-
-    def __init__(self) -> None:
-        from array import array
-
-        self.statements, self.places = array("q"), array("q")
-        self.config_places, self.values, self.config = array("q"), array("d"), array("d")
-        self.flags, self.frame_index = array("b"), array("q")
-        self.frames: dict[tuple[Frame, Frame], int] = {}
-        self.left: list[LeftMotion] = []
-
-    def add(self, motion: Target | LeftMotion) -> None:
-        if isinstance(motion, LeftMotion):
-            self.left.append(motion)
-            return
-        self.statements.extend((motion.start, motion.end, motion.goal_start, motion.goal_end))
-        self.flags.extend((motion.is_linear, motion.follows, motion.has_joints, motion.text_index))
-        for numbers, count, values, places in (
-            (motion.numbers, MOST_NUMBERS, self.values, self.places),
-            (motion.config, MOST_CONFIG, self.config, self.config_places),
-        ):
-            for number in numbers:
-                values.append(number.value)
-                places.extend((number.start, number.end))
-            rest = count - len(numbers)
-            values.extend((np.nan,) * rest)
-            places.extend((0,) * (2 * rest))
-        pair = (motion.base, motion.tool)
-        self.frame_index.append(self.frames.setdefault(pair, len(self.frames)))
-
-    def program(
-        self,
-        paths: tuple[Path, ...],
-        texts: tuple[str, ...],
-        language: Language,
-        starts: tuple[list[int], ...],
-    ) -> RobotProgram:
-        statements = np.array(self.statements, dtype=np.int64).reshape(-1, 4)
-        flags = np.array(self.flags, dtype=np.int64).reshape(-1, 4)
-        return RobotProgram(
-            paths=paths,
-            texts=texts,
-            language=language,
-            lines=np.searchsorted(starts[0], statements[:, 0], side="right"),
-            statements=statements[:, :2],
-            goals=statements[:, 2:],
-            is_linear=flags[:, 0] > 0,
-            follows=flags[:, 1] > 0,
-            has_joints=flags[:, 2] > 0,
-            text_index=flags[:, 3],
-            values=np.array(self.values).reshape(-1, MOST_NUMBERS),
-            places=np.array(self.places, dtype=np.int64).reshape(-1, MOST_NUMBERS, 2),
-            config=np.array(self.config).reshape(-1, MOST_CONFIG),
-            config_places=np.array(self.config_places, dtype=np.int64).reshape(-1, MOST_CONFIG, 2),
-            frames=tuple(self.frames),
-            frame_index=np.array(self.frame_index, dtype=np.int64),
-            left=tuple(self.left),
-            _starts=starts,
-        )

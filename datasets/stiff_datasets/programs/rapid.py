@@ -284,7 +284,8 @@ def insert(
     """Return edits that put motions to literal targets before others; see `Language.insert`."""
     external = ",".join(["9E9"] * 6)
     goals = [
-        f"[[{','.join(texts[:3])}],[{','.join(texts[3:])}],[{','.join(map(str, way))}],[{external}]]"
+        f"[[{','.join(texts[:3])}],[{','.join(texts[3:])}],"
+        f"[{','.join(map(str, way))}],[{external}]]"
         for texts, way in zip(numbers, config, strict=True)
     ]
     return copied_motions(program, rows, goals)

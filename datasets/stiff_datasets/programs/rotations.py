@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import warnings
-
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stiff_protocols.contract.types import FloatArray
-
 
 Order = Literal["ZYX", "xyz"]
 

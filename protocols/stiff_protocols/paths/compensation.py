@@ -58,7 +58,7 @@ class Compensation(BriefFields):
 
     @property
     def removed(self) -> FloatArray:
-        """(n,) length of the predicted deflection that the commands take out, m; 0 for a row left."""
+        """(n,) predicted deflection that the commands take out, m; 0 for a row left."""
         return np.asarray(np.linalg.norm(self.before, axis=1) * self.converged)
 
     @property
