@@ -75,34 +75,43 @@ def choose_joints(
     chosen, problem = q.copy(), np.full(n, "", dtype=f"<U{LONGEST_PROBLEM}")
     config_fits, before = np.ones(n, dtype=bool), start
     possible: dict[int, str] = {}
+    is_bound = ~np.isnan(program.config[:, 0])
+    is_bound &= ~program.is_linear | program.language.config_of_linear
     for first in range(0, n, BLOCK):
         rows = np.arange(first, min(first + BLOCK, n))
         poses = rows[~program.has_joints[rows]]
-        candidates, numbers = _candidates(program.language, robot, position[poses], rotation[poses])
-        for row in rows[program.has_joints[rows]]:
-            beyond = (q[row] < robot.lower - LIMIT_SLACK) | (q[row] > robot.upper + LIMIT_SLACK)
-            problem[row] = "beyond the joint limits" if beyond.any() else ""
+        ways_of = all_configurations(robot, position[poses], rotation[poses])
+        bound = np.flatnonzero(is_bound[poses])
+        turned, numbers = _with_turns(program.language, robot, ways_of[bound])
+        bound_of = dict(zip(poses[bound].tolist(), range(len(bound)), strict=True))
         number_of = dict(zip(poses.tolist(), range(len(poses)), strict=True))
         for row in rows.tolist():
-            index = number_of.get(row)
-            if index is None:
+            if program.has_joints[row]:
                 before = q[row]
+                problem[row] = "" if _inside(robot, q[[row]])[0] else "beyond the joint limits"
                 continue
-            reached = ~np.isnan(candidates[index, :, 0])
-            inside = reached & _inside(robot, candidates[index])
-            if not inside.any():
-                problem[row] = BEYOND_LIMITS if reached.any() else OUT_OF_REACH
+            ways = ways_of[number_of[row]]
+            ways = ways[~np.isnan(ways[:, 0])]
+            if not len(ways):
+                problem[row] = OUT_OF_REACH
                 continue
-            fits = inside & _fits(program, row, numbers[index])
-            is_bound = not program.is_linear[row] or program.language.config_of_linear
-            if is_bound and not fits.any() and not program.is_linear[row]:
-                problem[row] = OTHER_CONFIGURATION
-                possible[row] = _possible(program, row, numbers[index][inside])
+            if row in bound_of:
+                fits = _fits(program, row, numbers[bound_of[row]])
+                inside = _inside(robot, turned[bound_of[row]])
+                config_fits[row] = (fits & inside).any()
+                if config_fits[row]:
+                    ways = turned[bound_of[row]][fits & inside]
+                elif inside.any() and not program.is_linear[row]:
+                    problem[row] = OTHER_CONFIGURATION
+                    possible[row] = _possible(program, row, numbers[bound_of[row]][inside])
+                    continue
+            if row not in bound_of or not config_fits[row]:
+                ways = _nearest_turns(robot, ways, before)
+                ways = ways[_inside(robot, ways)]
+            if not len(ways):
+                problem[row] = BEYOND_LIMITS
                 continue
-            pool = fits if is_bound and fits.any() else inside
-            ways = candidates[index][pool]
-            before = chosen[row] = ways[np.argmin(np.linalg.norm(ways - before, axis=1))]
-            config_fits[row] = fits.any() or not is_bound
+            before = chosen[row] = ways[np.argmin(((ways - before) ** 2).sum(axis=1))]
     driven = np.flatnonzero(problem == "")
     if len(driven):
         free = np.ones(robot.n_joints, dtype=bool)
@@ -115,36 +124,34 @@ def choose_joints(
     return ChosenJoints(chosen, problem, config_fits, possible)
 
 
-def _candidates(
-    language: Language, robot: Robot, position: FloatArray, rotation: FloatArray
+def _with_turns(
+    language: Language, robot: Robot, ways: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (n, m, n_joints) all joint positions, with full turns, and (n, m, k) their numbers."""
-    if not len(position):
+    """Return (n, m, n_joints) configurations with full turns, and (n, m, k) their numbers."""
+    if not len(ways) or language.configurations is None:
         return np.empty((0, 0, robot.n_joints)), np.empty((0, 0, 0))
-    found = all_configurations(robot, position, rotation)  # (n, m, n_joints)
-    choices = [
-        (-1.0, 0.0, 1.0) if turns and high - low > 2.0 * np.pi else _needed(low, high, turns)
-        for turns, low, high in zip(robot.turns, robot.lower, robot.upper, strict=True)
-    ]
+    choices = []
+    for turns, low, high in zip(robot.turns, robot.lower, robot.upper, strict=True):
+        back, forth = [-1.0] * bool(low < -np.pi), [1.0] * bool(high > np.pi)
+        choices.append([*back, 0.0, *forth] if turns else [0.0])
     turns = 2.0 * np.pi * np.array([*product(*choices)])
-    candidates = (found[:, :, None] + turns).reshape(len(position), -1, robot.n_joints)
-    if language.configurations is None or robot.n_joints != 6:
-        return candidates, np.empty((*candidates.shape[:2], 0))
-    signs, reached = np.zeros((*found.shape[:2], 3)), ~np.isnan(found[..., 0])
+    turned = (ways[:, :, None] + turns).reshape(len(ways), -1, robot.n_joints)
+    signs, reached = np.zeros((*ways.shape[:2], 3)), ~np.isnan(ways[..., 0])
     controller = controller_of(robot)
-    wrist = controller.from_description(found[reached])[:, 4]
-    signs[reached] = arm_signs(robot, found[reached], wrist)
-    angles = controller.from_description(candidates.reshape(-1, robot.n_joints))
+    wrist = controller.from_description(ways[reached])[:, 4]
+    signs[reached] = arm_signs(robot, ways[reached], wrist)
+    angles = controller.from_description(turned.reshape(-1, robot.n_joints))
     numbers = language.configurations(signs.repeat(len(turns), axis=1).reshape(-1, 3), angles)
-    return candidates, numbers.reshape(*candidates.shape[:2], -1)
+    return turned, numbers.reshape(*turned.shape[:2], -1)
 
 
-def _needed(low: float, high: float, turns: bool) -> tuple[float, ...]:
-    """Return the full turns by which an angle within +-180 deg can be inside the limits."""
-    if not turns:
-        return (0.0,)
-    upwards, downwards = high > np.pi, low < -np.pi
-    return (*([-1.0] if downwards else []), 0.0, *([1.0] if upwards else []))
+def _nearest_turns(robot: Robot, ways: FloatArray, before: FloatArray) -> FloatArray:
+    """Return (m, n_joints) configurations with the full turns next to `before` in the limits."""
+    turn = 2.0 * np.pi
+    turns = np.rint((before - ways) / turn)
+    turns += ways + turn * turns < robot.lower - LIMIT_SLACK
+    turns -= ways + turn * turns > robot.upper + LIMIT_SLACK
+    return np.asarray(ways + turn * np.where(robot.turns, turns, 0.0))
 
 
 def _inside(robot: Robot, q: FloatArray) -> BoolArray:
