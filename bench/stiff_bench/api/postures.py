@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from stiff_bench.api.model import Model, blamed_on
-from stiff_bench.api.ranked_postures import Direction, Posture, RankedPostures
+from stiff_bench.api.ranked_postures import RankedPostures
 from stiff_bench.api.tool_paths import held_positions
 from stiff_bench.console import say
 from stiff_bench.run.progress import display
@@ -26,16 +26,18 @@ from stiff_datasets.measured.sample_columns import (
     joint_columns,
 )
 from stiff_datasets.measured.sheet_files import write_table
-from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchError, unknown_name
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.stiffness_model import interval_at_tcp, optional
-from stiff_protocols.contract.types import FloatArray, frozen_array
+from stiff_protocols.contract.types import FloatArray, IntArray, frozen_array
 from stiff_protocols.paths.inverse import LIMIT_SLACK, SINGULAR, follow
 from stiff_protocols.paths.path import ToolPath
 from stiff_protocols.paths.postures import (
     BRANCHES,
     Course,
+    Direction,
+    RatedPosture,
     all_postures,
     best_courses,
     branch_numbers,
@@ -48,6 +50,8 @@ TURNS = 72
 SAME_PLACE_MM, SAME_AXIS_DEG = 1.0, 0.5
 """Between the tool in the given posture and the point, at most."""
 FULL_TURN_DEG = 360.0
+SAME_COST = 9
+"""Decimals of a deflection [m] to which costs are compared: wrist branches have equal ones."""
 
 
 def axial_compliance(
@@ -163,13 +167,13 @@ def rank_postures(
         if table.q is not None and start is None:
             start = table.q[0]
         held = held_positions(arm, hold or {}, start)
-        task = _Task(str(path), table.path, held, table.tool, frame, table.lines)
+        task = _Task(str(path), table.path, held, table.tool, frame, table.lines.tolist())
     if not task.path.wrench.any():
         raise ConfigError("is zero, so there is nothing to rank (valid: a load above 0)", "load")
     search = _Search(
         model, arm, task, _unit(tool_axis), direction, coverage, start, _checked_turns(turns)
     )
-    with display(), blamed_on(model.file, but=(ConfigError, DataError)):
+    with display(), blamed_on(model.file, but=StiffBenchError):
         ranked = search.ranked(
             _change(turn, turn_step, turns), _shifts(place, task.path.position[0])
         )
@@ -291,7 +295,7 @@ class _Search:
                 reasons.append(self._reason(found.n_reached, found.n_inside, size, max_change))
         if not courses:
             raise DataError(reasons[0])
-        courses.sort(key=lambda pair: pair[0].cost)
+        courses.sort(key=lambda pair: self._order(pair[0]))
         given = None
         if given_q is not None:
             number = int(branch_numbers(self.robot, given_q, self.task.held)[0])
@@ -310,6 +314,10 @@ class _Search:
             n_compared,
             np.r_[0.0, np.cumsum(steps)],
         )
+
+    def _order(self, course: Course) -> tuple[float, float]:
+        """Return what courses are sorted by: of equal costs the joints nearest to `near` win."""
+        return round(course.cost, SAME_COST), float(np.abs(course.q - self.near).mean())
 
     def _given(self) -> tuple[FloatArray, FloatArray | None, str]:
         """Return (n, 3, 3) orientations at turn 0, the given joint positions, and their origin."""
@@ -364,13 +372,13 @@ class _Search:
         own = self.task.path.rotation  # for which the path has its loads
         change = rotations @ own.swapaxes(1, 2)[:, None]
         parts = wrench.reshape(n, m, 2, 3)
-        return np.einsum("nmij,nmkj->nmki", change, parts).reshape(n, m, 6)
+        return np.asarray(np.einsum("nmij,nmkj->nmki", change, parts).reshape(n, m, 6))
 
     def _predicted(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         predicted = optional(self.model.fitted, "predict_at_tcp")(q, wrench)
         return frozen_array(predicted, "the prediction", (len(q), 3))
 
-    def _posture(self, course: Course, shift: FloatArray, rotations: FloatArray) -> Posture:
+    def _posture(self, course: Course, shift: FloatArray, rotations: FloatArray) -> RatedPosture:
         """Return a course with its predictions."""
         model, q, rows = self.model, course.q, np.arange(len(course.q))
         wrench = self._wrench(rotations)[rows, course.turn]
@@ -383,7 +391,7 @@ class _Search:
             length = np.linalg.norm(part, axis=1, keepdims=True)
             unit = axis if self.direction == "along" else part / np.maximum(length, 1e-12)
             half = np.linalg.norm(0.5 * (interval.upper - interval.lower) * unit, axis=1)
-        return Posture(
+        return RatedPosture(
             _signed_degrees(course.turn, self.turns),
             BRANCHES[course.branch],
             shift,
@@ -392,14 +400,14 @@ class _Search:
             bent,
             _size(bent, axis, self.direction),
             half,
-            model.training_range.extrapolates(q, wrench),
+            tuple(model.training_range.extrapolates(q, wrench)),
         )
 
     def _table(
         self,
         courses: Sequence[tuple[Course, FloatArray]],
         rotations: FloatArray,
-        given: Posture | None,
+        given: RatedPosture | None,
     ) -> pd.DataFrame:
         """Return a row for each course, in their order."""
         n, units = len(rotations), file_units(self.robot)
@@ -455,7 +463,7 @@ class _Search:
         return pd.DataFrame(columns).assign(extrapolates=list(best.extrapolates))
 
     def _reason(
-        self, n_reached: FloatArray, n_inside: FloatArray, size: FloatArray, max_change: int
+        self, n_reached: IntArray, n_inside: IntArray, size: FloatArray, max_change: int
     ) -> str:
         """Say why no posture serves all points, in one line."""
         there = np.isfinite(size).reshape(len(size), -1).any(axis=1)
@@ -489,7 +497,7 @@ def _size(deflection: FloatArray, axis: FloatArray, direction: Direction) -> Flo
     return np.asarray(np.linalg.norm(_part(deflection, axis, direction), axis=1))
 
 
-def _signed_degrees(turn: FloatArray, turns: int) -> FloatArray:
+def _signed_degrees(turn: IntArray, turns: int) -> FloatArray:
     """Return numbers of turns as deg, from above -180 to 180."""
     degrees = FULL_TURN_DEG / turns * turn
     return np.asarray(np.where(degrees > FULL_TURN_DEG / 2.0, degrees - FULL_TURN_DEG, degrees))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -12,50 +12,17 @@ import pandas as pd
 from stiff_datasets.measured.sample_columns import MM_PER_M, counted
 from stiff_protocols.contract.screen import MOST_ROWS, Screen, Shown
 from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.paths.postures import Direction, RatedPosture
 
 if TYPE_CHECKING:
     from stiff_bench.figures.prepared_figure import Prepared
 
-Direction = Literal["along", "across"]
 
 SCREEN_COLUMNS = (
     *("rank", "turn_deg", "turn_to_deg", "branch", "x_mm", "y_mm", "z_mm", "along_mm", "across_mm"),
     *("extrapolates", "given"),
 )
 """Columns of the table that a terminal has room for."""
-
-
-@dataclass(frozen=True, eq=False)
-class Posture:
-    """One posture at a point, or one along a path of n points.
-
-    Attributes:
-        turn: (n,) of the tool about its axis, counted from the given posture, deg.
-        branch: shoulder, elbow and wrist, such as "front up +".
-        shift: (3,) of the workpiece, base frame, m.
-        q: (n, n_joints) rad or m.
-        wrench: (n, 6) N and N m, base frame.
-        deflection: (n, 3) predicted at the TCP, m, base frame.
-        size: (n,) length of the deflection along or across the axis, m.
-        half_width: (n,) of its interval, m; None without a coverage.
-        extrapolates: (n,) words of `TrainingRange.extrapolates`.
-    """
-
-    turn: FloatArray
-    branch: str
-    shift: FloatArray
-    q: FloatArray
-    wrench: FloatArray
-    deflection: FloatArray
-    size: FloatArray
-    half_width: FloatArray | None
-    extrapolates: Sequence[str]
-
-    @property
-    def turn_text(self) -> str:
-        """Turn in deg; of a path with several turns the smallest and the largest."""
-        ends = sorted({float(self.turn.min()), float(self.turn.max())})
-        return "..".join(f"{end:g}" for end in ends)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,8 +44,8 @@ class RankedPostures(Shown):
     title: str
     direction: Direction
     table: pd.DataFrame
-    best: Posture
-    given: Posture | None
+    best: RatedPosture
+    given: RatedPosture | None
     given_words: str
     coverage: float | None
     n_compared: int
@@ -115,7 +82,7 @@ class RankedPostures(Shown):
         if self.given is not None:
             old = self.given.size.mean()
             share = self.saving / old if old > 0.0 else 0.0
-            saving = f"{MM_PER_M * self.saving:.3g} mm ({share:.0%})"
+            saving = f"{MM_PER_M * self.saving:.4f} mm ({share:.0%})"
             title += f", {saving} less than the {MM_PER_M * old:.4g} mm of the given one"
         shown = [name for name in self.table if name in SCREEN_COLUMNS]
         rows = [
@@ -172,12 +139,13 @@ class RankedPostures(Shown):
         """Return the picture: deflection over the turn, or along the path."""
         from stiff_bench.figures.posture_picture import posture_picture
 
-        return posture_picture(self)
+        words = f"{self.direction} the axis"
+        return posture_picture(self.title, words, self.table, self.best, self.given, self.distance)
 
 
 def _cell(name: str, value: object) -> str:
     if isinstance(value, bool | np.bool_):
         return "given" if value else ""
     if isinstance(value, float):
-        return f"{value:.4f}" if name.endswith("_mm") else f"{value:.1f}"
+        return f"{value:.4f}" if name in ("along_mm", "across_mm") else f"{value:.1f}"
     return str(value)

@@ -2,51 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import PAGE_INCH, REFERENCE_COLOR, looks, new_figure, share_legend
 from stiff_bench.tables.units import MM
-from stiff_protocols.paths.postures import BRANCHES
-
-if TYPE_CHECKING:
-    from stiff_bench.api.ranked_postures import RankedPostures
+from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.paths.postures import BRANCHES, RatedPosture
 
 HEIGHT_INCH = 2.9
 TICK_DEG, ROOM = 45.0, 1.4
 """Step of the ticks; the axis ends so many times above the largest deflection."""
-WIDEST_LINE = 3.6
+WIDEST_LINE, MARK_POINTS = 3.6, 8.0
+MARKERS = {"best": "*", "given": "o"}
 
 
-def posture_picture(ranked: RankedPostures) -> Prepared:
-    """Return the figure of a ranking, with what its marks mean."""
-    along = f"Predicted deflection {ranked.direction} the axis of the tool"
-    if "turn_to_deg" in ranked.table:
+def posture_picture(
+    title: str,
+    words: str,
+    table: pd.DataFrame,
+    best: RatedPosture,
+    given: RatedPosture | None,
+    distance: FloatArray,
+) -> Prepared:
+    """Return the figure of a ranking, with what its marks mean.
+
+    Args:
+        title: model, robot and task.
+        words: part of the deflection, "along the axis".
+        table: a row per posture, the best one first.
+        best: posture of the first row.
+        given: posture to compare with.
+        distance: (n,) along the path, m.
+    """
+    part = f"Predicted deflection {words} of the tool"
+    marked = {"best": best} if given is None else {"best": best, "given": given}
+    if "turn_to_deg" in table:
         return Prepared(
             title="Postures along a path",
-            caption=f"{along} with the best turn and with the given posture, and the turn.",
-            paint=partial(_painted_course, ranked),
-            subtitle=ranked.title,
+            caption=f"{part} with the best turn and with the given posture, and the turn.",
+            paint=partial(_painted_course, words, marked, distance),
+            subtitle=title,
         )
     return Prepared(
         title="Postures for a task",
-        caption=f"{along} over its turn, a line per branch of the arm. Gaps: beyond joint limits, "
-        "out of reach or near a singularity. Error bars: intervals of the model, where asked for.",
-        paint=partial(_painted_turns, ranked),
-        subtitle=ranked.title,
+        caption=f"{part} over its turn, a line per branch of the arm. Gaps: beyond joint limits, "
+        "out of reach or near a singularity. Vertical bars: intervals of the model.",
+        paint=partial(_painted_turns, words, table, marked),
+        subtitle=title,
     )
 
 
-def _painted_turns(ranked: RankedPostures) -> Figure:
-    table = ranked.table
+def _painted_turns(words: str, table: pd.DataFrame, marked: Mapping[str, RatedPosture]) -> Figure:
+    size_column, every_turn = f"{words.split()[0]}_mm", table["turn_deg"]
     if "x_mm" in table:  # the places of the best posture only
         place = ["x_mm", "y_mm", "z_mm"]
         table = table[(table[place] == table[place].iloc[0]).all(axis=1)]
-    turns = np.sort(ranked.table["turn_deg"].unique())
+    turns = np.sort(every_turn.unique())
     step = float(np.diff(turns).min()) if len(turns) > 1 else 360.0
     figure = new_figure(PAGE_INCH, HEIGHT_INCH)
     axes = figure.add_subplot()
@@ -54,22 +71,19 @@ def _painted_turns(ranked: RankedPostures) -> Figure:
         own = table[table["branch"] == branch].sort_values("turn_deg")
         if not len(own):
             continue
-        turn, size = own["turn_deg"].to_numpy(), own[f"{ranked.direction}_mm"].to_numpy()
+        turn, size = own["turn_deg"].to_numpy(), own[size_column].to_numpy()
         gaps = np.flatnonzero(np.diff(turn) > 1.5 * step) + 1
         turn, size = (np.insert(values.astype(float), gaps, np.nan) for values in (turn, size))
         width = WIDEST_LINE * 0.6 ** len(axes.lines)  # wrist branches often have equal deflections
         axes.plot(turn, size, label=branch, linewidth=width, **look.connected())
-    marks = [("best", ranked.best, "*", 9.0)]
-    if ranked.given is not None:
-        marks.append(("given", ranked.given, "o", 7.0))
-    for name, posture, marker, size_points in marks:
+    for name, posture in marked.items():
         half = None if posture.half_width is None else MM * posture.half_width.mean()
         axes.errorbar(
             posture.turn[0],
             MM * posture.size.mean(),
             half,
-            marker=marker,
-            markersize=size_points,
+            marker=MARKERS[name],
+            markersize=MARK_POINTS,
             markerfacecolor="white",
             markeredgecolor="black",
             ecolor=REFERENCE_COLOR,
@@ -77,29 +91,26 @@ def _painted_turns(ranked: RankedPostures) -> Figure:
             zorder=4,
             label=name if half is None else f"{name}, +-{half:.2g} mm",
         )
-    mean = "" if len(ranked.best.q) == 1 else "mean "
+    mean = "" if len(marked["best"].q) == 1 else "mean "
     axes.set(
         xlabel="turn about the axis of the tool [deg]",
-        ylabel=f"{mean}deflection {ranked.direction} the axis [mm]",
+        ylabel=f"{mean}deflection {words} [mm]",
         xlim=(-183.0, 183.0),
         xticks=np.arange(-180.0, 181.0, TICK_DEG),
     )
-    sizes = [MM * posture.size.mean() for _, posture, _, _ in marks]
-    largest = max(*table[f"{ranked.direction}_mm"], *sizes, 1e-9)
+    sizes = [MM * posture.size.mean() for posture in marked.values()]
+    largest = max(*table[size_column], *sizes, 1e-9)
     axes.set_ylim(0.0, ROOM * largest)  # wider intervals are cut
     share_legend(figure, [axes], ncols=5)
     return figure
 
 
-def _painted_course(ranked: RankedPostures) -> Figure:
+def _painted_course(words: str, marked: Mapping[str, RatedPosture], distance: FloatArray) -> Figure:
     figure = new_figure(PAGE_INCH, HEIGHT_INCH)
     left, right = figure.subplots(1, 2)
-    blue, orange = looks(2)
-    distance = MM * ranked.distance
-    lines = [(ranked.best, f"best: {ranked.best.branch}", blue)]
-    if ranked.given is not None:
-        lines.append((ranked.given, f"given: {ranked.given.branch}", orange))
-    for posture, label, look in lines:
+    distance = MM * distance
+    for (name, posture), look in zip(marked.items(), looks(len(marked)), strict=True):
+        label = f"{name}: {posture.branch}"
         size = MM * posture.size
         left.plot(distance, size, label=label, **look.connected())
         if posture.half_width is not None:
@@ -107,7 +118,7 @@ def _painted_course(ranked: RankedPostures) -> Figure:
             left.fill_between(distance, *ends, color=look.color, alpha=0.15, linewidth=0)
         right.plot(distance, posture.turn, **look.connected())
     left.set_ylim(bottom=0.0)
-    left.set(ylabel=f"deflection {ranked.direction} the axis [mm]")
+    left.set(ylabel=f"deflection {words} [mm]")
     right.set(ylabel="turn about the axis of the tool [deg]")
     for axes, title in ((left, "(a) Deflection"), (right, "(b) Turn")):
         axes.set_xlabel("distance along the path [mm]")

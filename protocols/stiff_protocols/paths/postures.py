@@ -8,6 +8,7 @@ programming (Viterbi) finds the turns along a path with the smallest sum of cost
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -34,6 +35,8 @@ The shoulder is in front where the arm reaches to the side that it points to at 
 positions, the elbow up where it is above the line from shoulder to wrist (of an arm that reaches
 back: as before the turn of joint 1).
 """
+Direction = Literal["along", "across"]
+"""Part of a deflection, seen from the axis of the tool."""
 LARGEST_STEP = 0.5 * np.pi
 """rad or m that a joint moves at most between two points."""
 WHOLE = 2.0 * np.pi
@@ -69,6 +72,39 @@ class Course(BriefFields):
     turn: IntArray
     q: FloatArray
     cost: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RatedPosture(BriefFields):
+    """A posture at each of n points of a task with its predicted deflection.
+
+    Attributes:
+        turn: (n,) of the tool about its axis, counted from the given posture, deg.
+        branch: shoulder, elbow and wrist, such as "front up +".
+        shift: (3,) of the workpiece, base frame, m.
+        q: (n, n_joints) rad or m.
+        wrench: (n, 6) N and N m, base frame.
+        deflection: (n, 3) predicted at the TCP, m, base frame.
+        size: (n,) length of the deflection along or across the axis, m.
+        half_width: (n,) of its interval, m; None without a coverage.
+        extrapolates: (n,) words of `TrainingRange.extrapolates`.
+    """
+
+    turn: FloatArray
+    branch: str
+    shift: FloatArray
+    q: FloatArray
+    wrench: FloatArray
+    deflection: FloatArray
+    size: FloatArray
+    half_width: FloatArray | None
+    extrapolates: tuple[str, ...]
+
+    @property
+    def turn_text(self) -> str:
+        """Turn in deg; of a path with several turns the smallest and the largest."""
+        ends = sorted({float(self.turn.min()), float(self.turn.max())})
+        return "..".join(f"{end:g}" for end in ends)
 
 
 def turned(rotation: FloatArray, axis: FloatArray, angles: FloatArray) -> FloatArray:
