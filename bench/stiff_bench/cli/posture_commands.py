@@ -25,9 +25,8 @@ from stiff_bench.console import print_text, warnings_said
 
 
 @command(
-    epilog="bench posture --model my.stiff --point 900,0,800,0,90,0 --load 0,0,-50,0,0,0 "
-    "--frame tool\n"
-    "bench posture --model my.stiff --path holes.csv --turn smooth --output postures.csv"
+    epilog="bench posture --model my.stiff --point 900,0,800,0,90,0 --load 0,0,-50,0,0,0\n"
+    "bench posture --model my.stiff --path holes.csv --output postures.csv"
 )
 @model_file_option
 @click.option(

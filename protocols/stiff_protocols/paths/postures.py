@@ -194,7 +194,8 @@ def _sides(robot: Robot, q: FloatArray, joints: IntArray) -> tuple[FloatArray, .
     poses = robot.forward(q)
     z = np.einsum("nkij,kj->kni", poses.rotations, robot.axes)[joints]  # (6, n, 3)
     p = poses.points.swapaxes(0, 1)[joints]
-    upwards = z[0] * np.sign(_dot(z[0], p[1] - robot.arm_base(poses.points)))[:, None]
+    height = _dot(z[0], p[1] - robot.arm_base(poses.points))
+    upwards = z[0] * np.where(height < 0.0, -1.0, 1.0)[:, None]
     forwards = np.cross(z[1], upwards)
     hand = _foot(p[5], z[5], p[4], z[4])  # the wrist's centre, or where axes 5 and 6 cross
     knuckle = _foot(p[4], z[4], p[3], z[3])
