@@ -260,9 +260,9 @@ class _Search:
 
     @property
     def near(self) -> FloatArray:
-        """(n_joints,) rad or m: whole turns of joints are chosen next to it."""
+        """(n_joints,) middle of the training poses: whole turns of joints are next to it."""
         known = self.model.training_range
-        return 0.5 * (known.lower + known.upper) if self.start is None else self.start
+        return 0.5 * (known.lower + known.upper)
 
     @property
     def axis(self) -> FloatArray:
@@ -283,6 +283,8 @@ class _Search:
             found = all_postures(
                 self.robot, position, rotations, near=self.near, held=self.task.held
             )
+            if self.start is not None and n == 1 and not shift.any():
+                self._put_given(found.q)
             rows = np.nonzero(~np.isnan(found.q[..., 0]))
             size = np.full(found.q.shape[:3], np.inf)
             if len(rows[0]):
@@ -315,6 +317,13 @@ class _Search:
             np.r_[0.0, np.cumsum(steps)],
         )
 
+    def _put_given(self, q: FloatArray) -> None:
+        """Put the given posture, with its own whole turns of joints, in its place at turn 0."""
+        if self.start is not None:
+            number = branch_numbers(self.robot, self.start[None], self.task.held)[0]
+            if not np.isnan(q[0, 0, number, 0]):
+                q[0, 0, number] = self.start
+
     def _order(self, course: Course) -> tuple[float, float]:
         """Return what courses are sorted by: of equal costs the joints nearest to `near` win."""
         return round(course.cost, SAME_COST), float(np.abs(course.q - self.near).mean())
@@ -330,7 +339,14 @@ class _Search:
             words = "yours"
             if len(path) == 1:
                 return rotation, start[None], words
-        driven = follow(robot, path.position, rotation, start, near=self.near, held=self.task.held)
+        driven = follow(
+            robot,
+            path.position,
+            rotation,
+            start,
+            near=self.near if start is None else start,
+            held=self.task.held,
+        )
         if driven.ok.all():
             return rotation, driven.q, words
         row = int(np.argmin(driven.ok))

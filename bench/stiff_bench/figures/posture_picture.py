@@ -18,7 +18,7 @@ from stiff_protocols.paths.postures import BRANCHES, RatedPosture
 HEIGHT_INCH = 2.9
 TICK_DEG, ROOM = 45.0, 1.4
 """Step of the ticks; the axis ends so many times above the largest deflection."""
-WIDEST_LINE, MARK_POINTS = 3.6, 8.0
+LINE_POINTS, MARK_POINTS = {"+": 3.2, "-": 1.3}, 8.0
 MARKERS = {"best": "*", "given": "o"}
 
 
@@ -74,7 +74,7 @@ def _painted_turns(words: str, table: pd.DataFrame, marked: Mapping[str, RatedPo
         turn, size = own["turn_deg"].to_numpy(), own[size_column].to_numpy()
         gaps = np.flatnonzero(np.diff(turn) > 1.5 * step) + 1
         turn, size = (np.insert(values.astype(float), gaps, np.nan) for values in (turn, size))
-        width = WIDEST_LINE * 0.6 ** len(axes.lines)  # wrist branches often have equal deflections
+        width = LINE_POINTS[branch[-1]]  # wrist branches often have equal deflections
         axes.plot(turn, size, label=branch, linewidth=width, **look.connected())
     for name, posture in marked.items():
         half = None if posture.half_width is None else MM * posture.half_width.mean()
@@ -101,7 +101,7 @@ def _painted_turns(words: str, table: pd.DataFrame, marked: Mapping[str, RatedPo
     sizes = [MM * posture.size.mean() for posture in marked.values()]
     largest = max(*table[size_column], *sizes, 1e-9)
     axes.set_ylim(0.0, ROOM * largest)  # wider intervals are cut
-    share_legend(figure, [axes], ncols=5)
+    share_legend(figure, [axes], ncols=6)
     return figure
 
 

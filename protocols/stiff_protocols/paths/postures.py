@@ -273,7 +273,12 @@ def best_courses(
 
 
 def _continuous(robot: Robot, q: FloatArray, near: FloatArray) -> FloatArray:
-    """Return (n, n_joints) `q` without jumps by whole turns, next to `near` inside the limits."""
+    """Return (n, n_joints) `q` without jumps by whole turns, next to `near` inside the limits.
+
+    One posture stays as it is.
+    """
+    if len(q) == 1:
+        return q
     joined = np.where(robot.turns, np.unwrap(q, axis=0), q)
     return np.asarray(
         joined + WHOLE * _whole_turns(robot, joined.min(axis=0), joined.max(axis=0), near)
