@@ -68,8 +68,8 @@ class RankedPostures(Shown):
 
     @property
     def is_within_uncertainty(self) -> bool:
-        """Whether the saving is smaller than the model's uncertainty; False if that is unknown."""
-        return bool(self.saving <= self.uncertainty)
+        """Answer whether the uncertainty is larger than the saving; False if it is unknown."""
+        return bool(abs(self.saving) <= self.uncertainty)
 
     def view(self) -> Screen:
         """Return the answer and the best postures."""
@@ -82,16 +82,17 @@ class RankedPostures(Shown):
         if self.given is not None:
             old = self.given.size.mean()
             share = self.saving / old if old > 0.0 else 0.0
-            saving = f"{MM_PER_M * self.saving:.4f} mm ({share:.0%})"
-            title += f", {saving} less than the {MM_PER_M * old:.4g} mm of the given one"
-        shown = [name for name in self.table if name in SCREEN_COLUMNS]
+            saving = f"{MM_PER_M * abs(self.saving):.4f} mm ({abs(share):.0%})"
+            word = "less" if self.saving >= 0.0 else "more"
+            title += f", {saving} {word} than the {MM_PER_M * old:.4g} mm of the given one"
+        columns = [name for name in self.table if name in SCREEN_COLUMNS]
         rows = [
-            [_cell(name, row[name]) for name in shown]
+            [_cell(name, row[name]) for name in columns]
             for row in self.table.head(MOST_ROWS).to_dict("records")
         ]
         n_more = len(self.table) - len(rows)
         notes = [f"... and {n_more} more; --output has the whole table"] if n_more else []
-        return Screen(title, [*self._facts()], shown, rows, notes)
+        return Screen(title, [*self._facts()], columns, rows, notes)
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         best = self.best

@@ -33,7 +33,7 @@ from stiff_bench.console import print_text, warnings_said
     "--point",
     type=FRAME,
     metavar="X,Y,Z,A,B,C",
-    help="Pose of the tool at the task point, in mm and deg.  [default: that of --given]",
+    help="Pose of the tool at the task point, in mm and deg.  [default: where --given is]",
 )
 @click.option("--path", type=FILE, metavar="FILE", help="Task of several points: a tool path.")
 @sheet_option

@@ -17,7 +17,7 @@ from stiff_protocols.paths.postures import BRANCHES, RatedPosture
 
 HEIGHT_INCH = 2.9
 TICK_DEG, ROOM = 45.0, 1.4
-"""Step of the ticks; the axis ends so many times above the largest deflection."""
+"""Step of the ticks; end of the axis over the largest deflection."""
 LINE_POINTS, MARK_POINTS = {"+": 3.2, "-": 1.3}, 8.0
 MARKERS = {"best": "*", "given": "o"}
 
@@ -68,10 +68,10 @@ def _painted_turns(words: str, table: pd.DataFrame, marked: Mapping[str, RatedPo
     figure = new_figure(PAGE_INCH, HEIGHT_INCH)
     axes = figure.add_subplot()
     for branch, look in zip(BRANCHES, looks(len(BRANCHES)), strict=True):
-        own = table[table["branch"] == branch].sort_values("turn_deg")
-        if not len(own):
+        branch_rows = table[table["branch"] == branch].sort_values("turn_deg")
+        if not len(branch_rows):
             continue
-        turn, size = own["turn_deg"].to_numpy(), own[size_column].to_numpy()
+        turn, size = branch_rows["turn_deg"].to_numpy(), branch_rows[size_column].to_numpy()
         gaps = np.flatnonzero(np.diff(turn) > 1.5 * step) + 1
         turn, size = (np.insert(values.astype(float), gaps, np.nan) for values in (turn, size))
         width = LINE_POINTS[branch[-1]]  # wrist branches often have equal deflections
@@ -107,21 +107,21 @@ def _painted_turns(words: str, table: pd.DataFrame, marked: Mapping[str, RatedPo
 
 def _painted_course(words: str, marked: Mapping[str, RatedPosture], distance: FloatArray) -> Figure:
     figure = new_figure(PAGE_INCH, HEIGHT_INCH)
-    left, right = figure.subplots(1, 2)
+    error_axes, turn_axes = figure.subplots(1, 2)
     distance = MM * distance
     for (name, posture), look in zip(marked.items(), looks(len(marked)), strict=True):
         label = f"{name}: {posture.branch}"
         size = MM * posture.size
-        left.plot(distance, size, label=label, **look.connected())
+        error_axes.plot(distance, size, label=label, **look.connected())
         if posture.half_width is not None:
             ends = size - MM * posture.half_width, size + MM * posture.half_width
-            left.fill_between(distance, *ends, color=look.color, alpha=0.15, linewidth=0)
-        right.plot(distance, posture.turn, **look.connected())
-    left.set_ylim(bottom=0.0)
-    left.set(ylabel=f"deflection {words} [mm]")
-    right.set(ylabel="turn about the axis of the tool [deg]")
-    for axes, title in ((left, "(a) Deflection"), (right, "(b) Turn")):
+            error_axes.fill_between(distance, *ends, color=look.color, alpha=0.15, linewidth=0)
+        turn_axes.plot(distance, posture.turn, **look.connected())
+    error_axes.set_ylim(bottom=0.0)
+    error_axes.set(ylabel=f"deflection {words} [mm]")
+    turn_axes.set(ylabel="turn about the axis of the tool [deg]")
+    for axes, title in ((error_axes, "(a) Deflection"), (turn_axes, "(b) Turn")):
         axes.set_xlabel("distance along the path [mm]")
         axes.set_title(title, loc="left")
-    share_legend(figure, [left, right])
+    share_legend(figure, [error_axes, turn_axes])
     return figure

@@ -158,7 +158,7 @@ def all_postures(
     regular = inside & ~is_singular(robot, q, free)
     postures = np.full((n * m, len(BRANCHES), robot.n_joints), np.nan)
     postures[row[regular], branch_numbers(robot, q[regular], held)] = q[regular]
-    counts = [np.bincount(row[kept] // m, minlength=n) for kept in (..., inside)]
+    counts = [np.bincount(row[rows] // m, minlength=n) for rows in (..., inside)]
     return Postures(postures.reshape(n, m, len(BRANCHES), robot.n_joints), *counts)
 
 
@@ -205,12 +205,14 @@ def _sides(robot: Robot, q: FloatArray, joints: IntArray) -> tuple[FloatArray, .
 
 
 def _foot(
-    point: FloatArray, axis: FloatArray, other_point: FloatArray, other: FloatArray
+    point: FloatArray, axis: FloatArray, second_point: FloatArray, second_axis: FloatArray
 ) -> FloatArray:
     """Return (n, 3) the points of axes that are nearest to other axes."""
-    along = _dot(axis, other)
-    apart = other_point - point
-    share = (_dot(apart, axis) - along * _dot(apart, other)) / np.maximum(1.0 - along**2, 1e-12)
+    along = _dot(axis, second_axis)
+    apart = second_point - point
+    share = (_dot(apart, axis) - along * _dot(apart, second_axis)) / np.maximum(
+        1.0 - along**2, 1e-12
+    )
     return np.asarray(point + share[:, None] * axis)
 
 
@@ -221,7 +223,7 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
 def best_courses(
     robot: Robot, q: FloatArray, cost: FloatArray, near: FloatArray, max_change: int
 ) -> list[Course]:
-    """Return the courses along all points with the smallest mean cost, the best one first.
+    """Return the courses of smallest mean cost along all points, in order of cost.
 
     With `max_change` 0 the turn is the same at all points, and there is a course for each turn and
     branch that can be driven; else there is one for each branch.
@@ -241,7 +243,7 @@ def best_courses(
         state = total, joined, low, high
         total = np.full_like(total, np.inf)
         for change in range(-max_change, max_change + 1):
-            before = [np.roll(each, change, axis=0) for each in state]
+            before = [np.roll(values, change, axis=0) for values in state]
             step = np.nan_to_num(q[point]) - before[1]
             step -= np.where(robot.turns, WHOLE * np.rint(step / WHOLE), 0.0)
             after = before[1] + step
@@ -292,7 +294,7 @@ def _whole_turns(robot: Robot, low: FloatArray, high: FloatArray, near: FloatArr
     """
     least = np.ceil((robot.lower - LIMIT_SLACK - low) / WHOLE)
     most = np.floor((robot.upper + LIMIT_SLACK - high) / WHOLE)
-    wanted = np.rint((near - 0.5 * (low + high)) / WHOLE)
-    whole = np.where(robot.turns, np.clip(wanted, least, most), 0.0)
+    nearest = np.rint((near - 0.5 * (low + high)) / WHOLE)
+    whole_turns = np.where(robot.turns, np.clip(nearest, least, most), 0.0)
     outside = np.where(robot.turns, least > most, (least > 0.0) | (most < 0.0))
-    return np.asarray(np.where(outside, np.nan, whole))
+    return np.asarray(np.where(outside, np.nan, whole_turns))

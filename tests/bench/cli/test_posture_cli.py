@@ -81,8 +81,8 @@ def test_postures_are_sorted_at_the_point_inside_limits_and_not_singular(ranked,
     place = 1000.0 * kr10.tcp_position(q)
     np.testing.assert_allclose(place, np.tile(POINT[:3], (len(q), 1)), atol=1e-3)
     axes = kr10.forward(q).rotation @ kr10.flange[:3, 2]
-    wanted = Rotation.from_euler("ZYX", POINT[3:], degrees=True).as_matrix()[:, 2]
-    np.testing.assert_allclose(axes, np.tile(wanted, (len(q), 1)), atol=1e-5)
+    point_axis = Rotation.from_euler("ZYX", POINT[3:], degrees=True).as_matrix()[:, 2]
+    np.testing.assert_allclose(axes, np.tile(point_axis, (len(q), 1)), atol=1e-5)
 
 
 def test_the_given_posture_is_a_candidate_with_its_own_value(vjm, kr10):
@@ -107,7 +107,7 @@ def test_ranked_across_the_axis_the_smallest_deflection_across_comes_first(vjm):
 
 
 def test_a_load_in_the_tool_frame_turns_with_the_tool(vjm, kr10):
-    """A force along x of the tool: at each turn its predicted deflection is that of the model."""
+    """A force along x of the tool: at each turn the table has the model's prediction."""
     table = rank_postures(vjm, given=GIVEN, load=(40.0, 0, 0, 0, 0, 0), frame="tool").table
     q = np.radians(table[JOINTS].to_numpy())
     force = 40.0 * (kr10.forward(q).rotation @ kr10.flange[:3, 0])
@@ -146,16 +146,16 @@ def test_a_box_for_the_workpiece_never_ranks_worse_than_the_point_itself(vjm, ra
 
 
 def test_a_smooth_turn_along_a_path_is_no_worse_than_one_turn(vjm, line, tmp_path):
-    one = rank_postures(vjm, path=line, load=LOAD, output=tmp_path / "one.csv")
+    constant = rank_postures(vjm, path=line, load=LOAD, output=tmp_path / "one.csv")
     smooth = rank_postures(vjm, path=line, load=LOAD, turn="smooth", turn_step=10.0)
-    assert smooth.best.size.mean() <= one.best.size.mean() + 1e-12
-    assert one.best.size.mean() <= one.given.size.mean() + 1e-12
-    assert len({*one.best.turn}) == 1 and np.abs(np.diff(smooth.best.turn)).max() <= 10.0
+    assert smooth.best.size.mean() <= constant.best.size.mean() + 1e-12
+    assert constant.best.size.mean() <= constant.given.size.mean() + 1e-12
+    assert len({*constant.best.turn}) == 1 and np.abs(np.diff(smooth.best.turn)).max() <= 10.0
     assert np.abs(np.diff(smooth.best.q, axis=0)).max() < 0.5
     written = pd.read_csv(tmp_path / "one.csv")
-    np.testing.assert_allclose(np.radians(written[JOINTS]), one.best.q, atol=1e-9)
+    np.testing.assert_allclose(np.radians(written[JOINTS]), constant.best.q, atol=1e-9)
     corrected = sb.compensate_path(vjm, tmp_path / "one.csv", tmp_path / "commands.csv")
-    np.testing.assert_allclose(corrected.found.before, one.best.deflection, atol=1e-9)
+    np.testing.assert_allclose(corrected.found.before, constant.best.deflection, atol=1e-9)
 
 
 def test_a_path_of_joint_angles_is_the_given_posture(vjm, line, tmp_path):

@@ -65,15 +65,17 @@ def test_with_a_soft_elbow_the_best_branch_is_that_of_the_elbow_over_the_load(he
     tool = TOOL * tilted[:, 2]  # from the wrist, which is at (x, z)
     position = np.array([[x + tool[0], 0.0, z + tool[2]]])
     rotations = turned(tilted[None], np.array([0.0, 0.0, 1.0]), np.zeros(1))
-    found = all_postures(robot, position, rotations, near=np.zeros(6)).q[0, 0]
-    kept = ~np.isnan(found[:, 0])
-    wrench = np.tile([0.0, 0.0, force, 0.0, 0.0, 0.0], (kept.sum(), 1))
+    postures = all_postures(robot, position, rotations, near=np.zeros(6)).q[0, 0]
+    is_reached = ~np.isnan(postures[:, 0])
+    wrench = np.tile([0.0, 0.0, force, 0.0, 0.0, 0.0], (is_reached.sum(), 1))
     size = np.full(8, np.inf)
-    size[kept] = np.abs(robot.joint_deflection(compliance, found[kept], wrench)[:, 2])
+    size[is_reached] = np.abs(
+        robot.joint_deflection(compliance, postures[is_reached], wrench)[:, 2]
+    )
     front = np.array([name.startswith("front") for name in BRANCHES])
     for name, elbow in zip(("up", "down"), elbows(x, z), strict=True):
-        own = [size[BRANCHES.index(f"front {name} {wrist}")] for wrist in "+-"]
-        assert own == pytest.approx([1e-5 * abs(force) * (x + tool[0] - elbow) ** 2] * 2)
+        sizes = [size[BRANCHES.index(f"front {name} {wrist}")] for wrist in "+-"]
+        assert sizes == pytest.approx([1e-5 * abs(force) * (x + tool[0] - elbow) ** 2] * 2)
     best = BRANCHES[int(np.argmin(np.where(front, size, np.inf)))]
     up, down = elbows(x, z)
     nearer = "up" if abs(x + tool[0] - up) < abs(x + tool[0] - down) else "down"
@@ -115,10 +117,10 @@ def test_postures_reach_the_point_with_the_axis_inside_limits_away_from_singular
     axis = np.array([0.0, 0.6, 0.8])
     angles = 2.0 * np.pi * np.arange(24) / 24
     rotations = turned(rotation, axis, angles)
-    found = all_postures(robot, position, rotations, near=np.zeros(6))
-    row, turn, branch = np.nonzero(~np.isnan(found.q[..., 0]))
-    every = found.q[row, turn, branch]
-    assert 24 < len(every) <= found.n_inside[0] < found.n_reached[0]
+    postures = all_postures(robot, position, rotations, near=np.zeros(6))
+    row, turn, branch = np.nonzero(~np.isnan(postures.q[..., 0]))
+    every = postures.q[row, turn, branch]
+    assert 24 < len(every) <= postures.n_inside[0] < postures.n_reached[0]
     reached, orientation = tool_at(robot, every)
     np.testing.assert_allclose(reached, np.tile(position, (len(every), 1)), atol=1e-7)
     np.testing.assert_allclose(orientation, rotations[0, turn], atol=1e-6)
@@ -136,8 +138,8 @@ def test_whole_turns_of_a_joint_are_taken_next_to_the_wanted_ones_inside_the_lim
     robot = wrist_arm(limit=np.radians(350.0))
     q = np.radians([[10.0, 0.0, 0.0, 170.0, 0.0, -100.0]])
     near = np.radians([0.0, 0.0, 0.0, -180.0, 0.0, 300.0])
-    found = np.degrees(nearest_turns(robot, q, near))[0]
-    np.testing.assert_allclose(found, [10.0, 0.0, 0.0, -190.0, 0.0, 260.0])
+    postures = np.degrees(nearest_turns(robot, q, near))[0]
+    np.testing.assert_allclose(postures, [10.0, 0.0, 0.0, -190.0, 0.0, 260.0])
 
 
 def made_postures(rng, n, m):
@@ -152,7 +154,7 @@ def test_the_best_course_is_the_one_that_enumeration_finds(max_change):
     rng, n, m = np.random.default_rng(max_change), 4, 7
     q, cost = made_postures(rng, n, m), rng.random((n, m, 8))
     courses = best_courses(wrist_arm(), q, cost, np.zeros(6), max_change)
-    found = {}
+    postures = {}
     for branch in range(8):
         for turns in product(range(m), repeat=n):
             change = np.abs((np.diff(turns) + m // 2) % m - m // 2)
@@ -160,12 +162,12 @@ def test_the_best_course_is_the_one_that_enumeration_finds(max_change):
             if (change <= max_change).all() and not np.isnan(q[rows]).any():
                 mean = cost[rows].mean()
                 key = (branch, turns[-1]) if max_change == 0 else branch
-                found[key] = min(mean, found.get(key, np.inf))
+                postures[key] = min(mean, postures.get(key, np.inf))
     ours = {
         (course.branch, int(course.turn[-1])) if max_change == 0 else course.branch: course.cost
         for course in courses
     }
-    assert ours == pytest.approx(found)
+    assert ours == pytest.approx(postures)
     assert [course.cost for course in courses] == sorted(ours.values())
     for course in courses:
         rows = np.arange(n), course.turn, course.branch
