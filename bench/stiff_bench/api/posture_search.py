@@ -38,6 +38,8 @@ from stiff_protocols.paths.postures import (
 SAME_PLACE_MM, SAME_AXIS_DEG = 1.0, 0.5
 """Between the tool in the given posture and the point, at most."""
 FULL_TURN_DEG = 360.0
+MOST_COURSES = 500
+"""Rows of the table of a path: with many places there are thousands."""
 SAME_COST = 9
 """Decimals of a deflection [m] to which costs are compared: wrist branches have equal ones."""
 
@@ -134,7 +136,7 @@ class PostureSearch:
         return RankedPostures(
             robot_words,
             self.direction,
-            self._table(courses, rotations, given),
+            self._table(courses if n == 1 else courses[:MOST_COURSES], rotations, given),
             self._posture(*courses[0], rotations),
             given,
             words,

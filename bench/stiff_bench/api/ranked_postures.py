@@ -73,11 +73,12 @@ class RankedPostures(Shown):
 
     def view(self) -> Screen:
         """Return the answer and the best postures."""
-        word, best = f"{self.direction} the axis", self.best
+        best = self.best
         mean = "" if len(best.q) == 1 else "mean "
         size = MM_PER_M * best.size.mean()
         title = (
-            f"best posture: turn {best.turn_text} deg, {best.branch}; {size:.4g} mm {mean}{word}"
+            f"best posture: turn {best.turn_text} deg, {best.branch}; {size:.4g} mm {mean}"
+            f"{self.direction} the axis"
         )
         if self.given is not None:
             old = self.given.size.mean()

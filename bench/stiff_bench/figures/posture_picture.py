@@ -45,7 +45,8 @@ def posture_picture(
     if "turn_to_deg" in table:
         return Prepared(
             title="Postures along a path",
-            caption=f"{part} with the best turn and with the given posture, and the turn.",
+            caption=f"{part} with the best turn and with the given posture, "
+            "and the turn. Bands: intervals of the model.",
             paint=partial(_painted_course, words, marked, distance),
             subtitle=title,
         )

@@ -223,7 +223,7 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
 def best_courses(
     robot: Robot, q: FloatArray, cost: FloatArray, near: FloatArray, max_change: int
 ) -> list[Course]:
-    """Return the courses of smallest mean cost along all points, in order of cost.
+    """Return the cheapest courses along all points, in order of mean cost.
 
     With `max_change` 0 the turn is the same at all points, and there is a course for each turn and
     branch that can be driven; else there is one for each branch.

@@ -47,7 +47,7 @@ def test_no_model_is_fitted_to_them():
     assert DRILLED_HOLES.key not in [info.key for info in DATASETS]
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the original files are not beside this checkout")
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the original files")
 def test_the_shipped_file_holds_the_original_numbers():
     sources = [SHARED / f"fanuc_drilling_{name}.csv" for name in ("postures", "validation")]
     source = pd.concat([pd.read_csv(path) for path in sources], ignore_index=True)
