@@ -47,6 +47,9 @@ MADE_BY = {
         "fit --model vjm --dataset kr10-twin --output kr10.stiff",
         "path example --output square.csv",
     ],
+    "docs/how-to/choose-a-posture.md": [
+        "fit --model vjm-full --dataset fanuc-r2000ic --output fanuc.stiff",
+    ],
     "docs/running.md": ["run --model zero --splits 1"],
 }
 """Commands of the page that make what its Python blocks read."""

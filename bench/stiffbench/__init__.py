@@ -18,6 +18,7 @@ from stiff_bench import api
 if TYPE_CHECKING:
     __version__: str
     from stiff_bench.api.data_sets import Dataset as Dataset
+    from stiff_bench.api.data_sets import drilled_holes as drilled_holes
     from stiff_bench.api.data_sets import load_dataset as load_dataset
     from stiff_bench.api.data_sets import read_samples as read_samples
     from stiff_bench.api.evaluation import evaluate as evaluate
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from stiff_bench.api.model import Model as Model
     from stiff_bench.api.model import load_model as load_model
     from stiff_bench.api.model import make_model as make_model
+    from stiff_bench.api.postures import rank_postures as rank_postures
     from stiff_bench.api.registered import check as check
     from stiff_bench.api.registered import list_datasets as list_datasets
     from stiff_bench.api.registered import list_figures as list_figures
@@ -50,10 +52,11 @@ if TYPE_CHECKING:
     from stiff_protocols.contract.types import Samples as Samples
 
 _PLACES = {
-    "data_sets": ("Dataset", "Robot", "Samples", "load_dataset", "read_samples"),
+    "data_sets": ("Dataset", "Robot", "Samples", "drilled_holes", "load_dataset", "read_samples"),
     "evaluation": ("evaluate",),
     "measuring": ("plan_poses", "simulate", "validate"),
     "model": ("Model", "load_model", "make_model"),
+    "postures": ("rank_postures",),
     "registered": (
         *("check", "list_datasets", "list_figures", "list_metrics"),
         *("list_models", "list_protocols", "show", "use_plugin"),

@@ -108,6 +108,17 @@ DATASETS = (
     ),
 )
 
+DRILLED_HOLES = DatasetInfo(
+    key="fanuc-drilling",
+    target="stiff_datasets.measured.drilled_holes:drilled_holes",
+    kind="measured",
+    summary="28 holes that a FANUC R-2000iC drilled, with their breakthrough surge",
+    reference="data card: stiff_datasets/data/fanuc_drilling.md",
+    card="data/fanuc_drilling.md",
+    licence="MIT",
+)
+"""To check models on: without deflections it is not a data set that models are fitted to."""
+
 MEASURED_FILE = DatasetInfo(
     key="file",
     target="stiff_datasets.measured.sample_file:MeasuredData",

@@ -24,6 +24,7 @@ from stiff_bench.plan.options import (
 from stiff_bench.plan.registry import Kind
 from stiff_bench.plan.request import loaded
 from stiff_bench.tables.units import counted
+from stiff_datasets.measured.drilled_holes import drilled_holes as drilled_holes
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_protocols.contract.errors import ConfigError, warn
 from stiff_protocols.contract.files import make_folder

@@ -121,11 +121,18 @@ def _table(headers: Sequence[str], rows: Sequence[Sequence[Entry]], title: str =
 def show(key: str) -> Text:
     """Return what a model, data set or protocol is, and which options it has.
 
+    Of "fanuc-drilling", to which no model is fitted, it returns the data card.
+
     Raises:
         ConfigError: there is none of this key.
     """
     from stiff_bench.plan.options import options_of
+    from stiff_datasets.dataset_catalog import DRILLED_HOLES
 
+    if key == DRILLED_HOLES.key:
+        from stiff_bench.tables.dataset_facts import card_text
+
+        return Text(card_text(key, DRILLED_HOLES.card))
     info = registry().find(key)
     parts = [f"{info.key}: {info.summary}"]
     parts += [f"reference: {info.reference}"] if info.reference else []

@@ -15,6 +15,7 @@ from stiff_bench.cli.help_pages import WIDEST_PAGE, group
 from stiff_bench.cli.model_commands import export, fit, predict
 from stiff_bench.cli.path_commands import path
 from stiff_bench.cli.plugin_commands import check, list_, new, show
+from stiff_bench.cli.posture_commands import posture
 from stiff_bench.cli.refusals import refusal
 from stiff_bench.cli.result_commands import compare, figure, leaderboard, merge, report, table
 from stiff_bench.cli.run_commands import reproduce, run
@@ -98,7 +99,7 @@ def bench() -> None:
 
 for command in (
     *(check, compare, data, export, figure, fit, leaderboard, list_, merge, new, path),
-    *(predict, report, reproduce, run, show, table),
+    *(posture, predict, report, reproduce, run, show, table),
 ):
     bench.add_command(command)
 

@@ -15,7 +15,7 @@ from stiff_bench.cli.click_options import (
     settings_option,
 )
 from stiff_bench.cli.help_pages import command, group
-from stiff_bench.console import print_prose
+from stiff_bench.console import print_markdown, print_prose
 
 KINDS = ("models", "datasets", "protocols", "metrics", "figures")
 
@@ -37,7 +37,9 @@ def list_(kind: str, fmt: str) -> None:
 @plugin_option
 def show(key: str) -> None:
     """Explain a model, data set or protocol, with its options."""
-    print_prose(api.registered.show(key))
+    text = api.registered.show(key)
+    show_text = print_markdown if text.startswith("#") else print_prose
+    show_text(text)
 
 
 @command(epilog="bench check my-model --plugin my_model.py")

@@ -1,0 +1,347 @@
+"""The search for the best posture: all turns, branches and places, predicted and ranked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from stiff_bench.api.model import Model
+from stiff_bench.api.ranked_postures import RankedPostures
+from stiff_datasets.measured.path_file import LoadFrame
+from stiff_datasets.measured.sample_columns import (
+    DEFLECTION_COLUMNS,
+    MM_PER_M,
+    WRENCH_COLUMNS,
+    file_units,
+    joint_columns,
+)
+from stiff_protocols.contract.errors import ConfigError, DataError
+from stiff_protocols.contract.robot import Robot
+from stiff_protocols.contract.stiffness_model import interval_at_tcp, optional
+from stiff_protocols.contract.types import FloatArray, IntArray, frozen_array
+from stiff_protocols.paths.inverse import SINGULAR, follow
+from stiff_protocols.paths.path import ToolPath
+from stiff_protocols.paths.postures import (
+    BRANCHES,
+    Course,
+    Direction,
+    RatedPosture,
+    all_postures,
+    best_courses,
+    branch_numbers,
+    turned,
+)
+
+SAME_PLACE_MM, SAME_AXIS_DEG = 1.0, 0.5
+"""Between the tool in the given posture and the point, at most."""
+FULL_TURN_DEG = 360.0
+MOST_COURSES = 500
+"""Rows of the table of a path: with many places there are thousands."""
+SAME_COST = 9
+"""Decimals of a deflection [m] to which costs are compared: wrist branches have equal ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class PostureTask:
+    """Points with their loads.
+
+    Attributes:
+        name: for messages.
+        path: poses of the last joint's frame and loads, base frame.
+        held: see `free_joints`.
+        tool: (4, 4) in the last joint's frame.
+        frame: in which the loads stay the same while the tool turns.
+        lines: (n,) numbers of the rows of a file; None of a point.
+    """
+
+    name: str
+    path: ToolPath
+    held: FloatArray
+    tool: FloatArray
+    frame: LoadFrame
+    lines: Sequence[int] | None
+
+    def place_of(self, number: int) -> str:
+        """Return a point's name for messages."""
+        if self.lines is not None:
+            return f"{self.name}: row {self.lines[number]}"
+        return self.name
+
+
+@dataclass(frozen=True, eq=False)
+class PostureSearch:
+    """One ranking; attributes as of `rank_postures`."""
+
+    model: Model
+    robot: Robot
+    task: PostureTask
+    axis_in_tool: FloatArray
+    direction: Direction
+    coverage: float | None
+    start: FloatArray | None
+    turns: int
+
+    @property
+    def near(self) -> FloatArray:
+        """(n_joints,) middle of the training poses: whole turns of joints are next to it."""
+        trained = self.model.training_range
+        return 0.5 * (trained.lower + trained.upper)
+
+    @property
+    def axis(self) -> FloatArray:
+        """(3,) axis of the tool in the last joint's frame."""
+        return np.asarray(self.task.tool[:3, :3] @ self.axis_in_tool)
+
+    def ranked(self, max_change: int, shifts: FloatArray) -> RankedPostures:
+        """Return all postures in their order."""
+        rotation, given_q, words = self._given()
+        angles = 2.0 * np.pi * np.arange(self.turns) / self.turns
+        rotations = turned(rotation, self.axis, angles)
+        n, wrench = len(rotations), self._wrench(rotations)
+        axis = rotations @ self.axis
+        courses: list[tuple[Course, FloatArray]] = []
+        n_compared, reasons = 0, []
+        for shift in shifts:
+            position = self.task.path.position + shift
+            postures = all_postures(
+                self.robot, position, rotations, near=self.near, held=self.task.held
+            )
+            if self.start is not None and n == 1 and not shift.any():
+                self._put_given(postures.q)
+            rows = np.nonzero(~np.isnan(postures.q[..., 0]))
+            size = np.full(postures.q.shape[:3], np.inf)
+            if len(rows[0]):
+                bent = self._predicted(postures.q[rows], wrench[rows[:2]])
+                size[rows] = _size(bent, axis[rows[:2]], self.direction)
+            n_compared += len(rows[0])
+            best = best_courses(self.robot, postures.q, size, self.near, max_change)
+            courses += [(course, shift) for course in best]
+            if not best:
+                reasons.append(
+                    self._reason(postures.n_reached, postures.n_inside, size, max_change)
+                )
+        if not courses:
+            raise DataError(reasons[0])
+        courses.sort(key=lambda pair: self._order(pair[0]))
+        given = None
+        if given_q is not None:
+            number = int(branch_numbers(self.robot, given_q, self.task.held)[0])
+            still = Course(number, np.zeros(n, dtype=np.int64), given_q, 0.0)
+            given = self._posture(still, np.zeros(3), rotations)
+        steps = np.linalg.norm(np.diff(self.task.path.position, axis=0), axis=1)
+        robot_words = f"{self.model.name}, robot {self.robot.name}; {self.task.name}"
+        return RankedPostures(
+            robot_words,
+            self.direction,
+            self._table(courses if n == 1 else courses[:MOST_COURSES], rotations, given),
+            self._posture(*courses[0], rotations),
+            given,
+            words,
+            self.coverage,
+            n_compared,
+            np.r_[0.0, np.cumsum(steps)],
+        )
+
+    def _put_given(self, q: FloatArray) -> None:
+        """Put the given posture, with its own whole turns of joints, in its place at turn 0."""
+        if self.start is not None:
+            number = branch_numbers(self.robot, self.start[None], self.task.held)[0]
+            if not np.isnan(q[0, 0, number, 0]):
+                q[0, 0, number] = self.start
+
+    def _order(self, course: Course) -> tuple[float, float]:
+        """Return what courses are sorted by: of equal costs the joints nearest to `near` win."""
+        return round(course.cost, SAME_COST), float(np.abs(course.q - self.near).mean())
+
+    def _given(self) -> tuple[FloatArray, FloatArray | None, str]:
+        """Return (n, 3, 3) orientations at turn 0, the given joint positions, and their origin."""
+        path, robot = self.task.path, self.robot
+        rotation, start = path.rotation, self.start
+        words = "the point's own turn, configuration nearest to the training poses"
+        if start is not None:
+            turn = self._checked_start(start)
+            rotation = turned(rotation, self.axis, np.array([turn]))[:, 0]
+            words = "yours"
+            if len(path) == 1:
+                return rotation, start[None], words
+        driven = follow(
+            robot,
+            path.position,
+            rotation,
+            start,
+            near=self.near if start is None else start,
+            held=self.task.held,
+        )
+        if driven.ok.all():
+            return rotation, driven.q, words
+        row = int(np.argmin(driven.ok))
+        reason = "is singular" if driven.singular[row] else "changes the configuration"
+        if not driven.reached[row]:
+            reason = "is out of reach"
+        elif driven.beyond[row].any():
+            reason = "is beyond the joint limits"
+        return rotation, None, f"none: {self.task.place_of(row)} {reason} without a turn"
+
+    def _checked_start(self, start: FloatArray) -> float:
+        """Return the turn [rad] of the given posture from the point's own orientation.
+
+        Raises:
+            ConfigError: it has the tool at another point or in another direction.
+        """
+        from scipy.spatial.transform import Rotation
+
+        poses = self.robot.forward(start[None])
+        away = MM_PER_M * np.linalg.norm(poses.points[0, -1] - self.task.path.position[0])
+        start_rotation, point_rotation = poses.rotation[0], self.task.path.rotation[0]
+        cosine = np.clip((start_rotation @ self.axis) @ (point_rotation @ self.axis), -1.0, 1.0)
+        tilt = np.degrees(np.arccos(cosine))
+        if away > SAME_PLACE_MM or tilt > SAME_AXIS_DEG:
+            raise ConfigError(
+                f"has the tool {away:.4g} mm from the point and its axis {tilt:.3g} deg from the "
+                f"point's (valid: within {SAME_PLACE_MM:g} mm and {SAME_AXIS_DEG:g} deg)",
+                "given",
+            )
+        between = Rotation.from_matrix(point_rotation.T @ start_rotation).as_rotvec()
+        return float(between @ self.axis)
+
+    def _wrench(self, rotations: FloatArray) -> FloatArray:
+        """Return (n, m, 6) loads at each turn, base frame."""
+        n, m = rotations.shape[:2]
+        wrench = np.repeat(self.task.path.wrench[:, None], m, axis=1)
+        if self.task.frame == "base":
+            return wrench
+        loaded_rotation = self.task.path.rotation  # for which the path has its loads
+        change = rotations @ loaded_rotation.swapaxes(1, 2)[:, None]
+        parts = wrench.reshape(n, m, 2, 3)
+        return np.asarray(np.einsum("nmij,nmkj->nmki", change, parts).reshape(n, m, 6))
+
+    def _predicted(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        predicted = optional(self.model.fitted, "predict_at_tcp")(q, wrench)
+        return frozen_array(predicted, "the prediction", (len(q), 3))
+
+    def _posture(self, course: Course, shift: FloatArray, rotations: FloatArray) -> RatedPosture:
+        """Return a course with its predictions."""
+        model, q, rows = self.model, course.q, np.arange(len(course.q))
+        wrench = self._wrench(rotations)[rows, course.turn]
+        axis = rotations[rows, course.turn] @ self.axis
+        bent, half = self._predicted(q, wrench), None
+        if self.coverage is not None:
+            interval = model.predict_interval(q, wrench, self.coverage)
+            interval = interval_at_tcp(model.fitted, interval, q, wrench)
+            part = _part(bent, axis, self.direction)
+            length = np.linalg.norm(part, axis=1, keepdims=True)
+            unit = axis if self.direction == "along" else part / np.maximum(length, 1e-12)
+            half = np.linalg.norm(0.5 * (interval.upper - interval.lower) * unit, axis=1)
+        return RatedPosture(
+            _signed_degrees(course.turn, self.turns),
+            BRANCHES[course.branch],
+            shift,
+            q,
+            wrench,
+            bent,
+            _size(bent, axis, self.direction),
+            half,
+            tuple(model.training_range.extrapolates(q, wrench)),
+        )
+
+    def _table(
+        self,
+        courses: Sequence[tuple[Course, FloatArray]],
+        rotations: FloatArray,
+        given: RatedPosture | None,
+    ) -> pd.DataFrame:
+        """Return a row for each course, in their order."""
+        n, units = len(rotations), file_units(self.robot)
+        turn = np.array([course.turn for course, _ in courses])  # (k, n)
+        q = np.array([course.q for course, _ in courses])  # (k, n, n_joints)
+        shift = np.array([shift for _, shift in courses])
+        points = np.arange(n)
+        wrench = self._wrench(rotations)[points, turn].reshape(-1, 6)
+        axis = (rotations @ self.axis)[points, turn].reshape(-1, 3)
+        every_q = q.reshape(-1, q.shape[-1])
+        bent = self._predicted(every_q, wrench)
+        sizes = {
+            f"{word}_mm": MM_PER_M * _size(bent, axis, word).reshape(-1, n).mean(axis=1)
+            for word in ("along", "across")
+        }
+        words = self.model.training_range.extrapolates(every_q, wrench)
+        beyond = [words[row * n : (row + 1) * n] for row in range(len(courses))]
+        columns: dict[str, object] = {"rank": np.arange(1, len(courses) + 1)}
+        first = _signed_degrees(turn, self.turns)
+        columns["turn_deg"] = first[:, 0]
+        if (turn != turn[:, :1]).any():
+            columns |= {"turn_deg": first.min(axis=1), "turn_to_deg": first.max(axis=1)}
+        columns["branch"] = [BRANCHES[course.branch] for course, _ in courses]
+        if shift.any():
+            place = MM_PER_M * (self.task.path.position[0] + shift)
+            columns |= dict(zip(("x_mm", "y_mm", "z_mm"), place.T.round(6), strict=True))
+        columns |= {name: lengths.round(8) for name, lengths in sizes.items()}
+        columns["extrapolates"] = [" ".join(sorted({*" ".join(row).split()})) for row in beyond]
+        if n == 1:
+            joints = (q[:, 0] * units).round(8) + 0.0
+            columns |= dict(zip(joint_columns(self.robot), joints.T, strict=True))
+            lengths = (MM_PER_M * bent).round(8) + 0.0
+            columns |= dict(zip(DEFLECTION_COLUMNS, lengths.T, strict=True))
+        if given is not None:
+            branch = np.array(columns["branch"]) == given.branch
+            columns["given"] = branch & (turn == 0).all(axis=1) & ~shift.any(axis=1)
+        return pd.DataFrame(columns)
+
+    def course_table(self, ranked: RankedPostures) -> pd.DataFrame:
+        """Return the best posture along a path, a row per point, which `read_path` reads."""
+        best, robot = ranked.best, self.robot
+        joints = (best.q * file_units(robot)).round(8) + 0.0
+        lengths = (MM_PER_M * best.deflection).round(8) + 0.0
+        columns: dict[str, object] = dict(zip(joint_columns(robot), joints.T, strict=True))
+        columns |= dict(zip(WRENCH_COLUMNS, best.wrench.T.round(8) + 0.0, strict=True))
+        columns |= {"turn_deg": best.turn, "branch": [best.branch] * len(best.q)}
+        columns |= dict(zip(DEFLECTION_COLUMNS, lengths.T, strict=True))
+        columns[f"{ranked.direction}_mm"] = (MM_PER_M * best.size).round(8)
+        if ranked.given is not None:
+            columns[f"given_{ranked.direction}_mm"] = (MM_PER_M * ranked.given.size).round(8)
+        if best.half_width is not None:
+            columns["half_width_mm"] = (MM_PER_M * best.half_width).round(8)
+        return pd.DataFrame(columns).assign(extrapolates=list(best.extrapolates))
+
+    def _reason(
+        self, n_reached: IntArray, n_inside: IntArray, size: FloatArray, max_change: int
+    ) -> str:
+        """Say why no posture serves all points, in one line."""
+        there = np.isfinite(size).reshape(len(size), -1).any(axis=1)
+        if there.all():
+            words = "one turn and branch serves all points (try a smooth turn)"
+            if max_change:
+                words = "smooth turn in one branch serves all points (try a larger turn-step)"
+            return f"{self.task.name}: {self.robot.name}: no {words}"
+        number = int(np.argmin(there))
+        place, arm = self.task.place_of(number), self.robot.name
+        if not n_reached[number]:
+            return f"{place}: {arm} does not reach it at any of {self.turns} turns about the axis"
+        if not n_inside[number]:
+            return (
+                f"{place}: {arm} reaches it beyond its joint limits only (valid: a point that it "
+                "reaches inside them)"
+            )
+        return (
+            f"{place}: singular at every turn and branch inside the joint limits (valid: a "
+            f"condition of the Jacobian of at most {SINGULAR:g})"
+        )
+
+
+def _part(deflection: FloatArray, axis: FloatArray, direction: Direction) -> FloatArray:
+    """Return the (n, 3) part of deflections along or across (n, 3) axes."""
+    along = np.einsum("ni,ni->n", deflection, axis)[:, None] * axis
+    return along if direction == "along" else np.asarray(deflection - along)
+
+
+def _size(deflection: FloatArray, axis: FloatArray, direction: Direction) -> FloatArray:
+    return np.asarray(np.linalg.norm(_part(deflection, axis, direction), axis=1))
+
+
+def _signed_degrees(turn: IntArray, turns: int) -> FloatArray:
+    """Return numbers of turns as deg, from above -180 to 180."""
+    degrees = FULL_TURN_DEG / turns * turn
+    return np.asarray(np.where(degrees > FULL_TURN_DEG / 2.0, degrees - FULL_TURN_DEG, degrees))

@@ -1,0 +1,265 @@
+"""Postures for a task: the turn of the tool and the arm's branch with the smallest deflection."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.api.posture_search import FULL_TURN_DEG, PostureSearch, PostureTask
+from stiff_bench.api.ranked_postures import RankedPostures
+from stiff_bench.api.tool_paths import held_positions
+from stiff_bench.console import say
+from stiff_bench.run.progress import display
+from stiff_bench.tables.picture_file import check_suffix
+from stiff_datasets.measured.path_file import LoadFrame, frame_matrix, read_path, tool_of
+from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
+from stiff_datasets.measured.sheet_files import write_table
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
+from stiff_protocols.contract.files import check_new_file
+from stiff_protocols.contract.robot import Robot
+from stiff_protocols.contract.stiffness_model import optional
+from stiff_protocols.contract.types import FloatArray, frozen_array
+from stiff_protocols.paths.inverse import LIMIT_SLACK
+from stiff_protocols.paths.path import ToolPath
+from stiff_protocols.paths.postures import Direction
+
+SHIFTS_PER_AXIS = 5
+"""Places of the workpiece along each edge of a box."""
+TURNS = 72
+
+
+def axial_compliance(
+    model: Model, q: FloatArray, axis: Sequence[float], force: float
+) -> FloatArray:
+    """Return (n,) the predicted deflection along an axis per force along it, m/N.
+
+    Args:
+        model: fitted.
+        q: (n, n_joints) rad or m.
+        axis: (3,) unit vector in the frame of the robot description's last link.
+        force: size, N; a model without linear springs depends on it.
+    """
+    arm: Robot = model.fitted.robot_
+    along = arm.forward(q).rotation @ (arm.flange[:3, :3] @ np.asarray(axis))
+    wrench = np.hstack([force * along, np.zeros((len(q), 3))])
+    deflection = optional(model.fitted, "predict_at_tcp")(q, wrench)
+    return np.asarray(np.einsum("ni,ni->n", deflection, along) / force)
+
+
+def rank_postures(
+    model: Model,
+    *,
+    point: Sequence[float] | None = None,
+    path: Path | str | None = None,
+    load: Sequence[float] | None = None,
+    frame: LoadFrame = "base",
+    tool: Sequence[float] | None = None,
+    tool_axis: Sequence[float] = (0.0, 0.0, 1.0),
+    direction: Direction = "along",
+    given: Sequence[float] | None = None,
+    turns: int = TURNS,
+    turn: Literal["one", "smooth"] = "one",
+    turn_step: float | None = None,
+    place: Sequence[float] | None = None,
+    workpiece: Sequence[float] | None = None,
+    hold: Mapping[str, float | None] | None = None,
+    coverage: float | None = None,
+    sheet: str | None = None,
+    output: Path | str | None = None,
+    figure: Path | str | None = None,
+) -> RankedPostures:
+    """Rank the postures of an arm at a point, or along a path, by the predicted deflection.
+
+    The turn of the tool about its axis and the branch of the arm (shoulder, elbow, wrist) are free.
+    Postures beyond joint limits or near singularities are left out; collisions are not checked.
+
+    Args:
+        model: fitted, of an arm with six revolute joints, or whose other joints are held.
+        point: x, y, z [mm], a, b, c [deg] of the tool; None with `given` or `path`.
+        path: file of the points, see "Correct a tool path" in the docs.
+        load: (6,) process load, N and N m; a path may have its own.
+        frame: "base" or "tool", in which loads are expressed; a load in the tool frame turns with
+            the tool.
+        tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
+            link; None: the model's TCP with the orientation of that link.
+        tool_axis: (3,) axis that the tool may turn about, in the tool frame.
+        direction: "along" or "across": the part of the deflection to rank by.
+        given: (n_joints,) posture to compare with, at the (first) point, deg or mm; None: the
+            point's own orientation, in the configuration nearest to the training poses.
+        turns: number of turns, evenly spaced over 360 deg, counted from the given posture.
+        turn: along a path: "one" for all points, or a "smooth" one that changes along it.
+        turn_step: largest change of a smooth turn between two points, deg; None: one turn's step.
+        place: x0, x1, y0, y1, z0, z1 [mm] of a box, base frame: the workpiece may be moved so that
+            its (first) point lies inside.
+        workpiece: x, y, z [mm], a, b, c [deg] of the frame of the point or path in the base frame.
+        hold: as of `compensate_path`.
+        coverage: of the deflections' intervals (0..1), which give the uncertainty; None: none.
+        sheet: of an Excel file of a path.
+        output: a new file: all postures at a point, or the best one along the path.
+        figure: a new picture.
+
+    Raises:
+        NotFittedError: the model is not fitted.
+        ConfigError: an option is wrong, or the load is missing.
+        DataError: the path cannot be read, or no posture reaches the points.
+        StoreError: a file cannot be written, or exists.
+    """
+    for kind, word, valid in (
+        ("frame", frame, ("base", "tool")),
+        ("direction", direction, ("along", "across")),
+        ("turn", turn, ("one", "smooth")),
+    ):
+        if word not in valid:
+            raise unknown_name(kind, word, valid)
+    model.check_fitted()
+    for file in (output, figure):
+        if file is not None:
+            check_new_file(Path(file))
+    if figure is not None:
+        check_suffix(Path(figure))
+    model.check_coverage(coverage)
+    arm: Robot = model.fitted.robot_
+    start = _given_posture(arm, given)
+    if path is None:
+        task = _point_task(arm, point, start, load, frame, tool, workpiece, hold or {})
+        if turn == "smooth":
+            raise ConfigError("smooth requires a path (valid: one)", "turn")
+    elif point is not None:
+        raise ConfigError("and path: give only one of them", "point")
+    else:
+        table = read_path(
+            Path(path),
+            arm,
+            tool_of(arm, tool),
+            sheet_name=sheet,
+            load=load,
+            load_frame=frame,
+            frame=workpiece,
+        )
+        for oddity in table.oddities:
+            say(f"warning: {oddity}")
+        if table.q is not None and start is None:
+            start = table.q[0]
+        held = held_positions(arm, hold or {}, start)
+        task = PostureTask(str(path), table.path, held, table.tool, frame, table.lines.tolist())
+    if not task.path.wrench.any():
+        raise ConfigError("is zero, so there is nothing to rank (valid: a load above 0)", "load")
+    search = PostureSearch(
+        model, arm, task, _unit(tool_axis), direction, coverage, start, _checked_turns(turns)
+    )
+    with display(), blamed_on(model.file, but=StiffBenchError):
+        ranked = search.ranked(
+            _change(turn, turn_step, turns), _shifts(place, task.path.position[0])
+        )
+    if output is not None:
+        one_point = len(task.path) == 1
+        write_table(Path(output), [ranked.table if one_point else search.course_table(ranked)])
+    if figure is not None:
+        ranked.plot().save(Path(figure))
+    return ranked
+
+
+def _point_task(
+    robot: Robot,
+    point: Sequence[float] | None,
+    start: FloatArray | None,
+    load: Sequence[float] | None,
+    frame: LoadFrame,
+    tool: Sequence[float] | None,
+    workpiece: Sequence[float] | None,
+    hold: Mapping[str, float | None],
+) -> PostureTask:
+    """Return the task at one point; by default the given posture is there."""
+    tool_frame = tool_of(robot, tool)
+    if load is None:
+        raise ConfigError("is missing (valid: fx,fy,fz,tx,ty,tz in N and N m)", "load")
+    wrench = frozen_array(load, "load", (6,))
+    if point is not None:
+        pose = (np.eye(4) if workpiece is None else frame_matrix(workpiece)) @ frame_matrix(point)
+        position, rotation = pose[:3, 3], pose[:3, :3] @ tool_frame[:3, :3].T
+    elif start is not None:
+        poses = robot.forward(start[None])
+        position, rotation = poses.points[0, -1], poses.rotation[0]
+    else:
+        raise ConfigError(
+            "is missing (valid: x,y,z,a,b,c in mm and deg, or --given, or --path)", "point"
+        )
+    if frame == "tool":
+        wrench = (wrench.reshape(2, 3) @ (rotation @ tool_frame[:3, :3]).T).ravel()
+    place = ",".join(f"{length:.6g}" for length in MM_PER_M * position)
+    path = ToolPath("point", position[None], rotation[None], wrench[None])
+    held = held_positions(robot, hold, start)
+    return PostureTask(f"point {place} mm", path, held, tool_frame, frame, None)
+
+
+def _given_posture(robot: Robot, given: Sequence[float] | None) -> FloatArray | None:
+    """Return the (n_joints,) given posture, rad or m, checked against the joints' limits."""
+    if given is None:
+        return None
+    if len(given) != robot.n_joints:
+        raise ConfigError(
+            f"{len(given)} joint positions (valid: the {robot.n_joints} of {robot.name})", "given"
+        )
+    q, units = np.asarray(given, dtype=np.float64) / file_units(robot), file_units(robot)
+    beyond = (q < robot.lower - LIMIT_SLACK) | (q > robot.upper + LIMIT_SLACK)
+    if beyond.any() or not np.isfinite(q).all():
+        joint = int(np.argmax(beyond | ~np.isfinite(q)))
+        low, high = robot.lower[joint] * units[joint], robot.upper[joint] * units[joint]
+        raise ConfigError(
+            f"joint {robot.joint_names[joint]} at {given[joint]:g} (valid: {low:g}..{high:g}, its "
+            "limits)",
+            "given",
+        )
+    return q
+
+
+def _unit(axis: Sequence[float]) -> FloatArray:
+    vector = frozen_array(axis, "tool_axis", (3,))
+    length = np.linalg.norm(vector)
+    if length < 1e-9:
+        raise ConfigError("0,0,0 has no direction (valid: x,y,z of an axis)", "tool-axis")
+    return np.asarray(vector / length)
+
+
+def _checked_turns(turns: int) -> int:
+    if turns < 1:
+        raise ConfigError(f"{turns} (valid: at least 1)", "turns")
+    return turns
+
+
+def _change(turn: str, turn_step: float | None, turns: int) -> int:
+    """Return the largest change between two points, in steps of the turn."""
+    step = FULL_TURN_DEG / turns
+    if turn == "one":
+        if turn_step is not None:
+            raise ConfigError(f"{turn_step:g} requires --turn smooth", "turn-step")
+        return 0
+    if turn_step is None:
+        return 1
+    if not step <= turn_step <= FULL_TURN_DEG / 2.0:
+        raise ConfigError(
+            f"{turn_step:g} (valid: {step:g}..180 deg with {turns} turns)", "turn-step"
+        )
+    return int(turn_step / step + 1e-9)
+
+
+def _shifts(place: Sequence[float] | None, first: FloatArray) -> FloatArray:
+    """Return (k, 3) shifts of the workpiece, m, base frame."""
+    if place is None:
+        return np.zeros((1, 3))
+    box = frozen_array(place, "place", (6,)).reshape(3, 2) / MM_PER_M
+    for name, (low, high) in zip("xyz", MM_PER_M * box, strict=True):
+        if low > high:
+            raise ConfigError(f"{name}0 {low:g} is above {name}1 {high:g}", "place")
+    edges = [np.unique(np.linspace(low, high, SHIFTS_PER_AXIS)) for low, high in box]
+    places = np.array(list(product(*edges)))
+    if ((box[:, 0] <= first) & (first <= box[:, 1])).all():
+        places = np.unique(np.concatenate([first[None], places]).round(9), axis=0)
+    shifts = places - first
+    shifts[np.abs(shifts).max(axis=1) < 1e-8] = 0.0
+    return np.asarray(shifts)
