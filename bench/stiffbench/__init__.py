@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from stiff_bench.api.registered import use_plugin as use_plugin
     from stiff_bench.api.robots import load_robot as load_robot
     from stiff_bench.api.robots import read_robot as read_robot
+    from stiff_bench.api.stiffness_maps import StiffnessMap as StiffnessMap
+    from stiff_bench.api.stiffness_maps import stiffness_map as stiffness_map
     from stiff_bench.api.stored_results import Results as Results
     from stiff_bench.api.stored_results import figure as figure
     from stiff_bench.api.stored_results import merge as merge
@@ -58,6 +60,7 @@ _PLACES = {
         *("list_models", "list_protocols", "show", "use_plugin"),
     ),
     "robots": ("load_robot", "read_robot"),
+    "stiffness_maps": ("StiffnessMap", "stiffness_map"),
     "stored_results": ("Results", "figure", "merge", "open_results", "paper_table"),
     "tables": ("Tables",),
     "tool_paths": ("compensate_path", "example_path"),

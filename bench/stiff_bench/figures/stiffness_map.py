@@ -1,0 +1,241 @@
+"""A stiffness map: values over planes of the workspace, with the arm, its load and the extremes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
+
+from stiff_bench.figures import style
+from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.figures.robot_picture import ARM_COLOR, FORCE_COLOR, arm_points
+from stiff_bench.tables.units import MM
+from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, Robot
+
+TOP_SHARE = 0.98
+"""Of all values lie below the end of the colours: values grow without bound at the reach's edge."""
+CONTOURS = 7
+HATCH, HATCH_COLOR = "////", "0.35"
+ARROW_SHARE = 0.16
+"""Length of the force in the plane of the picture, as a share of the panel's longer side."""
+MARGIN_SHARE = 0.04
+"""Empty space around the drawn points, as a share of the panel's longer side."""
+MOST_PANELS_IN_ROW = 3
+MARKS = {"stiffest": "^", "softest": "s"}
+LEGEND_INCH, TITLE_INCH = 0.55, 0.3
+MAP_STYLE = style.STYLE | {"hatch.linewidth": 0.35}
+SIGNED, UNSIGNED = "RdBu_r", "viridis_r"
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnPlane:
+    """The values of one plane.
+
+    Attributes:
+        title: place of the plane.
+        first: (n_columns,) positions along the horizontal axis, mm.
+        second: (n_rows,) positions along the vertical axis, mm.
+        values: (n_rows, n_columns) in the map's unit; NaN where blank.
+        is_far: (n_rows, n_columns) whether a point is far from the training poses.
+    """
+
+    title: str
+    first: FloatArray
+    second: FloatArray
+    values: FloatArray
+    is_far: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class MapMark:
+    """A point of a map that is marked.
+
+    Attributes:
+        panel: number of its plane.
+        place: (2,) along the horizontal and the vertical axis, mm.
+        value: in the map's unit.
+    """
+
+    panel: int
+    place: FloatArray
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class MapContent:
+    """What a picture of a map shows.
+
+    Attributes:
+        planes: at least one.
+        marks: name, of `MARKS` -> the point.
+        axes: numbers of the horizontal and the vertical axis, base frame.
+        arm: (n, 3) base, joints and TCP at the stiffest point, base frame, mm.
+        force: (3,) N, base frame; zero for none.
+        quantity: name of the quantity.
+        unit: of the values.
+    """
+
+    planes: Sequence[DrawnPlane]
+    marks: Mapping[str, MapMark]
+    axes: tuple[int, int]
+    arm: FloatArray
+    force: FloatArray
+    quantity: str
+    unit: str
+
+
+def arm_line(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the (n_joints + 2, 3) base, joints and TCP at (n_joints,) q, base frame, mm."""
+    return np.asarray(arm_points(robot, q[None])[0] * MM)
+
+
+def stiffness_map_picture(content: MapContent, about: str, place: str) -> Prepared:
+    """Return the picture of a map.
+
+    Args:
+        content: values, marks and arm.
+        about: model and robot, above the panels.
+        place: planes and orientation, in the caption.
+    """
+    caption = (
+        f"{about}: {content.quantity}; {place}. Each point has the configuration nearest to a "
+        "training pose, inside the joint limits; blank: out of reach, beyond limits or singular. "
+        "Hatched: a joint is beyond its training range, or the nearest training pose is far. The "
+        f"colours end at the {TOP_SHARE:.0%} quantile. Grey: the arm at the stiffest point."
+    )
+    title = f"Stiffness map, {content.quantity}"
+    return Prepared(title, caption, partial(_painted, content), about, MAP_STYLE)
+
+
+def _painted(content: MapContent) -> Figure:
+    first, second = (AXES[axis] for axis in content.axes)
+    low, high = _limits(content)
+    n_columns = min(len(content.planes), MOST_PANELS_IN_ROW)
+    n_rows = -(-len(content.planes) // n_columns)
+    width = style.COLUMN_INCH if n_columns == 1 else style.PAGE_INCH
+    bar_inch, label_inch = 0.75, 0.45
+    panel_inch = (width - bar_inch - label_inch) / n_columns
+    panel_height = min(panel_inch * (high - low)[1] / (high - low)[0], 4.0)
+    height = n_rows * (panel_height + TITLE_INCH + 0.1) + label_inch + LEGEND_INCH
+    figure = style.new_figure(width, height)
+    panels = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True, sharey=True)
+    norm, colors = _scale(content)
+    drawn: Any = None
+    for number, (axes, plane) in enumerate(zip(panels.flat, content.planes, strict=False)):
+        drawn = _draw_plane(axes, plane, norm, colors)
+        _draw_arm(axes, content, is_here=number == content.marks["stiffest"].panel)
+        for name, mark in content.marks.items():
+            if mark.panel == number:
+                axes.plot(*mark.place, **_mark_look(name))
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.set_title(plane.title, loc="left")
+        axes.locator_params(nbins=6)
+        axes.grid(False)
+    for axes in list(panels.flat)[len(content.planes) :]:
+        axes.remove()
+    for axes in panels[-1]:
+        axes.set_xlabel(f"{first} [mm]")
+    for axes in panels[:, 0]:
+        axes.set_ylabel(f"{second} [mm]")
+    style.name_panels(list(panels.flat)[: len(content.planes)])
+    bar = figure.colorbar(drawn, ax=panels, extend="max", aspect=28, pad=0.02)
+    bar.set_label(f"{content.quantity.split(' under ')[0].split(' at ')[0]} [{content.unit}]")
+    bar.outline.set_visible(False)
+    _draw_legend(figure, content, n_columns)
+    return figure
+
+
+def _limits(content: MapContent) -> tuple[FloatArray, FloatArray]:
+    """Return the (2,) lower and upper limits of all panels, mm: all values and the arm."""
+    places = [content.arm[:, content.axes]]
+    for plane in content.planes:
+        rows, columns = np.nonzero(~np.isnan(plane.values))
+        places.append(np.column_stack([plane.first[columns], plane.second[rows]]))
+    drawn = np.concatenate(places)
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
+    room = MARGIN_SHARE * (high - low).max()
+    return low - room, high + room
+
+
+def _scale(content: MapContent) -> tuple[Normalize, str]:
+    """Return the scale of the colours, with zero in the middle for values of both signs."""
+    values = np.concatenate([plane.values.ravel() for plane in content.planes])
+    values = values[~np.isnan(values)]
+    if values.min() < 0.0 < values.max():
+        reach = float(np.quantile(np.abs(values), TOP_SHARE))
+        return Normalize(-reach, reach), SIGNED
+    low, high = (float(np.quantile(values, share)) for share in (1.0 - TOP_SHARE, TOP_SHARE))
+    if values.max() <= 0.0:
+        return Normalize(low, float(values.max())), UNSIGNED.removesuffix("_r")
+    return Normalize(float(values.min()), max(high, float(values.min()) + 1e-12)), UNSIGNED
+
+
+def _draw_plane(axes: Axes, plane: DrawnPlane, norm: Normalize, colors: str) -> Any:
+    """Draw the values of a plane, its contours and the hatched part; return the colours."""
+    grid = plane.first, plane.second
+    look: dict[str, Any] = {"shading": "nearest", "rasterized": True, "zorder": 1.0}
+    drawn = axes.pcolormesh(*grid, plane.values, norm=norm, cmap=colors, **look)
+    if min(plane.values.shape) < 2:
+        return drawn
+    values = np.ma.masked_invalid(plane.values)
+    levels = MaxNLocator(CONTOURS).tick_values(norm.vmin, norm.vmax)[1:-1]
+    if values.count() and np.any((levels > values.min()) & (levels < values.max())):
+        lines = axes.contour(*grid, values, levels, colors="0.15", linewidths=0.5, zorder=2.0)
+        axes.clabel(lines, fmt="%g", fontsize=5.5, inline_spacing=6.0)
+    if plane.is_far.any():
+        far = plane.is_far.astype(float)
+        hatched = axes.contourf(*grid, far, [0.5, 1.5], colors="none", hatches=[HATCH], zorder=1.5)
+        hatched.set(edgecolor=HATCH_COLOR, linewidth=0.0)
+        axes.contour(*grid, far, [0.5], colors=HATCH_COLOR, linewidths=0.5, zorder=1.6)
+    return drawn
+
+
+def _draw_arm(axes: Axes, content: MapContent, *, is_here: bool) -> None:
+    """Draw the arm, in the panel of its point with the force as an arrow."""
+    arm = content.arm[:, content.axes]
+    if not is_here:
+        return
+    wide: dict[str, Any] = {"solid_capstyle": "round", "solid_joinstyle": "round", "zorder": 3.0}
+    outline = [withStroke(linewidth=5.5, foreground="white")]
+    axes.plot(*arm.T, color=ARM_COLOR, linewidth=4.0, path_effects=outline, **wide)
+    axes.plot(*arm[1:-1].T, "o", color="white", ms=2.6, mec="black", mew=0.6, zorder=3.1)
+    force = content.force[list(content.axes)]
+    if np.linalg.norm(force) > 0.1 * np.linalg.norm(content.force):
+        low, high = _limits(content)
+        end = arm[-1] + ARROW_SHARE * (high - low).max() * force / np.linalg.norm(content.force)
+        arrow = {"arrowstyle": "-|>", "color": FORCE_COLOR, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", tuple(end), xytext=tuple(arm[-1]), arrowprops=arrow, zorder=4.0)
+
+
+def _mark_look(name: str) -> dict[str, Any]:
+    """Return the look of a marked point."""
+    look = {"marker": MARKS[name], "linestyle": "none", "ms": 5.0, "mew": 0.8, "zorder": 5.0}
+    return look | {"color": "white", "mec": "black", "clip_on": False}
+
+
+def _draw_legend(figure: Figure, content: MapContent, n_columns: int) -> None:
+    """Explain the marks, the arm, the force and the hatched part below the panels."""
+    handles: list[Any] = [
+        Line2D([], [], **_mark_look(name), label=f"{name}, {mark.value:.3g} {content.unit}")
+        for name, mark in content.marks.items()
+    ]
+    handles.append(
+        Line2D([], [], color=ARM_COLOR, linewidth=3.0, label="arm at the stiffest point")
+    )
+    if content.force.any():
+        handles.append(Line2D([], [], color=FORCE_COLOR, linewidth=1.6, label="force"))
+    if any(plane.is_far.any() for plane in content.planes):
+        look: dict[str, Any] = {"facecolor": "none", "edgecolor": HATCH_COLOR, "linewidth": 0.5}
+        handles.append(Patch(hatch=HATCH * 2, label="far from the training poses", **look))
+    place: Any = "outside lower center"
+    figure.legend(handles=handles, loc=place, ncols=2 if n_columns == 1 else 5)
