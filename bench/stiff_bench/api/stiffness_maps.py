@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -48,6 +48,7 @@ from stiff_protocols.contract.types import (
     TextArray,
     frozen_array,
 )
+from stiff_protocols.paths.inverse import JUMP
 from stiff_protocols.paths.reached_poses import BLANK_REASONS
 from stiff_protocols.paths.workspace_grid import PLANES, plane_grid, reach_box, reachable_region
 from stiff_protocols.paths.workspace_map import (
@@ -154,6 +155,22 @@ class StiffnessMap(Shown):
         )
 
     @property
+    def is_jump(self) -> BoolArray:
+        """(...) whether a joint of a neighbour is more than 0.5 rad (m) away.
+
+        The arm has another configuration there, or is close to a singularity.
+        """
+        jump = np.zeros(self.blank.shape, dtype=bool)
+        for axis in (1, 2):
+            far = np.abs(np.diff(self.q, axis=axis)).max(axis=-1, initial=0.0) > JUMP
+            ends = [(0, 0)] * 3
+            ends[axis] = (1, 0)
+            jump |= np.pad(far, ends)
+            ends[axis] = (0, 1)
+            jump |= np.pad(far, ends)
+        return jump
+
+    @property
     def unit(self) -> str:
         """Unit of the values in texts, tables and pictures."""
         return "mm" if self.quantity == "deflection" else "mm/kN"
@@ -219,17 +236,27 @@ class StiffnessMap(Shown):
         return text
 
     @property
-    def quantity_text(self) -> str:
-        """The mapped quantity and its load in words."""
+    def load_text(self) -> str:
+        """The load with its units and, unless it is the base, its frame."""
         force, torque = self.load[:3], self.load[3:]
-        load = f"{_numbers(force)} N" + f", {_numbers(torque)} N m" * bool(torque.any())
-        load += ", tool frame" * (self.load_frame == "tool")
+        text = f"{_numbers(force)} N" + f", {_numbers(torque)} N m" * bool(torque.any())
+        return text + " in the tool frame" * (self.load_frame == "tool")
+
+    @property
+    def quantity_name(self) -> str:
+        """The mapped quantity in words."""
         along = {None: "", "tool": " along the tool axis"}.get(self.axis, f" along {self.axis}")
         if self.quantity == "deflection":
-            return f"predicted deflection{along} under {load}"
-        text = f"compliance{along}" if self.axis else "largest principal compliance"
+            return f"predicted deflection{along}"
+        return f"predicted compliance{along}" if along else "largest principal compliance"
+
+    @property
+    def quantity_text(self) -> str:
+        """The mapped quantity and its load in words."""
+        if self.quantity == "deflection":
+            return f"{self.quantity_name} under {self.load_text}"
         linear = self.joint_compliance is not None or not self.load.any()
-        return text if linear else f"{text} at {load}"
+        return self.quantity_name if linear else f"{self.quantity_name} at {self.load_text}"
 
     @property
     def place_text(self) -> str:
@@ -256,7 +283,7 @@ class StiffnessMap(Shown):
         """Return a row per point: position, joints, value, deflection, in mm and deg."""
         import pandas as pd
 
-        def rows(values: FloatArray) -> FloatArray:
+        def rows(values: Any) -> Any:
             return values.reshape(-1, *values.shape[self.blank.ndim :])
 
         columns = dict(zip(POSITION_COLUMNS, rows(self.positions).T * MM, strict=True))
@@ -290,10 +317,11 @@ class StiffnessMap(Shown):
                 points[:, 0, second],
                 values[number],
                 self.is_far[number],
+                self.is_jump[number],
             )
             for number, points in enumerate(places)
         ]
-        marks = {
+        marks: dict[str, MapMark] = {
             kind: MapMark(at[0], places[at][[first, second]], float(values[at]))
             for kind in EXTREMES
             for at in [self.extreme(kind)]
@@ -307,11 +335,13 @@ class StiffnessMap(Shown):
             axes=(first, second),
             arm=arm_line(self.robot, self.q[stiffest]),
             force=force if self.quantity == "deflection" else np.zeros(3),
-            quantity=self.quantity_text,
+            label=f"{self.quantity_name} [{self.unit}]",
             unit=self.unit,
         )
         about = f"{self.model_name}, robot {self.robot.name}"
-        return stiffness_map_picture(content, about, self.place_text)
+        if self.quantity == "deflection":
+            about += f", load {self.load_text}"
+        return stiffness_map_picture(content, about, self.quantity_text, self.place_text)
 
     def view(self) -> Screen:
         """Return the mapped quantity, its extremes, and which points are reachable or far."""

@@ -28,11 +28,17 @@ CONTOURS = 7
 HATCH, HATCH_COLOR = "////", "0.35"
 ARROW_SHARE = 0.16
 """Length of the force in the plane of the picture, as a share of the panel's longer side."""
+LEAST_SHOWN = 0.2
+"""Share of a force in the plane of the picture from which it is drawn as an arrow."""
 MARGIN_SHARE = 0.04
 """Empty space around the drawn points, as a share of the panel's longer side."""
 MOST_PANELS_IN_ROW = 3
 MARKS = {"stiffest": "^", "softest": "s"}
-LEGEND_INCH, TITLE_INCH = 0.55, 0.3
+TITLE_INCH, LABEL_INCH, BAR_INCH, GAP_INCH, LINE_INCH = 0.2, 0.5, 0.42, 0.08, 0.17
+"""Room for a panel's title, for axis labels, the colour bar, between panels, a line of the legend.
+"""
+TALLEST_PANEL = 1.4
+"""Height of a panel over its width at most."""
 MAP_STYLE = style.STYLE | {"hatch.linewidth": 0.35}
 SIGNED, UNSIGNED = "RdBu_r", "viridis_r"
 
@@ -47,6 +53,7 @@ class DrawnPlane:
         second: (n_rows,) positions along the vertical axis, mm.
         values: (n_rows, n_columns) in the map's unit; NaN where blank.
         is_far: (n_rows, n_columns) whether a point is far from the training poses.
+        is_jump: (n_rows, n_columns) whether a neighbour has another configuration of the arm.
     """
 
     title: str
@@ -54,6 +61,7 @@ class DrawnPlane:
     second: FloatArray
     values: FloatArray
     is_far: BoolArray
+    is_jump: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +89,7 @@ class MapContent:
         axes: numbers of the horizontal and the vertical axis, base frame.
         arm: (n, 3) base, joints and TCP at the stiffest point, base frame, mm.
         force: (3,) N, base frame; zero for none.
-        quantity: name of the quantity.
+        label: of the colours: the quantity with its unit.
         unit: of the values.
     """
 
@@ -90,8 +98,14 @@ class MapContent:
     axes: tuple[int, int]
     arm: FloatArray
     force: FloatArray
-    quantity: str
+    label: str
     unit: str
+
+    @property
+    def shows_force(self) -> bool:
+        """Whether the plane of the panels shows a good part of the force."""
+        in_plane = float(np.linalg.norm(self.force[list(self.axes)]))
+        return in_plane > LEAST_SHOWN * float(np.linalg.norm(self.force))
 
 
 def arm_line(robot: Robot, q: FloatArray) -> FloatArray:
@@ -99,41 +113,45 @@ def arm_line(robot: Robot, q: FloatArray) -> FloatArray:
     return np.asarray(arm_points(robot, q[None])[0] * MM)
 
 
-def stiffness_map_picture(content: MapContent, about: str, place: str) -> Prepared:
+def stiffness_map_picture(content: MapContent, about: str, quantity: str, place: str) -> Prepared:
     """Return the picture of a map.
 
     Args:
         content: values, marks and arm.
-        about: model and robot, above the panels.
-        place: planes and orientation, in the caption.
+        about: model, robot and load, above the panels.
+        quantity: that is mapped, with its load.
+        place: planes and orientation of the tool.
     """
     caption = (
-        f"{about}: {content.quantity}; {place}. Each point has the configuration nearest to a "
-        "training pose, inside the joint limits; blank: out of reach, beyond limits or singular. "
-        "Hatched: a joint is beyond its training range, or the nearest training pose is far. The "
-        f"colours end at the {TOP_SHARE:.0%} quantile. Grey: the arm at the stiffest point."
+        f"{about}: {quantity}; {place}. Each point has the configuration nearest to a training "
+        "pose, inside the joint limits; contours end where it changes. Blank: out of reach, beyond "
+        "limits or singular. Hatched: a joint is beyond its training range, or the nearest "
+        f"training pose is far. The colours end at the {TOP_SHARE:.0%} quantile."
     )
-    title = f"Stiffness map, {content.quantity}"
-    return Prepared(title, caption, partial(_painted, content), about, MAP_STYLE)
+    return Prepared(
+        f"Stiffness map, {quantity}", caption, partial(_painted, content), about, MAP_STYLE
+    )
 
 
 def _painted(content: MapContent) -> Figure:
-    first, second = (AXES[axis] for axis in content.axes)
     low, high = _limits(content)
     n_columns = min(len(content.planes), MOST_PANELS_IN_ROW)
     n_rows = -(-len(content.planes) // n_columns)
     width = style.COLUMN_INCH if n_columns == 1 else style.PAGE_INCH
-    bar_inch, label_inch = 0.75, 0.45
-    panel_inch = (width - bar_inch - label_inch) / n_columns
-    panel_height = min(panel_inch * (high - low)[1] / (high - low)[0], 4.0)
-    height = n_rows * (panel_height + TITLE_INCH + 0.1) + label_inch + LEGEND_INCH
+    panel_inch = (width - LABEL_INCH) / n_columns - GAP_INCH
+    panel_inch *= min((high - low)[1] / (high - low)[0], TALLEST_PANEL)
+    handles = _legend_handles(content)
+    legend_columns = 2 if n_columns == 1 else 3
+    legend_inch = LINE_INCH * -(-len(handles) // legend_columns)
+    height = n_rows * (panel_inch + TITLE_INCH) + LABEL_INCH + BAR_INCH + legend_inch
     figure = style.new_figure(width, height)
     panels = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True, sharey=True)
-    norm, colors = _scale(content)
+    norm, colors, extend = _scale(content)
     drawn: Any = None
     for number, (axes, plane) in enumerate(zip(panels.flat, content.planes, strict=False)):
         drawn = _draw_plane(axes, plane, norm, colors)
-        _draw_arm(axes, content, is_here=number == content.marks["stiffest"].panel)
+        if number == content.marks["stiffest"].panel:
+            _draw_arm(axes, content, (high - low).max())
         for name, mark in content.marks.items():
             if mark.panel == number:
                 axes.plot(*mark.place, **_mark_look(name))
@@ -143,15 +161,18 @@ def _painted(content: MapContent) -> Figure:
         axes.grid(False)
     for axes in list(panels.flat)[len(content.planes) :]:
         axes.remove()
+    horizontal, vertical = (f"{AXES[axis]} [mm]" for axis in content.axes)
     for axes in panels[-1]:
-        axes.set_xlabel(f"{first} [mm]")
+        axes.set_xlabel(horizontal)
     for axes in panels[:, 0]:
-        axes.set_ylabel(f"{second} [mm]")
+        axes.set_ylabel(vertical)
     style.name_panels(list(panels.flat)[: len(content.planes)])
-    bar = figure.colorbar(drawn, ax=panels, extend="max", aspect=28, pad=0.02)
-    bar.set_label(f"{content.quantity.split(' under ')[0].split(' at ')[0]} [{content.unit}]")
+    long = 30 * n_columns
+    bar = figure.colorbar(drawn, ax=panels, extend=extend, location="bottom", aspect=long, pad=0.02)
+    bar.set_label(content.label)
     bar.outline.set_visible(False)
-    _draw_legend(figure, content, n_columns)
+    place: Any = "outside lower center"
+    figure.legend(handles=handles, loc=place, ncols=legend_columns)
     return figure
 
 
@@ -167,17 +188,21 @@ def _limits(content: MapContent) -> tuple[FloatArray, FloatArray]:
     return low - room, high + room
 
 
-def _scale(content: MapContent) -> tuple[Normalize, str]:
-    """Return the scale of the colours, with zero in the middle for values of both signs."""
+def _scale(content: MapContent) -> tuple[Normalize, str, str]:
+    """Return the scale of the colours, their name, and the end at which they are cut.
+
+    Zero is in the middle for values of both signs.
+    """
     values = np.concatenate([plane.values.ravel() for plane in content.planes])
     values = values[~np.isnan(values)]
-    if values.min() < 0.0 < values.max():
+    lowest, highest = float(values.min()), float(values.max())
+    if lowest < 0.0 < highest:
         reach = float(np.quantile(np.abs(values), TOP_SHARE))
-        return Normalize(-reach, reach), SIGNED
-    low, high = (float(np.quantile(values, share)) for share in (1.0 - TOP_SHARE, TOP_SHARE))
-    if values.max() <= 0.0:
-        return Normalize(low, float(values.max())), UNSIGNED.removesuffix("_r")
-    return Normalize(float(values.min()), max(high, float(values.min()) + 1e-12)), UNSIGNED
+        return Normalize(-reach, reach), SIGNED, "both"
+    if highest <= 0.0:
+        low = float(np.quantile(values, 1.0 - TOP_SHARE))
+        return Normalize(low, highest), UNSIGNED.removesuffix("_r"), "min"
+    return Normalize(lowest, float(np.quantile(values, TOP_SHARE))), UNSIGNED, "max"
 
 
 def _draw_plane(axes: Axes, plane: DrawnPlane, norm: Normalize, colors: str) -> Any:
@@ -187,11 +212,13 @@ def _draw_plane(axes: Axes, plane: DrawnPlane, norm: Normalize, colors: str) -> 
     drawn = axes.pcolormesh(*grid, plane.values, norm=norm, cmap=colors, **look)
     if min(plane.values.shape) < 2:
         return drawn
-    values = np.ma.masked_invalid(plane.values)
-    levels = MaxNLocator(CONTOURS).tick_values(norm.vmin, norm.vmax)[1:-1]
+    values = np.ma.masked_where(np.isnan(plane.values) | plane.is_jump, plane.values)
+    levels = MaxNLocator(CONTOURS).tick_values(norm.vmin or 0.0, norm.vmax or 0.0)[1:-1]
     if values.count() and np.any((levels > values.min()) & (levels < values.max())):
         lines = axes.contour(*grid, values, levels, colors="0.15", linewidths=0.5, zorder=2.0)
-        axes.clabel(lines, fmt="%g", fontsize=5.5, inline_spacing=6.0)
+        halo = [withStroke(linewidth=1.6, foreground="white")]
+        for text in axes.clabel(lines, fmt="%g", fontsize=5.5, inline=False):
+            text.set(path_effects=halo, zorder=2.1)  # the arm is above
     if plane.is_far.any():
         far = plane.is_far.astype(float)
         hatched = axes.contourf(*grid, far, [0.5, 1.5], colors="none", hatches=[HATCH], zorder=1.5)
@@ -200,42 +227,42 @@ def _draw_plane(axes: Axes, plane: DrawnPlane, norm: Normalize, colors: str) -> 
     return drawn
 
 
-def _draw_arm(axes: Axes, content: MapContent, *, is_here: bool) -> None:
-    """Draw the arm, in the panel of its point with the force as an arrow."""
+def _draw_arm(axes: Axes, content: MapContent, side: float) -> None:
+    """Draw the arm, and the force as an arrow if it shows in a panel of this longer side [mm]."""
     arm = content.arm[:, content.axes]
-    if not is_here:
-        return
     wide: dict[str, Any] = {"solid_capstyle": "round", "solid_joinstyle": "round", "zorder": 3.0}
-    outline = [withStroke(linewidth=5.5, foreground="white")]
-    axes.plot(*arm.T, color=ARM_COLOR, linewidth=4.0, path_effects=outline, **wide)
-    axes.plot(*arm[1:-1].T, "o", color="white", ms=2.6, mec="black", mew=0.6, zorder=3.1)
-    force = content.force[list(content.axes)]
-    if np.linalg.norm(force) > 0.1 * np.linalg.norm(content.force):
-        low, high = _limits(content)
-        end = arm[-1] + ARROW_SHARE * (high - low).max() * force / np.linalg.norm(content.force)
+    outline = [withStroke(linewidth=4.6, foreground="white")]
+    axes.plot(*arm.T, color=ARM_COLOR, linewidth=3.2, path_effects=outline, **wide)
+    axes.plot(*arm[1:-1].T, "o", color="white", ms=2.4, mec="black", mew=0.6, zorder=3.1)
+    if content.shows_force:
+        force = content.force[list(content.axes)] / np.linalg.norm(content.force)
+        end = arm[-1] + ARROW_SHARE * side * force
         arrow = {"arrowstyle": "-|>", "color": FORCE_COLOR, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", tuple(end), xytext=tuple(arm[-1]), arrowprops=arrow, zorder=4.0)
 
 
 def _mark_look(name: str) -> dict[str, Any]:
     """Return the look of a marked point."""
-    look = {"marker": MARKS[name], "linestyle": "none", "ms": 5.0, "mew": 0.8, "zorder": 5.0}
+    look: dict[str, Any] = {"marker": MARKS[name], "linestyle": "none", "zorder": 5.0}
+    look |= {"ms": 5.0, "mew": 0.8}
     return look | {"color": "white", "mec": "black", "clip_on": False}
 
 
-def _draw_legend(figure: Figure, content: MapContent, n_columns: int) -> None:
-    """Explain the marks, the arm, the force and the hatched part below the panels."""
+def _legend_handles(content: MapContent) -> list[Any]:
+    """Return the explanations of the marks, the arm, the force and the hatched part."""
     handles: list[Any] = [
         Line2D([], [], **_mark_look(name), label=f"{name}, {mark.value:.3g} {content.unit}")
         for name, mark in content.marks.items()
     ]
-    handles.append(
-        Line2D([], [], color=ARM_COLOR, linewidth=3.0, label="arm at the stiffest point")
-    )
+    arm: dict[str, Any] = {"color": ARM_COLOR, "label": "arm at the stiffest point"}
+    handles.append(Line2D([], [], linewidth=3.0, **arm))
     if content.force.any():
-        handles.append(Line2D([], [], color=FORCE_COLOR, linewidth=1.6, label="force"))
+        size = f"force {np.linalg.norm(content.force):.4g} N"
+        if content.shows_force:
+            handles.append(Line2D([], [], color=FORCE_COLOR, linewidth=1.6, label=size))
+        else:
+            handles.append(Line2D([], [], linestyle="none", label=f"{size}, across the plane"))
     if any(plane.is_far.any() for plane in content.planes):
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": HATCH_COLOR, "linewidth": 0.5}
         handles.append(Patch(hatch=HATCH * 2, label="far from the training poses", **look))
-    place: Any = "outside lower center"
-    figure.legend(handles=handles, loc=place, ncols=2 if n_columns == 1 else 5)
+    return handles

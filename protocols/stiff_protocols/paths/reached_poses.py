@@ -77,7 +77,7 @@ def reached_poses(
     middle = 0.5 * (training_range.lower + training_range.upper)
     q += np.where(free, turns_to(middle, robot, q[None]), 0.0)
     low, high = robot.lower - LIMIT_SLACK, robot.upper + LIMIT_SLACK
-    inside = ((q >= low) & (q <= high)).all(axis=2)  # not those of NaN
+    inside: BoolArray = ((q >= low) & (q <= high)).all(axis=2)  # not those of NaN
     distance = np.full(inside.shape, np.inf)
     distance[inside] = training_range.pose_distance(q[inside])
     nearest = np.argmin((distance / SAME_DISTANCE).round(), axis=1)

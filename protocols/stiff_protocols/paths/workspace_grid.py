@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -18,16 +18,14 @@ EDGE_M = 0.01
 """m to which the edges of a region are rounded outward."""
 
 
-def plane_grid(
-    plane: str, levels: Sequence[float], region: FloatArray, n_points: int
-) -> FloatArray:
+def plane_grid(plane: str, levels: FloatArray, region: FloatArray, n_points: int) -> FloatArray:
     """Return (n_planes, n_rows, n_columns, 3) points of parallel planes, base frame, m.
 
     Columns run along the plane's first axis, rows along its second one, at about equal distances.
 
     Args:
         plane: name, of `PLANES`.
-        levels: place of each plane on its normal, m.
+        levels: (n_planes,) place of each plane on its normal, m.
         region: (3, 2) ends along x, y and z, m; those along the normal are not used, and of the
             others one pair may be equal.
         n_points: points along the longer edge, at least 2.
@@ -35,11 +33,12 @@ def plane_grid(
     first, second, normal = PLANES[plane]
     lengths, distance = np.ptp(region, axis=1), point_distance(plane, region, n_points)
     sides = [
-        np.linspace(*region[axis], 1 + round(lengths[axis] / distance)) for axis in (first, second)
+        np.linspace(region[axis, 0], region[axis, 1], 1 + round(lengths[axis] / distance))
+        for axis in (first, second)
     ]
     points = np.empty((len(levels), len(sides[1]), len(sides[0]), 3))
     points[..., first], points[..., second] = np.meshgrid(*sides)
-    points[..., normal] = np.asarray(levels)[:, None, None]
+    points[..., normal] = levels[:, None, None]
     return points
 
 
@@ -72,7 +71,7 @@ def reach_box(robot: Robot, held: FloatArray | None = None) -> FloatArray:
 
 def reachable_region(
     plane: str,
-    levels: Sequence[float],
+    levels: FloatArray,
     region: FloatArray,
     is_reached: Callable[[FloatArray], BoolArray],
 ) -> FloatArray:

@@ -104,7 +104,7 @@ class WorkspaceTask:
     def are_reached(self, points: FloatArray, turns: Sequence[float]) -> BoolArray:
         """Return (n_rows, n_columns) whether each point is reached with any turn of the tool."""
         reached = [self.reached(points, turn).reached for turn in turns]
-        return np.any(reached, axis=0).reshape(points.shape[:2])
+        return np.asarray(np.any(reached, axis=0).reshape(points.shape[:2]))
 
     def predictions(self, q: FloatArray, turn: float) -> tuple[FloatArray, FloatArray]:
         """Return values and vectors of `MappedPoints` at (n, n_joints) q."""
