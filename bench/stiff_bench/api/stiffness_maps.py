@@ -219,7 +219,7 @@ class StiffnessMap(Shown):
         texts = []
         for kind in EXTREMES:
             at = self.extreme(kind, near=near)
-            place = ", ".join(f"{each:.0f}" for each in self.positions[at] * MM + 0.0)
+            place = ", ".join(f"{length:.0f}" for length in self.positions[at] * MM + 0.0)
             texts.append(f"{kind} {self.values_in_unit[at]:.3g} {self.unit} at ({place}) mm")
         return ", ".join(texts)
 
@@ -469,7 +469,7 @@ def stiffness_map(
     parts = {key: part.reshape(*shape, *part.shape[1:]) for key, part in vars(mapped).items()}
     vectors = parts.pop("vectors")
     is_deflection = quantity == "deflection"
-    found = StiffnessMap(
+    new_map = StiffnessMap(
         model_name=model.name,
         robot=robot,
         plane=plane,
@@ -485,19 +485,19 @@ def stiffness_map(
         joint_compliance=springs,
         **parts,
     )
-    reached = found.is_reached
+    reached = new_map.is_reached
     if not reached.any():
         hint = "try --turn best, another --orientation, --at or --box"
         raise DataError(
-            f"{robot.name} reaches no point of {found.place_text}: {found.blank_text} ({hint})"
+            f"{robot.name} reaches no point of {new_map.place_text}: {new_map.blank_text} ({hint})"
         )
-    _warn_extrapolation(found, task, mapped)
+    _warn_extrapolation(new_map, task, mapped)
     for file in files:
         if file.suffix.lower() in METADATA:
-            found.plot().save(file)
+            new_map.plot().save(file)
         else:
-            write_table(file, [found.frame()])
-    return found
+            write_table(file, [new_map.frame()])
+    return new_map
 
 
 def _check_files(files: Sequence[Path], figure: Path | str | None) -> None:
@@ -586,12 +586,12 @@ def _levels(
     return np.array([np.rint(np.median(training) / LEVEL_M) * LEVEL_M])
 
 
-def _warn_extrapolation(found: StiffnessMap, task: WorkspaceTask, mapped: MappedPoints) -> None:
+def _warn_extrapolation(new_map: StiffnessMap, task: WorkspaceTask, mapped: MappedPoints) -> None:
     """Warn which points are far from the training samples, with numbers."""
     rows = mapped.blank == ""
     wrench = np.stack([task.wrench(turn) for turn in mapped.turns[rows]])
     words = mapped.extrapolates[rows].tolist()
-    text = extrapolation_warning(task.training_range, found.robot, mapped.q[rows], wrench, words)
+    text = extrapolation_warning(task.training_range, new_map.robot, mapped.q[rows], wrench, words)
     if text:
         message = f"{text}; see the column extrapolates"
         warn(message, stacklevel=3)

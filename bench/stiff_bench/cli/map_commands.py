@@ -116,12 +116,12 @@ def map_(model: Path, **words: Any) -> None:
     """
     fitted = api.model.load_model(model)
     with warnings_said():
-        found = api.stiffness_maps.stiffness_map(fitted, **words)
+        new_map = api.stiffness_maps.stiffness_map(fitted, **words)
     files = ", ".join(str(words[name]) for name in ("output", "figure") if words[name])
     lines = [
-        found.answer,
-        f"{found.model_name}, robot {found.robot.name}: {found.quantity_text}",
-        f"{found.place_text}; blank: {found.blank_text}",
+        new_map.answer,
+        f"{new_map.model_name}, robot {new_map.robot.name}: {new_map.quantity_text}",
+        f"{new_map.place_text}; blank: {new_map.blank_text}",
         *[f"written: {files}"] * bool(files),
     ]
     print_prose("\n".join(lines))

@@ -81,7 +81,7 @@ class MapMark:
 
 @dataclass(frozen=True, eq=False)
 class MapContent:
-    """What a picture of a map shows.
+    """Values, marks and arm of a picture.
 
     Attributes:
         planes: at least one.
@@ -103,7 +103,7 @@ class MapContent:
 
     @property
     def shows_force(self) -> bool:
-        """Whether the plane of the panels shows a good part of the force."""
+        """True if the plane of the panels shows a good part of the force."""
         in_plane = float(np.linalg.norm(self.force[list(self.axes)]))
         return in_plane > LEAST_SHOWN * float(np.linalg.norm(self.force))
 

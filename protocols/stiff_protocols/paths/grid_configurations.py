@@ -55,10 +55,10 @@ def grid_configurations(
         solved[given], reached[given] = robot.inverse(
             points[at], rotations[at], solved[given], free
         )
-        own = q[rows].swapaxes(0, 1)
-        known: BoolArray = ~np.isnan(own[..., 0])
-        all_q = np.concatenate([np.where(known[..., None], own, 0.0), solved])
-        merged = different_positions(robot, all_q, np.concatenate([known, reached]), held)
+        earlier_q = q[rows].swapaxes(0, 1)
+        is_earlier: BoolArray = ~np.isnan(earlier_q[..., 0])
+        all_q = np.concatenate([np.where(is_earlier[..., None], earlier_q, 0.0), solved])
+        merged = different_positions(robot, all_q, np.concatenate([is_earlier, reached]), held)
         if (missing := merged.shape[1] - q.shape[1]) > 0:
             q = np.pad(q, ((0, 0), (0, missing), (0, 0)), constant_values=np.nan)
         q[rows] = np.nan

@@ -77,13 +77,13 @@ def reached_poses(
     middle = 0.5 * (training_range.lower + training_range.upper)
     q += np.where(free, turns_to(middle, robot, q[None]), 0.0)
     low, high = robot.lower - LIMIT_SLACK, robot.upper + LIMIT_SLACK
-    inside: BoolArray = ((q >= low) & (q <= high)).all(axis=2)  # not those of NaN
+    inside: BoolArray = np.asarray(((q >= low) & (q <= high)).all(axis=2))  # not those of NaN
     distance = np.full(inside.shape, np.inf)
     distance[inside] = training_range.pose_distance(q[inside])
     nearest = np.argmin((distance / SAME_DISTANCE).round(), axis=1)
     q = q[np.arange(len(q)), nearest]
-    found_any = ~np.isnan(q).any(axis=1)
-    blank = np.where(found_any, BEYOND_LIMITS, OUT_OF_REACH)
+    has_any = ~np.isnan(q).any(axis=1)
+    blank = np.where(has_any, BEYOND_LIMITS, OUT_OF_REACH)
     rows = np.flatnonzero(inside.any(axis=1))
     blank[rows] = np.where(is_singular(robot, q[rows], free), SINGULAR_POSE, "")
     q[blank != ""] = np.nan
