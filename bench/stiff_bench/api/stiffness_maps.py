@@ -379,7 +379,7 @@ def stiffness_map(
     output: Path | str | None = None,
     figure: Path | str | None = None,
 ) -> StiffnessMap:
-    """Map the deflection under a load, or the compliance, over the workspace.
+    """Map deflection under a load, or compliance, over planes of the workspace.
 
     Each point has the arm's configuration whose joints are nearest to a training pose, inside the
     joint limits. Points out of reach, beyond the limits or at a singularity are blank.

@@ -74,7 +74,8 @@ def _start_points(position: FloatArray) -> IntArray:
     ends = position[-1, -1] - position[0, 0]
     distance = float(np.abs(ends).max()) / max(n_rows - 1, n_columns - 1, 1)
     stride = max(int(LANDMARK_M / distance), 1) if distance > 0.0 else 1
-    return np.asarray(numbers[stride // 2 :: stride, stride // 2 :: stride].ravel())
+    row, column = (min(stride // 2, (n - 1) // 2) for n in (n_rows, n_columns))
+    return np.asarray(numbers[row::stride, column::stride].ravel())
 
 
 def _counts(q: FloatArray) -> IntArray:
