@@ -47,6 +47,7 @@ MADE_BY = {
         "fit --model vjm --dataset kr10-twin --output kr10.stiff",
         "path example --output square.csv",
     ],
+    "docs/how-to/stiffness-map.md": ["fit --model vjm --dataset kr10-twin --output kr10.stiff"],
     "docs/running.md": ["run --model zero --splits 1"],
 }
 """Commands of the page that make what its Python blocks read."""

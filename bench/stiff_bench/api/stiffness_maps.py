@@ -271,7 +271,8 @@ class StiffnessMap(Shown):
         n_planes, n_rows, n_columns = self.blank.shape
         size = f"{n_columns} x {n_rows} points" + " each" * (n_planes > 1)
         turned = ", best turn about the tool axis" * (self.turn == "best")
-        return f"{self.plane} at {AXES[normal]} = {levels} mm, {', '.join(ends)} mm, {size}{turned}"
+        tool = f"tool a, b, c = {_numbers(self.tool_angles_deg)} deg{turned}"
+        return f"{self.plane} at {AXES[normal]} = {levels} mm, {', '.join(ends)} mm, {size}; {tool}"
 
     @property
     def blank_text(self) -> str:
