@@ -136,12 +136,12 @@ def test_a_box_is_drawn_as_slices_through_its_ends_and_its_middle(vjm):
 
 
 def test_without_a_box_the_map_holds_all_that_the_robot_reaches(vjm):
-    whole = sb.stiffness_map(vjm, load=LOAD, grid=30)
-    edges = [whole.is_reached[0, at] for at in (0, -1)] + [
-        whole.is_reached[0, :, at] for at in (0, -1)
+    full_map = sb.stiffness_map(vjm, load=LOAD, grid=30)
+    edges = [full_map.is_reached[0, at] for at in (0, -1)] + [
+        full_map.is_reached[0, :, at] for at in (0, -1)
     ]
     assert sum(edge.sum() for edge in edges) <= 4
-    assert whole.is_reached.mean() > 0.3
+    assert full_map.is_reached.mean() > 0.3
 
 
 def test_far_points_are_those_of_the_rule_and_the_load_does_not_count(vjm, small):

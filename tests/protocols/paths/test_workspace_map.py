@@ -56,14 +56,14 @@ def test_waves_find_all_that_random_seeds_find_at_every_point(kr10, grid, rotati
     spread = grid_configurations(kr10, grid, rotation, FREE)
     points = grid.reshape(-1, 3)
     lone = [all_configurations(kr10, point[None], rotation[None])[0] for point in points[::7]]
-    for found, searched in zip(spread[::7], lone, strict=True):
+    for spread_q, searched in zip(spread[::7], lone, strict=True):
         for q in searched[~np.isnan(searched[:, 0])]:
             if not is_singular(kr10, q[None], np.isnan(FREE))[0]:
-                away = np.abs(np.sin(0.5 * (found - q))).max(axis=1)
+                away = np.abs(np.sin(0.5 * (spread_q - q))).max(axis=1)
                 assert np.nanmin(away) < 1e-6
-    known = ~np.isnan(spread[..., 0])
-    tcp = kr10.tcp_position(spread[known])
-    np.testing.assert_allclose(tcp, points[np.nonzero(known)[0]], atol=1e-7)
+    has_q = ~np.isnan(spread[..., 0])
+    tcp = kr10.tcp_position(spread[has_q])
+    np.testing.assert_allclose(tcp, points[np.nonzero(has_q)[0]], atol=1e-7)
 
 
 def test_the_edge_of_the_reach_is_a_sphere_about_the_shoulder(kr10, rotation):
@@ -89,9 +89,9 @@ def test_the_nearest_configuration_inside_the_limits_is_taken(kr10, grid, rotati
         assert (poses.blank[~poses.reached] != "").all() and np.isnan(poses.q[~poses.reached]).all()
         assert ((q >= kr10.lower - 1e-5) & (q <= kr10.upper + 1e-5)).all()
         assert not is_singular(kr10, q, np.isnan(FREE)).any()
-        others = grid_configurations(kr10, grid, rotation, FREE)[poses.reached]
-        inside = ((others >= kr10.lower) & (others <= kr10.upper)).all(axis=2)
-        away = np.where(inside, np.linalg.norm(others - pose, axis=2), np.inf)
+        all_q = grid_configurations(kr10, grid, rotation, FREE)[poses.reached]
+        inside = ((all_q >= kr10.lower) & (all_q <= kr10.upper)).all(axis=2)
+        away = np.where(inside, np.linalg.norm(all_q - pose, axis=2), np.inf)
         assert (np.linalg.norm(q - pose, axis=1) <= away.min(axis=1) + 1e-5).all()
 
 
@@ -128,8 +128,8 @@ def test_the_tool_has_its_orientation_at_every_point(kr10, grid):
         q = mapped_points(task, grid[None], (turn,)).q
         q = q[~np.isnan(q[:, 0])]
         rotations = kr10.forward(q).rotation @ kr10.flange[:3, :3]
-        wanted = turned_tool(task.orientation, turn)
-        np.testing.assert_allclose(rotations, np.tile(wanted, (len(q), 1, 1)), atol=1e-7)
+        rotation_of_tool = turned_tool(task.orientation, turn)
+        np.testing.assert_allclose(rotations, np.tile(rotation_of_tool, (len(q), 1, 1)), atol=1e-7)
         np.testing.assert_allclose(rotations[:, :, 2], np.tile([0, 0, -1], (len(q), 1)), atol=1e-7)
 
 
@@ -150,10 +150,12 @@ def test_the_closed_form_and_the_derivative_give_one_map(kr10, grid, axis):
 
 def test_the_best_turn_is_never_worse_than_the_given_one(kr10, grid):
     task, turns = task_of(kr10), (0.0, 1.0, 2.0)
-    fixed, best = (mapped_points(task, grid[None], some) for some in (turns[:1], turns))
-    both = ~np.isnan(fixed.values)
-    assert (best.values[both] <= fixed.values[both]).all()
-    assert (best.values[both] < fixed.values[both]).any()
+    fixed, best = (
+        mapped_points(task, grid[None], chosen_turns) for chosen_turns in (turns[:1], turns)
+    )
+    both_reached = ~np.isnan(fixed.values)
+    assert (best.values[both_reached] <= fixed.values[both_reached]).all()
+    assert (best.values[both_reached] < fixed.values[both_reached]).any()
     for turn in turns:
         at = best.turns == turn
         again = mapped_points(task, grid[None], (turn,))

@@ -32,8 +32,8 @@ def closed_form(angles):
 
 def test_the_stiffness_of_a_planar_arm_is_that_of_the_closed_form():
     rows = planar_arm(2, (0.0, 0.0, 1.0)).jacobian(ANGLES)[:, :2]
-    found = cartesian_stiffness(rows, 1.0 / STIFFNESS)
-    np.testing.assert_allclose(found, closed_form(ANGLES), rtol=1e-10)
+    computed = cartesian_stiffness(rows, 1.0 / STIFFNESS)
+    np.testing.assert_allclose(computed, closed_form(ANGLES), rtol=1e-10)
 
 
 def test_a_stretched_arm_and_a_rigid_spring_have_a_compliance_but_no_stiffness():
@@ -60,12 +60,12 @@ def vjm(twin):
 def test_the_compliance_of_vjm_is_the_derivative_of_its_prediction(vjm, twin):
     q, wrench = twin.samples.q[::20], twin.samples.wrench[::20]
     rows = twin.robot.jacobian(q)
-    found = cartesian_compliance(rows, vjm.fitted.springs_.compliance)
+    computed = cartesian_compliance(rows, vjm.fitted.springs_.compliance)
     derivative = translational_compliance(vjm.fitted.predict, q, wrench, 10.0)
-    np.testing.assert_allclose(found[:, :3, :3], derivative, rtol=0, atol=1e-9 * found.max())
+    np.testing.assert_allclose(computed[:, :3, :3], derivative, rtol=0, atol=1e-9 * computed.max())
     stiffness = cartesian_stiffness(rows, vjm.fitted.springs_.compliance)
     regular = np.linalg.cond(rows) < 100.0
-    identity = stiffness[regular] @ found[regular]
+    identity = stiffness[regular] @ computed[regular]
     np.testing.assert_allclose(identity, np.tile(np.eye(6), (regular.sum(), 1, 1)), atol=1e-6)
 
 
