@@ -50,6 +50,7 @@ MADE_BY = {
     "docs/how-to/choose-a-posture.md": [
         "fit --model vjm-full --dataset fanuc-r2000ic --output fanuc.stiff",
     ],
+    "docs/how-to/stiffness-map.md": ["fit --model vjm --dataset kr10-twin --output kr10.stiff"],
     "docs/running.md": ["run --model zero --splits 1"],
 }
 """Commands of the page that make what its Python blocks read."""

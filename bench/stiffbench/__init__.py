@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from stiff_bench.api.robot_programs import compensate_program as compensate_program
     from stiff_bench.api.robots import load_robot as load_robot
     from stiff_bench.api.robots import read_robot as read_robot
+    from stiff_bench.api.stiffness_maps import StiffnessMap as StiffnessMap
+    from stiff_bench.api.stiffness_maps import stiffness_map as stiffness_map
     from stiff_bench.api.stored_results import Results as Results
     from stiff_bench.api.stored_results import figure as figure
     from stiff_bench.api.stored_results import merge as merge
@@ -63,6 +65,7 @@ _PLACES = {
     ),
     "robot_programs": ("compensate_program",),
     "robots": ("load_robot", "read_robot"),
+    "stiffness_maps": ("StiffnessMap", "stiffness_map"),
     "stored_results": ("Results", "figure", "merge", "open_results", "paper_table"),
     "tables": ("Tables",),
     "tool_paths": ("compensate_path", "example_path"),

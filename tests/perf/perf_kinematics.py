@@ -1,4 +1,4 @@
-"""Deflections of the linear VJM, and inverse kinematics along a path, beside Pinocchio's."""
+"""Deflections of the linear VJM, inverse kinematics and a map, with Pinocchio's for comparison."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ import pytest
 
 from helpers.perf_case import OURS, ours_or_peer
 from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robot
+from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.kinematics.serial_chain import REACHED_M, REACHED_RAD
 from stiff_protocols.paths.inverse import follow
 from stiff_protocols.paths.path import ToolPath, shaped
+from stiff_protocols.paths.workspace_grid import plane_grid
+from stiff_protocols.paths.workspace_map import WorkspaceTask, mapped_points
 
 ROBOT, TCP = "kr10_r1100_2", (0.06, 0.0, 0.08)
 SAMPLES = 106_400
@@ -21,7 +24,11 @@ NANOMETRE = 1e-9
 COMPLIANCE = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
 PINOCCHIO = "Pinocchio loop"
 ROUNDS = 8
+MAP_REGION = np.array([[0.6, 0.9], [0.0, 0.0], [0.4, 0.7]])
+"""Ends along x, y and z [m] of a map of which the KR10 reaches every point with its tool down."""
 READY, PATH_POINTS = np.radians([0.0, -90.0, 90.0, 0.0, 60.0, 0.0]), 10_000
+
+DOWN = np.radians([0.0, -90.0, 90.0, 0.0, 90.0, 0.0])
 
 Samples = tuple[FloatArray, FloatArray]
 Way = Callable[[FloatArray, FloatArray], FloatArray]
@@ -104,3 +111,52 @@ def test_inverse(benchmark, who):
     np.testing.assert_allclose(found, truth, rtol=0, atol=100 * REACHED_RAD)
     ours_or_peer(benchmark, who, {PINOCCHIO: 1.2}, work=PATH_POINTS, unit="point")
     benchmark.pedantic(way, (path,), rounds=ROUNDS, warmup_rounds=1)
+
+
+LOAD = np.array([0.0, 0.0, -100.0, 0.0, 0.0, 0.0])
+
+
+def map_task() -> WorkspaceTask:
+    """The deflection of the KR10 under 100 N, near one training pose."""
+    return WorkspaceTask(
+        robot=SHIPPED,
+        training_range=TrainingRange(READY, READY, 100.0, 0.0, READY[None], LOAD[None] / 100.0),
+        predict=our_way,
+        joint_compliance=COMPLIANCE,
+        tool=np.eye(3),
+        orientation=SHIPPED.forward(DOWN[None]).rotation[0],
+        load=LOAD,
+        in_tool_frame=False,
+        quantity="deflection",
+        axis=None,
+        held=np.full(6, np.nan),
+    )
+
+
+def our_map(points: FloatArray) -> FloatArray:
+    """All eight configurations at every point, the nearest to training, and its deflection."""
+    return mapped_points(map_task(), points[None]).values
+
+
+def pinocchio_map(points: FloatArray) -> FloatArray:
+    """One of the eight configurations from point to point, and its deflection."""
+    rows = points.copy()
+    rows[1::2] = rows[1::2, ::-1]
+    flat = rows.reshape(-1, 3)
+    rotations = np.tile(map_task().orientation, (len(flat), 1, 1))
+    wrench = np.tile(LOAD, (len(flat), 1))
+    q = pinocchio_newton(ToolPath("map", flat, rotations, wrench))
+    size = np.linalg.norm(pinocchio_loop()(q, wrench), axis=1).reshape(points.shape[:2])
+    size[1::2] = size[1::2, ::-1]
+    return np.asarray(size.ravel())
+
+
+@pytest.mark.benchmark(group="Stiffness map of 10,000 points")
+@pytest.mark.parametrize("who", [OURS, PINOCCHIO])
+def test_map(benchmark, who):
+    (points,) = plane_grid("xz", np.zeros(1), MAP_REGION, 100)
+    (coarse,) = plane_grid("xz", np.zeros(1), MAP_REGION, 12)
+    way = {OURS: our_map, PINOCCHIO: pinocchio_map}[who]
+    np.testing.assert_allclose(way(coarse), pinocchio_map(coarse), rtol=1e-6)
+    ours_or_peer(benchmark, who, {PINOCCHIO: 0.3}, work=PATH_POINTS, unit="point")
+    benchmark.pedantic(way, (points,), rounds=3, warmup_rounds=1)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from stiff_bench.api import registered as registered
     from stiff_bench.api import robot_programs as robot_programs
     from stiff_bench.api import robots as robots
+    from stiff_bench.api import stiffness_maps as stiffness_maps
     from stiff_bench.api import stored_results as stored_results
     from stiff_bench.api import tool_paths as tool_paths
 

@@ -14,7 +14,7 @@ COMMAND_GROUPS = {
     "Your robot's data": ("data",),
     "Fit and test models": ("run", "reproduce"),
     "Read results": ("leaderboard", "compare", "report", "figure", "table", "merge"),
-    "Use a model on your robot": ("fit", "predict", "path", "posture", "export"),
+    "Use a model on your robot": ("fit", "predict", "path", "map", "posture", "export"),
     "Look up and add names": ("list", "show", "check", "new"),
 }
 """Heading -> commands of `bench`, in the order of the help page."""

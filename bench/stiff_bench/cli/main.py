@@ -12,6 +12,7 @@ import click
 
 from stiff_bench.cli.data_commands import data
 from stiff_bench.cli.help_pages import WIDEST_PAGE, group
+from stiff_bench.cli.map_commands import map_
 from stiff_bench.cli.model_commands import export, fit, predict
 from stiff_bench.cli.path_commands import path
 from stiff_bench.cli.plugin_commands import check, list_, new, show
@@ -98,7 +99,7 @@ def bench() -> None:
 
 
 for command in (
-    *(check, compare, data, export, figure, fit, leaderboard, list_, merge, new, path),
+    *(check, compare, data, export, figure, fit, leaderboard, list_, map_, merge, new, path),
     *(posture, predict, report, reproduce, run, show, table),
 ):
     bench.add_command(command)

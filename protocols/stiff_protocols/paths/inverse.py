@@ -224,7 +224,7 @@ def _configurations(
     if not reached.any():
         away = np.linalg.norm(robot.tcp_position(q[:, 0]) - position, axis=1)
         return q[[np.argmin(away)], 0]
-    return np.asarray(_different(robot, q, reached, held)[0])
+    return np.asarray(different_positions(robot, q, reached, held)[0])
 
 
 def all_configurations(
@@ -255,7 +255,7 @@ def all_configurations(
     place = np.hstack([position / LANDMARK_M, rotation.reshape(-1, 9) / LANDMARK_TURN]).round()
     _, firsts, region = np.unique(place, axis=0, return_index=True, return_inverse=True)
     seeds = _random_seeds(robot, held)[:LANDMARK_SEEDS]
-    landmarks = _different(
+    landmarks = different_positions(
         robot, *_from_seeds(robot, position[firsts], rotation[firsts], seeds, held), held
     )
     if len(firsts) == len(position):
@@ -266,10 +266,10 @@ def all_configurations(
     rows = np.nonzero(known)
     free = np.isnan(held)
     q[rows], reached[rows] = robot.inverse(position[rows[1]], rotation[rows[1]], q[rows], free)
-    found = _different(robot, q, reached, held)
+    found = different_positions(robot, q, reached, held)
     lost = np.flatnonzero((~np.isnan(found[..., 0])).sum(axis=1) < known.sum(axis=0))
     if len(lost):  # the landmark's seeds do not reach all of them here
-        again = _different(
+        again = different_positions(
             robot, *_from_seeds(robot, position[lost], rotation[lost], seeds, held), held
         )
         more = max(found.shape[1], again.shape[1])
@@ -306,7 +306,9 @@ def _from_seeds(
     return q.reshape(len(seeds), n, -1), reached.reshape(len(seeds), n)
 
 
-def _different(robot: Robot, q: FloatArray, reached: BoolArray, held: FloatArray) -> FloatArray:
+def different_positions(
+    robot: Robot, q: FloatArray, reached: BoolArray, held: FloatArray
+) -> FloatArray:
     """Return (n, m, n_joints) the different ones of (n_seeds, n, n_joints); NaN for the rest."""
     turns, free = robot.turns, np.isnan(held)
     q = np.where(turns & free, (q + np.pi) % (2.0 * np.pi) - np.pi, q)
@@ -397,7 +399,7 @@ def _driven(
     away = np.abs(np.diff(q - seeds, axis=0)).max(axis=1, initial=0.0) > JUMP
     flips = breaks | np.r_[False, away & reached[1:] & reached[:-1]]
     if near is not None:
-        q = q + np.where(free, _turns_to(near, robot, q), 0.0)
+        q = q + np.where(free, turns_to(near, robot, q), 0.0)
     found = _described(robot, q, reached, free)
     return replace(found, flips=flips | found.flips)
 
@@ -410,8 +412,17 @@ def _middle(robot: Robot) -> FloatArray:
     return middle
 
 
-def _turns_to(near: FloatArray, robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the (n_joints,) turns of 360 deg that bring a branch next to a point in the limits."""
+def turns_to(near: FloatArray, robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the turns of 360 deg that bring each branch next to a point in the limits, rad.
+
+    Args:
+        near: (n_joints,) rad or m.
+        robot: with the limits.
+        q: (n, ..., n_joints) n points along each branch, rad or m.
+
+    Returns:
+        (..., n_joints) rad; 0 for a joint that slides.
+    """
     low, high = q.min(axis=0), q.max(axis=0)
     whole = np.rint((near - 0.5 * (low + high)) / (2.0 * np.pi))
     whole += (low + 2.0 * np.pi * whole < robot.lower - LIMIT_SLACK).astype(float)

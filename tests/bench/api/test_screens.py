@@ -37,8 +37,10 @@ def made(folder):
     sb.example_path("square", folder / "square.csv", points=40)
     with pytest.warns(match="extrapolation"):
         path = sb.compensate_path(model, folder / "square.csv", folder / "out.csv")
+        stiffness_map = sb.stiffness_map(model, load=(0.0, 0.0, -60.0), grid=8)
     return SimpleNamespace(
         data=data,
+        stiffness_map=stiffness_map,
         measured=sb.load_dataset("fanuc-r2000ic"),
         part=data[:3],
         model=model,

@@ -1,0 +1,603 @@
+"""Stiffness maps: the deflection or compliance that a model predicts over the workspace."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.api.tool_paths import held_positions
+from stiff_bench.run.progress import display
+from stiff_bench.tables.picture_file import METADATA, check_suffix
+from stiff_bench.tables.units import MM
+from stiff_datasets.measured.path_file import (
+    POSITION_COLUMNS,
+    LoadFrame,
+    frame_matrix,
+    tool_of,
+)
+from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
+from stiff_datasets.measured.sample_columns import (
+    DEFLECTION_COLUMNS,
+    DEG_PER_RAD,
+    MM_PER_M,
+    file_units,
+    joint_columns,
+)
+from stiff_datasets.measured.sheet_files import PARQUET, write_table
+from stiff_models.physics.vjm import VirtualJointModel
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    DataError,
+    unknown_name,
+    unsupported_extension,
+    warn,
+)
+from stiff_protocols.contract.files import check_new_file
+from stiff_protocols.contract.robot import Robot
+from stiff_protocols.contract.screen import Screen, Shown
+from stiff_protocols.contract.stiffness_model import optional
+from stiff_protocols.contract.types import (
+    AXES,
+    BoolArray,
+    FloatArray,
+    TextArray,
+    frozen_array,
+)
+from stiff_protocols.paths.inverse import JUMP
+from stiff_protocols.paths.reached_poses import BLANK_REASONS
+from stiff_protocols.paths.workspace_grid import PLANES, plane_grid, reach_box, reachable_region
+from stiff_protocols.paths.workspace_map import (
+    BEST_TURNS_RAD,
+    MAP_AXES,
+    QUANTITIES,
+    MappedPoints,
+    Quantity,
+    WorkspaceTask,
+    mapped_points,
+    turned_tool,
+)
+from stiff_protocols.springs.cartesian_stiffness import cartesian_stiffness
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from stiff_bench.figures.prepared_figure import Prepared
+
+Extreme = Literal["stiffest", "softest"]
+EXTREMES: tuple[Extreme, ...] = ("stiffest", "softest")
+Turn = Literal["fixed", "best"]
+TURNS: tuple[Turn, ...] = ("fixed", "best")
+DOWN, DOWN_DEG = "down", tuple((angle, 0.0, 180.0) for angle in (0.0, 90.0, 180.0, -90.0))
+"""Word for a tool whose z axis points down, and its possible orientations a, b, c."""
+BOX_PLANES, MOST_PLANES = 3, 9
+LEVEL_M = 0.01
+"""m to which the place of a plane is rounded that was not given."""
+LARGEST_MM = 1e5
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StiffnessMap(Shown):
+    """Predicted deflections or compliances over parallel planes of the workspace.
+
+    The arrays have (n_planes, n_rows, n_columns) points: columns run along the plane's first axis,
+    rows along its second one.
+
+    Attributes:
+        model_name: key of the model, with its options.
+        robot: that the model was fitted to.
+        plane: "xy", "xz" or "yz".
+        quantity: "deflection" or "compliance".
+        axis: "x", "y", "z" or "tool" of the component; None: the length of the deflection, or the
+            largest principal compliance.
+        load: (6,) N and N m at the TCP.
+        load_frame: "base" or "tool", in which the load is expressed.
+        turn: "fixed", or "best" about the tool axis.
+        positions: (..., 3) TCP, base frame, m.
+        tool_angles_deg: (3,) KUKA's angles a, b, c of the tool frame in the base frame, before the
+            turn, deg.
+        q: (..., n_joints) joint positions, rad or m; NaN where blank.
+        turns: (...) turn about the tool axis from the given orientation, rad; NaN where blank.
+        deflections: (..., 3) m, base frame, of a map of deflections, else None; NaN where blank.
+        compliance: (..., 3, 3) translational compliance, m/N, base frame, of a map of compliances,
+            else None; NaN where blank.
+        values: (...) the mapped quantity, m or m/N; NaN where blank.
+        blank: (...) reason why a point has no value: "out of reach", "joint limits", "singular" or
+            "" for none.
+        extrapolates: (...) difference from the training samples, as `TrainingRange.extrapolates`
+            names it.
+        joint_compliance: (n_joints,) of the springs of `vjm`, rad/(N m) or m/N; else None.
+    """
+
+    model_name: str
+    robot: Robot
+    plane: str
+    quantity: Quantity
+    axis: str | None
+    load: FloatArray
+    load_frame: LoadFrame
+    turn: Turn
+    positions: FloatArray
+    tool_angles_deg: FloatArray
+    q: FloatArray
+    turns: FloatArray
+    deflections: FloatArray | None
+    compliance: FloatArray | None
+    values: FloatArray
+    blank: TextArray
+    extrapolates: TextArray
+    joint_compliance: FloatArray | None = field(repr=False)
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @property
+    def is_reached(self) -> BoolArray:
+        """(...) whether a point has a value."""
+        return np.asarray(self.blank == "")
+
+    @property
+    def is_far(self) -> BoolArray:
+        """(...) whether the joint positions are far from the training poses.
+
+        A joint is beyond its training range ("joints"), or the nearest training pose is far
+        ("pose-gap"). The load does not count.
+        """
+        words = np.char.add(self.extrapolates, " ")
+        return np.asarray(
+            (np.char.find(words, "joints ") >= 0) | (np.char.find(words, "pose-gap ") >= 0)
+        )
+
+    @property
+    def is_jump(self) -> BoolArray:
+        """(...) whether a joint of a neighbour is more than 0.5 rad (m) away.
+
+        The arm has another configuration there, or is close to a singularity.
+        """
+        jump = np.zeros(self.blank.shape, dtype=bool)
+        for axis in (1, 2):
+            far = np.abs(np.diff(self.q, axis=axis)).max(axis=-1, initial=0.0) > JUMP
+            ends = [(0, 0)] * 3
+            ends[axis] = (1, 0)
+            jump |= np.pad(far, ends)
+            ends[axis] = (0, 1)
+            jump |= np.pad(far, ends)
+        return jump
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values in texts, tables and pictures."""
+        return "mm" if self.quantity == "deflection" else "mm/kN"
+
+    @property
+    def values_in_unit(self) -> FloatArray:
+        """(...) values in `unit`; NaN where blank."""
+        return self.values * (MM if self.quantity == "deflection" else MM * 1000.0)
+
+    def tool_rotation(self, point: tuple[int, int, int]) -> FloatArray:
+        """Return the (3, 3) orientation of the tool frame in the base frame at a point."""
+        return turned_tool(rotation_of(self.tool_angles_deg), float(self.turns[point]))
+
+    @property
+    def cartesian_stiffness(self) -> FloatArray:
+        """(..., 6, 6) K_X = J^-T K J^-1 at the TCP, base frame, N/m, N/rad and N m/rad.
+
+        Force before torque. NaN where blank, and where a spring is rigid.
+
+        Raises:
+            ConfigError: the model is not `vjm`, whose springs are those of the joints.
+        """
+        if self.joint_compliance is None:
+            raise ConfigError(f"{self.model_name} has no Cartesian stiffness matrix (valid: vjm)")
+        stiffness = np.full((*self.blank.shape, 6, 6), np.nan)
+        reached = self.is_reached
+        jacobian = self.robot.jacobian(self.q[reached])
+        stiffness[reached] = cartesian_stiffness(jacobian, self.joint_compliance)
+        return stiffness
+
+    def extreme(self, kind: Extreme, *, near: bool = False) -> tuple[int, int, int]:
+        """Return the numbers of plane, row and column of the stiffest or softest point.
+
+        A component counts without its sign. `near` looks only at points that are not far from the
+        training poses; at least one point must be left.
+        """
+        size = np.abs(self.values)
+        if near:
+            size = np.where(self.is_far, np.nan, size)
+        place = np.nanargmin(size) if kind == "stiffest" else np.nanargmax(size)
+        plane, row, column = map(int, np.unravel_index(place, size.shape))
+        return plane, row, column
+
+    def extremes_text(self, *, near: bool = False) -> str:
+        """Return where the tool is stiffest and softest, with values and positions."""
+        texts = []
+        for kind in EXTREMES:
+            at = self.extreme(kind, near=near)
+            place = ", ".join(f"{length:.0f}" for length in self.positions[at] * MM + 0.0)
+            texts.append(f"{kind} {self.values_in_unit[at]:.3g} {self.unit} at ({place}) mm")
+        return ", ".join(texts)
+
+    @property
+    def answer(self) -> str:
+        """Stiffest and softest point, and numbers of points that are reachable or far."""
+        reached, far = self.is_reached, self.is_far
+        text = (
+            f"{self.extremes_text()}; {reached.sum():,} of {reached.size:,} points reachable, "
+            f"{far.sum():,} of these far from the training poses"
+        )
+        if far.any() and (reached & ~far).any():
+            text += f"\nnear the training poses: {self.extremes_text(near=True)}"
+        return text
+
+    @property
+    def load_text(self) -> str:
+        """The load with its units and, unless it is the base, its frame."""
+        force, torque = self.load[:3], self.load[3:]
+        text = f"{_numbers(force)} N" + f", {_numbers(torque)} N m" * bool(torque.any())
+        return text + " in the tool frame" * (self.load_frame == "tool")
+
+    @property
+    def quantity_name(self) -> str:
+        """The mapped quantity in words."""
+        along = {None: "", "tool": " along the tool axis"}.get(self.axis, f" along {self.axis}")
+        if self.quantity == "deflection":
+            return f"predicted deflection{along}"
+        return f"predicted compliance{along}" if along else "largest principal compliance"
+
+    @property
+    def quantity_text(self) -> str:
+        """The mapped quantity and its load in words."""
+        if self.quantity == "deflection":
+            return f"{self.quantity_name} under {self.load_text}"
+        linear = self.joint_compliance is not None or not self.load.any()
+        return self.quantity_name if linear else f"{self.quantity_name} at {self.load_text}"
+
+    @property
+    def place_text(self) -> str:
+        """The planes, their ends and the orientation of the tool in words."""
+        first, second, normal = PLANES[self.plane]
+        points = self.positions.reshape(-1, 3) * MM
+        levels = ", ".join(f"{level:.0f}" for level in self.positions[:, 0, 0, normal] * MM + 0.0)
+        ends = [
+            f"{AXES[axis]} {points[:, axis].min() + 0.0:.0f} to {points[:, axis].max() + 0.0:.0f}"
+            for axis in (first, second)
+        ]
+        n_planes, n_rows, n_columns = self.blank.shape
+        size = f"{n_columns} x {n_rows} points" + " each" * (n_planes > 1)
+        turned = ", best turn about the tool axis" * (self.turn == "best")
+        tool = f"tool a, b, c = {_numbers(self.tool_angles_deg)} deg{turned}"
+        return f"{self.plane} at {AXES[normal]} = {levels} mm, {', '.join(ends)} mm, {size}; {tool}"
+
+    @property
+    def blank_text(self) -> str:
+        """Number of blank points by reason in words; "none" for no blank point."""
+        counts = {reason: int((self.blank == reason).sum()) for reason in BLANK_REASONS}
+        return ", ".join(f"{n:,} {reason}" for reason, n in counts.items() if n) or "none"
+
+    def frame(self) -> DataFrame:
+        """Return a row per point: position, joints, value, deflection, in mm and deg."""
+        import pandas as pd
+
+        def rows(values: Any) -> Any:
+            return values.reshape(-1, *values.shape[self.blank.ndim :])
+
+        columns = dict(zip(POSITION_COLUMNS, rows(self.positions).T * MM, strict=True))
+        name = f"{self.quantity}_{self.axis}" if self.axis else self.quantity
+        columns[f"{name}_{self.unit.replace('/', '_per_')}"] = rows(self.values_in_unit)
+        if self.deflections is not None:
+            columns |= dict(zip(DEFLECTION_COLUMNS, rows(self.deflections).T * MM, strict=True))
+        if self.turn == "best":
+            columns["turn_deg"] = rows(self.turns) * DEG_PER_RAD
+        joints = (rows(self.q) * file_units(self.robot)).T
+        columns |= dict(zip(joint_columns(self.robot), joints, strict=True))
+        numbers = pd.DataFrame(columns).round(8) + 0.0
+        return numbers.assign(extrapolates=rows(self.extrapolates), blank=rows(self.blank))
+
+    def plot(self) -> Prepared:
+        """Return the picture: the values over each plane, with the arm at the stiffest point."""
+        from stiff_bench.figures.stiffness_map import (
+            DrawnPlane,
+            MapContent,
+            MapMark,
+            arm_line,
+            stiffness_map_picture,
+        )
+
+        first, second, normal = PLANES[self.plane]
+        values, places = self.values_in_unit, self.positions * MM + 0.0
+        planes = [
+            DrawnPlane(
+                f"{AXES[normal]} = {points[0, 0, normal]:.0f} mm",
+                points[0, :, first],
+                points[:, 0, second],
+                values[number],
+                self.is_far[number],
+                self.is_jump[number],
+            )
+            for number, points in enumerate(places)
+        ]
+        marks: dict[str, MapMark] = {
+            kind: MapMark(at[0], places[at][[first, second]], float(values[at]))
+            for kind in EXTREMES
+            for at in [self.extreme(kind)]
+        }
+        stiffest, force = self.extreme("stiffest"), self.load[:3]
+        if self.load_frame == "tool":
+            force = self.tool_rotation(stiffest) @ force
+        content = MapContent(
+            planes=planes,
+            marks=marks,
+            axes=(first, second),
+            arm=arm_line(self.robot, self.q[stiffest]),
+            force=force if self.quantity == "deflection" else np.zeros(3),
+            label=f"{self.quantity_name} [{self.unit}]",
+            unit=self.unit,
+        )
+        about = f"{self.model_name}, robot {self.robot.name}"
+        if self.quantity == "deflection":
+            about += f", load {self.load_text}"
+        return stiffness_map_picture(content, about, self.quantity_text, self.place_text)
+
+    def view(self) -> Screen:
+        """Return the mapped quantity, its extremes, and which points are reachable or far."""
+        reached, far = self.is_reached, self.is_far
+        facts = [
+            ("map", self.quantity_text),
+            ("plane", self.place_text),
+            ("all points", self.extremes_text()),
+        ]
+        if (reached & ~far).any():
+            facts.append(("near training", self.extremes_text(near=True)))
+        facts += [
+            ("reachable", f"{reached.sum():,} of {reached.size:,} points"),
+            ("far", f"{far.sum():,} of these, from the training poses"),
+            ("blank", self.blank_text),
+        ]
+        return Screen(f"Stiffness map of {self.model_name}, robot {self.robot.name}", facts)
+
+
+def stiffness_map(
+    model: Model,
+    *,
+    load: Sequence[float] | None = None,
+    quantity: Quantity = "deflection",
+    axis: str | None = None,
+    plane: str = "xz",
+    at: float | Sequence[float] | None = None,
+    box: Sequence[float] | None = None,
+    grid: int = 100,
+    orientation: Sequence[float] | str = DOWN,
+    turn: Turn = "fixed",
+    tool: Sequence[float] | None = None,
+    load_frame: LoadFrame = "base",
+    hold: Mapping[str, float | None] | None = None,
+    output: Path | str | None = None,
+    figure: Path | str | None = None,
+) -> StiffnessMap:
+    """Map deflection under a load, or compliance, over planes of the workspace.
+
+    Each point has the arm's configuration whose joints are nearest to a training pose, inside the
+    joint limits. Points out of reach, beyond the limits or at a singularity are blank.
+
+    Args:
+        model: fitted.
+        load: (3,) force or (6,) force and torque at the TCP, N and N m; a compliance is taken at
+            this load, None: at zero.
+        quantity: "deflection" under the load, m; or "compliance" of the TCP, m/N: by the formula of
+            joint springs for `vjm`, else by central differences of the model's predictions.
+        axis: "x", "y", "z" or "tool" of a component; None: the length of the deflection, or the
+            largest principal compliance.
+        plane: "xy", "xz" or "yz", base frame.
+        at: place of the plane, or of several, on the plane's normal, mm; None: of a box its two
+            ends and the middle, else the middle of the training poses.
+        box: ends x0, x1, y0, y1, z0, z1 of the region, mm; None: all that the robot reaches.
+        grid: points along the longer edge of a plane.
+        orientation: a, b, c [deg] of the tool frame in the base frame; "down": its z axis down, its
+            x axis along that of the base's axes which is nearest to the training poses.
+        turn: "fixed", or "best": the turn about the tool axis with the smallest value, in steps of
+            30 deg.
+        tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
+            link; None: the model's TCP with the orientation of that link.
+        load_frame: "base" or "tool", in which the load is expressed.
+        hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
+            which it is held.
+        output: a new file: .csv or .parquet for a row per point, .png, .svg or .pdf for the
+            picture.
+        figure: a new picture.
+
+    Raises:
+        NotFittedError: the model is not fitted.
+        ConfigError: an option is wrong, or the load is missing.
+        DataError: no point is reached.
+        StoreError: a file cannot be written, or exists.
+    """
+    model.check_fitted()
+    valid_axes = (*MAP_AXES, *[None] * (axis is None))
+    for kind, word, valid in (
+        ("quantity", quantity, QUANTITIES),
+        ("axis", axis, valid_axes),
+        ("plane", plane, PLANES),
+        ("turn", turn, TURNS),
+        ("load frame", load_frame, ("base", "tool")),
+    ):
+        if word not in valid:
+            raise unknown_name(kind, str(word), [str(name) for name in valid])
+    files = [Path(file) for file in (output, figure) if file is not None]
+    _check_files(files, figure)
+    fitted = model.fitted
+    robot: Robot = fitted.robot_
+    held = held_positions(robot, hold or {})
+    springs = fitted.springs_.compliance if type(fitted) is VirtualJointModel else None
+
+    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        with blamed_on(model.file):
+            predicted = optional(fitted, "predict_at_tcp")(q, wrench)
+            return frozen_array(predicted, "the prediction", (len(q), 3))
+
+    training_range, tool_frame = model.training_range, tool_of(robot, tool)[:3, :3]
+    angles = _tool_angles(orientation, robot, tool_frame, training_range.poses)
+    task = WorkspaceTask(
+        robot=robot,
+        training_range=training_range,
+        predict=predict,
+        joint_compliance=springs,
+        tool=tool_frame,
+        orientation=rotation_of(angles),
+        load=_load(load, quantity),
+        in_tool_frame=load_frame == "tool",
+        quantity=quantity,
+        axis=axis,
+        held=held,
+    )
+    turns = BEST_TURNS_RAD if turn == "best" else (0.0,)
+    region = None if box is None else _box(box, plane)
+    levels = _levels(at, region, plane, task)
+    with display():
+        if region is None:
+            reach = reach_box(robot, held)
+            region = reachable_region(
+                plane, levels, reach, lambda points: task.are_reached(points, turns)
+            )
+        positions = plane_grid(plane, levels, region, grid)
+        mapped = mapped_points(task, positions, turns)
+    shape = positions.shape[:-1]
+    parts = {key: part.reshape(*shape, *part.shape[1:]) for key, part in vars(mapped).items()}
+    vectors = parts.pop("vectors")
+    is_deflection = quantity == "deflection"
+    new_map = StiffnessMap(
+        model_name=model.name,
+        robot=robot,
+        plane=plane,
+        quantity=quantity,
+        axis=axis,
+        load=task.load,
+        load_frame=load_frame,
+        turn=turn,
+        positions=positions,
+        tool_angles_deg=angles,
+        deflections=vectors if is_deflection else None,
+        compliance=None if is_deflection else vectors,
+        joint_compliance=springs,
+        **parts,
+    )
+    reached = new_map.is_reached
+    if not reached.any():
+        hint = "try --turn best, another --orientation, --at or --box"
+        raise DataError(
+            f"{robot.name} reaches no point of {new_map.place_text}: {new_map.blank_text} ({hint})"
+        )
+    _warn_extrapolation(new_map, task, mapped)
+    for file in files:
+        if file.suffix.lower() in METADATA:
+            new_map.plot().save(file)
+        else:
+            write_table(file, [new_map.frame()])
+    return new_map
+
+
+def _check_files(files: Sequence[Path], figure: Path | str | None) -> None:
+    """See that files to write are new and have a known extension."""
+    tables = (".csv", PARQUET)
+    for file in files:
+        if file.suffix.lower() not in (*tables, *METADATA):
+            raise unsupported_extension(file, (*tables, *METADATA), "output")
+        check_new_file(file)
+    if figure is not None:
+        check_suffix(Path(figure))
+    if len({file.resolve() for file in files}) < len(files):
+        raise ConfigError(f"{files[0]} is the output, too; give another name", "figure")
+
+
+def _load(load: Sequence[float] | None, quantity: Quantity) -> FloatArray:
+    """Return the (6,) load, N and N m, of three or six numbers."""
+    valid = "fx,fy,fz in N, or fx,fy,fz,tx,ty,tz in N and N m"
+    if load is None:
+        if quantity == "deflection":
+            raise ConfigError(f"is missing: give {valid}, or quantity compliance", "load")
+        return np.zeros(6)
+    if len(load) not in (3, 6):
+        raise ConfigError(f"has {len(load)} numbers (valid: {valid})", "load")
+    wrench = np.zeros(6)
+    wrench[: len(load)] = frozen_array(load, "load", (len(load),))
+    if quantity == "deflection" and not wrench.any():
+        raise ConfigError(f"is zero, and so is every deflection (valid: {valid})", "load")
+    return wrench
+
+
+def _tool_angles(
+    orientation: Sequence[float] | str, robot: Robot, tool: FloatArray, training_q: FloatArray
+) -> FloatArray:
+    """Return the (3,) angles a, b, c [deg] of the tool frame in the base frame.
+
+    Of the orientations of "down" they are those nearest to the training poses.
+    """
+    valid = f"{DOWN}, or a,b,c in deg"
+    if not isinstance(orientation, str):
+        if len(orientation) != 3:
+            raise ConfigError(f"has {len(orientation)} numbers (valid: {valid})", "orientation")
+        return frozen_array(orientation, "orientation", (3,))
+    if orientation != DOWN:
+        raise ConfigError(f"{orientation!r} (valid: {valid})", "orientation")
+    training = (robot.forward(training_q).rotation @ tool).sum(axis=0)
+    closeness = [round(float((training * rotation_of(angles)).sum()), 9) for angles in DOWN_DEG]
+    return np.array(DOWN_DEG[int(np.argmax(closeness))])
+
+
+def rotation_of(angles: Sequence[float] | FloatArray) -> FloatArray:
+    """Return the (3, 3) rotation of KUKA's angles a, b, c [deg]."""
+    return frame_matrix((0.0, 0.0, 0.0, *angles))[:3, :3]
+
+
+def _box(box: Sequence[float], plane: str) -> FloatArray:
+    """Return (3, 2) the ends of a box along x, y and z, m."""
+    valid = "x0,x1,y0,y1,z0,z1 in mm, each end at least the one before"
+    if len(box) != 6:
+        raise ConfigError(f"has {len(box)} numbers (valid: {valid})", "box")
+    ends = frozen_array(box, "box", (6,)).reshape(3, 2)
+    text = ",".join(f"{end:g}" for end in box)
+    if (ends[:, 0] > ends[:, 1]).any() or np.abs(ends).max() > LARGEST_MM:
+        raise ConfigError(f"{text} (valid: {valid}, up to {LARGEST_MM:g} mm)", "box")
+    if not np.ptp(ends[[*PLANES[plane][:2]]], axis=1).any():
+        raise ConfigError(f"{text} has no extent in the plane {plane} (valid: {valid})", "box")
+    return ends / MM_PER_M
+
+
+def _levels(
+    at: float | Sequence[float] | None, region: FloatArray | None, plane: str, task: WorkspaceTask
+) -> FloatArray:
+    """Return (n_planes,) the places of the planes on their normal, m."""
+    normal = PLANES[plane][2]
+    if at is not None:
+        levels = np.atleast_1d(np.asarray(at, dtype=np.float64))
+        if not 0 < len(levels) <= MOST_PLANES or not (np.abs(levels) <= LARGEST_MM).all():
+            raise ConfigError(
+                f"{at} (valid: 1 to {MOST_PLANES} numbers up to {LARGEST_MM:g} mm)", "at"
+            )
+        return np.asarray(levels / MM_PER_M)
+    if region is not None:
+        low, high = region[normal]
+        return np.array([low]) if low == high else np.linspace(low, high, BOX_PLANES)
+    training = task.robot.tcp_position(task.training_range.poses)[:, normal]
+    return np.array([np.rint(np.median(training) / LEVEL_M) * LEVEL_M])
+
+
+def _warn_extrapolation(new_map: StiffnessMap, task: WorkspaceTask, mapped: MappedPoints) -> None:
+    """Warn which points are far from the training samples, with numbers."""
+    rows = mapped.blank == ""
+    wrench = np.stack([task.wrench(turn) for turn in mapped.turns[rows]])
+    words = mapped.extrapolates[rows].tolist()
+    text = extrapolation_warning(task.training_range, new_map.robot, mapped.q[rows], wrench, words)
+    if text:
+        message = f"{text}; see the column extrapolates"
+        warn(message, stacklevel=3)
+
+
+def _numbers(values: FloatArray) -> str:
+    """Return numbers with commas between, such as "0, 0, -100"."""
+    return ", ".join(f"{value:.4g}" for value in values + 0.0)

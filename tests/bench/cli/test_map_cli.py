@@ -1,0 +1,221 @@
+"""`bench map`: the answer in the first line, its table and picture, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+import stiffbench as sb
+from helpers.command_line import bench_here
+from stiff_protocols.contract.errors import ConfigError, DataError, NotFittedError, StoreError
+
+pytestmark = pytest.mark.filterwarnings("ignore:extrapolation")
+
+LOAD = (0.0, 0.0, -60.0)
+BOX = (300.0, 1100.0, 0.0, 0.0, 0.0, 800.0)
+SMALL = {"load": LOAD, "box": BOX, "grid": 9}
+ANSWER = re.compile(
+    r"stiffest (\S+) mm at \((.+?)\) mm, softest (\S+) mm at \((.+?)\) mm; (\d+) of (\d+) points "
+    r"reachable, (\d+) of these far from the training poses"
+)
+
+
+@pytest.fixture(scope="module")
+def vjm(twin):
+    return sb.make_model("vjm").fit(twin)
+
+
+@pytest.fixture(scope="module")
+def folder(vjm, tmp_path_factory):
+    place = tmp_path_factory.mktemp("maps")
+    vjm.save(place / "vjm.stiff")
+    return place
+
+
+@pytest.fixture(scope="module")
+def small(vjm):
+    with pytest.warns(match="extrapolation"):
+        return sb.stiffness_map(vjm, **SMALL)
+
+
+def test_the_first_line_is_the_answer_and_table_and_picture_agree_with_it(folder):
+    words = ("--model", "vjm.stiff", "--load", "0,0,-60", "--box", "300,1100,0,0,0,800")
+    files = ("--grid", "9", "--output", "map.csv", "--figure", "map.png")
+    done = bench_here("map", *words, *files, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    low, low_at, high, high_at, reached, n_points, far = ANSWER.match(done.stdout).groups()
+    table = pd.read_csv(folder / "map.csv", keep_default_na=False, na_values={"deflection_mm": ""})
+    values = table["deflection_mm"]
+    assert len(table) == int(n_points) == 81
+    assert values.notna().sum() == int(reached)
+    assert (table["blank"] == "").sum() == int(reached)
+    assert table["extrapolates"].str.contains("joints|pose-gap").sum() == int(far)
+    for value, at, row in (
+        (low, low_at, table.loc[values.idxmin()]),
+        (high, high_at, table.loc[values.idxmax()]),
+    ):
+        assert float(value) == pytest.approx(row["deflection_mm"], rel=5e-3)
+        assert [float(number) for number in at.split(",")] == [row.x_mm, row.y_mm, row.z_mm]
+    assert "extrapolation in" in done.stderr
+    with Image.open(folder / "map.png") as picture:
+        assert picture.width > 900
+    written = (folder / "map.csv").read_bytes()
+    again = bench_here("map", *words, *files[:2], "--output", "again.csv", cwd=folder)
+    assert again.returncode == 0
+    assert (folder / "again.csv").read_bytes() == written
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_the_output_may_be_the_picture(folder, suffix):
+    words = ("--model", "vjm.stiff", "--quantity", "compliance", "--grid", "8", "--plane", "xy")
+    done = bench_here("map", *words, "--output", f"only.{suffix}", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "mm/kN" in done.stdout.splitlines()[0]
+    assert (folder / f"only.{suffix}").stat().st_size > 5000
+
+
+def test_the_map_is_the_models_prediction_at_its_joint_positions(vjm, small):
+    q = small.q[small.is_reached]
+    predicted = vjm.fitted.predict(q, np.tile([*LOAD, 0, 0, 0], (len(q), 1)))
+    np.testing.assert_allclose(small.deflections[small.is_reached], predicted, atol=1e-15)
+    lengths = np.linalg.norm(predicted, axis=1)
+    np.testing.assert_allclose(small.values[small.is_reached], lengths)
+    np.testing.assert_allclose(
+        small.robot.tcp_position(q), small.positions[small.is_reached], atol=1e-7
+    )
+    assert small.positions.shape == (1, 9, 9, 3)
+
+
+def test_a_model_with_another_fitted_point_predicts_the_tcp(twin):
+    model = sb.make_model("vjm", tcp="fit").fit(twin)
+    new_map = sb.stiffness_map(model, **SMALL)
+    q = new_map.q[new_map.is_reached]
+    predicted = model.fitted.predict_at_tcp(q, np.tile([*LOAD, 0, 0, 0], (len(q), 1)))
+    np.testing.assert_allclose(new_map.deflections[new_map.is_reached], predicted, atol=1e-15)
+
+
+def test_any_model_has_a_map_of_compliance_and_vjm_its_stiffness_matrix(vjm, twin):
+    options = {"quantity": "compliance", "box": BOX, "grid": 6}
+    of_vjm = sb.stiffness_map(vjm, **options)
+    knn = sb.make_model("knn").fit(twin)
+    of_knn = sb.stiffness_map(knn, **options)
+    np.testing.assert_array_equal(of_vjm.q, of_knn.q)
+    assert np.isfinite(of_knn.values[of_knn.is_reached]).all()
+    with pytest.raises(ConfigError, match="valid: vjm"):
+        _ = of_knn.cartesian_stiffness
+    stiffness = of_vjm.cartesian_stiffness[of_vjm.is_reached]
+    inverse = np.linalg.inv(stiffness)[:, :3, :3]
+    np.testing.assert_allclose(inverse, of_vjm.compliance[of_vjm.is_reached], rtol=1e-6, atol=1e-12)
+
+
+def test_a_component_is_that_of_the_deflection(vjm, small):
+    along_z = sb.stiffness_map(vjm, axis="z", **SMALL)
+    np.testing.assert_array_equal(along_z.values, small.deflections[..., 2])
+    down = sb.stiffness_map(vjm, axis="tool", **SMALL)
+    np.testing.assert_allclose(down.values, -along_z.values, atol=1e-18)
+    assert "deflection_z_mm" in along_z.frame()
+
+
+def test_a_box_is_drawn_as_slices_through_its_ends_and_its_middle(vjm):
+    box = (400.0, 900.0, -200.0, 200.0, 200.0, 600.0)
+    new_map = sb.stiffness_map(vjm, load=LOAD, box=box, grid=6, plane="xy")
+    assert new_map.positions[:, 0, 0, 2].tolist() == pytest.approx([0.2, 0.4, 0.6])
+    figure = new_map.plot().draw()
+    assert [axes.get_title(loc="left") for axes in figure.axes[:3]] == [
+        "(a) z = 200 mm",
+        "(b) z = 400 mm",
+        "(c) z = 600 mm",
+    ]
+    chosen = sb.stiffness_map(vjm, load=LOAD, box=box, grid=6, plane="xy", at=(250.0, 300.0))
+    assert chosen.positions[:, 0, 0, 2].tolist() == [0.25, 0.3]
+
+
+def test_without_a_box_the_map_holds_all_that_the_robot_reaches(vjm):
+    full_map = sb.stiffness_map(vjm, load=LOAD, grid=30)
+    edges = [full_map.is_reached[0, at] for at in (0, -1)] + [
+        full_map.is_reached[0, :, at] for at in (0, -1)
+    ]
+    assert sum(edge.sum() for edge in edges) <= 4
+    assert full_map.is_reached.mean() > 0.3
+
+
+def test_far_points_are_those_of_the_rule_and_the_load_does_not_count(vjm, small):
+    heavy = sb.stiffness_map(vjm, **SMALL | {"load": (0.0, 0.0, -900.0)})
+    np.testing.assert_array_equal(heavy.is_far, small.is_far)
+    assert (np.char.find(heavy.extrapolates, "load") >= 0).sum() == heavy.is_reached.sum()
+    q = small.q[small.is_reached]
+    words = vjm.training_range.extrapolates(q, np.tile([*LOAD, 0, 0, 0], (len(q), 1)))
+    assert small.extrapolates[small.is_reached].tolist() == words
+    assert not small.is_far[~small.is_reached].any()
+
+
+def test_the_map_is_frozen_and_fits_a_screen(small):
+    with pytest.raises(FrozenInstanceError):
+        small.plane = "xy"
+    with pytest.raises(ValueError, match="read-only"):
+        small.values[0] = 0.0
+    lines = repr(small).splitlines()
+    assert lines[0].startswith("Stiffness map of vjm") and max(map(len, lines)) <= 100
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        ((), ["--load is missing", "fx,fy,fz in N", "compliance"]),
+        (("--load", "0,0"), ["--load", "2 numbers", "fx,fy,fz,tx,ty,tz"]),
+        (("--load", "0,0,0"), ["--load is zero"]),
+        (("--load", "a,b,c"), ["--load", "a,b,c"]),
+        (("--load", "0,0,-9", "--plane", "zz"), ["--plane", "zz", "xz"]),
+        (("--load", "0,0,-9", "--orientation", "1,2"), ["--orientation", "down"]),
+        (("--load", "0,0,-9", "--box", "1,2,3"), ["--box", "x0,x1,y0,y1,z0,z1"]),
+        (("--load", "0,0,-9", "--box", "9,2,0,0,0,9"), ["--box", "each end at least"]),
+        (("--load", "0,0,-9", "--box", "5,5,0,9,7,7"), ["--box", "no extent", "xz"]),
+        (("--load", "0,0,-9", "--at", "1,2,x"), ["--at", "mm"]),
+        (("--load", "0,0,-9", "--at", "5e5"), ["--at", "100000"]),
+        (("--load", "0,0,-9", "--grid", "1"), ["--grid", "at least 2"]),
+        (("--load", "0,0,-9", "--hold", "A3=3"), ["--hold", "no joint to hold"]),
+        (("--load", "0,0,-9", "--tool", "1,2,3,0,0,0"), ["--tool", "not the TCP"]),
+        (("--load", "0,0,-9", "--output", "map.txt"), ["--output", "map.txt", ".csv"]),
+        (("--load", "0,0,-9", "--figure", "map.csv"), ["map.csv", ".png"]),
+        (
+            ("--load", "0,0,-9", "--box", "5000,6000,0,0,0,900", "--grid", "4"),
+            ["reaches no point", "16 out of reach", "--box"],
+        ),
+    ],
+)
+def test_bad_input_is_one_line_that_says_what_is_valid(folder, words, parts):
+    before = sorted(folder.iterdir())
+    done = bench_here("map", "--model", "vjm.stiff", *words, cwd=folder)
+    assert done.returncode == 2
+    lines = [line for line in done.stderr.splitlines() if line.startswith("bench: error")]
+    assert len(lines) == 1 and done.stdout == ""
+    assert [part for part in parts if part not in lines[0]] == []
+    assert sorted(folder.iterdir()) == before
+
+
+def test_words_and_files_that_cannot_serve_are_refused_in_python(vjm, tmp_path):
+    for wrong, message in (
+        ({"quantity": "stress"}, "unknown quantity 'stress'"),
+        ({"axis": "w"}, "unknown axis 'w'"),
+        ({"plane": "zx"}, "unknown plane 'zx'"),
+        ({"turn": "worst"}, "unknown turn"),
+        ({"load_frame": "world"}, "unknown load frame"),
+        ({"orientation": "up"}, "'up' .valid: down"),
+        ({"at": ()}, "valid: 1 to 9 numbers"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            sb.stiffness_map(vjm, **SMALL | wrong)
+    with pytest.raises(DataError):
+        sb.stiffness_map(vjm, **SMALL | {"load": (np.nan, 0.0, 0.0)})
+    with pytest.raises(NotFittedError):
+        sb.stiffness_map(sb.make_model("vjm"), **SMALL)
+    (tmp_path / "map.csv").write_text("mine")
+    with pytest.raises(StoreError, match="exists"):
+        sb.stiffness_map(vjm, **SMALL, output=tmp_path / "map.csv")
+    with pytest.raises(ConfigError, match="is the output, too"):
+        sb.stiffness_map(vjm, **SMALL, output=tmp_path / "m.png", figure=tmp_path / "m.png")
