@@ -18,12 +18,12 @@ from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
-from stiff_bench.run.whole_fit import left_out_errors, whole_fit
+from stiff_bench.run.whole_fit import cross_validated_error, left_out_errors, whole_fit
 from stiff_bench.tables.fit_notes import springs_table
 from stiff_bench.tables.metric_table import metric_lines
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Table
-from stiff_bench.tables.units import counted
+from stiff_bench.tables.units import MM, counted
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -50,6 +50,7 @@ from stiff_protocols.contract.types import (
     frozen_array,
 )
 from stiff_protocols.scoring.conformal import calibration_samples_needed, conformal_interval
+from stiff_protocols.scoring.cross_validated import CrossValidatedError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -224,6 +225,28 @@ class Model(Shown):
         return frozen_array(errors, "left-out errors", (None, len(AXES)))
 
     @property
+    def cross_validated_error(self) -> CrossValidatedError | None:
+        """Error at poses that fits of this model to the same data left out; None: not stored.
+
+        The first use after `fit` makes these fits, one for each fifth of the poses; `save` keeps
+        the error with the model.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            StiffBenchError: the data have one pose, or cannot be fitted without a fifth of them.
+        """
+        self.check_fitted()
+        stored = getattr(self.fitted, "cross_validated_error_", None)
+        if stored is None and self.data is not None:
+            data, seed = self.data
+            with display():
+                stored = cross_validated_error(self.choice, data.samples, data.robot, seed=seed)
+            self.fitted.cross_validated_error_ = stored
+        if not isinstance(stored, CrossValidatedError | None):
+            raise DataError(f"{self.file}: its cross-validated error is a {type(stored).__name__}")
+        return stored
+
+    @property
     def training_range(self) -> TrainingRange:
         """Joint positions and loads of the samples that it was fitted to; saved with the model.
 
@@ -388,17 +411,33 @@ class Model(Shown):
             f"{data.robot.name}, seed {seed}",
             *self.learned,
             *(f"- {line}" for line in (*info.caveats, self.note) if line),
-            "- Errors on new poses: `bench run`.",
+            f"- {self._error_text()}",
         ]
         return Text("\n".join(lines))
 
-    def save(self, file: Path | str) -> None:
+    def _error_text(self) -> str:
+        """Say how far the fit is off at left-out poses, or that nobody has computed it."""
+        stored = getattr(self.fitted, "cross_validated_error_", None)
+        if not stored:
+            return "Errors on new poses: `bench run`."
+        return (
+            f"3-D error at left-out poses, cross-validated in {stored.n_folds} folds: "
+            f"{MM * stored.mean:.3g} mm mean, {MM * stored.rms:.3g} mm RMS, 90 % within "
+            f"{MM * stored.quantile_90:.3g} mm"
+        )
+
+    def save(self, file: Path | str, *, cross_validate: bool = True) -> None:
         """Write the fitted model to a file, which `load_model` and `bench predict` read.
 
-        A file that is there is replaced.
+        A file that is there is replaced. After `fit`, further fits give the errors at left-out
+        poses that intervals and `cross_validated_error` need, and the file keeps them.
 
         The file of a plugin's model holds the hash of the plugin's code, and is read only where
         the plugin is named.
+
+        Args:
+            file: its path.
+            cross_validate: False saves five fits and stores no `cross_validated_error`.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -411,6 +450,8 @@ class Model(Shown):
         choice = self.choice
         if self.data is not None and not offers(self.fitted, "predict_interval"):
             self._keep_left_out_errors()
+        if self.data is not None and cross_validate:
+            self._keep_cross_validated_error()
         is_plugin = choice.cls.__module__ != "__main__" and bool(code_of(choice.cls))
         save(self.fitted, Path(file), {choice.info.key: choice.params} if is_plugin else None)
 
@@ -421,6 +462,14 @@ class Model(Shown):
         except Exception as error:  # whatever a third-party model raises in its second fit
             self.fitted.left_out_errors_ = np.empty((0, len(AXES)))
             text = f"{self.name} is saved without intervals: {said_by(error)}"
+            warn(text, stacklevel=3)
+
+    def _keep_cross_validated_error(self) -> None:
+        """Compute the error at left-out poses; where that fails, there is none, and a warning."""
+        try:
+            _ = self.cross_validated_error
+        except Exception as error:  # whatever a third-party model raises in another fit
+            text = f"{self.name} is saved without a cross-validated error: {said_by(error)}"
             warn(text, stacklevel=3)
 
     def view(self) -> Screen:
@@ -439,6 +488,8 @@ class Model(Shown):
         if chosen := getattr(self.fitted, "best_params_", None):
             facts.append(("options chosen", in_words(chosen)))
         facts.append(("number of epochs", self.note))
+        if getattr(self.fitted, "cross_validated_error_", None):
+            facts.append(("accuracy", self._error_text()))
         table, springs = Table("", [], []), getattr(self.fitted, "springs_", None)
         numbers = self.diagnostics
         if springs:

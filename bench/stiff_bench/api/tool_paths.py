@@ -136,9 +136,9 @@ def compensate_path(
     output: Path | str,
     *,
     tool: Sequence[float] | None = None,
-    frame: Sequence[float] | None = None,
+    workpiece: Sequence[float] | None = None,
     load: Sequence[float] | None = None,
-    load_frame: LoadFrame = "base",
+    frame: LoadFrame = "base",
     start: Sequence[float] | None = None,
     hold: Mapping[str, float | None] | None = None,
     tolerance: float = MM_PER_M * TOLERANCE_M,
@@ -159,9 +159,10 @@ def compensate_path(
         output: a new file.
         tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
             link; None: the model's TCP with the orientation of that link.
-        frame: x, y, z [mm], a, b, c [deg] of the path's frame in the base frame; None: the base.
+        workpiece: x, y, z [mm], a, b, c [deg] of the path's frame in the base frame; None: the
+            base frame.
         load: (6,) process load at every point, N and N m, for a file without loads.
-        load_frame: "base" or "tool", in which loads are expressed.
+        frame: "base" or "tool", in which loads are expressed.
         start: (n_joints,) joint positions near the first point, deg or mm, which choose the
             configuration; None: the one that is nearest to the training poses.
         hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
@@ -183,7 +184,7 @@ def compensate_path(
         StoreError: a file cannot be written, or exists.
     """
     for kind, word, valid in (
-        ("load frame", load_frame, ("base", "tool")),
+        ("frame", frame, ("base", "tool")),
         ("on-failure", on_failure, ("stop", "keep")),
     ):
         if word not in valid:
@@ -202,8 +203,8 @@ def compensate_path(
         tool_of(arm, tool),
         sheet_name=sheet,
         load=load,
-        load_frame=load_frame,
         frame=frame,
+        workpiece=workpiece,
     )
     for oddity in table.oddities:
         say(f"warning: {oddity}")

@@ -116,14 +116,14 @@ def example(**words: Any) -> None:
     "the axes of the last link]",
 )
 @click.option(
-    "--frame",
+    "--workpiece",
     type=FRAME,
     metavar="X,Y,Z,A,B,C",
     help="Frame of the path in the base frame, in mm and deg.  [default: the base frame]",
 )
 @load_option
 @click.option(
-    "--load-frame",
+    "--frame",
     type=click.Choice(["base", "tool"]),
     default="base",
     help="Frame that loads are expressed in.",

@@ -137,8 +137,8 @@ def read_path(
     *,
     sheet_name: str | None = None,
     load: Sequence[float] | None = None,
-    load_frame: LoadFrame = "base",
-    frame: Sequence[float] | None = None,
+    frame: LoadFrame = "base",
+    workpiece: Sequence[float] | None = None,
 ) -> PathTable:
     """Read the points of a path.
 
@@ -148,17 +148,17 @@ def read_path(
         tool: (4, 4) in the last joint's frame, m (`tool_of`).
         sheet_name: of an Excel file; None: the only one that holds a table.
         load: (6,) N and N m at every point, for a file without loads.
-        load_frame: in which loads are expressed.
-        frame: x, y, z [mm], a, b, c [deg] of the frame of the poses in the base frame; None: they
-            are in the base frame.
+        frame: in which loads are expressed.
+        workpiece: x, y, z [mm], a, b, c [deg] of the frame of the poses in the base frame; None:
+            they are in the base frame.
 
     Raises:
         DataError: the file is unreadable or wrongly headed, or a value is none; the message names
             file, row, column, value and what is valid.
         ConfigError: the file has no such sheet, or `load` is no load, or is given and the file has
-            loads, or `frame` is missing or without use.
+            loads, or `workpiece` is missing or without use.
     """
-    base = np.eye(4) if frame is None else frame_matrix(frame)
+    base = np.eye(4) if workpiece is None else frame_matrix(workpiece)
     joints = joint_columns(robot)
     poses = (*POSITION_COLUMNS, *ANGLE_COLUMNS, *QUATERNION_COLUMNS)
     sheet = read_sheet(file, sheet_name)
@@ -195,7 +195,7 @@ def read_path(
         problems = [*radian_problems(numbers, robot), *limit_problems(sheet, numbers, robot)]
     elif not problems:
         problems = [*_pose_problems(sheet, numbers, angles)]
-    frame_name, mixed = _frame_name(sheet, frame)
+    frame_name, mixed = _frame_name(sheet, workpiece)
     if problems := [*problems, *mixed]:
         raise problems_error(file, problems)
     q, written = None, pd.DataFrame(dict(zip(places[3:], numbers.T[3:], strict=True)))
@@ -208,7 +208,7 @@ def read_path(
         position = numbers[:, :3] / MM_PER_M @ base[:3, :3].T + base[:3, 3]
         rotation = base[:3, :3] @ _turned(numbers[:, 3:]) @ tool[:3, :3].T
     written = written.assign(**dict(zip(WRENCH_COLUMNS, wrench.T, strict=True)))
-    if load_frame == "tool":
+    if frame == "tool":
         tools = rotation @ tool[:3, :3]
         wrench = np.einsum("nij,nkj->nki", tools, wrench.reshape(-1, 2, 3)).reshape(-1, 6)
     return PathTable(
@@ -354,18 +354,18 @@ def _oddities(sheet: Sheet, turn: FloatArray, angles: tuple[str, ...]) -> Iterat
         )
 
 
-def _frame_name(sheet: Sheet, frame: Sequence[float] | None) -> tuple[str, list[Problem]]:
+def _frame_name(sheet: Sheet, workpiece: Sequence[float] | None) -> tuple[str, list[Problem]]:
     """Return the name of the one frame of a file, and rows with another."""
-    usual = BASE if frame is None else "workpiece"
+    usual = BASE if workpiece is None else "workpiece"
     if FRAME_COLUMN not in sheet.cells:
         return usual, []
     names = sheet.cells[FRAME_COLUMN].astype(str)
     names = names.where(names != "", usual)
     first = names.iloc[0]
-    if (first == BASE) != (frame is None):
+    if (first == BASE) != (workpiece is None):
         where = "say where that is in the base frame (valid: x,y,z,a,b,c in mm and deg)"
         hint = "which is known" if first == BASE else where
-        raise ConfigError(f"{sheet.path} is in the frame {first!r}; {hint}", "frame")
+        raise ConfigError(f"{sheet.path} is in the frame {first!r}; {hint}", "workpiece")
     others = np.flatnonzero((names != first).to_numpy())
     valid = f"{first!r}, the frame of the first row"
     return first, [cell_problem(sheet, row, FRAME_COLUMN, valid) for row in others]

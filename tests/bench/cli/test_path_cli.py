@@ -137,7 +137,7 @@ def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_
     in_tool = wanted.copy()
     in_tool[FORCE] = turn.inv().apply(wanted[FORCE])
     in_tool[LOADS[3:]] = turn.inv().apply(wanted[LOADS[3:]])
-    same(in_tool, load_frame="tool")
+    same(in_tool, frame="tool")
     tool = Rotation.from_euler("ZYX", [30.0, 20.0, 10.0], degrees=True)
     tilted = wanted.copy()
     tilted[ANGLES] = (turn * tool).as_euler("ZYX", degrees=True)
@@ -146,7 +146,7 @@ def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_
     local = wanted.assign(frame="table")
     local[POSITION] = table.inv().apply(wanted[POSITION] - [500.0, 10.0, 300.0])
     local[ANGLES] = (table.inv() * turn).as_euler("ZYX", degrees=True)
-    again = same(local, frame=(500.0, 10.0, 300.0, 90.0, 0.0, 10.0))
+    again = same(local, workpiece=(500.0, 10.0, 300.0, 90.0, 0.0, 10.0))
     back = table.apply(again[POSITION])
     back += np.array([500.0, 10.0, 300.0])
     np.testing.assert_allclose(back, written[POSITION], atol=1e-6)
@@ -273,11 +273,11 @@ def test_arguments_that_cannot_serve_and_files_that_exist_are_refused(vjm, squar
             use()
     with pytest.raises(NotFittedError):
         compensate_path(sb.make_model("vjm"), square, tmp_path / "c.csv")
-    for wrong in ({"on_failure": "go on"}, {"load_frame": "world"}, {"iterations": 0}):
+    for wrong in ({"on_failure": "go on"}, {"frame": "world"}, {"iterations": 0}):
         with pytest.raises(ConfigError, match="valid: "):
             compensate_path(vjm, square, tmp_path / "c.csv", **wrong)
     with pytest.raises(DataError, match="frame has shape"):
-        compensate_path(vjm, square, tmp_path / "c.csv", frame=(1.0, 2.0))
+        compensate_path(vjm, square, tmp_path / "c.csv", workpiece=(1.0, 2.0))
 
 
 # ---- more than six joints --------------------------------------------------------------------
