@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.api.remaining_error import ExpectedError, expected_error
 from stiff_bench.api.robots import as_robot, payload_of
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
@@ -25,14 +26,14 @@ from stiff_datasets.measured.path_file import (
     write_path,
 )
 from stiff_datasets.measured.row_checks import Problem, problems_error
-from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
+from stiff_datasets.measured.rows_beyond_training import extrapolation_details
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
 from stiff_datasets.measured.sheet_files import write_table
 from stiff_protocols.contract.errors import ConfigError, ModelError, unknown_name, warn
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY, Robot
-from stiff_protocols.contract.stiffness_model import interval_at_tcp, offers, optional
-from stiff_protocols.contract.types import FloatArray, Interval
+from stiff_protocols.contract.stiffness_model import offers, optional
+from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.compensation import (
     MAX_ITERATIONS,
     TOLERANCE_M,
@@ -49,43 +50,70 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CorrectedPath:
-    """A path and the commands that put the loaded tool on it; its file has more columns.
+    """A path and the commands that correct it; its file has more columns.
 
     Attributes:
-        name: of the path.
+        name: name of the path.
         found: points, commands and predicted deflections.
-        interval: of the deflections at the commands; None where none was asked for.
+        prediction_error: expected error of the predictions at the commands.
+        extrapolates: (n,) words for what of a point is beyond the training range, "" for nothing.
+        beyond: details of the points that are beyond it, with numbers; "" if none is.
     """
 
     name: str
     found: Compensation
-    interval: Interval | None
+    prediction_error: ExpectedError
+    extrapolates: Sequence[str]
+    beyond: str
 
     @property
-    def error_before(self) -> FloatArray:
-        """(n,) predicted distance from the path without correction, m."""
-        return np.asarray(np.linalg.norm(self.found.before, axis=1))
+    def removed(self) -> FloatArray:
+        """(n,) length of the predicted deflection that the commands take out, m."""
+        return np.asarray(np.linalg.norm(self.found.removed, axis=1))
 
     @property
-    def error_after(self) -> FloatArray:
-        """(n,) predicted distance from the path with the commands, m."""
-        return np.asarray(np.linalg.norm(self.found.after, axis=1))
+    def expected_error(self) -> FloatArray | None:
+        """(n,) expected remaining distance from the path, m; None: not known.
+
+        It is the expected error of the prediction. The predicted deflection of a point that was not
+        corrected is added.
+        """
+        errors = self.prediction_error.values
+        if errors is None:
+            return None
+        return np.asarray(errors + np.linalg.norm(self.found.residual, axis=1))
+
+    @property
+    def training_text(self) -> str:
+        """Share of points beyond the training range, and how far they are."""
+        n_beyond, n = sum(map(bool, self.extrapolates)), len(self.extrapolates)
+        text = f"{n_beyond} of {n} points are beyond the training range"
+        return f"{text}: {self.beyond}" if self.beyond else text
 
     def plot(self) -> Prepared:
-        """Return the picture of the path and its predicted errors before and after."""
+        """Return the picture of the path, its removed deflection and expected remaining error."""
         from stiff_bench.figures.corrected_path import path_picture
 
-        return path_picture(self.name, self.found, self.interval)
+        source = self.prediction_error.source
+        return path_picture(
+            self.name, self.found, self.expected_error, source, list(self.extrapolates)
+        )
 
     def __repr__(self) -> str:
-        """Return how many points were corrected, and the predicted errors."""
-        before, after = MM_PER_M * self.error_before, MM_PER_M * self.error_after
-        done = int(self.found.converged.sum())
-        return (
-            f"{done} of {len(before)} points corrected\n"
-            f"predicted path error before: {before.mean():.4g} mm mean, {before.max():.4g} mm "
-            f"largest; after: {after.mean():.2g} mm mean, {after.max():.2g} mm largest"
-        )
+        """Return the share beyond the training range, what is removed, and what may remain."""
+        removed, errors = self.removed, self.expected_error
+        source, n = self.prediction_error.source, len(removed)
+        lines = [
+            self.training_text,
+            f"{self.found.converged.sum()} of {n} points corrected",
+            f"removed (predicted deflection): {_mean_and_largest(removed)}",
+        ]
+        if errors is None:
+            return "\n".join([*lines, f"expected remaining error: {source}"])
+        lines.append(f"expected remaining error: {_mean_and_largest(errors)} ({source})")
+        if n_larger := int((errors >= removed).sum()):
+            lines.append(f"at {n_larger} of {n} points more may remain than is removed")
+        return "\n".join(lines)
 
 
 def example_path(
@@ -168,13 +196,14 @@ def compensate_path(
         hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
             which it is held along the path; None: where `start` or the path's own joint angles have
             it.
-        tolerance: remaining predicted error at which a point is done, mm.
+        tolerance: largest last step of the iteration, mm.
         iterations: predictions of a point at most.
         on_failure: "stop" with an error at a point that cannot be corrected, or "keep" it
             uncorrected and warn.
-        coverage: of intervals that are written, too (0..1); None: none are.
+        coverage: of intervals that are written, too, and from which the expected remaining error
+            follows (0..1); None: none are, and it is the model's cross-validated error.
         sheet: of an Excel file; None: the only one that holds a table.
-        figure: a new picture of the path and its errors.
+        figure: a new picture of the path, what is removed and what may remain.
 
     Raises:
         NotFittedError: the model is not fitted.
@@ -230,18 +259,22 @@ def compensate_path(
         failures = _failures(file, table, arm, found, f"{tolerance:g} mm within {iterations}")
         if failures and on_failure == "stop":
             raise ModelError(f"{failures}; on-failure keep leaves such points uncorrected")
-        interval = None
-        if coverage is not None:
-            with blamed_on(model.file):
-                interval = model.predict_interval(found.q, wrench, coverage)
-                interval = interval_at_tcp(fitted, interval, found.q, wrench)
         extrapolates = known.extrapolates(found.q, wrench)
         carried = 0.0
         if offers(fitted, "predict_at_tcp"):
             with blamed_on(model.file):
                 own = fitted.predict(found.q, wrench)
             carried = np.linalg.norm(found.deflection - own, axis=1).max()
-        write_table(output, [corrected_table(table, arm, found, extrapolates, interval)])
+        corrected = CorrectedPath(
+            table.path.name,
+            found,
+            expected_error(model, found.q, wrench, coverage),
+            extrapolates,
+            extrapolation_details(known, arm, found.q, wrench, extrapolates),
+        )
+        interval = corrected.prediction_error.interval
+        errors = corrected.expected_error
+        write_table(output, [corrected_table(table, arm, found, extrapolates, errors, interval)])
     if not wrench.any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
     if carried:
@@ -250,15 +283,19 @@ def compensate_path(
             f"rotation of the tool, which was not measured, changes the deflections by up to "
             f"{MM_PER_M * carried:.3g} mm on the way to the TCP"
         )
-    beyond = extrapolation_warning(known, arm, found.q, wrench, extrapolates)
+    beyond = corrected.training_text if corrected.beyond else ""
     for warning, column in ((failures, "uncorrected"), (beyond, "extrapolates")):
         if warning:
             text = f"{warning}; see the column {column}"
             warn(text)
-    corrected = CorrectedPath(table.path.name, found, interval)
     if figure is not None:
         corrected.plot().save(Path(figure))
     return corrected
+
+
+def _mean_and_largest(lengths: FloatArray) -> str:
+    """Return mean and largest of (n,) lengths, m, in mm."""
+    return f"{MM_PER_M * lengths.mean():.3g} mm mean, {MM_PER_M * lengths.max():.3g} mm largest"
 
 
 def _driven(

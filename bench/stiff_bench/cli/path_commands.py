@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +108,7 @@ def example(**words: Any) -> None:
     help="Tool path: a file of points.",
 )
 @sheet_option
-@output_option("FILE.csv", "New file: commanded poses and joint angles, predicted errors.")
+@output_option("FILE.csv", "New file: commanded poses, removed deflection, expected error.")
 @click.option(
     "--tool",
     type=FRAME,
@@ -141,7 +142,7 @@ def example(**words: Any) -> None:
     type=Millimetres(1e-5, 10),
     default=1e-3,
     metavar="MM",
-    help="Largest predicted error that may remain.",
+    help="Largest last step of the iteration.",
 )
 @click.option(
     "--iterations",
@@ -155,21 +156,22 @@ def example(**words: Any) -> None:
     default="stop",
     help="If a point cannot be corrected: stop, or keep it uncorrected and name it.",
 )
-@coverage_option("Add prediction intervals of this coverage, per axis.")
+@coverage_option("Expected remaining error from prediction intervals of this coverage, per axis.")
 @click.option(
     "--figure",
     type=PICTURE,
     metavar="FILE.png",
-    help="Draw the path and its errors.",
+    help="Draw the path, what is removed and what may remain.",
 )
 @plugin_option
 def compensate(model: Path, points: Path, output: Path, **words: Any) -> None:
     """Write the commands that put the loaded tool on a path.
 
-    The predicted deflection at the commanded pose is subtracted, until the loaded tool is predicted
-    to be on the path. Its orientation does not change.
+    The predicted deflection at the commanded pose is subtracted. The orientation of the tool does
+    not change. The output says what is removed, and what error may remain on the robot.
     """
     fitted = api.model.load_model(model)
     with warnings_said():
+        warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
         corrected = api.tool_paths.compensate_path(fitted, points, output, **words)
-    print_prose(f"{output}: {fitted.name}, robot {fitted.fitted.robot_.name}; {corrected!r}")
+    print_prose(f"{corrected!r}\n{output}: {fitted.name}, robot {fitted.fitted.robot_.name}")

@@ -273,6 +273,7 @@ def corrected_table(
     robot: Robot,
     found: Compensation,
     extrapolates: Sequence[str],
+    expected_error: FloatArray | None,
     interval: Interval | None = None,
 ) -> pd.DataFrame:
     """Return the commands of a corrected path as a file has them.
@@ -282,14 +283,17 @@ def corrected_table(
         robot: of the joint positions.
         found: the commands, of the same rows.
         extrapolates: (n,) what of a row lies beyond the training range.
+        expected_error: (n,) expected remaining distance from the wanted point, m; None: not known,
+            and the column is empty.
         interval: of the deflections at the commands.
     """
     local = (found.position - table.frame[:3, 3]) @ table.frame[:3, :3]  # file's frame
     lengths = dict(zip(DEFLECTION_COLUMNS, found.deflection.T, strict=True))
     if interval is not None:
         lengths |= interval_columns(interval)
-    lengths["error_before_mm"] = np.linalg.norm(found.before, axis=1)
-    lengths["error_after_mm"] = np.linalg.norm(found.after, axis=1)
+    not_known = np.full(len(found.wanted), np.nan)
+    lengths["removed_mm"] = np.linalg.norm(found.removed, axis=1)
+    lengths["expected_error_mm"] = not_known if expected_error is None else expected_error
     loads = table.columns[[*WRENCH_COLUMNS]]
     joints = dict(zip(joint_columns(robot), (found.q * file_units(robot)).T, strict=True))
     parts = [

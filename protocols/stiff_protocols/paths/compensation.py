@@ -57,8 +57,16 @@ class Compensation(BriefFields):
     problem: TextArray
 
     @property
-    def after(self) -> FloatArray:
-        """(n, 3) from the wanted point to where the loaded tool is predicted, base frame, m."""
+    def removed(self) -> FloatArray:
+        """(n, 3) predicted deflection that the command takes out, base frame, m."""
+        return self.wanted - self.position
+
+    @property
+    def residual(self) -> FloatArray:
+        """(n, 3) from the wanted point to where the loaded tool is predicted, base frame, m.
+
+        It says how far the iteration converged, and nothing about the robot.
+        """
         return self.position + self.deflection - self.wanted
 
     @property

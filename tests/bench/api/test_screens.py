@@ -35,7 +35,7 @@ def made(folder):
     model = sb.make_model("vjm").fit(data)
     results = sb.evaluate(["vjm", "knn"], data, splits=2, output=folder / "runs")
     sb.example_path("square", folder / "square.csv", points=40)
-    with pytest.warns(match="extrapolation"):
+    with pytest.warns(match="beyond the training range"):
         path = sb.compensate_path(model, folder / "square.csv", folder / "out.csv")
     return SimpleNamespace(
         data=data,
