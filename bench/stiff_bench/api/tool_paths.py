@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -42,6 +42,7 @@ from stiff_protocols.paths.compensation import (
 )
 from stiff_protocols.paths.example import drivable_path
 from stiff_protocols.paths.inverse import Followed, follow, joint_number, judged
+from stiff_protocols.paths.near_training import path_near_training, training_load
 from stiff_protocols.paths.path import SHAPES
 
 if TYPE_CHECKING:
@@ -124,38 +125,63 @@ def example_path(
     points: int = 401,
     load: Sequence[float] | None = None,
     robot: str | Robot | None = None,
+    model: Model | None = None,
     hold: Mapping[str, float | None] | None = None,
 ) -> Text:
-    """Write a path in front of a robot that it can drive, and return what was written.
+    """Write a path that a robot can drive, and return a description of it.
+
+    It is in front of the robot; with a model it is about a training pose, inside the training range
+    if the robot can drive such a path.
 
     Args:
         shape: "square", "circle", "line" or "iso9283", horizontal.
         output: a new file.
         size: edge, diameter or length; of iso9283 the edge of the cube, mm.
         points: number of points.
-        load: (6,) process load, N and N m, base frame; None: a quarter of the payload downwards.
-        robot: that drives it: the name of a shipped one, or a `Robot`; None: the KR10.
+        load: (6,) process load, N and N m, base frame; None: a quarter of the payload downwards; or
+            with a model half of the training load that pulls downwards most.
+        robot: that drives it: the name of a shipped one, or a `Robot`; None: the model's, or the
+            KR10.
+        model: fitted, whose robot drives it.
         hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
             which it is held.
 
     Raises:
-        ConfigError: the shape, robot or joint is unknown, or the load or a held joint is needed.
+        NotFittedError: the model is not fitted.
+        ConfigError: the shape, robot or joint is unknown, the load or a held joint is needed, or
+            both a robot and a model are given.
         DataError: no place was found where the robot can drive the path.
         StoreError: the file cannot be written, or exists.
     """
     output = Path(output)
     check_new_file(output)
+    if model is not None:
+        model.check_fitted()
     if shape not in SHAPES:
         raise unknown_name("shape", shape, SHAPES)
-    arm = as_robot(robot)
+    if model is not None and robot is not None:
+        raise ConfigError("is given, and the model has its own robot (valid: one of both)", "robot")
+    arm = as_robot(robot) if model is None else model.fitted.robot_
+    if load is None and model is not None:
+        default_load = training_load(model.training_range)
+        load = None if default_load is None else default_load.tolist()
     if load is None:
         if (payload := payload_of(arm)) is None:
             raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
         load = (0.0, 0.0, -0.25 * payload * STANDARD_GRAVITY, 0.0, 0.0, 0.0)
     held = held_positions(arm, hold or {})
-    path = drivable_path(arm, shape, size / MM_PER_M, points, wrench=load, held=held)
+    wanted: dict[str, Any] = {"wrench": load, "held": held}
+    if model is None:
+        path, share = drivable_path(arm, shape, size / MM_PER_M, points, **wanted), ""
+    else:
+        known = model.training_range
+        near = path_near_training(arm, known, shape, size / MM_PER_M, points, **wanted)
+        path, n_beyond = near.path, near.n_beyond
+        share = f"; {n_beyond} of {points} points are beyond the training range of {model.name}"
+        if n_beyond:
+            share += " (a smaller size may lie inside)"
     write_path(output, path, tool_of(arm, None))
-    return Text(f"{output}: {shape} of {points} points for {arm.name}, base frame")
+    return Text(f"{output}: {shape} of {points} points for {arm.name}, base frame{share}")
 
 
 def compensate_path(

@@ -63,14 +63,17 @@ hold_option = click.option(
 
 
 @group(
-    epilog="bench path example --output square.csv\n"
+    epilog="bench path example --model my.stiff --output square.csv\n"
     "bench path compensate --model my.stiff --path square.csv --output new.csv"
 )
 def path() -> None:
     """Correct tool paths for the deflection under load."""
 
 
-@path.command(epilog="bench path example --shape circle --size 300mm --output circle.csv")
+@path.command(
+    epilog="bench path example --shape circle --size 300mm --output circle.csv\n"
+    "bench path example --model my.stiff --output square.csv"
+)
 @click.option(
     "--shape",
     type=click.Choice(["square", "circle", "line", "iso9283"]),
@@ -87,14 +90,23 @@ def path() -> None:
 @click.option("--points", type=WholeRange(2, 1_000_000), default=401, help="Number of points.")
 @load_option
 @hold_option
+@click.option(
+    "--model",
+    type=FILE,
+    metavar="FILE",
+    help="Model file of `bench fit`: the path is for its robot, inside its training range.",
+)
 @robot_options
+@plugin_option
 @output_option("FILE.csv")
-def example(**words: Any) -> None:
+def example(model: Path | None, **words: Any) -> None:
     """Write an example path for `bench path compensate`.
 
-    Without --load, a quarter of the robot's payload pulls downwards.
+    Without --load, a quarter of the robot's payload pulls downwards. With --model it is half of the
+    training load that pulls downwards most, and the path is about a training pose.
     """
-    print_prose(api.tool_paths.example_path(**words))
+    fitted = None if model is None else api.model.load_model(model)
+    print_prose(api.tool_paths.example_path(model=fitted, **words))
 
 
 @path.command(epilog="bench path compensate --model my.stiff --path circle.csv --output new.csv")
