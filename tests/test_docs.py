@@ -45,7 +45,7 @@ MADE_BY = {
     "docs/how-to/deploy.md": ["fit --model vjm --dataset kr10-twin --output kr10.stiff"],
     "docs/how-to/correct-a-path.md": [
         "fit --model vjm --dataset kr10-twin --output kr10.stiff",
-        "path example --output square.csv",
+        "path example --model kr10.stiff --output square.csv",
     ],
     "docs/how-to/choose-a-posture.md": [
         "fit --model vjm-full --dataset fanuc-r2000ic --output fanuc.stiff",

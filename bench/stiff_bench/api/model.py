@@ -18,12 +18,12 @@ from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
 from stiff_bench.run.progress import display
-from stiff_bench.run.whole_fit import cross_validated_errors, left_out_errors, whole_fit
+from stiff_bench.run.whole_fit import cross_validated_error, left_out_errors, whole_fit
 from stiff_bench.tables.fit_notes import springs_table
 from stiff_bench.tables.metric_table import metric_lines
 from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Table
-from stiff_bench.tables.units import counted
+from stiff_bench.tables.units import MM, counted
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -50,6 +50,7 @@ from stiff_protocols.contract.types import (
     frozen_array,
 )
 from stiff_protocols.scoring.conformal import calibration_samples_needed, conformal_interval
+from stiff_protocols.scoring.cross_validated import CrossValidatedError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -224,32 +225,26 @@ class Model(Shown):
         return frozen_array(errors, "left-out errors", (None, len(AXES)))
 
     @property
-    def cross_validated_errors(self) -> FloatArray | None:
-        """(n,) m, 3-D error at each training sample of a fit without its fifth of the poses.
+    def cross_validated_error(self) -> CrossValidatedError | None:
+        """Error at poses that fits of this model to the same data left out; None: not stored.
 
-        The first call after `fit` makes these fits; `save` keeps the errors with the model. None
-        for the model of a file without them, and for a single pose.
+        The first use after `fit` makes these fits, one for each fifth of the poses; `save` keeps
+        the error with the model.
 
         Raises:
             NotFittedError: `fit` was not called.
-            ModelError: a part of the samples cannot be fitted.
+            StiffBenchError: the data have one pose, or cannot be fitted without a fifth of them.
         """
         self.check_fitted()
-        errors = getattr(self.fitted, "cross_validated_errors_", None)
-        if errors is None and self.data is not None:
+        stored = getattr(self.fitted, "cross_validated_error_", None)
+        if stored is None and self.data is not None:
             data, seed = self.data
-            own = getattr(self.fitted, "left_out_errors_at_", None)  # of the intervals' folds
-            if own is not None and np.isfinite(own).all():
-                errors = np.linalg.norm(own, axis=1)
-            else:
-                with display():
-                    errors = cross_validated_errors(
-                        self.choice, data.samples, data.robot, seed=seed
-                    )
-            self.fitted.cross_validated_errors_ = errors
-        if errors is None or not len(errors):
-            return None
-        return frozen_array(errors, "cross-validated errors", (None,))
+            with display():
+                stored = cross_validated_error(self.choice, data.samples, data.robot, seed=seed)
+            self.fitted.cross_validated_error_ = stored
+        if not isinstance(stored, CrossValidatedError | None):
+            raise DataError(f"{self.file}: its cross-validated error is a {type(stored).__name__}")
+        return stored
 
     @property
     def training_range(self) -> TrainingRange:
@@ -416,17 +411,33 @@ class Model(Shown):
             f"{data.robot.name}, seed {seed}",
             *self.learned,
             *(f"- {line}" for line in (*info.caveats, self.note) if line),
-            "- Errors on new poses: `bench run`.",
+            f"- {self._error_text()}",
         ]
         return Text("\n".join(lines))
 
-    def save(self, file: Path | str) -> None:
+    def _error_text(self) -> str:
+        """Say how far the fit is off at left-out poses, or that nobody has computed it."""
+        stored = getattr(self.fitted, "cross_validated_error_", None)
+        if not stored:
+            return "Errors on new poses: `bench run`."
+        return (
+            f"3-D error at left-out poses, cross-validated in {stored.n_folds} folds: "
+            f"{MM * stored.mean:.3g} mm mean, {MM * stored.rms:.3g} mm RMS, 90 % within "
+            f"{MM * stored.quantile_90:.3g} mm"
+        )
+
+    def save(self, file: Path | str, *, cross_validate: bool = True) -> None:
         """Write the fitted model to a file, which `load_model` and `bench predict` read.
 
-        A file that is there is replaced.
+        A file that is there is replaced. After `fit`, further fits give the errors at left-out
+        poses that intervals and `cross_validated_error` need, and the file keeps them.
 
         The file of a plugin's model holds the hash of the plugin's code, and is read only where
         the plugin is named.
+
+        Args:
+            file: its path.
+            cross_validate: False saves five fits and stores no `cross_validated_error`.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -437,8 +448,10 @@ class Model(Shown):
 
         self.check_fitted()
         choice = self.choice
-        if self.data is not None:
-            self._keep_errors()
+        if self.data is not None and not offers(self.fitted, "predict_interval"):
+            self._keep_left_out_errors()
+        if self.data is not None and cross_validate:
+            self._keep_cross_validated_error()
         is_plugin = choice.cls.__module__ != "__main__" and bool(code_of(choice.cls))
         save(self.fitted, Path(file), {choice.info.key: choice.params} if is_plugin else None)
 
@@ -458,6 +471,14 @@ class Model(Shown):
             text = f"{self.name} is saved without cross-validated error: {said_by(error)}"
             warn(text, stacklevel=3)
 
+    def _keep_cross_validated_error(self) -> None:
+        """Compute the error at left-out poses; where that fails, there is none, and a warning."""
+        try:
+            _ = self.cross_validated_error
+        except Exception as error:  # whatever a third-party model raises in another fit
+            text = f"{self.name} is saved without a cross-validated error: {said_by(error)}"
+            warn(text, stacklevel=3)
+
     def view(self) -> Screen:
         """Return whether it is fitted, to which data, and the parameters that it learned."""
         info = self.choice.info
@@ -474,6 +495,8 @@ class Model(Shown):
         if chosen := getattr(self.fitted, "best_params_", None):
             facts.append(("options chosen", in_words(chosen)))
         facts.append(("number of epochs", self.note))
+        if getattr(self.fitted, "cross_validated_error_", None):
+            facts.append(("accuracy", self._error_text()))
         table, springs = Table("", [], []), getattr(self.fitted, "springs_", None)
         numbers = self.diagnostics
         if springs:

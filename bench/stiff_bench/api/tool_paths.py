@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from stiff_bench.api.model import Model, blamed_on
-from stiff_bench.api.remaining_error import (
-    ExpectedError,
-    beyond_training,
-    correction_lines,
-    expected_error,
-)
+from stiff_bench.api.remaining_error import ExpectedError, expected_error
 from stiff_bench.api.robots import as_robot, payload_of
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
@@ -31,6 +26,7 @@ from stiff_datasets.measured.path_file import (
     write_path,
 )
 from stiff_datasets.measured.row_checks import Problem, problems_error
+from stiff_datasets.measured.rows_beyond_training import extrapolation_details
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
 from stiff_datasets.measured.sheet_files import write_table
 from stiff_protocols.contract.errors import ConfigError, ModelError, unknown_name, warn
@@ -46,6 +42,7 @@ from stiff_protocols.paths.compensation import (
 )
 from stiff_protocols.paths.example import drivable_path, trained_path
 from stiff_protocols.paths.inverse import Followed, follow, joint_number, judged
+from stiff_protocols.paths.near_training import path_near_training, training_load
 from stiff_protocols.paths.path import SHAPES
 
 if TYPE_CHECKING:
@@ -58,38 +55,69 @@ LEAST_CARRIED_M = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class CorrectedPath:
-    """A path and the commands that put the loaded tool on it; its file has more columns.
+    """A path and the commands that correct it; its file has more columns.
 
     Attributes:
-        name: of the path.
+        name: name of the path.
         found: points, commands and predicted deflections.
-        expected: error that remains at the corrected points.
-        extrapolates: (n,) what of a point is beyond the training range; "" where nothing is.
+        prediction_error: expected error of the predictions at the commands.
+        extrapolates: (n,) words for what of a point is beyond the training range, "" for nothing.
+        beyond: details of the points that are beyond it, with numbers; "" if none is.
     """
 
     name: str
     found: Compensation
-    expected: ExpectedError
-    extrapolates: tuple[str, ...]
+    prediction_error: ExpectedError
+    extrapolates: Sequence[str]
+    beyond: str
 
     @property
     def removed(self) -> FloatArray:
-        """(n,) predicted deflection that the commands take out, m."""
-        return self.found.removed
+        """(n,) length of the predicted deflection that the commands take out, m."""
+        return np.asarray(np.linalg.norm(self.found.removed, axis=1))
+
+    @property
+    def expected_error(self) -> FloatArray | None:
+        """(n,) expected remaining distance from the path, m; None: not known.
+
+        It is the expected error of the prediction. The predicted deflection of a point that was not
+        corrected is added.
+        """
+        errors = self.prediction_error.values
+        if errors is None:
+            return None
+        return np.asarray(errors + np.linalg.norm(self.found.residual, axis=1))
+
+    @property
+    def training_text(self) -> str:
+        """Share of points beyond the training range, and how far they are."""
+        n_beyond, n = sum(map(bool, self.extrapolates)), len(self.extrapolates)
+        text = f"{n_beyond} of {n} points are beyond the training range"
+        return f"{text}: {self.beyond}" if self.beyond else text
 
     def plot(self) -> Prepared:
-        """Return the picture of the path, what is removed, and the error that remains."""
+        """Return the picture of the path, its removed deflection and expected remaining error."""
         from stiff_bench.figures.corrected_path import path_picture
 
+        source = self.prediction_error.source
         return path_picture(
-            self.name, self.found, self.expected.values, self.expected.source, self.extrapolates
+            self.name, self.found, self.expected_error, source, list(self.extrapolates)
         )
 
     def __repr__(self) -> str:
-        """Return how many points were corrected, what is removed, and what remains."""
-        done = self.found.converged
-        words = [word for word, corrected in zip(self.extrapolates, done, strict=True) if corrected]
-        lines = correction_lines(len(done), "point", self.removed[done], self.expected, words)
+        """Return the share beyond the training range, what is removed, and what may remain."""
+        removed, errors = self.removed, self.expected_error
+        source, n = self.prediction_error.source, len(removed)
+        lines = [
+            self.training_text,
+            f"{self.found.converged.sum()} of {n} points corrected",
+            f"removed (predicted deflection): {_mean_and_largest(removed)}",
+        ]
+        if errors is None:
+            return "\n".join([*lines, f"expected remaining error: {source}"])
+        lines.append(f"expected remaining error: {_mean_and_largest(errors)} ({source})")
+        if n_larger := int((errors >= removed).sum()):
+            lines.append(f"at {n_larger} of {n} points more may remain than is removed")
         return "\n".join(lines)
 
 
@@ -104,51 +132,60 @@ def example_path(
     model: Model | None = None,
     hold: Mapping[str, float | None] | None = None,
 ) -> Text:
-    """Write a path in front of a robot that it can drive, and return what was written.
+    """Write a path that a robot can drive, and return a description of it.
+
+    It is in front of the robot; with a model it is about a training pose, inside the training range
+    if the robot can drive such a path.
 
     Args:
         shape: "square", "circle", "line" or "iso9283", horizontal.
         output: a new file.
         size: edge, diameter or length; of iso9283 the edge of the cube, mm.
         points: number of points.
-        load: (3,) or (6,) process load, N and N m, base frame; None: a quarter of the payload
-            downwards, or with `model` half its largest training force, in the training direction
-            that points downwards most.
-        robot: that drives it: the name of a shipped one, or a `Robot`; None: the KR10.
-        model: whose robot drives it, inside its training range as far as possible: the tool's
-            orientation then changes along the path.
+        load: (6,) process load, N and N m, base frame; None: a quarter of the payload downwards; or
+            with a model half of the training load that pulls downwards most.
+        robot: that drives it: the name of a shipped one, or a `Robot`; None: the model's, or the
+            KR10.
+        model: fitted, whose robot drives it.
         hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
             which it is held.
 
     Raises:
-        ConfigError: the shape, robot or joint is unknown, or the load or a held joint is needed.
+        NotFittedError: the model is not fitted.
+        ConfigError: the shape, robot or joint is unknown, the load or a held joint is needed, or
+            both a robot and a model are given.
         DataError: no place was found where the robot can drive the path.
         StoreError: the file cannot be written, or exists.
     """
     output = Path(output)
     check_new_file(output)
-    if shape not in SHAPES:
-        raise unknown_name("shape", shape, SHAPES)
-    if model is not None and (robot is not None or hold):
-        raise ConfigError("the model has a robot (valid: no robot and no hold)", "model")
     if model is not None:
         model.check_fitted()
-        arm, known = model.fitted.robot_, model.training_range
-        wrench = known.typical_load if load is None else six_numbers(load)
-        path, share = trained_path(arm, known, shape, size / MM_PER_M, points, wrench=wrench)
-        write_path(output, path, tool_of(arm, None))
-        inside = "inside the training range" if not share else f"{share:.0%} beyond training"
-        return Text(f"{output}: {shape} of {points} points for {model.name}, base frame, {inside}")
-    arm = as_robot(robot)
+    if shape not in SHAPES:
+        raise unknown_name("shape", shape, SHAPES)
+    if model is not None and robot is not None:
+        raise ConfigError("is given, and the model has its own robot (valid: one of both)", "robot")
+    arm = as_robot(robot) if model is None else model.fitted.robot_
+    if load is None and model is not None:
+        default_load = training_load(model.training_range)
+        load = None if default_load is None else default_load.tolist()
     if load is None:
         if (payload := payload_of(arm)) is None:
             raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
         load = (0.0, 0.0, -0.25 * payload * STANDARD_GRAVITY, 0.0, 0.0, 0.0)
     held = held_positions(arm, hold or {})
-    wrench = six_numbers(load)
-    path = drivable_path(arm, shape, size / MM_PER_M, points, wrench=wrench, held=held)
+    wanted: dict[str, Any] = {"wrench": load, "held": held}
+    if model is None:
+        path, share = drivable_path(arm, shape, size / MM_PER_M, points, **wanted), ""
+    else:
+        known = model.training_range
+        near = path_near_training(arm, known, shape, size / MM_PER_M, points, **wanted)
+        path, n_beyond = near.path, near.n_beyond
+        share = f"; {n_beyond} of {points} points are beyond the training range of {model.name}"
+        if n_beyond:
+            share += " (a smaller size may lie inside)"
     write_path(output, path, tool_of(arm, None))
-    return Text(f"{output}: {shape} of {points} points for {arm.name}, base frame")
+    return Text(f"{output}: {shape} of {points} points for {arm.name}, base frame{share}")
 
 
 def compensate_path(
@@ -181,22 +218,22 @@ def compensate_path(
         tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
             link; None: the model's TCP with the orientation of that link.
         workpiece: x, y, z [mm], a, b, c [deg] of the path's frame in the base frame; None: the
-            base.
-        load: (3,) or (6,) process load at every point, N and N m, for a file without loads.
+            base frame.
+        load: (6,) process load at every point, N and N m, for a file without loads.
         frame: "base" or "tool", in which loads are expressed.
         start: (n_joints,) joint positions near the first point, deg or mm, which choose the
             configuration; None: the one that is nearest to the training poses.
         hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
             which it is held along the path; None: where `start` or the path's own joint angles have
             it.
-        tolerance: remaining predicted error at which a point is done, mm.
+        tolerance: largest last step of the iteration, mm.
         iterations: predictions of a point at most.
         on_failure: "stop" with an error at a point that cannot be corrected, or "keep" it
             uncorrected and warn.
-        coverage: of intervals that are written, too (0..1), and from which the remaining error is
-            taken; None: none are written, and see `expected_error`.
+        coverage: of intervals that are written, too, and from which the expected remaining error
+            follows (0..1); None: none are, and it is the model's cross-validated error.
         sheet: of an Excel file; None: the only one that holds a table.
-        figure: a new picture of the path and its errors.
+        figure: a new picture of the path, what is removed and what may remain.
 
     Raises:
         NotFittedError: the model is not fitted.
@@ -224,7 +261,7 @@ def compensate_path(
         arm,
         tool_of(arm, tool),
         sheet_name=sheet,
-        load=None if load is None else six_numbers(load),
+        load=load,
         frame=frame,
         workpiece=workpiece,
     )
@@ -252,16 +289,22 @@ def compensate_path(
         failures = _failures(file, table, arm, found, f"{tolerance:g} mm within {iterations}")
         if failures and on_failure == "stop":
             raise ModelError(f"{failures}; on-failure keep leaves such points uncorrected")
-        extrapolates, beyond = beyond_training(model, found.q, wrench)
-        expected = expected_error(model, found.q, wrench, coverage)
+        extrapolates = known.extrapolates(found.q, wrench)
         carried = 0.0
         if offers(fitted, "predict_at_tcp"):
             with blamed_on(model.file):
                 own = fitted.predict(found.q, wrench)
             carried = np.linalg.norm(found.deflection - own, axis=1).max()
-        interval = None if coverage is None else expected.interval
-        rows = corrected_table(table, arm, found, extrapolates, expected.values, interval)
-        write_table(output, [rows])
+        corrected = CorrectedPath(
+            table.path.name,
+            found,
+            expected_error(model, found.q, wrench, coverage),
+            extrapolates,
+            extrapolation_details(known, arm, found.q, wrench, extrapolates),
+        )
+        interval = corrected.prediction_error.interval
+        errors = corrected.expected_error
+        write_table(output, [corrected_table(table, arm, found, extrapolates, errors, interval)])
     if not wrench.any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
     if carried > LEAST_CARRIED_M:
@@ -270,24 +313,19 @@ def compensate_path(
             f"rotation of the tool, which was not measured, changes the deflections by up to "
             f"{MM_PER_M * carried:.3g} mm on the way to the TCP"
         )
+    beyond = corrected.training_text if corrected.beyond else ""
     for warning, column in ((failures, "uncorrected"), (beyond, "extrapolates")):
         if warning:
             text = f"{warning}; see the column {column}"
             warn(text)
-    done = found.converged
-    if expected.values is not None:
-        expected = replace(expected, values=expected.values[done])
-    corrected = CorrectedPath(table.path.name, found, expected, tuple(extrapolates))
     if figure is not None:
         corrected.plot().save(Path(figure))
     return corrected
 
 
-def six_numbers(load: Sequence[float]) -> tuple[float, ...]:
-    """Return a load of three forces or of forces and torques as six numbers, N and N m."""
-    if len(load) not in (3, 6):
-        raise ConfigError(f"{len(load)} numbers (valid: 3 or 6, N and N m)", "load")
-    return (*load, 0.0, 0.0, 0.0)[:6]
+def _mean_and_largest(lengths: FloatArray) -> str:
+    """Return mean and largest of (n,) lengths, m, in mm."""
+    return f"{MM_PER_M * lengths.mean():.3g} mm mean, {MM_PER_M * lengths.max():.3g} mm largest"
 
 
 def _driven(

@@ -39,11 +39,17 @@ model_file_option = click.option(
 @seed_option
 @device_option
 @plugin_option
+@click.option(
+    "--cross-validate/--no-cross-validate",
+    default=True,
+    help="Store the error at left-out poses, from one more fit for each fifth of the poses.",
+)
 @output_option("FILE")
 def fit(
     output: Path,
     seed: int,
     device: str,
+    cross_validate: bool,
     models: tuple[str, ...],
     datasets: tuple[str, ...],
     data: Sequence[api.data_sets.Dataset],
@@ -60,7 +66,7 @@ def fit(
     check_new_file(output)
     with warnings_said():
         model.fit(samples, seed=seed)
-    model.save(output)
+        model.save(output, cross_validate=cross_validate)
     print_prose(f"{output}: {model.report(samples, seed)}")
 
 

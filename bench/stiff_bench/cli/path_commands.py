@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -67,15 +68,17 @@ hold_option = click.option(
 
 
 @group(
-    epilog="bench path example --output square.csv\n"
-    "bench path compensate --model my.stiff --path square.csv --output new.csv\n"
-    "bench path compensate --model my.stiff --program part.src --load 0,0,-60 --output new/part.src"
+    epilog="bench path example --model my.stiff --output square.csv\n"
+    "bench path compensate --model my.stiff --path square.csv --output new.csv"
 )
 def path() -> None:
     """Correct tool paths for the deflection under load."""
 
 
-@path.command(epilog="bench path example --shape circle --size 300mm --output circle.csv")
+@path.command(
+    epilog="bench path example --shape circle --size 300mm --output circle.csv\n"
+    "bench path example --model my.stiff --output square.csv"
+)
 @click.option(
     "--shape",
     type=click.Choice(["square", "circle", "line", "iso9283"]),
@@ -98,14 +101,20 @@ def path() -> None:
 )
 @load_option
 @hold_option
+@click.option(
+    "--model",
+    type=FILE,
+    metavar="FILE",
+    help="Model file of `bench fit`: the path is for its robot, inside its training range.",
+)
 @robot_options
-@output_option("FILE.csv")
 @plugin_option
+@output_option("FILE.csv")
 def example(model: Path | None, **words: Any) -> None:
     """Write an example path for `bench path compensate`.
 
-    Without --load, a quarter of the robot's payload pulls downwards; with --model half the largest
-    force of its training.
+    Without --load, a quarter of the robot's payload pulls downwards. With --model it is half of the
+    training load that pulls downwards most, and the path is about a training pose.
     """
     fitted = None if model is None else api.model.load_model(model)
     print_prose(api.tool_paths.example_path(model=fitted, **words))
@@ -131,7 +140,7 @@ def example(model: Path | None, **words: Any) -> None:
     "written back with corrected targets.",
 )
 @sheet_option
-@output_option("FILE", "New file: the commands of a path, or the corrected program.")
+@output_option("FILE.csv", "New file: commanded poses, removed deflection, expected error.")
 @click.option(
     "--tool",
     type=FRAME,
@@ -148,12 +157,6 @@ def example(model: Path | None, **words: Any) -> None:
     "frame, or the program's own]",
 )
 @load_option
-@click.option(
-    "--loads",
-    type=FILE,
-    metavar="FILE",
-    help="Loads of a program by line: columns line, fx_N, fy_N, fz_N and torques.",
-)
 @click.option(
     "--frame",
     type=click.Choice(["base", "tool"]),
@@ -180,7 +183,7 @@ def example(model: Path | None, **words: Any) -> None:
     type=Millimetres(1e-5, 10),
     default=1e-3,
     metavar="MM",
-    help="Distance at which the iteration of a point ends.",
+    help="Largest last step of the iteration.",
 )
 @click.option(
     "--iterations",
@@ -198,11 +201,12 @@ def example(model: Path | None, **words: Any) -> None:
     "Take the expected remaining error from prediction intervals of this coverage; the file of a "
     "path gets them, too."
 )
+@coverage_option("Expected remaining error from prediction intervals of this coverage, per axis.")
 @click.option(
     "--figure",
     type=PICTURE,
     metavar="FILE.png",
-    help="Draw the path, what is removed and what remains.",
+    help="Draw the path, what is removed and what may remain.",
 )
 @plugin_option
 def compensate(
@@ -210,9 +214,8 @@ def compensate(
 ) -> None:
     """Write the commands that put the loaded tool on a path.
 
-    The predicted deflection at the commanded pose is subtracted, until the loaded tool is predicted
-    to be on the path. Its orientation does not change. A robot program is corrected in place: every
-    other character stays as it was.
+    The predicted deflection at the commanded pose is subtracted. The orientation of the tool does
+    not change. The output says what is removed, and what error may remain on the robot.
     """
     if (points is None) == (program is None):
         raise ConfigError("needed once: a file of points, or else --program", "path")
@@ -224,11 +227,6 @@ def compensate(
         del words[name]
     fitted = api.model.load_model(model)
     with warnings_said():
-        corrected: object
-        if points is not None:
-            corrected = api.tool_paths.compensate_path(fitted, points, output, **words)
-            files = str(output)
-        elif program is not None:
-            done = api.robot_programs.compensate_program(fitted, program, output, **words)
-            corrected, files = done, ", ".join(map(str, done.files))
-    print_prose(f"{files}: {fitted.name}, robot {fitted.fitted.robot_.name}; {corrected!r}")
+        warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
+        corrected = api.tool_paths.compensate_path(fitted, points, output, **words)
+    print_prose(f"{corrected!r}\n{output}: {fitted.name}, robot {fitted.fitted.robot_.name}")

@@ -1,14 +1,14 @@
-"""A corrected path: what the commands remove, and the error that is expected to remain."""
+"""A corrected path: the deflection that is removed, and the error that may remain."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import PAGE_INCH, looks, new_figure, round_factor, share_legend
@@ -17,95 +17,136 @@ from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.compensation import Compensation
 from stiff_protocols.paths.inverse import evenly_spaced
 
-HEIGHT_INCH = 2.9
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+HEIGHT_INCH = 3.1
 WANTED_COLOR = "0.55"
 MOST_POINTS, ARROWS = 2_000, 40
-"""Points of a line that are drawn, and error vectors."""
+"""Points of a line that are drawn, and vectors."""
 SHOWN_SHARE = 0.2
-"""The largest error is drawn about this long, as a part of the path's extent."""
+"""The largest deflection or error is drawn about this long, as a part of the path's extent."""
+CORNERS = np.linspace(0.0, 2.0 * np.pi, 25)
+"""Angles, rad, at which the circle of an expected error is drawn."""
+HATCHES = ("", "////", "....")
+"""Of the shaded regions beyond the training range, by what is beyond it."""
 
 
 def path_picture(
     name: str,
     found: Compensation,
-    remaining: FloatArray | None,
+    expected_error: FloatArray | None,
     source: str,
     extrapolates: Sequence[str],
 ) -> Prepared:
     """Return the figure of a corrected path, with what its marks mean.
 
     Args:
-        name: of the path.
-        found: points and commands.
-        remaining: error that is expected to remain at the corrected points, m; None: not known.
-        source: where it comes from.
-        extrapolates: (n,) what of a point is beyond the training range.
+        name: name of the path.
+        found: wanted points, commands and predicted deflections.
+        expected_error: (n,) expected remaining distance from the path, m; None: not known.
+        source: origin of the expected error, for people.
+        extrapolates: (n,) words for what of a point is beyond the training range.
     """
     return Prepared(
-        title=f"Path {name}: deflection that is removed, error that remains",
-        caption="Predicted deflections of the uncorrected path, magnified as stated; along the "
-        "path the deflection that the commands take out, and the band of the error that is "
-        f"expected to remain ({source}). Points beyond the training range are shaded.",
-        paint=partial(_painted, found, remaining, extrapolates),
+        title=f"Path {name}: removed deflection and expected remaining error",
+        caption="Predicted deflections of the uncorrected path and radii of the expected remaining "
+        "error, magnified as stated; and both along the path. Expected remaining error: "
+        f"{source}. Shaded: beyond the training range of the model.",
+        paint=partial(_painted, found, expected_error, extrapolates),
     )
 
 
 def _painted(
-    found: Compensation, remaining: FloatArray | None, extrapolates: Sequence[str]
+    found: Compensation, expected_error: FloatArray | None, extrapolates: Sequence[str]
 ) -> Figure:
     place, before = MM * found.wanted, MM * found.before
+    removed = MM * np.linalg.norm(found.removed, axis=1)
+    errors = None if expected_error is None else MM * expected_error
     rows, arrows = evenly_spaced(len(place), MOST_POINTS), evenly_spaced(len(place), ARROWS)
-    removed = MM * found.removed
-    extent, largest = max(float(np.ptp(place, axis=0).max()), 1.0), float(removed.max())
+    extent = max(float(np.ptp(place, axis=0).max()), 1.0)
+    largest = float(np.linalg.norm(before, axis=1).max())
+    largest = max(largest, 0.0 if errors is None else float(errors.max()))
     times = round_factor(SHOWN_SHARE * extent / largest) if largest > 0.0 else 1.0
     blue, orange = looks(2)
 
     figure = new_figure(PAGE_INCH, HEIGHT_INCH)
     space = figure.add_subplot(1, 2, 1, projection="3d")
-    space.plot(*place[rows].T, color=WANTED_COLOR, linewidth=2.6, label="wanted")
     moved = place + times * before
+    space.plot(*place[rows].T, color=WANTED_COLOR, linewidth=1.6, label="wanted")
     space.plot(*moved[rows].T, color=orange.color, linewidth=0.8, label="without correction")
     vectors = np.stack([place[arrows], moved[arrows]], axis=1)
     space.add_collection3d(Line3DCollection(vectors, colors=orange.color, linewidths=0.5))
     drawn = np.concatenate([place[rows], moved[rows]])
+    if errors is not None:
+        circles = _circles(place, times * errors, arrows)
+        look: dict[str, Any] = {"facecolors": blue.color, "alpha": 0.1, "linewidths": 0}
+        space.add_collection3d(Poly3DCollection(circles, **look))
+        drawn = np.concatenate([drawn, circles.reshape(-1, 3)])
     low, high = drawn.min(axis=0), drawn.max(axis=0)
     half = 0.5 * np.maximum(high - low, 0.4 * extent)
     for axis, centre, room in zip("xyz", 0.5 * (low + high), half, strict=True):
         space.set(**{f"{axis}lim": (centre - room, centre + room), f"{axis}label": f"{axis} [mm]"})
-        space.locator_params(axis=axis, nbins=4)
+        space.locator_params(axis=axis, nbins=4 if room > 0.4 * extent else 2)
     space.set_box_aspect(half, zoom=0.82)  # room for the labels
-    space.set_title(f"(a) Path, deflections times {times:g}", loc="left")
+    space.set_title(f"(a) Path, deflections and errors times {times:g}", loc="left")
 
     along = figure.add_subplot(1, 2, 2)
     distance = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1))]
     marker = "o" if len(place) == 1 else ""
-    label = "removed deflection"
-    along.plot(distance[rows], removed[rows], color=orange.color, marker=marker, label=label)
-    title = f"(b) Mean {removed.mean():.3g} mm removed"
-    if remaining is not None and found.converged.any():
-        left = np.full(len(place), np.nan)
-        left[found.converged] = MM * remaining
+    look = {"color": orange.color, "marker": marker}
+    along.plot(distance[rows], removed[rows], **look, label="removed (predicted deflection)")
+    means = f"Mean removed {removed.mean():.3g} mm, error that remains not known"
+    if errors is not None:
         band: dict[str, Any] = {"color": blue.color, "alpha": 0.2, "linewidth": 0}
+        along.plot(distance[rows], errors[rows], color=blue.color, marker=marker, linewidth=0.8)
         label = "expected remaining error"
-        along.fill_between(distance[rows], 0.0, left[rows], **band, label=label)
-        along.plot(distance[rows], left[rows], color=blue.color, linewidth=0.8, marker=marker)
-        title += f", {np.nanmean(left):.2g} mm expected to remain"
-    beyond = np.array([bool(word) for word in extrapolates])
-    if beyond.any():
-        style: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.8", "hatch": "///"}
-        shade = along.fill_between(
-            distance,
-            0.0,
-            1.0,
-            where=beyond | np.roll(beyond, 1) if len(beyond) > 1 else beyond,
-            transform=along.get_xaxis_transform(),
-            label=f"beyond the training range ({beyond.mean():.0%})",
-            zorder=0,
-            **style,
-        )
-        shade.set_linewidth(0.0)
+        along.fill_between(distance[rows], 0.0, errors[rows], **band, label=label)
+        means = f"Means: removed {removed.mean():.3g} mm, may remain {errors.mean():.3g} mm"
     along.set(xlabel="distance along the path [mm]", ylabel="length [mm]")
     along.set_ylim(bottom=0.0)
-    along.set_title(title, loc="left")
-    share_legend(figure, [space, along])
+    along.set_title(f"(b) {means}", loc="left")
+    _shade(along, distance, extrapolates)
+    share_legend(figure, [space, along], ncols=3)
     return figure
+
+
+def _circles(place: FloatArray, radius: FloatArray, rows: Any) -> FloatArray:
+    """Return (n_rows, n_corners, 3) circles about points of a path, across its direction."""
+    tangent = np.gradient(place, axis=0)[rows] if len(place) > 1 else np.eye(3)[:1]
+    least = np.eye(3)[np.abs(tangent).argmin(axis=1)]  # never parallel to the path
+    first = np.cross(tangent, least)
+    length = np.linalg.norm(first, axis=1, keepdims=True)
+    first = np.divide(first, length, out=least.copy(), where=length > 0.0)
+    second = np.cross(tangent, first)
+    length = np.linalg.norm(second, axis=1, keepdims=True)
+    second = np.divide(second, length, out=np.roll(least, 1, axis=1), where=length > 0.0)
+    around = np.cos(CORNERS)[:, None] * first[:, None] + np.sin(CORNERS)[:, None] * second[:, None]
+    return np.asarray(place[rows, None] + radius[rows, None, None] * around)
+
+
+def _shade(along: Axes, distance: FloatArray, extrapolates: Sequence[str]) -> None:
+    """Shade the parts of a path that are beyond the training range, with a hatch per reason."""
+    words = np.array(extrapolates)
+    reasons = [word for word in dict.fromkeys(extrapolates) if word]
+    edges = np.r_[distance[0], 0.5 * (distance[1:] + distance[:-1]), distance[-1]]
+    if distance[-1] == 0.0:  # all points are the same place
+        edges = np.r_[np.full(len(distance), -0.5), 0.5]
+    starts = np.flatnonzero(np.r_[True, words[1:] != words[:-1]])
+    ends = np.r_[starts[1:], len(words)]
+    named = set()
+    for start, end in zip(starts, ends, strict=True):
+        if not (word := str(words[start])):
+            continue
+        label = f"beyond the training range: {word.replace(' ', ', ')}"
+        along.axvspan(
+            edges[start],
+            edges[end],
+            facecolor="0.9",
+            edgecolor="0.7",
+            hatch=HATCHES[reasons.index(word) % len(HATCHES)],
+            linewidth=0.0,
+            label="" if word in named else label,
+            zorder=0.0,
+        )
+        named.add(word)

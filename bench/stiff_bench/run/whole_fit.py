@@ -10,14 +10,16 @@ import numpy as np
 from stiff_bench.plan.cells import uses_validation
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.request import DEFAULT_COVERAGE
-from stiff_models.fitted_model import folds_of_poses
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_models.fitted_model import left_out_fifths
+from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.evaluation import training_side
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.stiffness_model import optional
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 from stiff_protocols.scoring.conformal import SplitConformal
+from stiff_protocols.scoring.cross_validated import CrossValidatedError
+from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.generators import inner_validation
 
 VALIDATION_FRACTION = 0.2
@@ -75,27 +77,31 @@ def left_out_errors(
     return model.residuals_
 
 
-def cross_validated_errors(
+def cross_validated_error(
     choice: Choice[ModelInfo], samples: Samples, robot: Robot, *, seed: int = 0
-) -> FloatArray:
-    """Return the (n,) 3-D errors of fits that leave a fifth of the poses out, m.
+) -> CrossValidatedError:
+    """Return the error of this model and these options at poses that its fits left out.
 
-    Each sample's error is that of the fit that did not learn from its pose.
+    Each fifth of the poses is predicted by a model that is fitted to the others as `whole_fit`
+    does; of fewer than five poses, each one.
 
     Raises:
-        StiffBenchError: a part of the samples cannot be fitted.
+        ModelError: there is only one pose.
+        StiffBenchError: the remaining samples cannot be fitted.
     """
-    errors = np.full(len(samples), np.nan)
     if len(np.unique(samples.pose_id)) < 2:
-        return np.empty(0)
+        raise ModelError("one pose, expected at least two for a cross-validated error")
+    errors = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)  # those of the whole fit were shown
-        for learned, left_out in folds_of_poses(samples, seed):
-            model, _ = whole_fit(choice, samples.take(learned), robot, seed=seed)
-            rows = samples.take(left_out)
-            error = model.predict(rows.q, rows.wrench) - rows.deflection
-            errors[left_out] = np.linalg.norm(error, axis=1)
-    return errors
+        for learned, left_out in left_out_fifths(samples, seed):
+            model = choice.make()
+            train, validation = _training_side(choice, learned, seed)
+            model.fit(train, robot=robot, validation=validation, seed=seed)
+            predicted = np.asarray(model.predict(left_out.q, left_out.wrench))
+            check_prediction(predicted, len(left_out))
+            errors.append(predicted - left_out.deflection)
+    return CrossValidatedError.of(np.concatenate(errors), len(errors))
 
 
 def _training_side(

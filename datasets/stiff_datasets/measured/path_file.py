@@ -195,7 +195,7 @@ def read_path(
         problems = [*radian_problems(numbers, robot), *limit_problems(sheet, numbers, robot)]
     elif not problems:
         problems = [*_pose_problems(sheet, numbers, angles)]
-    frame_name, mixed = _frame_name(sheet, workpiece is not None)
+    frame_name, mixed = _frame_name(sheet, workpiece)
     if problems := [*problems, *mixed]:
         raise problems_error(file, problems)
     q, written = None, pd.DataFrame(dict(zip(places[3:], numbers.T[3:], strict=True)))
@@ -273,7 +273,7 @@ def corrected_table(
     robot: Robot,
     found: Compensation,
     extrapolates: Sequence[str],
-    expected: FloatArray | None,
+    expected_error: FloatArray | None,
     interval: Interval | None = None,
 ) -> pd.DataFrame:
     """Return the commands of a corrected path as a file has them.
@@ -283,16 +283,17 @@ def corrected_table(
         robot: of the joint positions.
         found: the commands, of the same rows.
         extrapolates: (n,) what of a row lies beyond the training range.
-        expected: (n,) 3-D error that remains, m; None: not known.
+        expected_error: (n,) expected remaining distance from the wanted point, m; None: not known,
+            and the column is empty.
         interval: of the deflections at the commands.
     """
     local = (found.position - table.frame[:3, 3]) @ table.frame[:3, :3]  # file's frame
     lengths = dict(zip(DEFLECTION_COLUMNS, found.deflection.T, strict=True))
     if interval is not None:
         lengths |= interval_columns(interval)
-    lengths["removed_mm"] = found.removed
-    if expected is not None:
-        lengths["expected_error_mm"] = expected
+    not_known = np.full(len(found.wanted), np.nan)
+    lengths["removed_mm"] = np.linalg.norm(found.removed, axis=1)
+    lengths["expected_error_mm"] = not_known if expected_error is None else expected_error
     loads = table.columns[[*WRENCH_COLUMNS]]
     joints = dict(zip(joint_columns(robot), (found.q * file_units(robot)).T, strict=True))
     parts = [
@@ -357,15 +358,15 @@ def _oddities(sheet: Sheet, turn: FloatArray, angles: tuple[str, ...]) -> Iterat
         )
 
 
-def _frame_name(sheet: Sheet, is_given: bool) -> tuple[str, list[Problem]]:
+def _frame_name(sheet: Sheet, workpiece: Sequence[float] | None) -> tuple[str, list[Problem]]:
     """Return the name of the one frame of a file, and rows with another."""
-    usual = "workpiece" if is_given else BASE
+    usual = BASE if workpiece is None else "workpiece"
     if FRAME_COLUMN not in sheet.cells:
         return usual, []
     names = sheet.cells[FRAME_COLUMN].astype(str)
     names = names.where(names != "", usual)
     first = names.iloc[0]
-    if (first == BASE) == is_given:
+    if (first == BASE) != (workpiece is None):
         where = "say where that is in the base frame (valid: x,y,z,a,b,c in mm and deg)"
         hint = "which is known" if first == BASE else where
         raise ConfigError(f"{sheet.path} is in the frame {first!r}; {hint}", "workpiece")

@@ -18,7 +18,22 @@ def extrapolation_warning(
     wrench: FloatArray,
     extrapolates: Sequence[str],
 ) -> str:
-    """Return one line about the rows that extrapolate, with numbers; "" where none does.
+    """Return one line about the rows that extrapolate, with numbers; "" if none does."""
+    n_beyond = sum(map(bool, extrapolates))
+    if not n_beyond:
+        return ""
+    details = extrapolation_details(training_range, robot, q, wrench, extrapolates)
+    return f"extrapolation in {n_beyond} of {len(q)} rows: {details}"
+
+
+def extrapolation_details(
+    training_range: TrainingRange,
+    robot: Robot,
+    q: FloatArray,
+    wrench: FloatArray,
+    extrapolates: Sequence[str],
+) -> str:
+    """Return what is farthest beyond the training range, with numbers; "" if no row extrapolates.
 
     Args:
         training_range: of the model.
@@ -27,8 +42,7 @@ def extrapolation_warning(
         wrench: (n, 6) N and N m at the TCP.
         extrapolates: (n,) what of each row does, see `TrainingRange.extrapolates`.
     """
-    n_beyond = sum(map(bool, extrapolates))
-    if not n_beyond:
+    if not any(extrapolates):
         return ""
     texts = [*_beyond(training_range, robot, q, wrench)]
     usual_pose, usual_load = training_range.usual_distances
@@ -47,7 +61,7 @@ def extrapolation_warning(
             f"load-gap in {counted(loads.sum(), 'row')} (direction up to {far:.2g} from the "
             f"nearest training load, usual: {usual_load:.2g})"
         )
-    return f"extrapolation in {n_beyond} of {len(q)} rows: {', '.join(texts)}"
+    return ", ".join(texts)
 
 
 def _beyond(

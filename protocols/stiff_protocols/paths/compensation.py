@@ -58,8 +58,16 @@ class Compensation(BriefFields):
 
     @property
     def removed(self) -> FloatArray:
-        """(n,) predicted deflection that the commands take out, m; 0 for a row left."""
-        return np.asarray(np.linalg.norm(self.before, axis=1) * self.converged)
+        """(n, 3) predicted deflection that the command takes out, base frame, m."""
+        return self.wanted - self.position
+
+    @property
+    def residual(self) -> FloatArray:
+        """(n, 3) from the wanted point to where the loaded tool is predicted, base frame, m.
+
+        It says how far the iteration converged, and nothing about the robot.
+        """
+        return self.position + self.deflection - self.wanted
 
     @property
     def converged(self) -> BoolArray:

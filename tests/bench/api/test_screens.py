@@ -35,7 +35,7 @@ def made(folder):
     model = sb.make_model("vjm").fit(data)
     results = sb.evaluate(["vjm", "knn"], data, splits=2, output=folder / "runs")
     sb.example_path("square", folder / "square.csv", points=40)
-    with pytest.warns(match="extrapolation"):
+    with pytest.warns(match="beyond the training range"):
         path = sb.compensate_path(model, folder / "square.csv", folder / "out.csv")
         stiffness_map = sb.stiffness_map(model, load=(0.0, 0.0, -60.0), grid=8)
     return SimpleNamespace(

@@ -27,7 +27,7 @@ from stiff_protocols.contract.errors import (
 )
 from stiff_protocols.paths.inverse import follow
 
-pytestmark = pytest.mark.filterwarnings("ignore:extrapolation")
+pytestmark = pytest.mark.filterwarnings("ignore:.*beyond the training range")
 
 POSITION, ANGLES = ["x_mm", "y_mm", "z_mm"], ["a_deg", "b_deg", "c_deg"]
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
@@ -77,9 +77,17 @@ def test_a_path_is_made_corrected_and_drawn_on_the_command_line(vjm, tmp_path):
     words = ("--model", "vjm.stiff", "--path", "p.csv", "--output", "c.csv")
     done = bench_here("path", "compensate", *words, "--figure", "c.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "21 of 21 points corrected" in done.stdout
-    assert "extrapolation" in done.stderr  # the measured poses have A6 at 0
-    assert len(pd.read_csv(tmp_path / "c.csv")) == 21
+    beyond, corrected, removed, remaining = done.stdout.splitlines()[:4]
+    share = "of 21 points are beyond the training range: q6"
+    assert share in beyond and done.stderr == ""  # the measured poses have A6 at 0
+    assert corrected == "21 of 21 points corrected"
+    table = pd.read_csv(tmp_path / "c.csv")
+    assert len(table) == 21
+    for line, column in ((removed, "removed_mm"), (remaining, "expected_error_mm")):
+        means = f": {table[column].mean():.3g} mm mean, {table[column].max():.3g} mm largest"
+        assert means in line
+    error = sb.load_model(tmp_path / "vjm.stiff").cross_validated_error.mean
+    assert f"3-D error {1000 * error:.3g} mm of the fit, 5 folds over poses" in remaining
     with Image.open(tmp_path / "c.png") as image:
         assert image.width > image.height > 500
 
@@ -92,7 +100,8 @@ def test_commands_of_a_model_of_another_point_are_for_the_tcp_and_say_so(
     wrench = pd.read_csv(square)[LOADS].to_numpy()
     at_tcp = model.fitted.predict_at_tcp(np.radians(written[JOINTS].to_numpy()), wrench)
     np.testing.assert_allclose(found.found.deflection, at_tcp, atol=1e-8)
-    middle = 0.5 * (found.interval.lower + found.interval.upper)
+    interval = found.prediction_error.interval
+    middle = 0.5 * (interval.lower + interval.upper)
     np.testing.assert_allclose(middle, at_tcp, atol=1e-8)
     assert "another point of the tool" in capsys.readouterr().err
 
@@ -112,9 +121,10 @@ def test_loaded_tool_with_the_written_commands_is_on_the_path(square, corrected,
     off = 1000.0 * (command + deflection) - wanted[POSITION]
     assert np.linalg.norm(off, axis=1).max() < 2e-4
     np.testing.assert_allclose(1000.0 * deflection, written[["dx_mm", "dy_mm", "dz_mm"]], atol=1e-5)
-    assert (written["error_after_mm"] < 1e-4).all()
-    assert (written["error_before_mm"] > 0.1).all()
-    np.testing.assert_allclose(1000.0 * found.error_before, written["error_before_mm"], atol=1e-7)
+    removed = np.linalg.norm(written[["dx_mm", "dy_mm", "dz_mm"]], axis=1)
+    np.testing.assert_allclose(written["removed_mm"], removed, atol=2e-4)
+    np.testing.assert_allclose(1000.0 * found.removed, written["removed_mm"], atol=1e-7)
+    np.testing.assert_allclose(1000.0 * found.expected_error, written["expected_error_mm"])
     assert set(written["uncorrected"]) == {""}
 
 
@@ -137,7 +147,7 @@ def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_
     in_tool = wanted.copy()
     in_tool[FORCE] = turn.inv().apply(wanted[FORCE])
     in_tool[LOADS[3:]] = turn.inv().apply(wanted[LOADS[3:]])
-    same(in_tool, load_frame="tool")
+    same(in_tool, frame="tool")
     tool = Rotation.from_euler("ZYX", [30.0, 20.0, 10.0], degrees=True)
     tilted = wanted.copy()
     tilted[ANGLES] = (turn * tool).as_euler("ZYX", degrees=True)
@@ -146,7 +156,7 @@ def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_
     local = wanted.assign(frame="table")
     local[POSITION] = table.inv().apply(wanted[POSITION] - [500.0, 10.0, 300.0])
     local[ANGLES] = (table.inv() * turn).as_euler("ZYX", degrees=True)
-    again = same(local, frame=(500.0, 10.0, 300.0, 90.0, 0.0, 10.0))
+    again = same(local, workpiece=(500.0, 10.0, 300.0, 90.0, 0.0, 10.0))
     back = table.apply(again[POSITION])
     back += np.array([500.0, 10.0, 300.0])
     np.testing.assert_allclose(back, written[POSITION], atol=1e-6)
@@ -165,7 +175,7 @@ def test_joint_angles_stand_for_poses_and_choose_the_configuration(square, corre
     other, _ = corrected(wanted, start=tuple(mirrored))
     assert (other.found.q[:, 4] < 0.0).all()
     assert (from_poses.found.q[:, 4] > 0.0).all()
-    assert (other.error_after < 1e-6).all()
+    assert (np.linalg.norm(other.found.residual, axis=1) < 1e-6).all()
 
 
 class Wild:
@@ -195,7 +205,9 @@ def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, c
         found, written = corrected(path + ROW.replace("700", "701"), wild(), on_failure="keep")
     assert written["uncorrected"].tolist() == ["", "not converged", "", ""]
     np.testing.assert_array_equal(written.loc[1, POSITION].tolist(), [700.0, 0.0, 400.0])
-    assert written.loc[1, "error_after_mm"] == written.loc[1, "error_before_mm"]
+    assert (written["removed_mm"] > 0.0).tolist() == [True, False, True, True]
+    assert (written["expected_error_mm"] == "").all() and "fit again" in repr(found)
+    assert found.expected_error is None
     np.testing.assert_array_equal(found.found.converged, [True, False, True, True])
 
 
@@ -227,7 +239,7 @@ def test_a_path_in_parquet_gets_the_commands_of_its_csv_with_remarks(square, vjm
     tables = []
     for ending, read in ((".csv", CSV), (".parquet", pd.read_parquet)):
         output = tmp_path / f"c{ending}"
-        with pytest.warns(UserWarning, match="extrapolation in 13 of 13 rows: q6 8"):
+        with pytest.warns(UserWarning, match="13 of 13 points are beyond the training range: q6 8"):
             compensate_path(vjm, tmp_path / f"p{ending}", output)
         tables.append(read(output))
     pd.testing.assert_frame_equal(*tables, atol=1e-7, rtol=0.0)
@@ -273,11 +285,11 @@ def test_arguments_that_cannot_serve_and_files_that_exist_are_refused(vjm, squar
             use()
     with pytest.raises(NotFittedError):
         compensate_path(sb.make_model("vjm"), square, tmp_path / "c.csv")
-    for wrong in ({"on_failure": "go on"}, {"load_frame": "world"}, {"iterations": 0}):
+    for wrong in ({"on_failure": "go on"}, {"frame": "world"}, {"iterations": 0}):
         with pytest.raises(ConfigError, match="valid: "):
             compensate_path(vjm, square, tmp_path / "c.csv", **wrong)
     with pytest.raises(DataError, match="frame has shape"):
-        compensate_path(vjm, square, tmp_path / "c.csv", frame=(1.0, 2.0))
+        compensate_path(vjm, square, tmp_path / "c.csv", workpiece=(1.0, 2.0))
 
 
 # ---- more than six joints --------------------------------------------------------------------
@@ -317,7 +329,7 @@ def test_a_track_is_held_along_a_path_that_lies_before_it(track, tmp_path):
     words = ["--urdf", track / "track.urdf", "--tcp", "0.1,0,0.1", "--load", "0,10,-40,0,0,0"]
     bench("path", "example", "--points", "9", "--size", "100", *words, *hold, "--output", "e.csv")
     table = bench(*compensate_on(track, "e.csv", *hold))
-    assert (table["q1_mm"] == where).all() and (table["error_after_mm"] < 1e-3).all()
+    assert (table["q1_mm"] == where).all() and (table["removed_mm"] > 0.0).all()
     assert (table["x_mm"] > where).all()
     start = ",".join(str(value) for value in table.filter(regex=r"^q\d").iloc[0])
     kept = bench(*compensate_on(track, "e.csv", "--hold", "1", "--start", start))

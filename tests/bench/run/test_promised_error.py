@@ -1,0 +1,40 @@
+"""Promised remaining error of corrected paths, against the simulated robot's own answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import stiffbench as sb
+
+LOADS = ["fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"]
+
+
+def promised_and_found(
+    model_name: str, data: sb.Dataset, folder: Path, coverage: float | None = None
+) -> tuple[float, float]:
+    """Return the mean expected error, m, and the mean distance of the twin from the path, m."""
+    model = sb.make_model(model_name).fit(data)
+    path = folder / "path.csv"
+    assert "0 of 41 points are beyond" in sb.example_path("square", path, points=41, model=model)
+    corrected = sb.compensate_path(model, path, folder / "new.csv", coverage=coverage)
+    wrench = pd.read_csv(path)[LOADS].to_numpy()
+    commands = corrected.found.q
+    true_deflection = data.data.under_load(commands, wrench)
+    stands = data.robot.tcp_position(commands) + true_deflection
+    found = np.linalg.norm(stands - corrected.found.wanted, axis=1)
+    return float(corrected.expected_error.mean()), float(found.mean())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("specimen", range(5))
+@pytest.mark.parametrize(("model_name", "coverage"), [("vjm", None), ("vjm-gp", 0.9)])
+def test_twin_asked_afterwards_is_as_near_to_the_path_as_promised(
+    model_name, coverage, specimen, tmp_path
+):
+    data = sb.load_dataset("kr10-twin", specimen=specimen)
+    promised, found = promised_and_found(model_name, data, tmp_path, coverage)
+    assert 0.0 < found <= promised
