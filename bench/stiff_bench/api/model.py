@@ -455,20 +455,13 @@ class Model(Shown):
         is_plugin = choice.cls.__module__ != "__main__" and bool(code_of(choice.cls))
         save(self.fitted, Path(file), {choice.info.key: choice.params} if is_plugin else None)
 
-    def _keep_errors(self) -> None:
-        """Compute what intervals and remaining errors need; where that fails, warn."""
-        if not offers(self.fitted, "predict_interval"):
-            try:
-                _ = self.left_out_errors
-            except Exception as error:  # whatever a third-party model raises in its second fit
-                self.fitted.left_out_errors_ = np.empty((0, len(AXES)))
-                text = f"{self.name} is saved without intervals: {said_by(error)}"
-                warn(text, stacklevel=3)
+    def _keep_left_out_errors(self) -> None:
+        """Compute what the intervals need; where that fails, the model stays without, and warns."""
         try:
-            _ = self.cross_validated_errors
-        except Exception as error:
-            self.fitted.cross_validated_errors_ = np.empty(0)
-            text = f"{self.name} is saved without cross-validated error: {said_by(error)}"
+            _ = self.left_out_errors
+        except Exception as error:  # whatever a third-party model raises in its second fit
+            self.fitted.left_out_errors_ = np.empty((0, len(AXES)))
+            text = f"{self.name} is saved without intervals: {said_by(error)}"
             warn(text, stacklevel=3)
 
     def _keep_cross_validated_error(self) -> None:

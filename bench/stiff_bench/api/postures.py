@@ -16,7 +16,13 @@ from stiff_bench.api.tool_paths import held_positions
 from stiff_bench.console import say
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
-from stiff_datasets.measured.path_file import LoadFrame, frame_matrix, read_path, tool_of
+from stiff_datasets.measured.path_file import (
+    LoadFrame,
+    frame_matrix,
+    read_path,
+    six_numbers,
+    tool_of,
+)
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
 from stiff_datasets.measured.sheet_files import write_table
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
@@ -82,7 +88,7 @@ def rank_postures(
         model: fitted, of an arm with six revolute joints, or whose other joints are held.
         point: x, y, z [mm], a, b, c [deg] of the tool; None with `given` or `path`.
         path: file of the points, see "Correct a tool path" in the docs.
-        load: (6,) process load, N and N m; a path may have its own.
+        load: (3,) or (6,) process load, N and N m; a path may have its own.
         frame: "base" or "tool", in which loads are expressed; a load in the tool frame turns with
             the tool.
         tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
@@ -138,8 +144,8 @@ def rank_postures(
             tool_of(arm, tool),
             sheet_name=sheet,
             load=load,
-            load_frame=frame,
-            frame=workpiece,
+            frame=frame,
+            workpiece=workpiece,
         )
         for oddity in table.oddities:
             say(f"warning: {oddity}")
@@ -177,8 +183,8 @@ def _point_task(
     """Return the task at one point; by default the given posture is there."""
     tool_frame = tool_of(robot, tool)
     if load is None:
-        raise ConfigError("is missing (valid: fx,fy,fz,tx,ty,tz in N and N m)", "load")
-    wrench = frozen_array(load, "load", (6,))
+        raise ConfigError("is missing (valid: fx,fy,fz[,tx,ty,tz] in N and N m)", "load")
+    wrench = np.array(six_numbers(load))
     if point is not None:
         pose = (np.eye(4) if workpiece is None else frame_matrix(workpiece)) @ frame_matrix(point)
         position, rotation = pose[:3, 3], pose[:3, :3] @ tool_frame[:3, :3].T

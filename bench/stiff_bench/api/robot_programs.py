@@ -10,17 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiff_bench.api.model import Model, blamed_on
-from stiff_bench.api.remaining_error import (
-    ExpectedError,
-    beyond_training,
-    correction_lines,
-    expected_error,
-)
-from stiff_bench.api.tool_paths import six_numbers
+from stiff_bench.api.remaining_error import expected_error
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
-from stiff_datasets.measured.path_file import LoadFrame, frame_matrix
+from stiff_datasets.measured.path_file import LoadFrame, frame_matrix, six_numbers
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
 from stiff_datasets.programs.controller_poses import ProgramPoses, controller_of, program_poses
 from stiff_datasets.programs.corrected_program import corrected_texts, shared_target_conflicts
@@ -70,9 +64,8 @@ class CorrectedProgram:
         files: that were written.
         language: of the program.
         lines: (n,) line of each motion.
-        expected: error that remains at the corrected targets.
+        path: corrected targets, in the order of the program.
         left: motions that are left as they were.
-        extrapolates: (n,) what of a target lies beyond the training range.
         targets: points, commands and predicted deflections, with the points between.
         between: (m,) predicted errors on straight motions between corrected ends, m.
         between_lines: (m,) lines of these motions.
@@ -84,9 +77,8 @@ class CorrectedProgram:
     files: tuple[Path, ...]
     language: str
     lines: tuple[int, ...]
-    expected: ExpectedError
+    path: CorrectedPath
     left: tuple[LeftTarget, ...]
-    extrapolates: tuple[str, ...]
     targets: CorrectedTargets
     between: FloatArray
     between_lines: tuple[int, ...]
@@ -94,31 +86,20 @@ class CorrectedProgram:
     unfit_configurations: tuple[int, ...]
     notes: tuple[str, ...]
 
-    @property
-    def removed(self) -> FloatArray:
-        """(n,) predicted deflection that the commands take out, m; 0 if a target is left."""
-        return self.targets.at_targets.removed
-
     def plot(self) -> Prepared:
-        """Return the picture of the targets, what is removed, and the error that remains."""
-        from stiff_bench.figures.corrected_path import path_picture
-
-        found = self.targets.at_targets
-        return path_picture(
-            self.files[0].stem, found, self.expected.values, self.expected.source, self.extrapolates
-        )
+        """Return the picture of the targets, what is removed, and the error that may remain."""
+        return self.path.plot()
 
     def __repr__(self) -> str:
-        """Return what was corrected, what will remain, and what was left."""
+        """Return what was corrected, what may remain, and what was left."""
         return "\n".join(self._lines())
 
     def _lines(self) -> list[str]:
         """Return the lines of the text."""
-        done = self.targets.at_targets.converged
-        words = [word for word, good in zip(self.extrapolates, done, strict=True) if good]
-        lines = correction_lines(len(done), "target", self.removed[done], self.expected, words)
-        if n_inserted := int((~self.targets.is_target).sum()):
-            lines[0] += f"; {counted(n_inserted, 'point')} put between"
+        lines = repr(self.path).split("\n")
+        n_points = int((~self.targets.is_target).sum())
+        corrected = f"{len(self.path.removed)} of {counted(len(self.lines), 'target')} corrected"
+        lines[1] = corrected + f", {counted(n_points, 'point')} put between" * bool(n_points)
         if len(self.between):
             worst = int(np.nanargmax(self.between))
             lines.append(
@@ -248,15 +229,23 @@ def compensate_program(
                 f"{file}, line {left[0].line}: {_short(left[0].text)}: {left[0].reason} (strict: "
                 f"{counted(len(left), 'motion')} cannot be corrected)"
             )
+        if not found.converged.any():
+            raise ModelError(f"{file}: none of {counted(len(source), 'target')} can be corrected")
         texts, changed = corrected_texts(source, robot, poses, targets, q)
         between_rows, between = errors_between(predict, robot, targets)
         done = found.converged
-        commands, loads_done = found.q[done], wrench[done]
-        expected = expected_error(model, commands, loads_done, coverage)
-        words = np.full(len(source), "", dtype=object)
-        words[done], beyond = beyond_training(model, commands, loads_done)
+        commands, acting = found.q[done], wrench[done]
+        known = model.training_range
+        words = known.extrapolates(commands, acting)
+        path = CorrectedPath(
+            output.stem,
+            targets.corrected,
+            expected_error(model, commands, acting, coverage),
+            words,
+            extrapolation_details(known, robot, commands, acting, words),
+        )
         write_texts(written, texts)
-    notes = [beyond] if beyond else []
+    notes = []
     if robot.controller is None:
         notes.append(
             f"{robot.name} has no <controller> in its URDF: joint angles and frames of the program "
@@ -268,9 +257,8 @@ def compensate_program(
         files=written,
         language=source.language.name,
         lines=tuple(source.lines.tolist()),
-        expected=expected,
+        path=path,
         left=left,
-        extrapolates=tuple(words.tolist()),
         targets=targets,
         between=between,
         between_lines=tuple(source.lines[targets.row[between_rows]].tolist()),

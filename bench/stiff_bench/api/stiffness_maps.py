@@ -18,6 +18,7 @@ from stiff_datasets.measured.path_file import (
     POSITION_COLUMNS,
     LoadFrame,
     frame_matrix,
+    six_numbers,
     tool_of,
 )
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
@@ -95,7 +96,7 @@ class StiffnessMap(Shown):
         axis: "x", "y", "z" or "tool" of the component; None: the length of the deflection, or the
             largest principal compliance.
         load: (6,) N and N m at the TCP.
-        load_frame: "base" or "tool", in which the load is expressed.
+        frame: "base" or "tool", in which the load is expressed.
         turn: "fixed", or "best" about the tool axis.
         positions: (..., 3) TCP, base frame, m.
         tool_angles_deg: (3,) KUKA's angles a, b, c of the tool frame in the base frame, before the
@@ -119,7 +120,7 @@ class StiffnessMap(Shown):
     quantity: Quantity
     axis: str | None
     load: FloatArray
-    load_frame: LoadFrame
+    frame: LoadFrame
     turn: Turn
     positions: FloatArray
     tool_angles_deg: FloatArray
@@ -240,7 +241,7 @@ class StiffnessMap(Shown):
         """The load with its units and, unless it is the base, its frame."""
         force, torque = self.load[:3], self.load[3:]
         text = f"{_numbers(force)} N" + f", {_numbers(torque)} N m" * bool(torque.any())
-        return text + " in the tool frame" * (self.load_frame == "tool")
+        return text + " in the tool frame" * (self.frame == "tool")
 
     @property
     def quantity_name(self) -> str:
@@ -328,7 +329,7 @@ class StiffnessMap(Shown):
             for at in [self.extreme(kind)]
         }
         stiffest, force = self.extreme("stiffest"), self.load[:3]
-        if self.load_frame == "tool":
+        if self.frame == "tool":
             force = self.tool_rotation(stiffest) @ force
         content = MapContent(
             planes=planes,
@@ -375,7 +376,7 @@ def stiffness_map(
     orientation: Sequence[float] | str = DOWN,
     turn: Turn = "fixed",
     tool: Sequence[float] | None = None,
-    load_frame: LoadFrame = "base",
+    frame: LoadFrame = "base",
     hold: Mapping[str, float | None] | None = None,
     output: Path | str | None = None,
     figure: Path | str | None = None,
@@ -404,7 +405,7 @@ def stiffness_map(
             30 deg.
         tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
             link; None: the model's TCP with the orientation of that link.
-        load_frame: "base" or "tool", in which the load is expressed.
+        frame: "base" or "tool", in which the load is expressed.
         hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
             which it is held.
         output: a new file: .csv or .parquet for a row per point, .png, .svg or .pdf for the
@@ -424,7 +425,7 @@ def stiffness_map(
         ("axis", axis, valid_axes),
         ("plane", plane, PLANES),
         ("turn", turn, TURNS),
-        ("load frame", load_frame, ("base", "tool")),
+        ("frame", frame, ("base", "tool")),
     ):
         if word not in valid:
             raise unknown_name(kind, str(word), [str(name) for name in valid])
@@ -450,7 +451,7 @@ def stiffness_map(
         tool=tool_frame,
         orientation=rotation_of(angles),
         load=_load(load, quantity),
-        in_tool_frame=load_frame == "tool",
+        in_tool_frame=frame == "tool",
         quantity=quantity,
         axis=axis,
         held=held,
@@ -477,7 +478,7 @@ def stiffness_map(
         quantity=quantity,
         axis=axis,
         load=task.load,
-        load_frame=load_frame,
+        frame=frame,
         turn=turn,
         positions=positions,
         tool_angles_deg=angles,
@@ -521,10 +522,7 @@ def _load(load: Sequence[float] | None, quantity: Quantity) -> FloatArray:
         if quantity == "deflection":
             raise ConfigError(f"is missing: give {valid}, or quantity compliance", "load")
         return np.zeros(6)
-    if len(load) not in (3, 6):
-        raise ConfigError(f"has {len(load)} numbers (valid: {valid})", "load")
-    wrench = np.zeros(6)
-    wrench[: len(load)] = frozen_array(load, "load", (len(load),))
+    wrench = np.array(six_numbers(load))
     if quantity == "deflection" and not wrench.any():
         raise ConfigError(f"is zero, and so is every deflection (valid: {valid})", "load")
     return wrench

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -22,6 +22,7 @@ from stiff_datasets.measured.path_file import (
     corrected_table,
     path_problems,
     read_path,
+    six_numbers,
     tool_of,
     write_path,
 )
@@ -40,17 +41,13 @@ from stiff_protocols.paths.compensation import (
     Compensation,
     compensate,
 )
-from stiff_protocols.paths.example import drivable_path, trained_path
+from stiff_protocols.paths.example import drivable_path
 from stiff_protocols.paths.inverse import Followed, follow, joint_number, judged
 from stiff_protocols.paths.near_training import path_near_training, training_load
 from stiff_protocols.paths.path import SHAPES
 
 if TYPE_CHECKING:
     from stiff_bench.figures.prepared_figure import Prepared
-
-
-LEAST_CARRIED_M = 1e-8
-"""A change of the deflections on the way to the TCP that is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +139,8 @@ def example_path(
         output: a new file.
         size: edge, diameter or length; of iso9283 the edge of the cube, mm.
         points: number of points.
-        load: (6,) process load, N and N m, base frame; None: a quarter of the payload downwards; or
-            with a model half of the training load that pulls downwards most.
+        load: (3,) or (6,) process load, N and N m, base frame; None: a quarter of the payload
+            downwards; or with a model half of the training load that pulls downwards most.
         robot: that drives it: the name of a shipped one, or a `Robot`; None: the model's, or the
             KR10.
         model: fitted, whose robot drives it.
@@ -173,6 +170,7 @@ def example_path(
         if (payload := payload_of(arm)) is None:
             raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
         load = (0.0, 0.0, -0.25 * payload * STANDARD_GRAVITY, 0.0, 0.0, 0.0)
+    load = six_numbers(load)
     held = held_positions(arm, hold or {})
     wanted: dict[str, Any] = {"wrench": load, "held": held}
     if model is None:
@@ -219,7 +217,7 @@ def compensate_path(
             link; None: the model's TCP with the orientation of that link.
         workpiece: x, y, z [mm], a, b, c [deg] of the path's frame in the base frame; None: the
             base frame.
-        load: (6,) process load at every point, N and N m, for a file without loads.
+        load: (3,) or (6,) process load at every point, N and N m, for a file without loads.
         frame: "base" or "tool", in which loads are expressed.
         start: (n_joints,) joint positions near the first point, deg or mm, which choose the
             configuration; None: the one that is nearest to the training poses.
@@ -307,7 +305,7 @@ def compensate_path(
         write_table(output, [corrected_table(table, arm, found, extrapolates, errors, interval)])
     if not wrench.any():
         say(f"warning: {file}: every load is zero, so there is nothing to correct")
-    if carried > LEAST_CARRIED_M:
+    if carried:
         say(
             f"warning: {file}: the model was fitted to another point of the tool than the TCP; the "
             f"rotation of the tool, which was not measured, changes the deflections by up to "

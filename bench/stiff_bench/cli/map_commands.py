@@ -11,7 +11,7 @@ from stiff_bench import api
 from stiff_bench.cli.click_options import FILE, PICTURE, Numbers, WholeRange, plugin_option
 from stiff_bench.cli.help_pages import command
 from stiff_bench.cli.model_commands import model_file_option
-from stiff_bench.cli.path_commands import FRAME, hold_option
+from stiff_bench.cli.path_commands import FRAME, hold_option, load_frame_option, load_option
 from stiff_bench.console import print_prose, warnings_said
 
 
@@ -27,18 +27,8 @@ class Orientation(Numbers):
 
 @command("map", epilog="bench map --model my.stiff --load 0,0,-100 --plane xz --output map.png")
 @model_file_option
-@click.option(
-    "--load",
-    type=Numbers("three or six finite numbers, fx,fy,fz in N and tx,ty,tz in N m"),
-    metavar="FX,FY,FZ,TX,TY,TZ",
-    help="Load on the tool at every point, in N and N m; without torques they are zero.",
-)
-@click.option(
-    "--load-frame",
-    type=click.Choice(["base", "tool"]),
-    default="base",
-    help="Frame that the load is expressed in.",
-)
+@load_option
+@load_frame_option
 @click.option(
     "--quantity",
     type=click.Choice(["deflection", "compliance"]),

@@ -39,6 +39,13 @@ load_option = click.option(
     help="Process load on the tool at every point, in N and N m.",
 )
 
+load_frame_option = click.option(
+    "--frame",
+    type=click.Choice(["base", "tool"]),
+    default="base",
+    help="Frame that loads are expressed in.",
+)
+
 
 def _held(
     _: click.Context, parameter: click.Parameter, words: tuple[str, ...]
@@ -93,12 +100,6 @@ def path() -> None:
     help="Edge, diameter or length of the shape; for iso9283 the edge of the cube.",
 )
 @click.option("--points", type=WholeRange(2, 1_000_000), default=401, help="Number of points.")
-@click.option(
-    "--model",
-    type=FILE,
-    metavar="FILE.stiff",
-    help="Place the path inside the training range of this model, for its robot.",
-)
 @load_option
 @hold_option
 @click.option(
@@ -140,7 +141,9 @@ def example(model: Path | None, **words: Any) -> None:
     "written back with corrected targets.",
 )
 @sheet_option
-@output_option("FILE.csv", "New file: commanded poses, removed deflection, expected error.")
+@output_option(
+    "FILE", "New file: commands of the path, or the corrected program with the suffix of --program."
+)
 @click.option(
     "--tool",
     type=FRAME,
@@ -158,11 +161,12 @@ def example(model: Path | None, **words: Any) -> None:
 )
 @load_option
 @click.option(
-    "--frame",
-    type=click.Choice(["base", "tool"]),
-    default="base",
-    help="Frame that loads are expressed in.",
+    "--loads",
+    type=FILE,
+    metavar="FILE",
+    help="Loads of a program by line: columns line, fx_N, fy_N, fz_N and torques.",
 )
+@load_frame_option
 @click.option(
     "--start",
     type=Numbers("one finite number a joint, deg or mm"),
@@ -197,10 +201,6 @@ def example(model: Path | None, **words: Any) -> None:
     default="stop",
     help="If a point of a path cannot be corrected: stop, or keep it uncorrected and name it.",
 )
-@coverage_option(
-    "Take the expected remaining error from prediction intervals of this coverage; the file of a "
-    "path gets them, too."
-)
 @coverage_option("Expected remaining error from prediction intervals of this coverage, per axis.")
 @click.option(
     "--figure",
@@ -215,7 +215,8 @@ def compensate(
     """Write the commands that put the loaded tool on a path.
 
     The predicted deflection at the commanded pose is subtracted. The orientation of the tool does
-    not change. The output says what is removed, and what error may remain on the robot.
+    not change. The output says what is removed, and what error may remain on the robot. A robot
+    program is corrected in place: every other character stays as it was.
     """
     if (points is None) == (program is None):
         raise ConfigError("needed once: a file of points, or else --program", "path")
@@ -228,5 +229,11 @@ def compensate(
     fitted = api.model.load_model(model)
     with warnings_said():
         warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
-        corrected = api.tool_paths.compensate_path(fitted, points, output, **words)
-    print_prose(f"{corrected!r}\n{output}: {fitted.name}, robot {fitted.fitted.robot_.name}")
+        corrected: object
+        files = str(output)
+        if points is not None:
+            corrected = api.tool_paths.compensate_path(fitted, points, output, **words)
+        elif program is not None:
+            done = api.robot_programs.compensate_program(fitted, program, output, **words)
+            corrected, files = done, ", ".join(map(str, done.files))
+    print_prose(f"{corrected!r}\n{files}: {fitted.name}, robot {fitted.fitted.robot_.name}")

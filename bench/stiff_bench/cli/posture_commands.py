@@ -20,7 +20,7 @@ from stiff_bench.cli.click_options import (
 )
 from stiff_bench.cli.help_pages import command
 from stiff_bench.cli.model_commands import model_file_option
-from stiff_bench.cli.path_commands import FRAME, hold_option, load_option
+from stiff_bench.cli.path_commands import FRAME, hold_option, load_frame_option, load_option
 from stiff_bench.console import print_text, warnings_said
 
 
@@ -58,12 +58,7 @@ from stiff_bench.console import print_text, warnings_said
     help="Axis that the tool may turn about, in the tool frame.",
 )
 @load_option
-@click.option(
-    "--frame",
-    type=click.Choice(["base", "tool"]),
-    default="base",
-    help="Frame that loads are expressed in; in the tool frame they turn with the tool.",
-)
+@load_frame_option
 @click.option(
     "--direction",
     type=click.Choice(["along", "across"]),

@@ -104,6 +104,22 @@ def frame_matrix(numbers: Sequence[float]) -> FloatArray:
     return pose
 
 
+def six_numbers(load: Sequence[float]) -> tuple[float, ...]:
+    """Return a load of three forces, or of forces and torques, as six numbers, N and N m.
+
+    Raises:
+        ConfigError: it has another length, or a number is none of a robot's.
+    """
+    valid = "fx,fy,fz in N, or fx,fy,fz,tx,ty,tz in N and N m"
+    if len(load) not in (3, 6):
+        raise ConfigError(f"has {len(load)} numbers (valid: {valid})", "load")
+    for number in load:
+        if not abs(number) <= LARGEST_NUMBER:  # neither is nan
+            valid = f"numbers within +-{LARGEST_NUMBER:g} N and N m"
+            raise ConfigError(f"{number:g}: no load of a robot (valid: {valid})", "load")
+    return (*load, 0.0, 0.0, 0.0)[:6]
+
+
 def tool_of(robot: Robot, tool: Sequence[float] | None) -> FloatArray:
     """Return the (4, 4) tool frame in the last joint's frame, m.
 
@@ -147,7 +163,7 @@ def read_path(
         robot: gives the joints and their limits, and the place of the TCP.
         tool: (4, 4) in the last joint's frame, m (`tool_of`).
         sheet_name: of an Excel file; None: the only one that holds a table.
-        load: (6,) N and N m at every point, for a file without loads.
+        load: (3,) or (6,) N and N m at every point, for a file without loads.
         frame: in which loads are expressed.
         workpiece: x, y, z [mm], a, b, c [deg] of the frame of the poses in the base frame; None:
             they are in the base frame.
@@ -171,10 +187,7 @@ def read_path(
         valid = f"{','.join(POSITION_COLUMNS)} with {','.join(ANGLE_COLUMNS)} or "
         valid += f"{','.join(QUATERNION_COLUMNS)}; or {','.join(joints)}"
         raise problems_error(file, [Problem(f"header: more than one of these: {both}", valid)])
-    for number in () if load is None else load:
-        if not abs(number) <= LARGEST_NUMBER:  # neither is nan
-            valid = f"numbers within +-{LARGEST_NUMBER:g} N and N m"
-            raise ConfigError(f"{number:g}: no load of a robot (valid: {valid})", "load")
+    given_load = None if load is None else six_numbers(load)
     if load is not None and found & {*WRENCH_COLUMNS}:
         raise ConfigError(f"{file} has loads of its own (valid: one of both)", "load")
     angles = turns[0] if turns else ANGLE_COLUMNS
@@ -188,7 +201,9 @@ def read_path(
         problems.append(Problem(f"header: further joints {', '.join(further)}", joints_of))
     if problems:
         raise problems_error(file, problems)
-    given = NO_TORQUE if load is None else dict(zip(WRENCH_COLUMNS, load, strict=True))
+    given = NO_TORQUE
+    if given_load is not None:
+        given = dict(zip(WRENCH_COLUMNS, given_load, strict=True))
     sheet = filled(sheet, given)
     numbers, wrench, problems = numbers_and_loads(sheet, places)
     if not problems and by_joints:

@@ -60,9 +60,18 @@ class CorrectedTargets:
 
     @property
     def at_targets(self) -> Compensation:
-        """The program's targets alone, without points between."""
-        own = {item.name: getattr(self.found, item.name) for item in fields(self.found)}
-        return Compensation(**{name: values[self.is_target] for name, values in own.items()})
+        """The program's targets, without points between."""
+        return _part(self.found, self.is_target)
+
+    @property
+    def corrected(self) -> Compensation:
+        """The program's targets that were corrected."""
+        return _part(self.found, self.is_target & self.found.converged)
+
+
+def _part(found: Compensation, rows: BoolArray) -> Compensation:
+    values = {item.name: getattr(found, item.name)[rows] for item in fields(found)}
+    return Compensation(**values)
 
 
 def correct_targets(

@@ -175,18 +175,6 @@ class TrainingRange(BriefFields):
         half *= self.stretch(q, wrench)[:, None]
         return Interval(middle - half, middle + half, interval.coverage)
 
-    @property
-    def typical_load(self) -> FloatArray:
-        """(6,) half the largest force, N, and its torque, N m, in a direction of training.
-
-        Of the directions it is the one that points downwards most; without loads it is zero.
-        """
-        if not len(self.directions):
-            return np.zeros(6)
-        direction = self.directions[np.argmin(self.directions[:, 2])]
-        pairs = zip((self.force, self.torque), _lengths(direction[None])[0], strict=True)
-        return np.asarray(0.5 * min(most / own for most, own in pairs if own > 0.0) * direction)
-
     def _load_share(self, wrench: FloatArray) -> FloatArray:
         """Return (n,) the sizes of loads as shares of the largest; 1 N m counts as 1 N."""
         largest = max(self.force + self.torque, 1e-9)

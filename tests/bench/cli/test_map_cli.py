@@ -204,7 +204,7 @@ def test_words_and_files_that_cannot_serve_are_refused_in_python(vjm, tmp_path):
         ({"axis": "w"}, "unknown axis 'w'"),
         ({"plane": "zx"}, "unknown plane 'zx'"),
         ({"turn": "worst"}, "unknown turn"),
-        ({"load_frame": "world"}, "unknown load frame"),
+        ({"frame": "world"}, "unknown frame"),
         ({"orientation": "up"}, "'up' .valid: down"),
         ({"at": ()}, "valid: 1 to 9 numbers"),
     ):
