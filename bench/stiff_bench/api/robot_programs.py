@@ -11,10 +11,12 @@ import numpy as np
 
 from stiff_bench.api.model import Model, blamed_on
 from stiff_bench.api.remaining_error import expected_error
+from stiff_bench.api.tool_paths import CorrectedPath
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured.path_file import LoadFrame, frame_matrix, six_numbers
+from stiff_datasets.measured.rows_beyond_training import extrapolation_details
 from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
 from stiff_datasets.programs.controller_poses import ProgramPoses, controller_of, program_poses
 from stiff_datasets.programs.corrected_program import corrected_texts, shared_target_conflicts
@@ -190,8 +192,8 @@ def compensate_program(
     robot: Robot = model.fitted.robot_
     source = read_program(file)
     written = (output, *(output.with_suffix(path.suffix) for path in source.paths[1:]))
-    for path in written[1:]:
-        check_new_file(path)
+    for companion in written[1:]:
+        check_new_file(companion)
     poses = program_poses(
         source,
         robot,

@@ -96,7 +96,7 @@ class StiffnessMap(Shown):
         axis: "x", "y", "z" or "tool" of the component; None: the length of the deflection, or the
             largest principal compliance.
         load: (6,) N and N m at the TCP.
-        frame: "base" or "tool", in which the load is expressed.
+        load_frame: "base" or "tool", in which the load is expressed.
         turn: "fixed", or "best" about the tool axis.
         positions: (..., 3) TCP, base frame, m.
         tool_angles_deg: (3,) KUKA's angles a, b, c of the tool frame in the base frame, before the
@@ -120,7 +120,7 @@ class StiffnessMap(Shown):
     quantity: Quantity
     axis: str | None
     load: FloatArray
-    frame: LoadFrame
+    load_frame: LoadFrame
     turn: Turn
     positions: FloatArray
     tool_angles_deg: FloatArray
@@ -241,7 +241,7 @@ class StiffnessMap(Shown):
         """The load with its units and, unless it is the base, its frame."""
         force, torque = self.load[:3], self.load[3:]
         text = f"{_numbers(force)} N" + f", {_numbers(torque)} N m" * bool(torque.any())
-        return text + " in the tool frame" * (self.frame == "tool")
+        return text + " in the tool frame" * (self.load_frame == "tool")
 
     @property
     def quantity_name(self) -> str:
@@ -329,7 +329,7 @@ class StiffnessMap(Shown):
             for at in [self.extreme(kind)]
         }
         stiffest, force = self.extreme("stiffest"), self.load[:3]
-        if self.frame == "tool":
+        if self.load_frame == "tool":
             force = self.tool_rotation(stiffest) @ force
         content = MapContent(
             planes=planes,
@@ -478,7 +478,7 @@ def stiffness_map(
         quantity=quantity,
         axis=axis,
         load=task.load,
-        frame=frame,
+        load_frame=frame,
         turn=turn,
         positions=positions,
         tool_angles_deg=angles,

@@ -114,17 +114,14 @@ def path() -> None:
 def example(model: Path | None, **words: Any) -> None:
     """Write an example path for `bench path compensate`.
 
-    Without --load, a quarter of the robot's payload pulls downwards. With --model it is half of the
+    Without --load, a quarter of the robot's payload pulls downwards. For a model it is half of the
     training load that pulls downwards most, and the path is about a training pose.
     """
     fitted = None if model is None else api.model.load_model(model)
     print_prose(api.tool_paths.example_path(model=fitted, **words))
 
 
-@path.command(
-    epilog="bench path compensate --model my.stiff --path circle.csv --output new.csv\n"
-    "bench path compensate --model my.stiff --program part.src --load 0,0,-60 --output new/part.src"
-)
+@path.command(epilog="bench path compensate --model my.stiff --path circle.csv --output new.csv")
 @model_file_option
 @click.option(
     "--path",
@@ -137,7 +134,7 @@ def example(model: Path | None, **words: Any) -> None:
     "--program",
     type=FILE,
     metavar="FILE",
-    help="Robot program: KUKA .src (with its .dat), ABB .mod, FANUC .ls or URScript .script; it is "
+    help="In place of --path a robot program: KUKA .src (with its .dat), ABB .mod, FANUC .ls or URScript .script; it is "
     "written back with corrected targets.",
 )
 @sheet_option

@@ -86,12 +86,14 @@ def _samples_bytes(samples: Samples) -> bytes:
 
 _OF_ROBOT = "robot "
 """How the names of the robot's fields begin in the archive."""
+_ROBOT_ARRAYS = tuple(item.name for item in fields(Robot) if item.name != "controller")
+"""Fields of a robot that results need."""
 
 
 def data_content(data: BenchmarkData) -> bytes:
     """Return what is stored of a data set."""
     arrays = {item.name: getattr(data.samples, item.name) for item in fields(Samples)}
-    arrays |= {f"{_OF_ROBOT}{item.name}": getattr(data.robot, item.name) for item in fields(Robot)}
+    arrays |= {f"{_OF_ROBOT}{name}": getattr(data.robot, name) for name in _ROBOT_ARRAYS}
     file = io.BytesIO()
     np.savez_compressed(file, **arrays)
     return file.getvalue()
@@ -107,7 +109,7 @@ def stored_data(content: bytes) -> StoredData:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             samples = Samples(**{item.name: arrays[item.name] for item in fields(Samples)})
             of_robot: dict[str, Any] = {
-                item.name: arrays[f"{_OF_ROBOT}{item.name}"] for item in fields(Robot)
+                name: arrays[f"{_OF_ROBOT}{name}"] for name in _ROBOT_ARRAYS
             }
     except (ValueError, KeyError, EOFError, MemoryError, zlib.error, BadZipFile) as error:
         raise DataError(str(error)) from error

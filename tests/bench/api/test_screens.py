@@ -37,6 +37,7 @@ def made(folder):
     sb.example_path("square", folder / "square.csv", points=40)
     with pytest.warns(match="beyond the training range"):
         path = sb.compensate_path(model, folder / "square.csv", folder / "out.csv")
+    with pytest.warns(match="extrapolation"):
         stiffness_map = sb.stiffness_map(model, load=(0.0, 0.0, -60.0), grid=8)
     return SimpleNamespace(
         data=data,

@@ -17,7 +17,10 @@ from stiff_datasets.measured.drilled_holes import DRILL_AXIS
 from stiff_protocols.contract.errors import ConfigError, DataError, NotFittedError
 from stiff_protocols.paths.inverse import is_singular
 
-pytestmark = pytest.mark.filterwarnings("ignore:extrapolation")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:extrapolation"),
+    pytest.mark.filterwarnings("ignore:.*beyond the training range"),
+]
 
 POINT = (600.0, 50.0, 500.0, 10.0, 120.0, 5.0)
 LOAD = (0.0, 0.0, -60.0, 0.0, 0.0, 0.0)
