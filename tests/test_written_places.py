@@ -92,6 +92,8 @@ predict --model ../out/m.stiff --input ../out/some.csv --output ../out/all.csv
 export --model ../out/m.stiff --output ../out/mlp.onnx
 path example --points 9 --output ../out/path.csv
 path compensate --model ../out/m.stiff --path ../out/path.csv --output ../out/c.csv --figure ../out/path.png
+map --model ../out/m.stiff --load 0,0,-60 --grid 6 --output ../out/map.csv --figure ../out/map.png
+posture --model ../out/m.stiff --point 600,0,400,180,0,180 --load 0,0,-60 --turns 4 --output ../out/p.csv
 """  # noqa: E501
 REGISTER = "data register kr10-measured ../out/mine.csv"
 ONE_AFTER_ANOTHER = """

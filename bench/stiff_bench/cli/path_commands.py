@@ -134,8 +134,8 @@ def example(model: Path | None, **words: Any) -> None:
     "--program",
     type=FILE,
     metavar="FILE",
-    help="In place of --path a robot program: KUKA .src (with its .dat), ABB .mod, FANUC .ls or URScript .script; it is "
-    "written back with corrected targets.",
+    help="In place of --path a robot program, written back with corrected targets: KUKA .src (with "
+    "its .dat), ABB .mod, FANUC .ls or URScript .script.",
 )
 @sheet_option
 @output_option(

@@ -18,6 +18,7 @@ from lark import Lark, Token, Tree
 from lark.exceptions import LarkError
 
 from stiff_datasets.programs.program_file import (
+    NEAR_ZERO,
     NO_FRAME,
     Edit,
     Frame,
@@ -189,7 +190,7 @@ def _config(group: Tree[Token], place: int) -> list[Number]:
 def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
     """Return (n, 6) wrist (1: F), elbow (1: U), shoulder (1: T), and turns of joints 1, 4, 6."""
     shape = np.column_stack([signs[:, 2] > 0.0, signs[:, 1] > 0.0, signs[:, 0] > 0.0])
-    turns = np.floor((angles[:, [0, 3, 5]] + np.pi) / (2.0 * np.pi) + 1e-12)
+    turns = np.floor((angles[:, [0, 3, 5]] + np.pi) / (2.0 * np.pi) + NEAR_ZERO)
     return np.hstack([shape.astype(np.float64), turns])
 
 

@@ -10,9 +10,12 @@ import numpy as np
 from stiff_datasets.programs.arm_shape import arm_signs
 from stiff_datasets.programs.controller_poses import controller_of
 from stiff_datasets.programs.program_file import Language, RobotProgram
-from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, TextArray
-from stiff_protocols.paths.inverse import LIMIT_SLACK, all_configurations, is_singular
+from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, TextArray
+from stiff_protocols.paths.inverse import LIMIT_SLACK, STARTS, all_configurations, is_singular
 
+NEAR_RAD = float(np.radians(2.0))
+"""A joint so near to the change of a sign or turn may have either: programs are rounded, and a
+controller does not look at the turn there."""
 BLOCK = 2000
 """Targets whose configurations are compared at once."""
 OUT_OF_REACH, BEYOND_LIMITS = "out of reach", "beyond the joint limits in every configuration"
@@ -82,7 +85,7 @@ def choose_joints(
         poses = rows[~program.has_joints[rows]]
         ways_of = all_configurations(robot, position[poses], rotation[poses])
         bound = np.flatnonzero(is_bound[poses])
-        turned, numbers = _with_turns(program.language, robot, ways_of[bound])
+        turned, *numbers = _with_turns(program.language, robot, ways_of[bound])
         bound_of = dict(zip(poses[bound].tolist(), range(len(bound)), strict=True))
         number_of = dict(zip(poses.tolist(), range(len(poses)), strict=True))
         for row in rows.tolist():
@@ -96,18 +99,23 @@ def choose_joints(
                 problem[row] = OUT_OF_REACH
                 continue
             if row in bound_of:
-                fits = _fits(program, row, numbers[bound_of[row]])
+                low, high, exact = (each[bound_of[row]] for each in numbers)
+                written = program.config[row, : exact.shape[1]]
+                fits = program.language.matches(written, low, high).all(axis=1)
                 inside = _inside(robot, turned[bound_of[row]])
                 config_fits[row] = (fits & inside).any()
                 if config_fits[row]:
                     ways = turned[bound_of[row]][fits & inside]
                 elif inside.any() and not program.is_linear[row]:
                     problem[row] = OTHER_CONFIGURATION
-                    possible[row] = _possible(program, row, numbers[bound_of[row]][inside])
+                    possible[row] = _possible(program, row, exact[inside])
                     continue
             if row not in bound_of or not config_fits[row]:
-                ways = _nearest_turns(robot, ways, before)
-                ways = ways[_inside(robot, ways)]
+                ways = _ways_inside(robot, ways, before)
+                if not len(ways):  # near a singularity some are missed
+                    place = position[[row]], rotation[[row]]
+                    more = all_configurations(robot, *place, n_seeds=STARTS)[0]
+                    ways = _ways_inside(robot, more[~np.isnan(more[:, 0])], before)
             if not len(ways):
                 problem[row] = BEYOND_LIMITS
                 continue
@@ -124,12 +132,13 @@ def choose_joints(
     return ChosenJoints(chosen, problem, config_fits, possible)
 
 
-def _with_turns(
-    language: Language, robot: Robot, ways: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return (n, m, n_joints) configurations with full turns, and (n, m, k) their numbers."""
+def _with_turns(language: Language, robot: Robot, ways: FloatArray) -> list[FloatArray]:
+    """Return (n, m, n_joints) configurations with full turns, and three times (n, m, k) numbers.
+
+    The numbers are those of a little smaller and larger joint angles, and of the angles themselves.
+    """
     if not len(ways) or language.configurations is None:
-        return np.empty((0, 0, robot.n_joints)), np.empty((0, 0, 0))
+        return [np.empty((0, 0, robot.n_joints)), *([np.empty((0, 0, 0))] * 3)]
     choices = []
     for turns, low, high in zip(robot.turns, robot.lower, robot.upper, strict=True):
         back, forth = [-1.0] * bool(low < -np.pi), [1.0] * bool(high > np.pi)
@@ -141,17 +150,22 @@ def _with_turns(
     wrist = controller.from_description(ways[reached])[:, 4]
     signs[reached] = arm_signs(robot, ways[reached], wrist)
     angles = controller.from_description(turned.reshape(-1, robot.n_joints))
-    numbers = language.configurations(signs.repeat(len(turns), axis=1).reshape(-1, 3), angles)
-    return turned, numbers.reshape(*turned.shape[:2], -1)
+    shapes = signs.repeat(len(turns), axis=1).reshape(-1, 3)
+    numbers = [
+        language.configurations(shapes, angles + shift).reshape(*turned.shape[:2], -1)
+        for shift in (-NEAR_RAD, NEAR_RAD, 0.0)
+    ]
+    return [turned, *numbers]
 
 
-def _nearest_turns(robot: Robot, ways: FloatArray, before: FloatArray) -> FloatArray:
-    """Return (m, n_joints) configurations with the full turns next to `before` in the limits."""
+def _ways_inside(robot: Robot, ways: FloatArray, before: FloatArray) -> FloatArray:
+    """Return the configurations (m, n_joints) in the limits, with the turns next to `before`."""
     turn = 2.0 * np.pi
     turns = np.rint((before - ways) / turn)
     turns += ways + turn * turns < robot.lower - LIMIT_SLACK
     turns -= ways + turn * turns > robot.upper + LIMIT_SLACK
-    return np.asarray(ways + turn * np.where(robot.turns, turns, 0.0))
+    ways = ways + turn * np.where(robot.turns, turns, 0.0)
+    return np.asarray(ways[_inside(robot, ways)])
 
 
 def _inside(robot: Robot, q: FloatArray) -> BoolArray:
@@ -168,10 +182,3 @@ def _possible(program: RobotProgram, row: int, numbers: FloatArray) -> str:
         for way in (written, *ways)
     ]
     return f"{texts[0]}; the pose is reached with {' or '.join(texts[1:])}"
-
-
-def _fits(program: RobotProgram, row: int, numbers: FloatArray) -> BoolArray:
-    """Return (m,) whether numbers of configurations are those that are written."""
-    written = program.config[row]
-    needed: IntArray = np.flatnonzero(~np.isnan(written))
-    return np.asarray((numbers[:, needed] == written[needed]).all(axis=1))

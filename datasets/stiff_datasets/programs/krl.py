@@ -16,6 +16,7 @@ from lark import Lark, Token, Tree
 from lark.exceptions import LarkError
 
 from stiff_datasets.programs.program_file import (
+    NEAR_ZERO,
     NO_FRAME,
     Edit,
     Frame,
@@ -28,7 +29,7 @@ from stiff_datasets.programs.program_file import (
     copied_motions,
 )
 from stiff_datasets.programs.rotations import euler_angles, euler_rotations
-from stiff_protocols.contract.types import FloatArray
+from stiff_protocols.contract.types import BoolArray, FloatArray
 
 GRAMMAR = r"""
 start: motion | assignment | declaration
@@ -242,6 +243,12 @@ def _declarations(text: str) -> Iterator[tuple[str, tuple[Tree[Token], int]]]:
         yield match["name"].upper(), (tree.children[-1], start)  # type: ignore[misc]
 
 
+def matches(written: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
+    """Return which status and turn fit; bits in which `low` and `high` differ may be either."""
+    free = low.astype(np.int64) ^ high.astype(np.int64)
+    return np.asarray(((written.astype(np.int64) ^ low.astype(np.int64)) & ~free) == 0)
+
+
 def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
     """Return (n, 2) status and turn.
 
@@ -251,7 +258,7 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
     """
     shoulder, elbow, wrist = signs.T
     status = (shoulder < 0) + 2 * (elbow >= 0) + 4 * (wrist < 0)
-    turn = (angles < 0.0) @ (1 << np.arange(angles.shape[1]))
+    turn = (angles < -NEAR_ZERO) @ (1 << np.arange(angles.shape[1]))
     return np.column_stack([status, turn]).astype(np.float64)
 
 
@@ -281,5 +288,6 @@ LANGUAGE = Language(
     from_rotations=lambda rotations: euler_angles("ZYX", rotations),
     configurations=configurations,
     insert=insert,
+    matches=matches,
     config_names=("S", "T"),
 )

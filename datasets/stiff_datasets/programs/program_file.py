@@ -11,11 +11,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
 from stiff_protocols.contract.files import written_whole
 
 MOST_NUMBERS, MOST_CONFIG = 7, 6
 """Numbers of a target (a position and a quaternion), and of its configuration."""
+NEAR_ZERO = 1e-6
+"""rad: an angle so near to a sign's or a turn's change is rounding."""
 NO_FRAME = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -107,6 +111,11 @@ class StatementError(Exception):
         self.statement = Statement(start, text, valid, text_index)
 
 
+def is_either(written: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
+    """Return which written numbers are one of two."""
+    return np.asarray((written == low) | (written == high))
+
+
 @dataclass(frozen=True)
 class Language:
     """A maker's language: how it is read, and its conventions.
@@ -125,6 +134,8 @@ class Language:
             have none.
         insert: (program, rows, numbers as texts, configurations) -> edits that put a motion to
             each literal target before the motion of its row, in this order.
+        matches: (written, low, high) -> which numbers of a configuration fit, where `low` and
+            `high` are those of joint angles a little smaller and larger.
         config_names: names of the numbers of a configuration.
         config_of_linear: linear motions are bound to the configuration that is written.
     """
@@ -142,6 +153,7 @@ class Language:
     insert: Callable[
         [RobotProgram, Sequence[int], Sequence[Sequence[str]], Sequence[Sequence[int]]], list[Edit]
     ]
+    matches: Callable[[FloatArray, FloatArray, FloatArray], BoolArray] = is_either
     config_names: tuple[str, ...] = ()
     config_of_linear: bool = False
 

@@ -17,6 +17,7 @@ from lark import Lark, Token, Tree
 from lark.exceptions import LarkError
 
 from stiff_datasets.programs.program_file import (
+    NEAR_ZERO,
     Edit,
     Frame,
     Language,
@@ -270,7 +271,7 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
     wrist centre is behind axis 1, plus 2 if it is behind the lower arm, plus 1 if joint 5 is
     negative.
     """
-    quarters = np.floor(angles[:, [0, 3, 5]] / (0.5 * np.pi) + 1e-9)
+    quarters = np.floor(angles[:, [0, 3, 5]] / (0.5 * np.pi) + NEAR_ZERO)
     shape = (signs < 0.0) @ np.array([4.0, 2.0, 1.0])
     return np.column_stack([quarters, shape])
 

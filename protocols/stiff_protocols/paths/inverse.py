@@ -228,20 +228,25 @@ def _configurations(
 
 
 def all_configurations(
-    robot: Robot, position: FloatArray, rotation: FloatArray, held: FloatArray | None = None
+    robot: Robot,
+    position: FloatArray,
+    rotation: FloatArray,
+    held: FloatArray | None = None,
+    n_seeds: int = LANDMARK_SEEDS,
 ) -> FloatArray:
     """Return the different joint positions at which the TCP has each of n poses.
 
     Limits of the joints are not looked at, and turns of 360 deg are not different: revolute joints
     that move are within +-pi. A pose next to a singularity can have fewer configurations than it
-    should. Poses of one neighbourhood share the search: `LANDMARK_SEEDS` random seeds for its first
-    pose, whose configurations are the others' seeds.
+    should. Poses of one neighbourhood share the search: `n_seeds` random seeds for its first pose,
+    whose configurations are the others' seeds.
 
     Args:
         robot: of at most six joints that move.
         position: (n, 3) of the TCP, base frame, m.
         rotation: (n, 3, 3) of the last joint's frame.
         held: see `free_joints`.
+        n_seeds: random joint positions to search from, at most `STARTS`.
 
     Returns:
         (n, m, n_joints) rad or m, m the largest number of configurations of a pose; rows of NaN
@@ -252,9 +257,11 @@ def all_configurations(
     """
     free_joints(robot, held)
     held = np.full(robot.n_joints, np.nan) if held is None else held
+    if not len(position):
+        return np.empty((0, 0, robot.n_joints))
     place = np.hstack([position / LANDMARK_M, rotation.reshape(-1, 9) / LANDMARK_TURN]).round()
     _, firsts, region = np.unique(place, axis=0, return_index=True, return_inverse=True)
-    seeds = _random_seeds(robot, held)[:LANDMARK_SEEDS]
+    seeds = _random_seeds(robot, held)[:n_seeds]
     landmarks = different_positions(
         robot, *_from_seeds(robot, position[firsts], rotation[firsts], seeds, held), held
     )

@@ -120,6 +120,7 @@ def on_a_track(twin):
     arm, slide = twin.robot, np.eye(4)[None]
     track = replace(
         arm,
+        controller=None,
         joint_names=("rail", *arm.joint_names),
         joint_types=("prismatic", *arm.joint_types),
         placements=np.concatenate([slide, arm.placements]),
