@@ -43,6 +43,7 @@ BLOCKS = {
 }
 MADE_BY = {
     "docs/how-to/deploy.md": ["fit --model vjm --dataset kr10-twin --output kr10.stiff"],
+    "docs/how-to/correct-a-program.md": ["fit --model vjm --dataset kr10-twin --output kr10.stiff"],
     "docs/how-to/correct-a-path.md": [
         "fit --model vjm --dataset kr10-twin --output kr10.stiff",
         "path example --model kr10.stiff --output square.csv",

@@ -1,4 +1,4 @@
-"""Robot programs for tests: those of the docs, and programs written from poses."""
+"""Robot programs for tests: the programs of the docs, and others written from poses."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def poses_of_program(suffix: str, text: str) -> tuple[np.ndarray, np.ndarray]:
         ".script": (r"movej\(p\[(.*?)\]", 6),
     }
     pattern, count = patterns[suffix]
-    found = re.findall(pattern, text, re.DOTALL)
-    rows = np.array([[float(n) for n in re.findall(number, row)][:count] for row in found])
+    targets = re.findall(pattern, text, re.DOTALL)
+    rows = np.array([[float(n) for n in re.findall(number, row)][:count] for row in targets])
     if suffix == ".src":
         return rows[:, :3], Rotation.from_euler("ZYX", rows[:, 3:], degrees=True).as_matrix()
     if suffix == ".mod":

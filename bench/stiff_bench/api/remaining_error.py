@@ -1,4 +1,4 @@
-"""How far the tool may still be off after a correction: no more than the model knows."""
+"""Expected error of the tool after a correction: no less than the error of the model."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.plan.request import DEFAULT_COVERAGE
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StiffBenchError
-from stiff_protocols.contract.stiffness_model import interval_at_tcp
+from stiff_protocols.contract.stiffness_model import interval_at_tcp, offers
 from stiff_protocols.contract.types import AXES, FloatArray, Interval
 
 NOT_KNOWN = "not known: the model file has no cross-validated error; fit again"
@@ -38,15 +39,15 @@ def expected_error(
 ) -> ExpectedError:
     """Return how far predictions are expected to be off, from intervals or from left-out poses.
 
-    With a coverage it is the length of the half-widths of the interval on the three axes. Without
-    one it is the model's cross-validated mean error; away from the training samples it grows as an
-    interval does (`TrainingRange.widened`).
+    With a coverage, or for a model with intervals of its own, it is the length of the half-widths
+    of the interval on the three axes. Otherwise it is the model's cross-validated mean error; away
+    from the training samples it grows as an interval does (`TrainingRange.widened`).
 
     Args:
         model: fitted.
         q: (n, n_joints) rad or m.
         wrench: (n, 6) N and N m at the TCP, base frame.
-        coverage: of intervals, per axis (0..1); None: none are asked for.
+        coverage: of intervals, per axis (0..1); None: 0.9 for a model with intervals of its own.
 
     Raises:
         NotFittedError: the model is not fitted.
@@ -55,6 +56,8 @@ def expected_error(
     """
     model.check_fitted()
     model.check_coverage(coverage)
+    if coverage is None and offers(model.fitted, "predict_interval"):
+        coverage = DEFAULT_COVERAGE
     if coverage is not None:
         with blamed_on(model.file):
             interval = model.predict_interval(q, wrench, coverage)

@@ -38,7 +38,7 @@ from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M
 if TYPE_CHECKING:
     from stiff_bench.figures.prepared_figure import Prepared
 
-SHARED = "the target is also that of another motion with another command"
+SHARED = "another motion has this target with another command"
 MOST_LISTED = 10
 """Motions that are left which the text names, and rows in which a configuration changed."""
 
@@ -67,7 +67,7 @@ class CorrectedProgram:
         language: of the program.
         lines: (n,) line of each motion.
         path: corrected targets, in the order of the program.
-        left: motions that are left as they were.
+        left_motions: motions that are left as they were.
         targets: points, commands and predicted deflections, with the points between.
         between: (m,) predicted errors on straight motions between corrected ends, m.
         between_lines: (m,) lines of these motions.
@@ -80,7 +80,7 @@ class CorrectedProgram:
     language: str
     lines: tuple[int, ...]
     path: CorrectedPath
-    left: tuple[LeftTarget, ...]
+    left_motions: tuple[LeftTarget, ...]
     targets: CorrectedTargets
     between: FloatArray
     between_lines: tuple[int, ...]
@@ -109,20 +109,20 @@ class CorrectedProgram:
                 f"line (motion of line {self.between_lines[worst]}); --every puts points between"
             )
         for text, numbers in (
-            ("status, turn or quadrants written anew", self.changed_configurations),
+            ("status, turn or quadrants written again", self.changed_configurations),
             ("configuration does not fit the pose", self.unfit_configurations),
         ):
             if numbers:
                 lines.append(f"{text}: {_listed([f'line {number}' for number in numbers])}")
         lines += self.notes
-        if self.left:
-            lines.append(f"left as they were: {counted(len(self.left), 'motion')}")
+        if self.left_motions:
+            lines.append(f"left as they were: {counted(len(self.left_motions), 'motion')}")
             lines += [
-                f"  line {left.line}: {_short(left.text)}: {left.reason}"
-                for left in self.left[:MOST_LISTED]
+                f"  line {target.line}: {_short(target.text)}: {target.reason}"
+                for target in self.left_motions[:MOST_LISTED]
             ]
-            if len(self.left) > MOST_LISTED:
-                lines.append(f"  and {len(self.left) - MOST_LISTED} more")
+            if len(self.left_motions) > MOST_LISTED:
+                lines.append(f"  and {len(self.left_motions) - MOST_LISTED} more")
         return lines
 
 
@@ -150,8 +150,8 @@ def compensate_program(
 
     Args:
         model: fitted.
-        program: KUKA .src (with the .dat beside it), ABB .mod, FANUC .ls or URScript .script.
-        output: a new file with the same suffix; a .dat is written beside it.
+        program: KUKA .src (with its .dat), ABB .mod, FANUC .ls or URScript .script.
+        output: a new file with the same suffix; a .dat is written next to it.
         load: (3,) or (6,) process load at every target, N and N m.
         loads: file of loads by line of the program, in place of `load`.
         frame: "base" or "tool", in which loads are expressed: the controller's base frame, or the
@@ -224,27 +224,28 @@ def compensate_program(
         )
         conflicts = shared_target_conflicts(source, targets)
         targets = targets.without(conflicts, SHARED)
-        found = targets.at_targets
-        left = _left(source, found.problem.tolist())
-        if left and strict:
+        commands = targets.at_targets
+        left_targets = _left_targets(source, commands.problem.tolist())
+        if left_targets and strict:
+            first = left_targets[0]
             raise ModelError(
-                f"{file}, line {left[0].line}: {_short(left[0].text)}: {left[0].reason} (strict: "
-                f"{counted(len(left), 'motion')} cannot be corrected)"
+                f"{file}, line {first.line}: {_short(first.text)}: {first.reason} (strict: "
+                f"{counted(len(left_targets), 'motion')} cannot be corrected)"
             )
-        if not found.converged.any():
+        if not commands.converged.any():
             raise ModelError(f"{file}: none of {counted(len(source), 'target')} can be corrected")
         texts, changed = corrected_texts(source, robot, poses, targets, q)
         between_rows, between = errors_between(predict, robot, targets)
-        done = found.converged
-        commands, acting = found.q[done], wrench[done]
-        known = model.training_range
-        words = known.extrapolates(commands, acting)
+        done = commands.converged
+        commanded_q, acting = commands.q[done], wrench[done]
+        training_range = model.training_range
+        words = training_range.extrapolates(commanded_q, acting)
         path = CorrectedPath(
             output.stem,
             targets.corrected,
-            expected_error(model, commands, acting, coverage),
+            expected_error(model, commanded_q, acting, coverage),
             words,
-            extrapolation_details(known, robot, commands, acting, words),
+            extrapolation_details(training_range, robot, commanded_q, acting, words),
         )
         write_texts(written, texts)
     notes = []
@@ -260,7 +261,7 @@ def compensate_program(
         language=source.language.name,
         lines=tuple(source.lines.tolist()),
         path=path,
-        left=left,
+        left_motions=left_targets,
         targets=targets,
         between=between,
         between_lines=tuple(source.lines[targets.row[between_rows]].tolist()),
@@ -286,8 +287,8 @@ def _joints(
             f"{source.paths[0]}: programs are corrected for robots of six joints; {robot.name} has "
             f"{robot.n_joints}"
         )
-    known = model.training_range
-    near = 0.5 * (known.lower + known.upper)
+    training_range = model.training_range
+    near = 0.5 * (training_range.lower + training_range.upper)
     if start is not None:
         if len(start) != robot.n_joints:
             raise ConfigError(
@@ -340,15 +341,18 @@ def _wrenches(
     return np.asarray(turned.reshape(-1, 6))
 
 
-def _left(source: RobotProgram, reasons: Sequence[str]) -> tuple[LeftTarget, ...]:
+def _left_targets(source: RobotProgram, reasons: Sequence[str]) -> tuple[LeftTarget, ...]:
     """Return the motions that are left, in the order of the program."""
     text = source.texts[0]
-    left = [LeftTarget(source.line(each.start), each.text, each.reason) for each in source.left]
+    left_targets = [
+        LeftTarget(source.line(motion.start), motion.text, motion.reason)
+        for motion in source.left_motions
+    ]
     for row, reason in enumerate(reasons):
         if reason:
             start, end = source.statements[row]
-            left.append(LeftTarget(int(source.lines[row]), text[start:end], reason))
-    return tuple(sorted(left, key=lambda each: each.line))
+            left_targets.append(LeftTarget(int(source.lines[row]), text[start:end], reason))
+    return tuple(sorted(left_targets, key=lambda target: target.line))
 
 
 def _short(text: str) -> str:
@@ -357,5 +361,5 @@ def _short(text: str) -> str:
 
 
 def _listed(texts: Sequence[str]) -> str:
-    rest = len(texts) - MOST_LISTED
-    return ", ".join(texts[:MOST_LISTED]) + (f" and {rest} more" if rest > 0 else "")
+    n_more = len(texts) - MOST_LISTED
+    return ", ".join(texts[:MOST_LISTED]) + (f" and {n_more} more" if n_more > 0 else "")

@@ -192,7 +192,7 @@ class StiffnessMap(Shown):
         Force before torque. NaN where blank, and where a spring is rigid.
 
         Raises:
-            ConfigError: the model is not `vjm`, whose springs are those of the joints.
+            ConfigError: the model is not `vjm`, with one spring per joint.
         """
         if self.joint_compliance is None:
             raise ConfigError(f"{self.model_name} has no Cartesian stiffness matrix (valid: vjm)")
@@ -400,7 +400,7 @@ def stiffness_map(
         box: ends x0, x1, y0, y1, z0, z1 of the region, mm; None: all that the robot reaches.
         grid: points along the longer edge of a plane.
         orientation: a, b, c [deg] of the tool frame in the base frame; "down": its z axis down, its
-            x axis along that of the base's axes which is nearest to the training poses.
+            x axis along the base's axis that is nearest to the training poses.
         turn: "fixed", or "best": the turn about the tool axis with the smallest value, in steps of
             30 deg.
         tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last

@@ -172,12 +172,14 @@ def example_path(
         load = (0.0, 0.0, -0.25 * payload * STANDARD_GRAVITY, 0.0, 0.0, 0.0)
     load = six_numbers(load)
     held = held_positions(arm, hold or {})
-    wanted: dict[str, Any] = {"wrench": load, "held": held}
+    path_options: dict[str, Any] = {"wrench": load, "held": held}
     if model is None:
-        path, share = drivable_path(arm, shape, size / MM_PER_M, points, **wanted), ""
+        path, share = drivable_path(arm, shape, size / MM_PER_M, points, **path_options), ""
     else:
-        known = model.training_range
-        near = path_near_training(arm, known, shape, size / MM_PER_M, points, **wanted)
+        training_range = model.training_range
+        near = path_near_training(
+            arm, training_range, shape, size / MM_PER_M, points, **path_options
+        )
         path, n_beyond = near.path, near.n_beyond
         share = f"; {n_beyond} of {points} points are beyond the training range of {model.name}"
         if n_beyond:
@@ -229,7 +231,7 @@ def compensate_path(
         on_failure: "stop" with an error at a point that cannot be corrected, or "keep" it
             uncorrected and warn.
         coverage: of intervals that are written, too, and from which the expected remaining error
-            follows (0..1); None: none are, and it is the model's cross-validated error.
+            follows (0..1); None: none are written, see `expected_error`.
         sheet: of an Excel file; None: the only one that holds a table.
         figure: a new picture of the path, what is removed and what may remain.
 
@@ -300,7 +302,7 @@ def compensate_path(
             extrapolates,
             extrapolation_details(known, arm, found.q, wrench, extrapolates),
         )
-        interval = corrected.prediction_error.interval
+        interval = None if coverage is None else corrected.prediction_error.interval
         errors = corrected.expected_error
         write_table(output, [corrected_table(table, arm, found, extrapolates, errors, interval)])
     if not wrench.any():

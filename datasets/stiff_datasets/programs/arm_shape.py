@@ -22,10 +22,10 @@ def arm_signs(robot: Robot, q: FloatArray, wrist_angle: FloatArray) -> FloatArra
     stands = robot.forward(q)
     at_zero = robot.forward(np.zeros((1, robot.n_joints))).rotations[0, 0]
     turned = stands.rotations[:, 0] @ at_zero.T  # by joint 1 from its zero
-    forward, left = turned[:, :, 0], turned[:, :, 1]
+    forward, sideways = turned[:, :, 0], turned[:, :, 1]
     points = stands.points
     axis, shoulder, elbow, wrist = points[:, 0], points[:, 1], points[:, 2], points[:, 4]
     reach = np.einsum("ni,ni->n", forward, wrist - axis)
-    bend = np.einsum("ni,ni->n", left, np.cross(elbow - shoulder, wrist - elbow))
+    bend = np.einsum("ni,ni->n", sideways, np.cross(elbow - shoulder, wrist - elbow))
     sign = np.where(np.column_stack([reach, bend]) >= 0.0, 1.0, -1.0)
     return np.column_stack([sign, np.sign(wrist_angle)])

@@ -79,8 +79,8 @@ def program_poses(
         off = np.abs(tools[index][:3, 3] - lever[:3]).max()
         if off > SAME_TCP_M:
             row = int(np.argmax(program.frame_index == index))
-            text = ",".join(f"{each:g}" for each in (tools[index][:3, 3] * 1e3).round(3) + 0.0)
-            valid = ",".join(f"{each:g}" for each in (lever[:3] * 1e3).round(3) + 0.0)
+            text = ",".join(f"{number:g}" for number in (tools[index][:3, 3] * 1e3).round(3) + 0.0)
+            valid = ",".join(f"{number:g}" for number in (lever[:3] * 1e3).round(3) + 0.0)
             raise DataError(
                 f"{program.place(row)}: tool {program.frames[index][1].name} has its TCP at {text} "
                 f"mm in the flange frame (valid: {valid} mm, the TCP at which the model predicts "

@@ -17,14 +17,14 @@ SAME_M, SAME_RAD = 1e-6, 1e-6
 
 
 def shared_target_conflicts(program: RobotProgram, targets: CorrectedTargets) -> IntArray:
-    """Return the rows whose target is also that of another motion, under another command."""
-    found = targets.at_targets
+    """Return the rows that share their target with a motion of another command."""
+    compensation = targets.at_targets
     key = np.column_stack([program.text_index, program.places[:, 0, 0]])
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
     at = first[group.ravel()]
-    off = np.abs(found.position - found.position[at]).max(axis=1) > SAME_M
-    off |= program.has_joints & (np.abs(found.q - found.q[at]).max(axis=1) > SAME_RAD)
-    off |= found.converged != found.converged[at]
+    off = np.abs(compensation.position - compensation.position[at]).max(axis=1) > SAME_M
+    off |= program.has_joints & (np.abs(compensation.q - compensation.q[at]).max(axis=1) > SAME_RAD)
+    off |= compensation.converged != compensation.converged[at]
     return np.asarray(np.flatnonzero(np.isin(at, at[off])))
 
 
@@ -46,9 +46,9 @@ def corrected_texts(
     """
     edits: list[Edit] = []
     is_target, language = targets.is_target, program.language
-    found, index = targets.at_targets, program.frame_index
-    position, q = found.position, found.q
-    rows = np.flatnonzero(found.converged)
+    compensation, index = targets.at_targets, program.frame_index
+    position, q = compensation.position, compensation.q
+    rows = np.flatnonzero(compensation.converged)
     pose_rows, joint_rows = rows[~program.has_joints[rows]], rows[program.has_joints[rows]]
     numbers = np.full((len(program), 7), np.nan)
     if len(pose_rows):
@@ -100,9 +100,9 @@ def _insertions(
     targets: CorrectedTargets,
 ) -> list[Edit]:
     """Return the motions that are put between targets."""
-    language, found = program.language, targets.found
+    language, compensation = program.language, targets.compensation
     done = targets.at_targets.converged
-    points = np.flatnonzero(~targets.is_target & found.converged & done[targets.row])
+    points = np.flatnonzero(~targets.is_target & compensation.converged & done[targets.row])
     if not len(points):
         return []
     index = program.frame_index[targets.row[points]]
@@ -110,10 +110,10 @@ def _insertions(
         language,
         poses.bases[index],
         poses.tools[index],
-        found.position[points],
+        compensation.position[points],
         targets.rotation[points],
     )
-    config = configuration_numbers(language, robot, found.q[points]).astype(np.int64)
+    config = configuration_numbers(language, robot, compensation.q[points]).astype(np.int64)
     texts = [_texts(values, language.decimals) for values in numbers.tolist()]
     return language.insert(program, targets.row[points].tolist(), texts, config.tolist())
 

@@ -36,7 +36,7 @@ class CorrectedTargets:
         share: (n,) of the way from the target before it; 1 at the target itself.
         rotation: (n, 3, 3) of the last joint's frame.
         wrench: (n, 6) N and N m at the TCP, base frame.
-        found: points, commands and predicted deflections.
+        compensation: points, commands and predicted deflections.
         is_straight: (n,) the tool moves to the point along a straight line from the point before.
     """
 
@@ -44,7 +44,7 @@ class CorrectedTargets:
     share: FloatArray
     rotation: FloatArray
     wrench: FloatArray
-    found: Compensation
+    compensation: Compensation
     is_straight: BoolArray
 
     @property
@@ -54,23 +54,23 @@ class CorrectedTargets:
 
     def without(self, rows: IntArray, reason: str) -> CorrectedTargets:
         """Return the targets with some of them, by their number, left for a reason."""
-        problem = self.found.problem.astype(object)
+        problem = self.compensation.problem.astype(object)
         problem[np.flatnonzero(self.is_target)[rows]] = reason
-        return replace(self, found=replace(self.found, problem=problem.astype(str)))
+        return replace(self, compensation=replace(self.compensation, problem=problem.astype(str)))
 
     @property
     def at_targets(self) -> Compensation:
         """The program's targets, without points between."""
-        return _part(self.found, self.is_target)
+        return _part(self.compensation, self.is_target)
 
     @property
     def corrected(self) -> Compensation:
         """The program's targets that were corrected."""
-        return _part(self.found, self.is_target & self.found.converged)
+        return _part(self.compensation, self.is_target & self.compensation.converged)
 
 
-def _part(found: Compensation, rows: BoolArray) -> Compensation:
-    values = {item.name: getattr(found, item.name)[rows] for item in fields(found)}
+def _part(compensation: Compensation, rows: BoolArray) -> Compensation:
+    values = {item.name: getattr(compensation, item.name)[rows] for item in fields(compensation)}
     return Compensation(**values)
 
 
@@ -122,13 +122,18 @@ def correct_targets(
             robot, position, rotation, q, row[between], share[between]
         )
         lost = {*row[between[~reached]].tolist()}
-        kept = (share == 1.0) | ~np.isin(row, [*lost])
-        row, share, point, turn = row[kept], share[kept], point[kept], turn[kept]
-        joints, reason = joints[kept], reason[kept]
-    found = _compensated(
+        kept_points = (share == 1.0) | ~np.isin(row, [*lost])
+        row, share, point, turn = (
+            row[kept_points],
+            share[kept_points],
+            point[kept_points],
+            turn[kept_points],
+        )
+        joints, reason = joints[kept_points], reason[kept_points]
+    compensation = _compensated(
         predict, robot, point, turn, joints, wrench[row], reason, tolerance_m, max_iterations
     )
-    return CorrectedTargets(row, share, turn, wrench[row], found, straight[row])
+    return CorrectedTargets(row, share, turn, wrench[row], compensation, straight[row])
 
 
 def _between(
@@ -177,13 +182,13 @@ def _compensated(
     for first in range(0, len(driven), BLOCK):
         rows = driven[first : first + BLOCK]
         path = ToolPath("", position[rows], rotation[rows], wrench[rows])
-        found = compensate(
+        compensation = compensate(
             predict, robot, path, q[rows], tolerance_m=tolerance_m, max_iterations=max_iterations
         )
-        command[rows], joints[rows] = found.position, found.q
-        deflection[rows], before[rows] = found.deflection, found.before
-        iterations[rows], contraction[rows] = found.iterations, found.contraction
-        reason[rows] = found.problem
+        command[rows], joints[rows] = compensation.position, compensation.q
+        deflection[rows], before[rows] = compensation.deflection, compensation.before
+        iterations[rows], contraction[rows] = compensation.iterations, compensation.contraction
+        reason[rows] = compensation.problem
     return Compensation(
         position, command, joints, deflection, before, iterations, contraction, reason
     )
@@ -201,16 +206,18 @@ def errors_between(
         (m,) numbers of the points that the motions lead to, and (m,) the largest error on the way,
         m.
     """
-    found = targets.found
-    done = found.problem == ""
+    compensation = targets.compensation
+    done = compensation.problem == ""
     ends = np.flatnonzero(targets.is_straight[1:] & done[1:] & done[:-1]) + 1
-    length = np.linalg.norm(found.wanted[ends] - found.wanted[ends - 1], axis=1)
+    length = np.linalg.norm(compensation.wanted[ends] - compensation.wanted[ends - 1], axis=1)
     ends = np.sort(ends[np.argsort(-length, kind="stable")[:MOST_SEGMENTS]])
     if not len(ends):
         return ends, np.empty(0)
     row, share = np.repeat(ends, len(SHARES)), np.tile(SHARES, len(ends))
-    point, _, q, reached = _between(robot, found.position, targets.rotation, found.q, row, share)
+    point, _, q, reached = _between(
+        robot, compensation.position, targets.rotation, compensation.q, row, share
+    )
     part = share[:, None]
-    wanted = (1.0 - part) * found.wanted[row - 1] + part * found.wanted[row]
-    off = np.linalg.norm(point + predict(q, targets.wrench[row]) - wanted, axis=1)
+    wanted_points = (1.0 - part) * compensation.wanted[row - 1] + part * compensation.wanted[row]
+    off = np.linalg.norm(point + predict(q, targets.wrench[row]) - wanted_points, axis=1)
     return ends, np.where(reached, off, np.nan).reshape(-1, len(SHARES)).max(axis=1)

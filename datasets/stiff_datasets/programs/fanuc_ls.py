@@ -112,16 +112,16 @@ def _motions(
     letter: str, text: str, start: int, positions: Mapping[str, tuple[Tree[Token], int]]
 ) -> Iterator[Target | LeftMotion]:
     """Yield the helper point and the target of a motion."""
-    whole = text.strip()
+    statement = text.strip()
     if letter == "A":
-        yield LeftMotion(start, whole, "arc motion (its points are each other's helper points)")
+        yield LeftMotion(start, statement, "arc motion (its points are each other's helper points)")
         return
     if letter == "C":
-        yield LeftMotion(start, whole, "helper point of a circular motion")
+        yield LeftMotion(start, statement, "helper point of a circular motion")
         points = [*re.finditer(r":[ \t]*(P[ \t]*\[[^\]]*\])", text)]
         if not points:
             raise StatementError(
-                start, whole, "C P[1] and, in the next line, : P[2] 100mm/sec FINE"
+                start, statement, "C P[1] and, in the next line, : P[2] 100mm/sec FINE"
             )
         last = points[-1]
         tree = _parsed(f"L {last[1]} ", start, "C P[1] : P[2] 100mm/sec FINE")
@@ -134,10 +134,10 @@ def _motions(
     moved = MOVED.search(text)
     if name == "PR" or moved:
         reason = f"moved by {moved[1]}" if moved else f"target PR[{index}] is a register"
-        yield LeftMotion(start, whole, reason)
+        yield LeftMotion(start, statement, reason)
         return
     if index not in positions:
-        yield LeftMotion(start, whole, f"P[{index}] is not in /POS")
+        yield LeftMotion(start, statement, f"P[{index}] is not in /POS")
         return
     group, place = positions[index]
     fields = {str(field.children[0]): field.children for field in group.find_data("field")}
@@ -147,7 +147,7 @@ def _motions(
     for axis in names:
         token = fields[axis][1] if axis in fields else None
         if not isinstance(token, Token) or token.type != "NUMBER":
-            yield LeftMotion(start, whole, f"P[{index}] has no number {axis}")
+            yield LeftMotion(start, statement, f"P[{index}] has no number {axis}")
             return
         numbers.append(
             Number(float(token), place + int(token.start_pos or 0), place + int(token.end_pos or 0))
@@ -179,8 +179,10 @@ def _config(group: Tree[Token], place: int) -> list[Number]:
         if isinstance(token, Token) and token.type == "CONFIG":
             start = place + int(token.start_pos or 0)
             numbers = [
-                Number(SHAPES[found[0]] if found[0] in SHAPES else float(found[0]), *found.span())
-                for found in re.finditer(r"[FNUDTB]|[+-]?\d+", token)
+                Number(
+                    SHAPES[letter[0]] if letter[0] in SHAPES else float(letter[0]), *letter.span()
+                )
+                for letter in re.finditer(r"[FNUDTB]|[+-]?\d+", token)
             ]
             numbers = [n._replace(start=start + n.start, end=start + n.end) for n in numbers]
             return numbers if len(numbers) == 6 else []

@@ -33,10 +33,10 @@ class ChosenJoints:
     Attributes:
         q: (n, n_joints) of the description, rad or m; NaN where there are none.
         problem: (n,) why the target cannot be driven or corrected; "" if it can.
-        config_fits: (n,) the numbers of the configuration are those of `q`; true where none are
+        config_fits: (n,) the written configuration fits `q`; true where none are
             written.
-        possible: row of a target that is not reachable in its configuration -> those in which it
-            is.
+        possible: row of a target that is not reachable in its configuration -> the possible
+            ones.
     """
 
     q: FloatArray
@@ -99,7 +99,7 @@ def choose_joints(
                 problem[row] = OUT_OF_REACH
                 continue
             if row in bound_of:
-                low, high, exact = (each[bound_of[row]] for each in numbers)
+                low, high, exact = (values[bound_of[row]] for values in numbers)
                 written = program.config[row, : exact.shape[1]]
                 fits = program.language.matches(written, low, high).all(axis=1)
                 inside = _inside(robot, turned[bound_of[row]])
@@ -135,7 +135,7 @@ def choose_joints(
 def _with_turns(language: Language, robot: Robot, ways: FloatArray) -> list[FloatArray]:
     """Return (n, m, n_joints) configurations with full turns, and three times (n, m, k) numbers.
 
-    The numbers are those of a little smaller and larger joint angles, and of the angles themselves.
+    They belong to a little smaller and larger joint angles, and to the angles themselves.
     """
     if not len(ways) or language.configurations is None:
         return [np.empty((0, 0, robot.n_joints)), *([np.empty((0, 0, 0))] * 3)]

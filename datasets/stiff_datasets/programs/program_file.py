@@ -135,7 +135,7 @@ class Language:
         insert: (program, rows, numbers as texts, configurations) -> edits that put a motion to
             each literal target before the motion of its row, in this order.
         matches: (written, low, high) -> which numbers of a configuration fit, where `low` and
-            `high` are those of joint angles a little smaller and larger.
+            `high` belong to joint angles a little smaller and larger.
         config_names: names of the numbers of a configuration.
         config_of_linear: linear motions are bound to the configuration that is written.
     """
@@ -185,7 +185,7 @@ class RobotProgram:
         config_places: (n, 6, 2) their places.
         frames: the pairs of base and tool frame that occur.
         frame_index: (n,) number of each target's pair.
-        left: motions that are left as they are.
+        left_motions: motions that are left as they are.
     """
 
     paths: tuple[Path, ...]
@@ -204,7 +204,7 @@ class RobotProgram:
     config_places: IntArray
     frames: tuple[tuple[Frame, Frame], ...]
     frame_index: IntArray
-    left: tuple[LeftMotion, ...]
+    left_motions: tuple[LeftMotion, ...]
     _starts: tuple[list[int], ...] = field(default=(), repr=False)
 
     def __len__(self) -> int:
@@ -224,8 +224,8 @@ def edited_texts(texts: Sequence[str], edits: Sequence[Edit]) -> list[str]:
     results = []
     for index, text in enumerate(texts):
         parts, end = [], 0
-        own = (edit for edit in edits if edit.text_index == index)
-        for edit in sorted(own, key=lambda edit: (edit.start, edit.end)):
+        text_edits = (edit for edit in edits if edit.text_index == index)
+        for edit in sorted(text_edits, key=lambda edit: (edit.start, edit.end)):
             parts += [text[end : edit.start], edit.text]
             end = edit.end
         results.append("".join([*parts, text[end:]]))
@@ -254,7 +254,7 @@ def copied_motions(program: RobotProgram, rows: Sequence[int], goals: Sequence[s
 
 
 def number_text(value: float, old: str, decimals: int) -> str:
-    """Return a number with at least so many decimals, and as many as its old text has."""
+    """Return a number with `decimals` digits after the point, or as many as its old text has."""
     had = len(old.partition(".")[2]) if "e" not in old.lower() else 0
     text = f"{value:.{max(decimals, had)}f}"
     return text[1:] if float(text) == 0.0 and text[0] == "-" else text

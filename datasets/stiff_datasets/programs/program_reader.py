@@ -40,7 +40,7 @@ def read_program(path: Path) -> RobotProgram:
     """Read the targets of a robot program.
 
     Args:
-        path: KUKA .src (with the .dat beside it), ABB .mod, FANUC .ls, or URScript .script.
+        path: KUKA .src (with the .dat of the same name), ABB .mod, FANUC .ls, or URScript .script.
 
     Raises:
         DataError: the file cannot be read, its language is unknown, a statement is wrong, or it
@@ -64,7 +64,7 @@ def read_program(path: Path) -> RobotProgram:
         raise DataError(
             f"{paths[wrong.text_index]}, line {line}: {text} (valid: {wrong.valid})"
         ) from error
-    if not columns.statements and not columns.left:
+    if not columns.statements and not columns.left_motions:
         raise DataError(f"{path}: no motion of {language.name} in this program")
     return columns.program(tuple(paths), texts, language, starts)
 
@@ -108,11 +108,11 @@ class _Columns:
         self.config_places, self.values, self.config = array("q"), array("d"), array("d")
         self.flags, self.frame_index = array("b"), array("q")
         self.frames: dict[tuple[Frame, Frame], int] = {}
-        self.left: list[LeftMotion] = []
+        self.left_motions: list[LeftMotion] = []
 
     def add(self, motion: Target | LeftMotion) -> None:
         if isinstance(motion, LeftMotion):
-            self.left.append(motion)
+            self.left_motions.append(motion)
             return
         self.statements.extend((motion.start, motion.end, motion.goal_start, motion.goal_end))
         self.flags.extend((motion.is_linear, motion.follows, motion.has_joints, motion.text_index))
@@ -123,9 +123,9 @@ class _Columns:
             for number in numbers:
                 values.append(number.value)
                 places.extend((number.start, number.end))
-            rest = count - len(numbers)
-            values.extend((np.nan,) * rest)
-            places.extend((0,) * (2 * rest))
+            n_missing = count - len(numbers)
+            values.extend((np.nan,) * n_missing)
+            places.extend((0,) * (2 * n_missing))
         pair = (motion.base, motion.tool)
         self.frame_index.append(self.frames.setdefault(pair, len(self.frames)))
 
@@ -155,6 +155,6 @@ class _Columns:
             config_places=np.array(self.config_places, dtype=np.int64).reshape(-1, MOST_CONFIG, 2),
             frames=tuple(self.frames),
             frame_index=np.array(self.frame_index, dtype=np.int64),
-            left=tuple(self.left),
+            left_motions=tuple(self.left_motions),
             _starts=starts,
         )

@@ -1,6 +1,6 @@
 """URScript: targets of a .script program, in m and rad, orientations as rotation vectors.
 
-A pose p[x, y, z, rx, ry, rz] is that of the tool frame of `set_tcp` in the robot's base frame
+A pose p[x, y, z, rx, ry, rz] places the tool frame of `set_tcp` in the robot's base frame
 (Universal Robots, script manual, module motion). It holds no configuration: the arm keeps the one
 that the joint angles before have chosen.
 """

@@ -1,4 +1,4 @@
-"""Joint angles and frames of a robot's controller, against those of its description (URDF).
+"""Joint angles and frames of a robot's controller, and of its description (URDF).
 
 A controller counts joints from other zeros or with other signs than a URDF, FANUC's counts J3 from
 the ground, and its world and flange frames may be turned or shifted. A program holds the

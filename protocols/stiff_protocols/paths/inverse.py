@@ -268,25 +268,27 @@ def all_configurations(
     if len(firsts) == len(position):
         return np.asarray(landmarks[region.ravel()])
     near = landmarks[region.ravel()].swapaxes(0, 1)  # (m, n, n_joints)
-    known: BoolArray = np.asarray(~np.isnan(near).any(axis=2))
-    q, reached = np.where(known[..., None], near, 0.0), np.zeros(known.shape, dtype=bool)
-    rows = np.nonzero(known)
+    has_seed: BoolArray = np.asarray(~np.isnan(near).any(axis=2))
+    q, reached = np.where(has_seed[..., None], near, 0.0), np.zeros(has_seed.shape, dtype=bool)
+    rows = np.nonzero(has_seed)
     free = np.isnan(held)
     q[rows], reached[rows] = robot.inverse(position[rows[1]], rotation[rows[1]], q[rows], free)
-    found = different_positions(robot, q, reached, held)
-    lost = np.flatnonzero((~np.isnan(found[..., 0])).sum(axis=1) < known.sum(axis=0))
+    configurations = different_positions(robot, q, reached, held)
+    lost = np.flatnonzero((~np.isnan(configurations[..., 0])).sum(axis=1) < has_seed.sum(axis=0))
     if len(lost):  # the landmark's seeds do not reach all of them here
         again = different_positions(
             robot, *_from_seeds(robot, position[lost], rotation[lost], seeds, held), held
         )
-        more = max(found.shape[1], again.shape[1])
-        found, again = (
-            np.pad(each, ((0, 0), (0, more - each.shape[1]), (0, 0)), constant_values=np.nan)
-            for each in (found, again)
+        more = max(configurations.shape[1], again.shape[1])
+        configurations, again = (
+            np.pad(ways, ((0, 0), (0, more - ways.shape[1]), (0, 0)), constant_values=np.nan)
+            for ways in (configurations, again)
         )
-        better = (~np.isnan(again[..., 0])).sum(axis=1) > (~np.isnan(found[lost, :, 0])).sum(axis=1)
-        found[lost[better]] = again[better]
-    return found
+        better = (~np.isnan(again[..., 0])).sum(axis=1) > (
+            ~np.isnan(configurations[lost, :, 0])
+        ).sum(axis=1)
+        configurations[lost[better]] = again[better]
+    return configurations
 
 
 def _random_seeds(robot: Robot, held: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""A path inside the training range of a model, where its predictions are no guess."""
+"""A path inside the training range of a model, where its predictions are not a guess."""
 
 from __future__ import annotations
 
@@ -99,11 +99,13 @@ def path_near_training(
     order = _most_promising(robot, training_range, poses, shape, size, wrench, moves)
     near, best = 0.5 * (training_range.lower + training_range.upper), None
     for pose in poses[order[:FOLLOWED]]:
-        wanted = _about(robot, pose, shape, size, n_points, wrench)
-        q, reached = _nearest_orientation(robot, wanted, pose, moves)
+        shape_points = _about(robot, pose, shape, size, n_points, wrench)
+        q, reached = _nearest_orientation(robot, shape_points, pose, moves)
         if not reached.all():
             continue
-        path = ToolPath(shape, wanted.position, robot.forward(q).rotation, wanted.wrench)
+        path = ToolPath(
+            shape, shape_points.position, robot.forward(q).rotation, shape_points.wrench
+        )
         driven = follow(robot, path.position, path.rotation, near=near, held=held)
         if not driven.ok.all():
             continue

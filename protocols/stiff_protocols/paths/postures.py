@@ -231,7 +231,7 @@ def best_courses(
     Args:
         robot: whose joints these are.
         q: (n, m, 8, n_joints) rad or m, of `Postures`.
-        cost: (n, m, 8), at least 0; that of a missing posture is not looked at.
+        cost: (n, m, 8), at least 0; a missing posture has any cost.
         near: (n_joints,) rad or m: of whole turns of a joint along the course, the ones nearest.
         max_change: steps of the turn between two points at most.
     """

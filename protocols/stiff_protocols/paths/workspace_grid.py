@@ -51,7 +51,7 @@ def point_distance(plane: str, region: FloatArray, n_points: int) -> float:
 def reach_box(robot: Robot, held: FloatArray | None = None) -> FloatArray:
     """Return (3, 2) ends of the robot's reach along x, y and z, base frame, m.
 
-    They are those of random joint positions inside the limits; a joint without limits turns by half
+    They come from random joint positions inside the limits; a joint without limits turns by half
     a turn to either side, or slides by 1 m.
 
     Args:

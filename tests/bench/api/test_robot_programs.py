@@ -71,9 +71,9 @@ def test_a_thousand_corrected_targets_are_the_commanded_poses(name, tmp_path):
     robot = model.fitted.robot_
     q = regular_joints(robot, N)
     lever = np.linalg.inv(robot.flange @ robot.controller.flange) @ np.r_[robot.tcp, 1.0]
-    wanted, turned = pinocchio_tools(robot, q)
+    wanted_mm, turned = pinocchio_tools(robot, q)
     file = tmp_path / f"all{suffix}"
-    file.write_text(program_of_poses(suffix, 1000.0 * lever[:3], wanted, turned))
+    file.write_text(program_of_poses(suffix, 1000.0 * lever[:3], wanted_mm, turned))
     done = compensate_program(
         model,
         file,
@@ -82,20 +82,20 @@ def test_a_thousand_corrected_targets_are_the_commanded_poses(name, tmp_path):
         start=np.degrees(q[0]),
         **options_of(name),
     )
-    found = done.targets.at_targets
-    good = found.converged
+    commands = done.targets.at_targets
+    good = commands.converged
     assert good.sum() > 0.95 * N
     place, rotation = poses_of_program(suffix, (tmp_path / f"new{suffix}").read_text())
-    commanded, command_turn = pinocchio_tools(robot, found.q)
+    commanded, command_turn = pinocchio_tools(robot, commands.q)
     off = np.linalg.norm(place - commanded, axis=1)[good]
     assert off.max() < 1e-3
     turn = Rotation.from_matrix(rotation[good].transpose(0, 2, 1) @ command_turn[good])
     assert np.degrees(turn.magnitude()).max() < 1e-4
     wrench = np.tile([*LOAD, 0.0, 0.0, 0.0], (N, 1))
-    deflection = 1000.0 * model.fitted.predict(found.q, wrench)
+    deflection = 1000.0 * model.fitted.predict(commands.q, wrench)
     deflection = deflection @ robot.controller.world[:3, :3]
-    assert np.linalg.norm(commanded + deflection - wanted, axis=1)[good].max() < 2e-3
-    assert np.linalg.norm(place - wanted, axis=1)[~good].max(initial=0.0) < 1e-3
+    assert np.linalg.norm(commanded + deflection - wanted_mm, axis=1)[good].max() < 2e-3
+    assert np.linalg.norm(place - wanted_mm, axis=1)[~good].max(initial=0.0) < 1e-3
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -110,9 +110,9 @@ def test_every_character_but_the_numbers_of_targets_stays(name, tmp_path):
         assert old != new
     words = {"load": (0, 0, 0), **options_of(name)}
     again = compensate_program(model_of(ROBOTS[name]), DOCS / name, tmp_path / f"b{name}", **words)
-    unloaded = [float(each[0]) for each in NUMBER.finditer((tmp_path / f"b{name}").read_text())]
-    wanted = [float(each[0]) for each in NUMBER.finditer((DOCS / name).read_text())]
-    assert unloaded == pytest.approx(wanted, abs=1e-5)
+    unloaded = [float(number[0]) for number in NUMBER.finditer((tmp_path / f"b{name}").read_text())]
+    wanted_mm = [float(number[0]) for number in NUMBER.finditer((DOCS / name).read_text())]
+    assert unloaded == pytest.approx(wanted_mm, abs=1e-5)
     assert "zero" in repr(again)
 
 
@@ -150,7 +150,7 @@ def test_a_written_status_and_turn_choose_the_configuration(tmp_path):
         file = krl(tmp_path, f"PTP {POSE[:-1]},{config}}}\n")
         file.with_name("b.src").unlink(missing_ok=True)
         done = compensate_program(model, file, tmp_path / "b.src", load=LOAD)
-        joints.append(done.targets.found.q[1])
+        joints.append(done.targets.compensation.q[1])
         assert config[:3] in (tmp_path / "b.src").read_text()
     assert joints[0][4] > 0.0 > joints[1][4]
     with pytest.raises(DataError, match=r"line 4: .*S 0, T 0; the pose is reached with S 2"):
@@ -166,7 +166,7 @@ def test_a_turn_that_the_correction_changes_is_written_anew(tmp_path):
     )
     assert done.changed_configurations == (4,)
     turn = int(re.search(r"T (\d+)}", (tmp_path / "b.src").read_text())[1])
-    angles = done.targets.found.q[1]
+    angles = done.targets.compensation.q[1]
     assert turn == sum(1 << i for i in range(6) if angles[i] < 0.0) != 2
 
 
@@ -200,7 +200,9 @@ def test_a_load_in_the_tool_frame_turns_with_the_tool(tmp_path):
         model, file, tmp_path / "c.src", load=(-5, 0, -20), frame="tool"
     )  # A 180, C 180: x backwards, z down
     np.testing.assert_allclose(
-        in_base.targets.found.position[1], in_tool.targets.found.position[1], atol=1e-9
+        in_base.targets.compensation.position[1],
+        in_tool.targets.compensation.position[1],
+        atol=1e-9,
     )
 
 
@@ -211,7 +213,7 @@ def test_one_point_under_two_loads_is_left_or_stops(tmp_path):
     loads.write_text("line,fx_N,fy_N,fz_N\n3,0,0,0\n4,0,0,-20\n5,0,0,-40\n")
     model = model_of("kr10-r1100-2")
     done = compensate_program(model, file, tmp_path / "b.src", loads=loads)
-    assert [left.line for left in done.left] == [4, 5]
+    assert [motion.line for motion in done.left_motions] == [4, 5]
     assert (tmp_path / "b.dat").read_bytes() == (tmp_path / "a.dat").read_bytes()
     with pytest.raises(ModelError, match="line 4"):
         compensate_program(model, file, tmp_path / "c.src", loads=loads, strict=True)
@@ -238,16 +240,16 @@ def test_a_frame_that_the_program_does_not_hold_is_asked_for(tmp_path):
     model = model_of("kr10-r1100-2")
     for body, option in (("BAS(#TOOL,1)", "tool"), ("$BASE=BASE_DATA[2]", "base")):
         file = krl(tmp_path, f"{body}\nLIN {POSE}\n")
-        with pytest.raises(ConfigError, match="line 5: the program does not hold") as asked:
+        with pytest.raises(ConfigError, match="line 5: the program does not hold") as refusal:
             compensate_program(model, file, tmp_path / "b.src", load=LOAD)
-        assert f"{option} frame" in str(asked.value)
+        assert f"{option} frame" in str(refusal.value)
     frame = (380.0, -60.0, 250.0, 0.0, 0.0, 0.0)
     words = {"load": LOAD, "workpiece": frame}
     done = compensate_program(model, file, tmp_path / "b.src", **words)
     usual = compensate_program(
         model, krl(tmp_path, f"LIN {POSE}\n", "c.src"), tmp_path / "d.src", load=LOAD
     )
-    np.testing.assert_allclose(done.targets.found.q, usual.targets.found.q, atol=1e-9)
+    np.testing.assert_allclose(done.targets.compensation.q, usual.targets.compensation.q, atol=1e-9)
     with pytest.raises(ConfigError, match="the program holds its base frame"):
         compensate_program(model, tmp_path / "c.src", tmp_path / "e.src", **words)
     mixed = krl(tmp_path, f"BAS(#BASE,1)\nLIN {POSE}\nBAS(#BASE,2)\nLIN {POSE}\n")
@@ -260,7 +262,9 @@ def test_a_singular_home_position_is_left_and_listed(tmp_path):
     done = compensate_program(
         model_of("kr10-r1100-2"), krl(tmp_path, body), tmp_path / "b.src", load=LOAD
     )
-    assert [(left.line, "singular" in left.reason) for left in done.left] == [(4, True)]
+    assert [(motion.line, "singular" in motion.reason) for motion in done.left_motions] == [
+        (4, True)
+    ]
     assert body in (tmp_path / "b.src").read_text()
 
 
@@ -299,6 +303,6 @@ def test_a_program_is_corrected_and_drawn_on_the_command_line(tmp_path):
 def test_the_robot_carries_its_controller_through_a_model_file(tmp_path):
     model_of("lr-mate-200id").save(tmp_path / "my.stiff", cross_validate=False)
     robot = sb.load_model(tmp_path / "my.stiff").fitted.robot_
-    own = named_robot("lr-mate-200id").robot().controller
+    shipped_controller = named_robot("lr-mate-200id").robot().controller
     assert robot.controller.j3_from_ground
-    np.testing.assert_array_equal(robot.controller.flange, own.flange)
+    np.testing.assert_array_equal(robot.controller.flange, shipped_controller.flange)

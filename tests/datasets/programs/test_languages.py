@@ -58,7 +58,7 @@ def test_a_program_of_the_docs_is_written_back_to_the_byte(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "n", "left"),
+    ("name", "n", "reasons"),
     [
         ("pocket.src", 8, ["XHOME", "helper point", "DEPTH+50.0"]),
         ("pocket.mod", 7, ["Offs(p20,-80,0,0)"]),
@@ -66,11 +66,11 @@ def test_a_program_of_the_docs_is_written_back_to_the_byte(name):
         ("pocket.script", 5, ["helper point", "pose_trans"]),
     ],
 )
-def test_targets_are_read_and_the_others_are_listed_with_a_reason(name, n, left):
+def test_targets_are_read_and_the_others_are_listed_with_a_reason(name, n, reasons):
     program = read_program(DOCS / name)
     assert len(program) == n
-    assert len(program.left) == len(left)
-    for motion, part in zip(program.left, left, strict=True):
+    assert len(program.left_motions) == len(reasons)
+    for motion, part in zip(program.left_motions, reasons, strict=True):
         assert part in motion.reason
         assert (
             motion.text.split()[0] in program.texts[0].splitlines()[program.line(motion.start) - 1]
@@ -207,7 +207,7 @@ def test_krl_takes_frames_from_inline_forms_and_points_from_the_dat(tmp_path):
     np.testing.assert_array_equal(program.config[0, :2], [2.0, 35.0])
     names = [[frame.name for frame in program.frames[i]] for i in program.frame_index]
     assert names == [["BASE_DATA[0]", "TOOL_DATA[1]"], ["$NULLFRAME", "TOOL_DATA[2]"]]
-    assert "assigned" in program.left[0].reason
+    assert "assigned" in program.left_motions[0].reason
 
 
 def test_the_configurations_of_the_makers_manuals():

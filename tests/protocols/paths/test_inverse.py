@@ -240,21 +240,21 @@ def test_all_configurations_of_neighbouring_poses_are_those_of_a_search_for_each
     rng = np.random.default_rng(3)
     q = rng.uniform(-1.2, 1.2, (20, 6)).repeat(5, axis=0) + rng.normal(0.0, 0.02, (100, 6))
     poses = robot.forward(q)
-    found = all_configurations(robot, poses.points[:, -1], poses.rotation)
-    rows, which = np.nonzero(~np.isnan(found[..., 0]))
-    reached = robot.forward(found[rows, which])
+    configurations = all_configurations(robot, poses.points[:, -1], poses.rotation)
+    rows, which = np.nonzero(~np.isnan(configurations[..., 0]))
+    reached = robot.forward(configurations[rows, which])
     np.testing.assert_allclose(reached.points[:, -1], poses.points[rows, -1], atol=1e-7)
     np.testing.assert_allclose(reached.rotation, poses.rotation[rows], atol=1e-7)
-    near = np.abs(np.sin(0.5 * (found - q[:, None]))).max(axis=2)
+    near = np.abs(np.sin(0.5 * (configurations - q[:, None]))).max(axis=2)
     regular = ~is_singular(robot, q, np.ones(6, dtype=bool))
     assert regular.sum() > 80
     assert (np.nanmin(near[regular], axis=1) < 1e-6).all()
     for row in range(0, 100, 9):
         alone = all_configurations(robot, poses.points[[row], -1], poses.rotation[[row]])
-        assert (~np.isnan(alone[..., 0])).sum() == (~np.isnan(found[row, :, 0])).sum()
+        assert (~np.isnan(alone[..., 0])).sum() == (~np.isnan(configurations[row, :, 0])).sum()
 
 
 def test_a_pose_out_of_reach_has_no_configuration():
     robot = named_robot("kr10-r1100-2").robot()
-    found = all_configurations(robot, np.array([[9.0, 0.0, 0.0]]), np.eye(3)[None])
-    assert np.isnan(found).all()
+    configurations = all_configurations(robot, np.array([[9.0, 0.0, 0.0]]), np.eye(3)[None])
+    assert np.isnan(configurations).all()

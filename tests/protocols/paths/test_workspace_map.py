@@ -105,7 +105,7 @@ def test_points_are_blank_for_a_stated_reason(kr10, rotation):
     assert blank[2, 7] == ""  # straight ahead
 
 
-def task_of(robot, **others):
+def task_of(robot, **options):
     usual = {
         "robot": robot,
         "training_range": trained_at(READY[None]),
@@ -119,7 +119,7 @@ def task_of(robot, **others):
         "axis": None,
         "held": FREE,
     }
-    return WorkspaceTask(**(usual | others))
+    return WorkspaceTask(**(usual | options))
 
 
 def test_the_tool_has_its_orientation_at_every_point(kr10, grid):
