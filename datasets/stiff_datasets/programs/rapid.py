@@ -37,11 +37,12 @@ motion: MOTION option* ","? argument ("," argument)* ";"
 data: NAME+ ":=" value ";"
 argument: value option*
 option: "\\" NAME (":=" value)?
-?value: array | NUMBER | NAME | EXPRESSION | OTHER
+?value: array | NUMBERS | NUMBER | NAME | EXPRESSION | OTHER
 array: OPEN value ("," value)* CLOSE
 
 OPEN: "["
 CLOSE: "]"
+NUMBERS.3: /\[\s*REAL(\s*,\s*REAL)*\s*\]/i
 MOTION.3: /Move(L|J|AbsJ|C)\b/i
 NUMBER.2: /[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?(?=\s*[,\]\\;])/i
 EXPRESSION.1: /[A-Z_]\w*\s*(\((?:[^()]|\([^()]*\))*\)|\{[^}]*\}|\.)[\w.]*/i
@@ -51,6 +52,7 @@ COMMENT: /![^\r\n]*/
 %ignore COMMENT
 %ignore /\s+/
 """
+REAL = r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?"
 REST = r"(?:\"(?:[^\"\r\n]|\"\")*\"|![^\r\n]*|[^;\"!])*;"
 STATEMENT = re.compile(
     r"![^\r\n]*|\"(?:[^\"\r\n]|\"\")*\""
@@ -65,6 +67,7 @@ STATEMENT = re.compile(
     r"|(?P<flow>[A-Z_]\w*))",
     re.IGNORECASE | re.MULTILINE,
 )
+NUMBER = re.compile(REAL, re.IGNORECASE)
 VALID_POSE = "[[x,y,z],[q1,q2,q3,q4],[cf1,cf4,cf6,cfx],[external axes]]"
 VALID_JOINTS = "[[j1,..,j6],[external axes]]"
 LITERALS = {"robtarget": VALID_POSE, "jointtarget": VALID_JOINTS}
@@ -86,7 +89,7 @@ class _Data:
 
 @cache
 def _parser() -> Lark:
-    return Lark(GRAMMAR, parser="lalr")
+    return Lark(GRAMMAR.replace("REAL", REAL), parser="lalr")
 
 
 def _parsed(text: str, start: int, valid: str) -> Tree[Token]:
@@ -203,20 +206,15 @@ def _place(value: Tree[Token] | Token, start: int) -> tuple[int, int]:
 
 def _rows(value: Tree[Token] | Token, start: int, text: str, kind: str) -> list[list[Number]]:
     """Return the rows of numbers of a robtarget or jointtarget."""
-    rows = [
-        [_number(item, start) for item in row.children[1:-1]]
-        for row in _inner(value)
-        if isinstance(row, Tree)
-    ]
+    rows = [_numbers(row, start) for row in _inner(value)]
     counts = [6, 6] if kind == "jointtarget" else [3, 4, 4, 6]
-    if [len(row) for row in rows] != counts or any(None in row for row in rows):
+    if [len(row) for row in rows] != counts:
         raise StatementError(start, text, LITERALS[kind])
-    numbers = [[number for number in row if number is not None] for row in rows]
     if kind == "robtarget":
-        length = np.linalg.norm([number.value for number in numbers[1]])
+        length = np.linalg.norm([number.value for number in rows[1]])
         if abs(length - 1.0) > UNIT_LENGTH_SLACK:
             raise StatementError(start, text, f"a quaternion of length 1, here {length:.4g}")
-    return numbers
+    return rows
 
 
 def _inner(value: Tree[Token] | Token) -> list[Tree[Token] | Token]:
@@ -224,10 +222,15 @@ def _inner(value: Tree[Token] | Token) -> list[Tree[Token] | Token]:
     return value.children[1:-1] if isinstance(value, Tree) else []
 
 
-def _number(token: Tree[Token] | Token, start: int) -> Number | None:
-    if isinstance(token, Tree) or token.type != "NUMBER":
-        return None
-    return Number(float(token), start + int(token.start_pos or 0), start + int(token.end_pos or 0))
+def _numbers(value: Tree[Token] | Token, start: int) -> list[Number]:
+    """Return the numbers of a literal list; none of another value."""
+    if isinstance(value, Tree) or value.type != "NUMBERS":
+        return []
+    place = start + int(value.start_pos or 0)
+    return [
+        Number(float(number[0]), place + number.start(), place + number.end())
+        for number in NUMBER.finditer(value)
+    ]
 
 
 def _frame(name: str, kind: str, data: Mapping[str, _Data], frames: dict[str, Frame]) -> Frame:
@@ -246,10 +249,9 @@ def _frame_values(declared: _Data) -> tuple[float, ...]:
     """Return position and quaternion of literal tooldata or wobjdata."""
     items = _inner(declared.value)
     poses = [
-        np.array([number.value for number in row if number])
+        np.array([number.value for row in _inner(item) for number in _numbers(row, 0)])
         for item in items
-        if isinstance(item, Tree) and len(item.children) == 4
-        for row in [[_number(token, 0) for part in _inner(item) for token in _inner(part)]]
+        if isinstance(item, Tree) and len(_inner(item)) == 2
     ]
     is_tool = declared.kind == "tooldata"
     held = str(items[0]).strip().upper()
