@@ -8,12 +8,14 @@ from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
 from fuzz import hard_cases
 from fuzz.mutations import Mutator, bytes_damaged, text_damaged
 from fuzz.sealed import model_damaged, parquet_damaged
 
 from helpers.made_results import MadeResults
 from helpers.quick_models import quick_model, twin_data
+from helpers.robot_programs import DOCS, ROBOTS
 from helpers.run_requests import planned
 from stiff_bench.api.model import load_model
 from stiff_bench.paper.study_file import read_study
@@ -22,10 +24,15 @@ from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
 from stiff_datasets.measured.load_file import read_loads
+from stiff_datasets.measured.path_file import frame_matrix
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.measured.sheet_files import sample_table, write_table
+from stiff_datasets.programs.controller_poses import program_poses
+from stiff_datasets.programs.program_reader import read_program
+from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_datasets.twin.constants import read_constants
+from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import Robot
 
 
@@ -120,6 +127,24 @@ def _results(folder: Path) -> Prepared:
     return Prepared(path, (valid,), read, hard_cases.results(valid), bytes_damaged)
 
 
+def _program(folder: Path, name: str) -> Prepared:
+    """A robot program; one with other motions than the valid one counts as refused."""
+    path, valid = folder / name, (DOCS / name).read_bytes()
+    path.write_bytes(valid)
+    robot = named_robot(ROBOTS[name]).robot()
+    n_targets = len(read_program(path))
+    tool = frame_matrix((-16.0, -51.0, 71.0, 0.0, 0.0, 0.0)) if name.endswith(".ls") else None
+
+    def read(path: Path) -> object:
+        program = read_program(path)
+        poses = program_poses(program, robot, tool=tool)
+        if len(program) != n_targets or not np.isfinite(program.values[:, :6]).all():
+            raise DataError(f"{path}: other targets")
+        return poses
+
+    return Prepared(path, (valid,), read)
+
+
 MODELS = ("vjm", "mlp", "sklearn:linear_model.Ridge")  # compiled trees run unchecked, as docs say
 
 
@@ -149,4 +174,5 @@ READERS: dict[str, Callable[[Path], Prepared]] = {
     "study TOML": _study,
     "results": _results,
     "model files": _models,
+    **{name: partial(_program, name=name) for name in ROBOTS},
 }

@@ -47,7 +47,7 @@ AXIS.2: /[XYZWPR]|[JE]\d/
 INDEX.1: /\d+|F/
 TEXT: /"[^"]*"|[^\]"]+/
 CONFIG.2: /'[^']*'/
-NUMBER.2: /[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?/i
+NUMBER.2: /[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?/i
 UNKNOWN: /\*+/
 UNIT.2: /mm|deg/
 REST: /[^;]+/

@@ -46,7 +46,7 @@ MOTION.3: /(S?PTP|S?LIN|S?CIRC|SPL)\b/i
 TYPE.2: /[A-Z]\w*(?=\s*:)/i
 NAME: /[A-Z]\w*/i
 VARIABLE.1: /[A-Z$][\w$.]*(?=\s*(,|=|$)|\s+(C_|CA|WITH))/i
-NUMBER.1: /[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?(?=\s*[,}])/i
+NUMBER.1: /[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?(?=\s*[,}])/i
 EXPRESSION: /[^\s,={}][^,={}]*/
 _TAIL: /(C_|CA\b|WITH)[^{}]*/i
 %ignore /[ \t]+/
@@ -70,6 +70,8 @@ DECLARATION = re.compile(
     r"(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)[ \t]+(?P<name>\w+)[ \t]*=[^\r\n;]*)",
     re.IGNORECASE | re.MULTILINE,
 )
+BITS = re.compile(r"'(?:([B])([01]{1,32})|([H])([0-9A-F]{1,8}))'\s*$", re.IGNORECASE)
+"""S and T as 'B010' or 'H2'."""
 WHOLE_POSE = "{X 0,Y 0,Z 0,A 0,B 0,C 0} or {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}"
 
 
@@ -190,17 +192,20 @@ def _numbers(
         if values[name].type != "NUMBER":
             return [], [], f"{name} {values[name].strip()} is an expression"
     numbers = [(name, _number(values[name], start)) for name in names]
-    if not {"S", "T"} <= {*values}:
+    config = [values[name] for name in ("S", "T") if name in values]
+    if len(config) < 2 or not all(token.type == "NUMBER" or BITS.match(token) for token in config):
         return numbers, [], ""
     status, turn = (_number(values[name], start) for name in ("S", "T"))
+    if not abs(status.value) < 2**31 or not abs(turn.value) < 2**31:
+        return numbers, [], ""
     status = status._replace(value=float(int(status.value) & 7))
     return numbers, [status, turn], ""
 
 
 def _number(token: Token, start: int) -> Number:
     """Return a number, which S and T may write as 'B010' or 'H2'."""
-    bits = re.fullmatch(r"'([BH])([0-9A-F]+)'", token.strip(), re.IGNORECASE)
-    value = int(bits[2], 2 if bits[1] in "bB" else 16) if bits else float(token)
+    bits = BITS.match(token)
+    value = float(token) if not bits else int(bits[2], 2) if bits[1] else int(bits[4], 16)
     length = len(token.rstrip())
     place = start + int(token.start_pos or 0)
     return Number(float(value), place, place + length)

@@ -24,6 +24,8 @@ from stiff_datasets.programs.program_file import (
 )
 from stiff_protocols.contract.errors import DataError
 
+LARGEST = 1e6
+"""Of the numbers of a target or a frame, in any unit."""
 LANGUAGES = {
     ".src": krl.LANGUAGE,
     ".mod": rapid.LANGUAGE,
@@ -66,7 +68,22 @@ def read_program(path: Path) -> RobotProgram:
         ) from error
     if not columns.statements and not columns.left_motions:
         raise DataError(f"{path}: no motion of {language.name} in this program")
-    return columns.program(tuple(paths), texts, language, starts)
+    program = columns.program(tuple(paths), texts, language, starts)
+    if not len(program):
+        first = columns.left_motions[0]
+        raise DataError(
+            f"{path}: no motion has a literal target; line {program.line(first.start)}: "
+            f"{first.reason}"
+        )
+    frames = [value for pair in program.frames for frame in pair for value in frame.values]
+    is_large = ~(np.abs(np.nan_to_num(program.values, nan=0.0, posinf=np.inf)) <= LARGEST)
+    if is_large.any():
+        row, column = np.argwhere(is_large)[0]
+        value = program.values[row, column]
+        raise DataError(f"{program.place(row)}: {value:g} (valid: numbers within +-{LARGEST:g})")
+    if not all(abs(value) <= LARGEST for value in frames):
+        raise DataError(f"{path}: a frame holds a number beyond +-{LARGEST:g}")
+    return program
 
 
 def language_of(path: Path) -> Language:

@@ -7,6 +7,7 @@ data types, "confdata"): with `ConfL\On`, the default, a controller stops where 
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ OPEN: "["
 CLOSE: "]"
 NUMBERS.3: /\[\s*REAL(\s*,\s*REAL)*\s*\]/i
 MOTION.3: /Move(L|J|AbsJ|C)\b/i
-NUMBER.2: /[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?(?=\s*[,\]\\;])/i
+NUMBER.2: /[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?(?=\s*[,\]\\;])/i
 EXPRESSION.1: /[A-Z_]\w*\s*(\((?:[^()]|\([^()]*\))*\)|\{[^}]*\}|\.)[\w.]*/i
 NAME: /[A-Z_]\w*/i
 OTHER.-1: /[^\s\[\],;\\][^\[\],;\\]*/
@@ -52,7 +53,7 @@ COMMENT: /![^\r\n]*/
 %ignore COMMENT
 %ignore /\s+/
 """
-REAL = r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?"
+REAL = r"[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?"
 REST = r"(?:\"(?:[^\"\r\n]|\"\")*\"|![^\r\n]*|[^;\"!])*;"
 STATEMENT = re.compile(
     r"![^\r\n]*|\"(?:[^\"\r\n]|\"\")*\""
@@ -211,10 +212,14 @@ def _rows(value: Tree[Token] | Token, start: int, text: str, kind: str) -> list[
     if [len(row) for row in rows] != counts:
         raise StatementError(start, text, LITERALS[kind])
     if kind == "robtarget":
-        length = np.linalg.norm([number.value for number in rows[1]])
-        if abs(length - 1.0) > UNIT_LENGTH_SLACK:
-            raise StatementError(start, text, f"a quaternion of length 1, here {length:.4g}")
+        _check_quaternion([number.value for number in rows[1]], start, text)
     return rows
+
+
+def _check_quaternion(values: Sequence[float], start: int, text: str) -> None:
+    length = math.hypot(*values)
+    if not abs(length - 1.0) <= UNIT_LENGTH_SLACK:  # nor nan
+        raise StatementError(start, text, f"a quaternion of length 1, here {length:.4g}")
 
 
 def _inner(value: Tree[Token] | Token) -> list[Tree[Token] | Token]:
@@ -261,6 +266,7 @@ def _frame_values(declared: _Data) -> tuple[float, ...]:
         raise StatementError(declared.start, declared.text, f"{valid}, all numbers literal")
     position, turn = np.zeros(3), np.eye(3)
     for pose in poses:
+        _check_quaternion(pose[3:].tolist(), declared.start, declared.text)
         position = position + turn @ pose[:3]
         turn = turn @ quaternion_rotations(pose[None, 3:])[0]
     return (*position.tolist(), *quaternions(turn[None])[0].tolist())

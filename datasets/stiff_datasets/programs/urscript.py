@@ -43,7 +43,7 @@ CALL.3: /(movel|movej|movep|movec|set_tcp)\s*\(/
 POSE_OPEN.3: /p\s*\[/
 OPEN: "["
 CLOSE: "]"
-NUMBER.2: /[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?(?=\s*[,\])]|\s*$)/i
+NUMBER.2: /[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?(?=\s*[,\])]|\s*$)/i
 EXPRESSION.1: /[A-Za-z_]\w*\s*(\((?:[^()]|\([^()]*\))*\)|\[[^\]]*\])/
 NAME: /[A-Za-z_]\w*/
 OTHER.-1: /[^\s\[\],()=][^\[\],()=]*/
