@@ -74,8 +74,8 @@ VALID_JOINTS = "[[j1,..,j6],[external axes]]"
 LITERALS = {"robtarget": VALID_POSE, "jointtarget": VALID_JOINTS}
 KNOWN_FRAMES = {"tool0": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)}
 KNOWN_FRAMES["wobj0"] = KNOWN_FRAMES["tool0"]
-UNIT_LENGTH_SLACK = 1e-3
-"""How far the length of a quaternion may be from 1."""
+LARGEST_MM, UNIT_LENGTH_SLACK = 1e6, 1e-3
+"""Of a frame's position, and how far the length of a quaternion may be from 1."""
 
 
 @dataclass(frozen=True)
@@ -266,6 +266,9 @@ def _frame_values(declared: _Data) -> tuple[float, ...]:
         raise StatementError(declared.start, declared.text, f"{valid}, all numbers literal")
     position, turn = np.zeros(3), np.eye(3)
     for pose in poses:
+        if not np.abs(pose).max() <= LARGEST_MM:
+            valid = f"numbers within +-{LARGEST_MM:g}"
+            raise StatementError(declared.start, declared.text, valid)
         _check_quaternion(pose[3:].tolist(), declared.start, declared.text)
         position = position + turn @ pose[:3]
         turn = turn @ quaternion_rotations(pose[None, 3:])[0]
