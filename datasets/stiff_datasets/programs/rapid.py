@@ -54,15 +54,15 @@ COMMENT: /![^\r\n]*/
 %ignore /\s+/
 """
 REAL = r"[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?"
-REST = r"(?:\"(?:[^\"\r\n]|\"\")*\"|![^\r\n]*|[^;\"!])*;"
+REST = r"(?:\"(?:[^\"\r\n]|\"\")*+\"|![^\r\n]*+|[^;\"!])*+;"
 STATEMENT = re.compile(
-    r"![^\r\n]*|\"(?:[^\"\r\n]|\"\")*\""
+    r"![^\r\n]*+|\"(?:[^\"\r\n]|\"\")*+\""
     r"|(?:^|(?<=;))[ \t]*(?P<text>"
     rf"(?P<motion>(?:Move|Trigg|Arc|Search|Paint|Disp|Spot)(?:L|J|AbsJ|C)\w*)\b{REST}"
     rf"|(?P<data>(?:(?:LOCAL|TASK)\s+)*(?:CONST|PERS|VAR)\s+"
     rf"(?P<type>robtarget|jointtarget|tooldata|wobjdata)\s+(?P<name>\w+)\s*:={REST})"
     rf"|(?P<conf>Conf[LJ]\s*\\\s*(?:On|Off))\s*;"
-    r"|(?P<assigned>\w+)[\w.{}]*\s*:="
+    r"|(?P<assigned>\w++)[\w.{}]*+\s*+:="
     r"|(?P<harmless>(?:Set|Reset|Wait|TP|AccSet|VelSet|SingArea|Grip|Pulse|Incr|Decr|Clk|Conf|CONST"
     r"|PERS|VAR|LOCAL|TASK)\w*)\b"
     r"|(?P<flow>[A-Z_]\w*))",

@@ -49,7 +49,7 @@ NAME: /[A-Za-z_]\w*/
 OTHER.-1: /[^\s\[\],()=][^\[\],()=]*/
 %ignore /\s+/
 """
-CALLS = r"\((?:[^()#\r\n]|\((?:[^()#\r\n]|\([^()#\r\n]*\))*\))*\)"
+CALLS = r"\((?:[^()#\r\n]|\((?:[^()#\r\n]|\([^()#\r\n]*+\))*+\))*+\)"
 STATEMENT = re.compile(
     r"^[ \t]*(?P<text>"
     rf"(?P<motion>(?:move|servo|speed|force|path_)(?:[a-z]\w*)?)[ \t]*{CALLS}"
