@@ -18,9 +18,10 @@ from stiff_models.model_catalog import model_info
 pytestmark = pytest.mark.xdist_group("processes")  # what they predict is kept
 
 SEED = 5
-TOLERANCE_M = 1e-12
-"""Of a predicted deflection, where only the number of threads differs: a millionth of a nm. A solve
-by LAPACK may divide its work by them, on a machine other than the one where all were the same."""
+TOLERANCE_M = 1e-9
+"""Of a predicted deflection, if only the number of threads differs: a millionth of a mm. A solve by
+LAPACK or a product in single precision may divide its work by them: on some processors, pre-trained
+networks differ by 2e-11 m."""
 CONVOLUTION_TOLERANCE_M = 2e-5
 """oneDNN sums a convolution's gradients thread by thread, and a training amplifies that: after
 these few steps, 0.003 mm was seen."""
