@@ -150,7 +150,7 @@ def test_no_command_writes_elsewhere_or_runs_what_lies_about(place):
 
 @pytest.mark.slow
 def test_what_is_registered_goes_into_stiffbenchs_home(place, tmp_path):
-    shutil.copy(next(DATA.glob("*.csv")), tmp_path / "out" / "mine.csv")
+    shutil.copy(DATA / "fanuc_r2000ic.csv", tmp_path / "out" / "mine.csv")
     place.environment["STIFFBENCH_HOME"] = str(tmp_path / "out" / "home")
     before = place.files()
     assert place.bench(REGISTER).returncode == 0
