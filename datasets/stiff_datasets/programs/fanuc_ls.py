@@ -11,11 +11,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
 
 import numpy as np
-from lark import Lark, Token, Tree
-from lark.exceptions import LarkError
+from lark import Token, Tree
 
 from stiff_datasets.programs.program_file import (
     NEAR_ZERO,
@@ -30,6 +28,7 @@ from stiff_datasets.programs.program_file import (
     Target,
 )
 from stiff_datasets.programs.rotations import euler_angles, euler_rotations
+from stiff_datasets.programs.statements import number_of, parsed_statement, part_place
 from stiff_protocols.contract.types import FloatArray
 
 GRAMMAR = r"""
@@ -67,18 +66,6 @@ SHAPES = {"F": 1.0, "N": 0.0, "U": 1.0, "D": 0.0, "T": 1.0, "B": 0.0}
 """Letter of CONFIG -> number of the configuration."""
 
 
-@cache
-def _parser() -> Lark:
-    return Lark(GRAMMAR, parser="lalr")
-
-
-def _parsed(text: str, start: int, valid: str) -> Tree[Token]:
-    try:
-        return _parser().parse(text).children[0]  # type: ignore[return-value]
-    except LarkError as error:
-        raise StatementError(start, text, valid) from error
-
-
 def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
     """Yield the motions of a program."""
     (text,) = texts
@@ -102,7 +89,7 @@ def _positions(text: str, start: int) -> Iterator[tuple[str, tuple[Tree[Token], 
     """Yield the numbers of positions, each with the fields of its first group."""
     for match in POSITION.finditer(text, start):
         place = match.start("text")
-        tree = _parsed(match["text"], place, VALID)
+        tree = parsed_statement(GRAMMAR, match["text"], place, VALID)
         groups = [*tree.find_data("group")]
         first = next((group for group in groups if group.children[0] == "1"), groups[0])
         yield str(tree.children[1]), (first, place)
@@ -124,10 +111,10 @@ def _motions(
                 start, statement, "C P[1] and, in the next line, : P[2] 100mm/sec FINE"
             )
         last = points[-1]
-        tree = _parsed(f"L {last[1]} ", start, "C P[1] : P[2] 100mm/sec FINE")
+        tree = parsed_statement(GRAMMAR, f"L {last[1]} ", start, "C P[1] : P[2] 100mm/sec FINE")
         goal_place = start + last.start(1), start + last.end(1)
     else:
-        tree = _parsed(text, start, "L P[1] 100mm/sec FINE ;")
+        tree = parsed_statement(GRAMMAR, text, start, "L P[1] 100mm/sec FINE ;")
         goal_place = start + text.index("P"), start + text.index("]") + 1
     goal = tree.children[1]
     name, index = (str(part) for part in goal.children[:2])  # type: ignore[union-attr]
@@ -149,9 +136,7 @@ def _motions(
         if not isinstance(token, Token) or token.type != "NUMBER":
             yield LeftMotion(start, statement, f"P[{index}] has no number {axis}")
             return
-        numbers.append(
-            Number(float(token), place + int(token.start_pos or 0), place + int(token.end_pos or 0))
-        )
+        numbers.append(number_of(token, place))
     yield Target(
         start,
         start + len(text),
@@ -177,7 +162,7 @@ def _config(group: Tree[Token], place: int) -> list[Number]:
     for field in group.find_data("field"):
         token = field.children[0]
         if isinstance(token, Token) and token.type == "CONFIG":
-            start = place + int(token.start_pos or 0)
+            start, _ = part_place(token, place)
             numbers = [
                 Number(
                     SHAPES[letter[0]] if letter[0] in SHAPES else float(letter[0]), *letter.span()

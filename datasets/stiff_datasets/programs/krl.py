@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
 
 import numpy as np
-from lark import Lark, Token, Tree
-from lark.exceptions import LarkError
+from lark import Token, Tree
 
 from stiff_datasets.programs.program_file import (
     NEAR_ZERO,
@@ -29,6 +27,7 @@ from stiff_datasets.programs.program_file import (
     copied_motions,
 )
 from stiff_datasets.programs.rotations import euler_angles, euler_rotations
+from stiff_datasets.programs.statements import parsed_statement, part_place
 from stiff_protocols.contract.types import BoolArray, FloatArray
 
 GRAMMAR = r"""
@@ -75,17 +74,10 @@ BITS = re.compile(r"'(?:([B])([01]{1,32})|([H])([0-9A-F]{1,8}))'\s*$", re.IGNORE
 WHOLE_POSE = "{X 0,Y 0,Z 0,A 0,B 0,C 0} or {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}"
 
 
-@cache
-def _parser() -> Lark:
-    return Lark(GRAMMAR, parser="lalr")
-
-
 def _parsed(text: str, start: int, text_index: int = 0) -> Tree[Token]:
     """Return the tree of a statement; StatementError if it cannot be read."""
-    try:
-        return _parser().parse(text.rstrip()).children[0]  # type: ignore[return-value]
-    except LarkError as error:
-        raise StatementError(start, text, f"e.g. LIN {WHOLE_POSE}", text_index) from error
+    valid = f"e.g. LIN {WHOLE_POSE}"
+    return parsed_statement(GRAMMAR, text.rstrip(), start, valid, text_index)
 
 
 def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
@@ -135,9 +127,8 @@ def _motions(
         yield LeftMotion(start, text, "helper point of a circular motion")
     goal = goals[1] if is_circular and len(goals) > 1 else goals[0]
     content = goal.children[0]
-    text_index, offset = 0, start
+    text_index, offset, place = 0, start, part_place(content, start)
     if isinstance(content, Token):
-        place = start + int(content.start_pos or 0), start + int(content.end_pos or 0)
         name = content.upper()
         if content.type == "EXPRESSION":
             yield LeftMotion(start, text, f"target {content.strip()} is an expression")
@@ -147,8 +138,6 @@ def _motions(
             yield LeftMotion(start, text, f"target {content} {reason}")
             return
         (content, offset), text_index = data[name], 1
-    else:
-        place = _span(content, start)
     numbers, config, reason = _numbers(content, offset, text_index)
     if reason:
         yield LeftMotion(start, text, reason)
@@ -167,12 +156,6 @@ def _motions(
         tool=Frame("", NO_FRAME),
         text_index=text_index,
     )
-
-
-def _span(aggregate: Tree[Token], start: int) -> tuple[int, int]:
-    """Return the place of an aggregate, with its braces."""
-    first, last = aggregate.children[0], aggregate.children[-1]
-    return start + int(first.start_pos), start + int(last.end_pos)  # type: ignore[union-attr,arg-type]
 
 
 def _numbers(
@@ -206,9 +189,8 @@ def _number(token: Token, start: int) -> Number:
     """Return a number, which S and T may write as 'B010' or 'H2'."""
     bits = BITS.match(token)
     value = float(token) if not bits else int(bits[2], 2) if bits[1] else int(bits[4], 16)
-    length = len(token.rstrip())
-    place = start + int(token.start_pos or 0)
-    return Number(float(value), place, place + length)
+    place, end = part_place(token, start)
+    return Number(float(value), place, end - len(token) + len(token.rstrip()))
 
 
 def _frame(text: str, start: int) -> Frame:

@@ -87,8 +87,8 @@ class LeftMotion(NamedTuple):
     reason: str
 
 
-class Statement(NamedTuple):
-    """A statement that cannot be read, and the valid form.
+class StatementError(Exception):
+    """A statement of a program that cannot be read.
 
     Attributes:
         start: its place.
@@ -97,18 +97,9 @@ class Statement(NamedTuple):
         text_index: number of the text.
     """
 
-    start: int
-    text: str
-    valid: str
-    text_index: int = 0
-
-
-class StatementError(Exception):
-    """A statement of a program that cannot be read; holds a `Statement`."""
-
     def __init__(self, start: int, text: str, valid: str, text_index: int = 0) -> None:
         super().__init__(text)
-        self.statement = Statement(start, text, valid, text_index)
+        self.start, self.text, self.valid, self.text_index = start, text, valid, text_index
 
 
 def is_either(written: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:

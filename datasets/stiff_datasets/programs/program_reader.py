@@ -60,11 +60,10 @@ def read_program(path: Path) -> RobotProgram:
         for motion in language.read(texts):
             columns.add(motion)
     except StatementError as error:
-        wrong = error.statement
-        line = bisect_right(starts[wrong.text_index], wrong.start)
-        text = " ".join(wrong.text.split())[:60]
+        line = bisect_right(starts[error.text_index], error.start)
+        text = " ".join(error.text.split())[:60]
         raise DataError(
-            f"{paths[wrong.text_index]}, line {line}: {text} (valid: {wrong.valid})"
+            f"{paths[error.text_index]}, line {line}: {text} (valid: {error.valid})"
         ) from error
     if not columns.statements and not columns.left_motions:
         raise DataError(f"{path}: no motion of {language.name} in this program")

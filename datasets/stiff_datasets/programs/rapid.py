@@ -11,11 +11,9 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
-from lark import Lark, Token, Tree
-from lark.exceptions import LarkError
+from lark import Token, Tree
 
 from stiff_datasets.programs.program_file import (
     NEAR_ZERO,
@@ -30,8 +28,10 @@ from stiff_datasets.programs.program_file import (
     copied_motions,
 )
 from stiff_datasets.programs.rotations import quaternion_rotations, quaternions
+from stiff_datasets.programs.statements import parsed_statement, part_place
 from stiff_protocols.contract.types import FloatArray
 
+REAL = r"[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?"
 GRAMMAR = r"""
 start: motion | data
 motion: MOTION option* ","? argument ("," argument)* ";"
@@ -52,8 +52,7 @@ OTHER.-1: /[^\s\[\],;\\][^\[\],;\\]*/
 COMMENT: /![^\r\n]*/
 %ignore COMMENT
 %ignore /\s+/
-"""
-REAL = r"[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?"
+""".replace("REAL", REAL)
 REST = r"(?:\"(?:[^\"\r\n]|\"\")*+\"|![^\r\n]*+|[^;\"!])*+;"
 STATEMENT = re.compile(
     r"![^\r\n]*+|\"(?:[^\"\r\n]|\"\")*+\""
@@ -88,18 +87,6 @@ class _Data:
     text: str
 
 
-@cache
-def _parser() -> Lark:
-    return Lark(GRAMMAR.replace("REAL", REAL), parser="lalr")
-
-
-def _parsed(text: str, start: int, valid: str) -> Tree[Token]:
-    try:
-        return _parser().parse(text).children[0]  # type: ignore[return-value]
-    except LarkError as error:
-        raise StatementError(start, text, valid) from error
-
-
 def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
     """Yield the motions of a module."""
     (text,) = texts
@@ -131,7 +118,7 @@ def _declarations(text: str) -> tuple[dict[str, _Data], set[str]]:
         if match["data"]:
             start, kind = match.start("text"), match["type"].lower()
             valid = LITERALS.get(kind, f"a literal {kind}")
-            value = _parsed(match["data"], start, valid).children[-1]
+            value = parsed_statement(GRAMMAR, match["data"], start, valid).children[-1]
             data[match["name"].lower()] = _Data(kind, value, start, match["data"])
         elif match["assigned"]:
             assigned.add(match["assigned"].lower())
@@ -152,15 +139,15 @@ def _motions(
         yield LeftMotion(start, text, f"{word} is not read (MoveL, MoveJ, MoveAbsJ and MoveC are)")
         return
     valid = f"{word} {VALID_JOINTS if kind == 'moveabsj' else 'p10'}, v100, z10, tool1;"
-    tree = _parsed(text, start, valid)
+    tree = parsed_statement(GRAMMAR, text, start, valid)
     arguments = [*tree.find_pred(lambda node: node.data == "argument")]
-    arguments.sort(key=lambda node: _place(node.children[0], 0))
+    arguments.sort(key=lambda node: part_place(node.children[0], 0))
     if len(arguments) < 4 + (kind == "movec"):
         raise StatementError(start, text, valid)
     if kind == "movec":
         yield LeftMotion(start, text, "helper point of a circular motion")
     goal, last = arguments[1 if kind == "movec" else 0], arguments[-1]
-    place = _place(goal.children[0], start)
+    place = part_place(goal.children[0], start)
     value, offset, kind_of_data = goal.children[0], start, ""
     if isinstance(value, Token):
         name = str(value).strip()
@@ -197,14 +184,6 @@ def _motions(
     )
 
 
-def _place(value: Tree[Token] | Token, start: int) -> tuple[int, int]:
-    """Return the place of a value, with its brackets."""
-    first, last = value, value
-    if isinstance(value, Tree):
-        first, last = value.children[0], value.children[-1]
-    return start + int(first.start_pos), start + int(last.end_pos)  # type: ignore[union-attr,arg-type]
-
-
 def _rows(value: Tree[Token] | Token, start: int, text: str, kind: str) -> list[list[Number]]:
     """Return the rows of numbers of a robtarget or jointtarget."""
     rows = [_numbers(row, start) for row in _inner(value)]
@@ -231,7 +210,7 @@ def _numbers(value: Tree[Token] | Token, start: int) -> list[Number]:
     """Return the numbers of a literal list; none of another value."""
     if isinstance(value, Tree) or value.type != "NUMBERS":
         return []
-    place = start + int(value.start_pos or 0)
+    place, _ = part_place(value, start)
     return [
         Number(float(number[0]), place + number.start(), place + number.end())
         for number in NUMBER.finditer(value)

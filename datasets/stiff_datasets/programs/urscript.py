@@ -10,10 +10,8 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
 
-from lark import Lark, Token, Tree
-from lark.exceptions import LarkError
+from lark import Token, Tree
 
 from stiff_datasets.programs.program_file import (
     NO_FRAME,
@@ -28,6 +26,7 @@ from stiff_datasets.programs.program_file import (
     copied_motions,
 )
 from stiff_datasets.programs.rotations import rotation_vectors, vector_rotations
+from stiff_datasets.programs.statements import number_of, parsed_statement, part_place
 
 GRAMMAR = r"""
 start: call | assignment
@@ -62,16 +61,9 @@ STATEMENT = re.compile(
 VALID = "p[x,y,z,rx,ry,rz] in m and rad, or [q1,..,q6] in rad"
 
 
-@cache
-def _parser() -> Lark:
-    return Lark(GRAMMAR, parser="lalr")
-
-
 def _parsed(text: str, start: int) -> Tree[Token]:
-    try:
-        return _parser().parse(text).children[0]  # type: ignore[return-value]
-    except LarkError as error:
-        raise StatementError(start, text, f"e.g. movel({VALID}, a=1.2, v=0.25)") from error
+    """Return the tree of a statement; StatementError if it cannot be read."""
+    return parsed_statement(GRAMMAR, text, start, f"e.g. movel({VALID}, a=1.2, v=0.25)")
 
 
 def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
@@ -126,7 +118,7 @@ def _motions(
     if len(arguments) <= (word == "movec"):
         raise StatementError(start, text, f"{word}({VALID}, ...)")
     value = _value(arguments[word == "movec"])
-    place, offset = _place(value, start), start
+    place, offset = part_place(value, start), start
     if isinstance(value, Token):
         name = value.strip()
         if value.type != "NAME" or name not in data:
@@ -159,14 +151,6 @@ def _value(argument: Tree[Token] | Token) -> Tree[Token] | Token:
     return argument.children[-1] if isinstance(argument, Tree) else argument
 
 
-def _place(value: Tree[Token] | Token, start: int) -> tuple[int, int]:
-    """Return the place of a value, with its brackets."""
-    first, last = value, value
-    if isinstance(value, Tree):
-        first, last = value.children[0], value.children[-1]
-    return start + int(first.start_pos), start + int(last.end_pos)  # type: ignore[union-attr,arg-type]
-
-
 def _numbers(value: Tree[Token] | Token, start: int) -> list[Number] | None:
     """Return the numbers of a pose or of joint angles; None where one is an expression."""
     tokens = value.children[1:-1] if isinstance(value, Tree) else []
@@ -174,8 +158,7 @@ def _numbers(value: Tree[Token] | Token, start: int) -> list[Number] | None:
     for token in tokens:
         if isinstance(token, Tree) or token.type != "NUMBER":
             return None
-        place = start + int(token.start_pos or 0), start + int(token.end_pos or 0)
-        numbers.append(Number(float(token), *place))
+        numbers.append(number_of(token, start))
     return numbers
 
 
