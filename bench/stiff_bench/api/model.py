@@ -37,7 +37,7 @@ from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.plugin import ModelInfo, in_words
 from stiff_protocols.contract.screen import Screen, Shown
 from stiff_protocols.contract.source_code import code_of
-from stiff_protocols.contract.stiffness_model import offers
+from stiff_protocols.contract.stiffness_model import offers, optional
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import (
     AXES,
@@ -144,6 +144,17 @@ class Model(Shown):
             if warning:
                 warn(warning)
         return predicted
+
+    def predict_at_tcp(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection of the TCP, m, base frame.
+
+        A model that was fitted to another point of the tool carries it over to the TCP. Arguments
+        and errors as of `predict` with arrays.
+        """
+        self.check_fitted()
+        with blamed_on(self.file):
+            predicted = optional(self.fitted, "predict_at_tcp")(q, wrench)
+            return frozen_array(predicted, "the prediction", (len(q), len(AXES)))
 
     def _loads(
         self, q: FloatArray | DataFrame, wrench: FloatArray | None

@@ -20,8 +20,8 @@ from stiff_datasets.measured.sample_columns import (
 )
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.robot import Robot
-from stiff_protocols.contract.stiffness_model import interval_at_tcp, optional
-from stiff_protocols.contract.types import FloatArray, IntArray, frozen_array
+from stiff_protocols.contract.stiffness_model import interval_at_tcp
+from stiff_protocols.contract.types import FloatArray, IntArray
 from stiff_protocols.paths.inverse import SINGULAR, follow
 from stiff_protocols.paths.path import ToolPath
 from stiff_protocols.paths.postures import (
@@ -114,7 +114,7 @@ class PostureSearch:
             rows = np.nonzero(~np.isnan(postures.q[..., 0]))
             size = np.full(postures.q.shape[:3], np.inf)
             if len(rows[0]):
-                bent = self._predicted(postures.q[rows], wrench[rows[:2]])
+                bent = self.model.predict_at_tcp(postures.q[rows], wrench[rows[:2]])
                 size[rows] = _size(bent, axis[rows[:2]], self.direction)
             n_compared += len(rows[0])
             best = best_courses(self.robot, postures.q, size, self.near, max_change)
@@ -218,16 +218,12 @@ class PostureSearch:
         parts = wrench.reshape(n, m, 2, 3)
         return np.asarray(np.einsum("nmij,nmkj->nmki", change, parts).reshape(n, m, 6))
 
-    def _predicted(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        predicted = optional(self.model.fitted, "predict_at_tcp")(q, wrench)
-        return frozen_array(predicted, "the prediction", (len(q), 3))
-
     def _posture(self, course: Course, shift: FloatArray, rotations: FloatArray) -> RatedPosture:
         """Return a course with its predictions."""
         model, q, rows = self.model, course.q, np.arange(len(course.q))
         wrench = self._wrench(rotations)[rows, course.turn]
         axis = rotations[rows, course.turn] @ self.axis
-        bent, half = self._predicted(q, wrench), None
+        bent, half = self.model.predict_at_tcp(q, wrench), None
         if self.coverage is not None:
             interval = model.predict_interval(q, wrench, self.coverage)
             interval = interval_at_tcp(model.fitted, interval, q, wrench)
@@ -262,7 +258,7 @@ class PostureSearch:
         wrench = self._wrench(rotations)[points, turn].reshape(-1, 6)
         axis = (rotations @ self.axis)[points, turn].reshape(-1, 3)
         every_q = q.reshape(-1, q.shape[-1])
-        bent = self._predicted(every_q, wrench)
+        bent = self.model.predict_at_tcp(every_q, wrench)
         sizes = {
             f"{word}_mm": MM_PER_M * _size(bent, axis, word).reshape(-1, n).mean(axis=1)
             for word in ("along", "across")

@@ -12,7 +12,7 @@ import numpy as np
 from stiff_bench.api.model import Model, blamed_on
 from stiff_bench.api.posture_search import FULL_TURN_DEG, PostureSearch, PostureTask
 from stiff_bench.api.ranked_postures import RankedPostures
-from stiff_bench.api.tool_paths import held_positions
+from stiff_bench.api.tool_paths import given_positions, held_positions
 from stiff_bench.console import say
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
@@ -28,7 +28,6 @@ from stiff_datasets.measured.sheet_files import write_table
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import Robot
-from stiff_protocols.contract.stiffness_model import optional
 from stiff_protocols.contract.types import FloatArray, frozen_array
 from stiff_protocols.paths.inverse import LIMIT_SLACK
 from stiff_protocols.paths.path import ToolPath
@@ -53,7 +52,7 @@ def axial_compliance(
     arm: Robot = model.fitted.robot_
     along = arm.forward(q).rotation @ (arm.flange[:3, :3] @ np.asarray(axis))
     wrench = np.hstack([force * along, np.zeros((len(q), 3))])
-    deflection = optional(model.fitted, "predict_at_tcp")(q, wrench)
+    deflection = model.predict_at_tcp(q, wrench)
     return np.asarray(np.einsum("ni,ni->n", deflection, along) / force)
 
 
@@ -207,11 +206,7 @@ def _given_posture(robot: Robot, given: Sequence[float] | None) -> FloatArray | 
     """Return the (n_joints,) given posture, rad or m, checked against the joints' limits."""
     if given is None:
         return None
-    if len(given) != robot.n_joints:
-        raise ConfigError(
-            f"{len(given)} joint positions (valid: the {robot.n_joints} of {robot.name})", "given"
-        )
-    q, units = np.asarray(given, dtype=np.float64) / file_units(robot), file_units(robot)
+    q, units = given_positions(robot, given, "given"), file_units(robot)
     beyond = (q < robot.lower - LIMIT_SLACK) | (q > robot.upper + LIMIT_SLACK)
     if beyond.any() or not np.isfinite(q).all():
         joint = int(np.argmax(beyond | ~np.isfinite(q)))

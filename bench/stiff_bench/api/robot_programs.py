@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.api.model import Model
 from stiff_bench.api.remaining_error import expected_error
-from stiff_bench.api.tool_paths import CorrectedPath
+from stiff_bench.api.tool_paths import CorrectedPath, given_positions
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured.path_file import LoadFrame, frame_matrix, six_numbers
 from stiff_datasets.measured.rows_beyond_training import extrapolation_details
-from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
+from stiff_datasets.measured.sample_columns import MM_PER_M
 from stiff_datasets.programs.controller_poses import ProgramPoses, controller_of, program_poses
 from stiff_datasets.programs.corrected_program import corrected_texts, shared_target_conflicts
 from stiff_datasets.programs.corrected_targets import (
@@ -31,7 +31,6 @@ from stiff_datasets.programs.program_file import RobotProgram, write_texts
 from stiff_datasets.programs.program_reader import read_program
 from stiff_protocols.contract.errors import ConfigError, DataError, ModelError, unknown_name
 from stiff_protocols.contract.files import check_new_file
-from stiff_protocols.contract.stiffness_model import optional
 from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, TextArray
 from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M
 
@@ -200,17 +199,11 @@ def compensate_program(
         tool=None if tool is None else frame_matrix(tool),
         workpiece=None if workpiece is None else frame_matrix(workpiece),
     )
-    fitted = model.fitted
-
-    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        with blamed_on(model.file):
-            return np.asarray(optional(fitted, "predict_at_tcp")(q, wrench))
-
     with display():
         position, rotation, q, problem, fits = _joints(source, robot, poses, model, start)
         wrench = _wrenches(source, robot, poses, rotation, load, loads, frame)
         targets = correct_targets(
-            predict,
+            model.predict_at_tcp,
             robot,
             source,
             position,
@@ -235,7 +228,7 @@ def compensate_program(
         if not commands.converged.any():
             raise ModelError(f"{file}: none of {counted(len(source), 'target')} can be corrected")
         texts, changed = corrected_texts(source, robot, poses, targets, q)
-        between_rows, between = errors_between(predict, robot, targets)
+        between_rows, between = errors_between(model.predict_at_tcp, robot, targets)
         done = commands.converged
         commanded_q, acting = commands.q[done], wrench[done]
         training_range = model.training_range
@@ -290,11 +283,7 @@ def _joints(
     training_range = model.training_range
     near = 0.5 * (training_range.lower + training_range.upper)
     if start is not None:
-        if len(start) != robot.n_joints:
-            raise ConfigError(
-                f"{len(start)} numbers (valid: {robot.n_joints}, a joint each)", "start"
-            )
-        near = np.array(start) / file_units(robot)
+        near = given_positions(robot, start, "start")
     chosen = choose_joints(source, robot, poses.position, poses.rotation, poses.q, near)
     wrong = np.flatnonzero(
         (chosen.problem != "")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.api.model import Model
 from stiff_bench.api.tool_paths import held_positions
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import METADATA, check_suffix
@@ -41,7 +41,6 @@ from stiff_protocols.contract.errors import (
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.screen import Screen, Shown
-from stiff_protocols.contract.stiffness_model import optional
 from stiff_protocols.contract.types import (
     AXES,
     BoolArray,
@@ -436,17 +435,12 @@ def stiffness_map(
     held = held_positions(robot, hold or {})
     springs = fitted.springs_.compliance if type(fitted) is VirtualJointModel else None
 
-    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        with blamed_on(model.file):
-            predicted = optional(fitted, "predict_at_tcp")(q, wrench)
-            return frozen_array(predicted, "the prediction", (len(q), 3))
-
     training_range, tool_frame = model.training_range, tool_of(robot, tool)[:3, :3]
     angles = _tool_angles(orientation, robot, tool_frame, training_range.poses)
     task = WorkspaceTask(
         robot=robot,
         training_range=training_range,
-        predict=predict,
+        predict=model.predict_at_tcp,
         joint_compliance=springs,
         tool=tool_frame,
         orientation=rotation_of(angles),

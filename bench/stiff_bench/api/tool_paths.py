@@ -33,7 +33,7 @@ from stiff_datasets.measured.sheet_files import write_table
 from stiff_protocols.contract.errors import ConfigError, ModelError, unknown_name, warn
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY, Robot
-from stiff_protocols.contract.stiffness_model import offers, optional
+from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.compensation import (
     MAX_ITERATIONS,
@@ -269,16 +269,12 @@ def compensate_path(
         say(f"warning: {oddity}")
     known, wrench = model.training_range, table.path.wrench
 
-    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
-        with blamed_on(model.file):
-            return np.asarray(optional(fitted, "predict_at_tcp")(q, wrench))
-
     with display():
         held, driven = _driven(table, arm, hold or {}, start, 0.5 * (known.lower + known.upper))
         if problems := path_problems(table, arm, driven):
             raise problems_error(file, problems)
         found = compensate(
-            predict,
+            model.predict_at_tcp,
             arm,
             table.path,
             driven.q,
@@ -337,7 +333,7 @@ def _driven(
 ) -> tuple[FloatArray, Followed]:
     """Return the held joints as of `held_positions`, and joint positions along the path."""
     if table.q is None:
-        begin = _start_positions(robot, start)
+        begin = None if start is None else given_positions(robot, start, "start")
         held = held_positions(robot, hold, begin)
         position, rotation = table.path.position, table.path.rotation
         return held, follow(robot, position, rotation, begin, near=near, held=held)
@@ -418,12 +414,11 @@ def held_positions(
     return held
 
 
-def _start_positions(robot: Robot, start: Sequence[float] | None) -> FloatArray | None:
-    """Return the (n_joints,) joint positions, rad or m, that a user gave to begin with."""
-    if start is None:
-        return None
-    if len(start) != robot.n_joints:
+def given_positions(robot: Robot, positions: Sequence[float], option: str) -> FloatArray:
+    """Return the (n_joints,) joint positions, rad or m, of an option in deg or mm."""
+    if len(positions) != robot.n_joints:
         raise ConfigError(
-            f"{len(start)} joint positions (valid: the {robot.n_joints} of {robot.name})", "start"
+            f"{len(positions)} joint positions (valid: the {robot.n_joints} of {robot.name})",
+            option,
         )
-    return np.asarray(start) / file_units(robot)
+    return np.asarray(positions, dtype=np.float64) / file_units(robot)

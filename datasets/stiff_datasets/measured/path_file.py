@@ -10,7 +10,6 @@ A column ``frame`` may name the frame of the poses, the same in every row.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,11 @@ import numpy as np
 import pandas as pd
 
 from stiff_datasets.measured.load_file import interval_columns
+from stiff_datasets.measured.rotations import (
+    euler_angles,
+    euler_rotations,
+    quaternion_rotations,
+)
 from stiff_datasets.measured.row_checks import (
     FULL_TURN_RAD,
     LARGEST_NUMBER,
@@ -96,11 +100,9 @@ class PathTable:
 
 def frame_matrix(numbers: Sequence[float]) -> FloatArray:
     """Return the (4, 4) pose, m, of x, y, z [mm], a, b, c [deg]."""
-    from scipy.spatial.transform import Rotation
-
     given, pose = frozen_array(numbers, "x,y,z,a,b,c of a frame", (6,)), np.eye(4)
     pose[:3, 3] = given[:3] / MM_PER_M
-    pose[:3, :3] = Rotation.from_euler("ZYX", given[3:], degrees=True).as_matrix()
+    (pose[:3, :3],) = euler_rotations("ZYX", given[None, 3:])
     return pose
 
 
@@ -329,21 +331,14 @@ def _rounded(columns: Mapping[str, FloatArray]) -> pd.DataFrame:
 
 def _turned(numbers: FloatArray) -> FloatArray:
     """Return (n, 3, 3) rotations of (n, 3) KUKA's angles [deg] or (n, 4) quaternions, w first."""
-    from scipy.spatial.transform import Rotation
-
     if numbers.shape[1] == 4:
-        return np.asarray(Rotation.from_quat(numbers, scalar_first=True).as_matrix())
-    return np.asarray(Rotation.from_euler("ZYX", numbers, degrees=True).as_matrix())
+        return quaternion_rotations(numbers)
+    return euler_rotations("ZYX", numbers)
 
 
 def _angles(rotation: FloatArray) -> dict[str, FloatArray]:
     """Return KUKA's angles of (n, 3, 3) rotations."""
-    from scipy.spatial.transform import Rotation
-
-    with warnings.catch_warnings():  # with b at +-90 deg, c is zero and the rotation is right
-        warnings.filterwarnings("ignore", "Gimbal lock")
-        angles = Rotation.from_matrix(rotation).as_euler("ZYX", degrees=True)
-    return dict(zip(ANGLE_COLUMNS, angles.T, strict=True))
+    return dict(zip(ANGLE_COLUMNS, euler_angles("ZYX", rotation).T, strict=True))
 
 
 def _pose_problems(sheet: Sheet, numbers: FloatArray, angles: tuple[str, ...]) -> Iterator[Problem]:

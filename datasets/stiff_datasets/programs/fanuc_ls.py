@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from lark import Token, Tree
 
+from stiff_datasets.measured.rotations import euler_angles, euler_rotations
 from stiff_datasets.programs.program_file import (
     NEAR_ZERO,
     NO_FRAME,
@@ -27,7 +28,6 @@ from stiff_datasets.programs.program_file import (
     StatementError,
     Target,
 )
-from stiff_datasets.programs.rotations import euler_angles, euler_rotations
 from stiff_datasets.programs.statements import number_of, parsed_statement, part_place
 from stiff_protocols.contract.types import FloatArray
 

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from lark import Token, Tree
 
+from stiff_datasets.measured.rotations import euler_angles, euler_rotations
 from stiff_datasets.programs.program_file import (
     NEAR_ZERO,
     NO_FRAME,
@@ -26,7 +27,6 @@ from stiff_datasets.programs.program_file import (
     Target,
     copied_motions,
 )
-from stiff_datasets.programs.rotations import euler_angles, euler_rotations
 from stiff_datasets.programs.statements import parsed_statement, part_place
 from stiff_protocols.contract.types import BoolArray, FloatArray
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from lark import Token, Tree
 
+from stiff_datasets.measured.rotations import quaternion_rotations, quaternions
 from stiff_datasets.programs.program_file import (
     NEAR_ZERO,
     Edit,
@@ -27,7 +28,6 @@ from stiff_datasets.programs.program_file import (
     Target,
     copied_motions,
 )
-from stiff_datasets.programs.rotations import quaternion_rotations, quaternions
 from stiff_datasets.programs.statements import parsed_statement, part_place
 from stiff_protocols.contract.types import FloatArray
 

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from lark import Token, Tree
 
+from stiff_datasets.measured.rotations import rotation_vectors, vector_rotations
 from stiff_datasets.programs.program_file import (
     NO_FRAME,
     Edit,
@@ -25,7 +26,6 @@ from stiff_datasets.programs.program_file import (
     Target,
     copied_motions,
 )
-from stiff_datasets.programs.rotations import rotation_vectors, vector_rotations
 from stiff_datasets.programs.statements import number_of, parsed_statement, part_place
 
 GRAMMAR = r"""
