@@ -11,7 +11,12 @@ from stiff_bench import api
 from stiff_bench.cli.click_options import FILE, PICTURE, Numbers, WholeRange, plugin_option
 from stiff_bench.cli.help_pages import command
 from stiff_bench.cli.model_commands import model_file_option
-from stiff_bench.cli.path_commands import FRAME, hold_option, load_frame_option, load_option
+from stiff_bench.cli.path_commands import (
+    hold_option,
+    load_frame_option,
+    load_option,
+    tool_option,
+)
 from stiff_bench.console import print_prose, warnings_said
 
 
@@ -79,13 +84,7 @@ class Orientation(Numbers):
     default="fixed",
     help="Turn about the tool's z axis: none, or per point the best in steps of 30 deg.",
 )
-@click.option(
-    "--tool",
-    type=FRAME,
-    metavar="X,Y,Z,A,B,C",
-    help="Tool frame in the frame of the last link, in mm and deg.  [default: the model's TCP with "
-    "the axes of the last link]",
-)
+@tool_option
 @hold_option
 @click.option(
     "--output",

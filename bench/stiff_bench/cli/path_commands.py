@@ -46,6 +46,14 @@ load_frame_option = click.option(
     help="Frame that loads are expressed in.",
 )
 
+tool_option = click.option(
+    "--tool",
+    type=FRAME,
+    metavar="X,Y,Z,A,B,C",
+    help="Tool frame in the frame of the last link, in mm and deg.  [default: the model's TCP with "
+    "the axes of the last link]",
+)
+
 
 def _held(
     _: click.Context, parameter: click.Parameter, words: tuple[str, ...]

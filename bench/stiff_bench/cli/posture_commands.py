@@ -20,7 +20,13 @@ from stiff_bench.cli.click_options import (
 )
 from stiff_bench.cli.help_pages import command
 from stiff_bench.cli.model_commands import model_file_option
-from stiff_bench.cli.path_commands import FRAME, hold_option, load_frame_option, load_option
+from stiff_bench.cli.path_commands import (
+    FRAME,
+    hold_option,
+    load_frame_option,
+    load_option,
+    tool_option,
+)
 from stiff_bench.console import print_text, warnings_said
 
 
@@ -43,13 +49,7 @@ from stiff_bench.console import print_text, warnings_said
     metavar="X,Y,Z,A,B,C",
     help="Frame of the point or path in the base frame, in mm and deg.  [default: the base frame]",
 )
-@click.option(
-    "--tool",
-    type=FRAME,
-    metavar="X,Y,Z,A,B,C",
-    help="Tool frame in the frame of the last link, in mm and deg.  [default: the model's TCP with "
-    "the axes of the last link]",
-)
+@tool_option
 @click.option(
     "--tool-axis",
     type=Numbers("three finite numbers, x,y,z", 3),

@@ -110,6 +110,13 @@ def program_poses(
     return ProgramPoses(position, rotation, q, base_frames, tool_frames)
 
 
+def lengths_in_base(language: Language, base: FloatArray, position: FloatArray) -> FloatArray:
+    """Return (n, 3) positions in the program's base frame and unit; arguments as `pose_numbers`."""
+    turn = base[:, :3, :3].transpose(0, 2, 1)
+    lengths = np.einsum("nij,nj->ni", turn, position - base[:, :3, 3])
+    return np.asarray(lengths / language.metres)
+
+
 def pose_numbers(
     language: Language,
     base: FloatArray,
@@ -127,8 +134,8 @@ def pose_numbers(
         rotation: (n, 3, 3) of the last joint's frame.
     """
     turn = base[:, :3, :3].transpose(0, 2, 1)
-    local = np.einsum("nij,nj->ni", turn, position - base[:, :3, 3]) / language.metres
-    return np.hstack([local, language.from_rotations(turn @ rotation @ tool[:, :3, :3])])
+    orientations = language.from_rotations(turn @ rotation @ tool[:, :3, :3])
+    return np.hstack([lengths_in_base(language, base, position), orientations])
 
 
 def _frames(

@@ -6,7 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stiff_datasets.programs.controller_poses import ProgramPoses, controller_of, pose_numbers
+from stiff_datasets.programs.controller_poses import (
+    ProgramPoses,
+    controller_of,
+    lengths_in_base,
+    pose_numbers,
+)
 from stiff_datasets.programs.corrected_targets import CorrectedTargets
 from stiff_datasets.programs.joint_choice import configuration_numbers
 from stiff_datasets.programs.program_file import Edit, RobotProgram, edited_texts, number_text
@@ -45,20 +50,15 @@ def corrected_texts(
         q_before: (n, n_joints) joint positions at the targets as they were, rad or m.
     """
     edits: list[Edit] = []
-    is_target, language = targets.is_target, program.language
+    language = program.language
     compensation, index = targets.at_targets, program.frame_index
     position, q = compensation.position, compensation.q
     rows = np.flatnonzero(compensation.converged)
     pose_rows, joint_rows = rows[~program.has_joints[rows]], rows[program.has_joints[rows]]
     numbers = np.full((len(program), 7), np.nan)
     if len(pose_rows):
-        numbers[pose_rows, :3] = pose_numbers(
-            language,
-            poses.bases[index[pose_rows]],
-            poses.tools[index[pose_rows]],
-            position[pose_rows],
-            targets.rotation[is_target][pose_rows],
-        )[:, :3]
+        bases = poses.bases[index[pose_rows]]  # orientations stay as they are
+        numbers[pose_rows, :3] = lengths_in_base(language, bases, position[pose_rows])
     if len(joint_rows):
         angles = controller_of(robot).from_description(q[joint_rows]) / language.radians
         numbers[joint_rows, : robot.n_joints] = angles
