@@ -18,10 +18,12 @@ from stiff_models.model_catalog import model_info
 pytestmark = pytest.mark.xdist_group("processes")  # what they predict is kept
 
 SEED = 5
-TOLERANCE_M = 1e-9
-"""Of a predicted deflection, if only the number of threads differs: a millionth of a mm. A solve by
-LAPACK or a product in single precision may divide its work by them: on some processors, pre-trained
-networks differ by 2e-11 m."""
+TOLERANCE_M = 1e-12
+"""Of a predicted deflection, where only the number of threads differs: a millionth of a nm. A solve
+by LAPACK may divide its work by them, on a machine other than the one where all were the same."""
+PRE_TRAINED, PRE_TRAINED_TOLERANCE_M = ("mlp-pretrained", "ft-mlp", "deep-ensemble"), 1e-7
+"""Some processors divide a pre-training's products in single precision by the threads: 5e-9 m were
+seen on an Intel Xeon of family 6, model 167; on others nothing."""
 CONVOLUTION_TOLERANCE_M = 2e-5
 """oneDNN sums a convolution's gradients thread by thread, and a training amplifies that: after
 these few steps, 0.003 mm was seen."""
@@ -93,6 +95,7 @@ def test_every_model_predicts_the_same_in_another_process_order_and_number_of_th
     if key not in usable():
         pytest.skip(model_info(key).missing())
     tolerance = CONVOLUTION_TOLERANCE_M if key == "dt-cnn" else TOLERANCE_M
+    tolerance = PRE_TRAINED_TOLERANCE_M if key in PRE_TRAINED else tolerance
     expected, found = of_process(*REFERENCE)[key], of_process(*other)[key]
     tolerance = tolerance if other == MORE_THREADS else 0.0
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=tolerance)
