@@ -97,6 +97,16 @@ PROTOCOLS = (
         ),
     ),
     ProtocolInfo(
+        key="holdout-paths",
+        target="stiff_protocols.splits.path_compensation:HoldoutPaths",
+        summary="holdout, and the error that the same fits leave on simulated tool paths",
+        reasoning=(
+            "Does a small error at test poses make a straight path? One fit answers both: its "
+            "metrics are holdout's, and the error left on 36 paths stands beside them. The "
+            "leaderboard is made so."
+        ),
+    ),
+    ProtocolInfo(
         key="cross-robot",
         target="stiff_protocols.splits.cross_robot:CrossRobot",
         summary="pre-train on another robot's or specimen's VJM, fine-tune on this one",

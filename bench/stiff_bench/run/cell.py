@@ -19,7 +19,7 @@ from stiff_bench.run.progress import Display
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.evaluation import FitInput
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import PATH_ERROR, CellResult
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.sanity import check_prediction
 
@@ -105,6 +105,9 @@ def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> Cel
     reference = _reference(task, given)
     prediction = task.prediction(fitted.predicted, fitted.commands, fitted.interval, reference)
     check_prediction(prediction.predicted, len(given.q))
+    diagnostics = dict(fitted.diagnostics)
+    if fitted.path_commands is not None:
+        diagnostics[PATH_ERROR] = 1000.0 * task.path_error(fitted.path_commands)
     return CellResult(
         cell=task.cell,
         shown=task.shown,
@@ -113,7 +116,7 @@ def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> Cel
         prediction=prediction,
         cost=fitted.cost,
         calibration_samples=fitted.calibration_samples,
-        diagnostics=fitted.diagnostics,
+        diagnostics=diagnostics,
         n_train=len(task.training_rows),
         n_labels=len(given.train),
         n_poses=len(np.unique(task.data.samples.pose_id[task.training_rows])),

@@ -68,6 +68,8 @@ class Fitted:
         interval: of the predictions; None: no intervals.
         calibration_samples: that split-conformal intervals come from; else 0.
         diagnostics, chosen, curves: as in `CellResult`.
+        path_commands: (n, n_joints) rad or m, corrected, of the points of tool paths; None: it was
+            asked for none.
     """
 
     predicted: FloatArray
@@ -78,6 +80,7 @@ class Fitted:
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     chosen: Mapping[str, str] = field(default_factory=dict)
     curves: Mapping[str, FloatArray] = field(default_factory=dict)
+    path_commands: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +165,8 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
     diagnostics = {str(name): float(value) for name, value in diagnostics.items()}
     chosen = getattr(model, "best_params_", {})
     intervals = _interval_source(choice, given, model)
-    commands = given.make_protocol().commanded(predict_tcp, given.robot, q, wrench)
+    protocol = given.make_protocol()
+    commands = protocol.commanded(predict_tcp, given.robot, q, wrench)
     if commands is not q:
         predicted = predict_tcp(commands, wrench)
     interval = None
@@ -172,6 +176,11 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
         if commands is not q:
             centre = intervals.model_ if isinstance(intervals, SplitConformal) else model
             interval = interval_at_tcp(centre, interval, commands, wrench)
+    path_commands = None
+    if given.path_q is not None and given.path_wrench is not None:
+        path_commands = protocol.path_commands(
+            predict_tcp, given.robot, given.path_q, given.path_wrench
+        )
     warn_of_rows(given.train)
     cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
         fit_s=fitted - start,
@@ -192,6 +201,7 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
         diagnostics=diagnostics,
         chosen={str(name): str(value) for name, value in chosen.items()},
         curves={str(name): _thinned(name, curve) for name, curve in curves.items()},
+        path_commands=path_commands,
     )
 
 

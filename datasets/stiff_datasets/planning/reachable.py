@@ -12,6 +12,8 @@ behind them, only the TCP is checked.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from stiff_protocols.contract.errors import ConfigError
@@ -30,7 +32,11 @@ DRAWS_PER_CANDIDATE = 50
 
 
 def reachable_poses(
-    robot: Robot, n: int, rng: np.random.Generator, clearance: float = CLEARANCE
+    robot: Robot,
+    n: int,
+    rng: np.random.Generator,
+    clearance: float = CLEARANCE,
+    at_zero: Sequence[int] = (),
 ) -> FloatArray:
     """Return (n, n_joints) random poses inside the limits that keep the clearances, rad or m.
 
@@ -43,6 +49,7 @@ def reachable_poses(
         n: how many.
         rng: draws them.
         clearance: smallest distance of the arm from the base column, m.
+        at_zero: columns of joints that stay at zero.
 
     Raises:
         ConfigError: `clearance` is out of range, or too few random poses keep the clearances.
@@ -53,6 +60,7 @@ def reachable_poses(
     found = np.empty((0, len(lower)))
     for _ in range(DRAWS_PER_CANDIDATE):
         q = rng.uniform(lower, upper, size=(n, len(lower)))
+        q[:, at_zero] = 0.0
         found = np.concatenate([found, q[keeps_clear(robot, q, clearance)]])
         if len(found) >= n:
             return found[:n]

@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 from stiff_datasets.planning.loads import LoadKind
 from stiff_datasets.planning.poses import Poses, bent_wrist_poses, paper_poses
 from stiff_datasets.twin.constants import TwinConstants, shipped_constants
+from stiff_datasets.twin.robot_twin import POSES, MeasuringPlan, random_poses
 from stiff_datasets.twin.twin import TwinData
 from stiff_datasets.twin.twin_effects import ALL_EFFECTS
 from stiff_protocols.contract.types import BenchmarkData, Robot
@@ -89,11 +90,22 @@ class Kr10Twin(PaperTwin):
     Attributes:
         calibration: 1, or 2: nearer to the paper, with a bent wrist and a tracker that has heavy
             tails (see the data card).
+        plan: "narrow": the paper's; "wide": as many random poses, pulled at a hook in every
+            direction.
     """
 
     calibration: CalibrationNumber = 1
+    plan: MeasuringPlan = "narrow"
 
-    added_later = ("physics", "calibration")
+    added_later = ("physics", "calibration", "plan")
+
+    def load(self) -> BenchmarkData:
+        """Simulate the measurement (well under a second)."""
+        if self.plan == "narrow":
+            return super().load()
+        constants = self.twin.constants()
+        poses = random_poses(constants, POSES, self.seed)
+        return self.measured(constants, poses, loads_per_pose=self.loads_per_pose)
 
     @property
     def twin(self) -> PlannedTwin:

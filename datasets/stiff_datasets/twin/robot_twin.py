@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -19,6 +20,9 @@ from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import BenchmarkData
 
 POSES = 151  # as many as the source paper measured
+NARROW_JOINTS = (3, 5)
+"""Columns of the joints that stay at zero in the source paper's plan: A4 and A6."""
+MeasuringPlan = Literal["narrow", "wide"]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -52,13 +56,35 @@ class RobotTwin(TwinData):
         return self.measured(constants, poses, **how)
 
 
-class Ur5Twin(TwinData):
-    """The twin of a UR5, a smaller robot (5 kg), pulled at a hook in every direction."""
+@dataclass(kw_only=True, eq=False)
+class HookTwin(TwinData):
+    """A robot that is pulled at a hook.
+
+    Attributes:
+        plan: "wide": random poses, pulled in every direction; "narrow": random poses whose fourth
+            and sixth joints stay at zero, pulled along the line of the source paper's Table 5.
+    """
+
+    plan: MeasuringPlan = "wide"
+
+    added_later = ("physics", "plan")
+
+    def planned(self, constants: TwinConstants, heaviest: float = 1.0) -> BenchmarkData:
+        """Simulate the measurement, with loads up to `heaviest` times the payload."""
+        is_narrow = self.plan == "narrow"
+        poses = random_poses(
+            constants, POSES, self.seed, at_zero=NARROW_JOINTS if is_narrow else ()
+        )
+        loads: LoadKind = "line-hook" if is_narrow else "omni"
+        return self.measured(constants, poses, loads=loads, heaviest=heaviest)
+
+
+class Ur5Twin(HookTwin):
+    """The twin of a UR5, a smaller robot (5 kg)."""
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement."""
-        constants = shipped_constants("ur5")
-        return self.measured(constants, random_poses(constants, POSES, self.seed))
+        return self.planned(shipped_constants("ur5"))
 
 
 ARMS = (
@@ -71,8 +97,8 @@ HEAVIEST = 0.8  # of the payload
 
 
 @dataclass(kw_only=True, eq=False)
-class ArmFamily(TwinData):
-    """The twin of one of ten types of robot, pulled at a hook up to 80 % of its payload.
+class ArmFamily(HookTwin):
+    """The twin of one of ten types of robot, pulled with up to 80 % of its payload.
 
     Attributes:
         robot: 0 IRB 120, 1 TX60, 2 LR Mate 200iD, 3 GP12, 4 KR 16, 5 M-20iB/25, 6 IRB 4600,
@@ -84,14 +110,17 @@ class ArmFamily(TwinData):
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement."""
-        constants = shipped_constants(ARMS[self.robot])
-        poses = random_poses(constants, POSES, self.seed)
-        return self.measured(constants, poses, heaviest=HEAVIEST)
+        return self.planned(shipped_constants(ARMS[self.robot]), HEAVIEST)
 
 
-def random_poses(constants: TwinConstants, n: int, seed: int) -> Poses:
-    """Return random reachable poses of a robot, the same for the same seed."""
+def random_poses(
+    constants: TwinConstants, n: int, seed: int, *, at_zero: Sequence[int] = ()
+) -> Poses:
+    """Return random reachable poses of a robot, the same for the same seed.
+
+    The joints of the columns `at_zero` stay at zero.
+    """
     rng = stream("poses", constants.name, seed)
-    q = reachable_poses(constants.robot(), n, rng, constants.clearance_m)
+    q = reachable_poses(constants.robot(), n, rng, constants.clearance_m, at_zero)
     names = np.array([f"P{i + 1}" for i in range(n)])
     return Poses(q=q, pose_id=names, group=np.full(n, "random"))

@@ -59,7 +59,7 @@ class TwinExperiment:
         loads_per_pose: how many.
         physics: "rigid": no bearing tilts, and the links bend; all random numbers are the same.
         effects: what it has beyond the default twin, see `twin_effects.py`.
-        heaviest: the largest "omni" load, over the payload.
+        heaviest: the largest pull at a hook, over the payload.
         twin: the robot.
 
     Raises:
@@ -149,7 +149,7 @@ class TwinExperiment:
         if self.loads == "line":
             return line_wrenches(len(q), payload, rng)
         if self.loads == "line-hook":
-            force = line_wrenches(len(q), payload, rng)[:, :3]
+            force = self.heaviest * line_wrenches(len(q), payload, rng)[:, :3]
         else:
             force = omni_forces(len(q), payload, rng, self.heaviest)
         lever = self.twin.robot.forward(q).rotation @ np.array(self.constants.hook_m)

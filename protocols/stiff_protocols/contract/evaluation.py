@@ -37,6 +37,8 @@ class FitInput:
         source: data of another robot or specimen that it may learn from; None: no such data.
         make_protocol: makes the protocol. A new object serves the fit: what an older one
             remembers of the data is not for the model.
+        path_q, path_wrench: points of tool paths whose commands the model corrects beside, as `q`
+            and `wrench`; None: it corrects none.
     """
 
     train: Samples
@@ -48,6 +50,8 @@ class FitInput:
     coverage: float | None
     source: BenchmarkData | None
     make_protocol: MakeProtocol
+    path_q: FloatArray | None = None
+    path_wrench: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,7 +83,7 @@ class Evaluation:
 
     def fit_input(self, *, chooses_epoch: bool, seed: int, coverage: float | None) -> FitInput:
         """Return what the fit of a model sees and is asked."""
-        samples = self.data.samples
+        samples, paths = self.data.samples, self.data.paths
         train, validation = training_side(
             samples,
             self.split,
@@ -96,11 +100,17 @@ class Evaluation:
             coverage=coverage,
             source=self.source and self.source.without_truth(),
             make_protocol=self.make_protocol,
+            path_q=paths and paths.q,
+            path_wrench=paths and paths.wrench,
         )
 
     def scored(self, predicted: FloatArray, commands: FloatArray) -> FloatArray:
         """Return the (n, 3) values [m] that are compared with the measured deflections."""
         return self.protocol.scored(predicted, commands, self.data, self.split.reported)
+
+    def path_error(self, commands: FloatArray) -> float:
+        """Return the mean 3-D error [m] that corrected commands leave on the tool paths."""
+        return float(np.linalg.norm(self.protocol.path_errors(commands, self.data), axis=1).mean())
 
     def prediction(
         self,

@@ -100,6 +100,20 @@ class EvaluationProtocol:
         """
         return predicted
 
+    def path_commands(
+        self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
+    ) -> FloatArray:
+        """Return (n, n_joints) commands [rad or m] with which `BenchmarkData.paths` are driven.
+
+        They put the points at (n, n_joints) `q` under (n, 6) `wrench` back on their paths. Asked
+        like `commanded`, of data whose protocol added paths to them.
+        """
+        return q
+
+    def path_errors(self, commands: FloatArray, data: BenchmarkData) -> FloatArray:
+        """Return the (n, 3) errors [m] that the commands leave on `data.paths`."""
+        raise NotImplementedError
+
 
 _MEMBERS = [name for name in vars(EvaluationProtocol) if not name.startswith("_")]
 

@@ -38,6 +38,8 @@ INTERVAL_VERSION = 3
 computed again. tests/protocols/scoring/test_golden_scoring.py notices such a change."""
 
 
+PATH_ERROR = "error left on tool paths [mm]"
+"""Diagnostic: mean 3-D error of the paths that a fit corrects beside its test."""
 READING_OPTION = "read_on"
 """Option of protocols that says which rows are reported: the fit and its seed are the same."""
 
@@ -168,7 +170,8 @@ class CellResult(BriefFields):
         status: "ok", "failed", or "skipped": the model cannot be used on this machine.
         prediction: predicted and measured reported rows; None where it is not ok.
         cost: time and memory, without what split-conformal intervals cost; None where it is not ok.
-        diagnostics: numbers the model reported, by name and unit.
+        diagnostics: numbers the model reported, by name and unit, and `PATH_ERROR` where tool paths
+            were corrected.
         warnings: what was warned of during fit and prediction.
         failure: why it failed or was skipped; "" otherwise.
         cause: of a failure, in a word or two that count it: "ValueError", "SIGKILL", "timed out".

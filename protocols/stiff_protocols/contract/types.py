@@ -275,6 +275,8 @@ class BenchmarkData(Shown):
             and it is no part of the hash.
         joint_turn: true turn [rad or m] of joints by (n, n_joints) torques [N m or N], which only
             a simulation knows: for figures. No model sees it, and the hash does not contain it.
+        paths: points of tool paths that a protocol has corrected beside its test; None: none are.
+            Their deflection is the true one without correction. No part of the hash.
     """
 
     samples: Samples
@@ -282,6 +284,7 @@ class BenchmarkData(Shown):
     known: Mapping[str, FloatArray] = field(default_factory=dict)
     under_load: Deflection | None = None
     joint_turn: Callable[[FloatArray], FloatArray] | None = None
+    paths: Samples | None = None
 
     def __post_init__(self) -> None:
         known = {

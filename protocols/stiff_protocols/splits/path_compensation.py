@@ -96,13 +96,13 @@ class PathCompensation(Holdout):
                 "simulated data sets, such as kr10-twin)"
             )
         held = self.held(data.robot)
+        points = _points(data, held)
         if (data.samples.group == PATH_GROUP).any():
             raise ConfigError(f"its samples have the group {PATH_GROUP!r}, which paths are given")
-        samples = Samples.together(data.samples, _points(data, held))
+        samples = Samples.together(data.samples, points)
         found = replace(data, samples=samples, known={})
         rows = np.arange(len(data.samples), len(samples))
         oracle = samples.deflection.copy()
-        points = samples.take(rows)
         commands = self.commanded(data.under_load, data.robot, points.q, points.wrench)
         oracle[rows] = self.scored(oracle[rows], commands, found, rows)
         return replace(found, known={"oracle": oracle, "uncorrected": np.zeros_like(oracle)})
@@ -129,11 +129,8 @@ class PathCompensation(Holdout):
 
         The robot answers the commands itself: what was predicted for them plays no part.
         """
-        assert data.under_load is not None  # else it has no paths
-        robot, samples = data.robot, data.samples.take(rows)
-        stands = robot.tcp_position(commands) + data.under_load(commands, samples.wrench)
-        left = stands - robot.tcp_position(samples.q)
-        return np.asarray(samples.deflection - left)
+        points = data.samples.take(rows)
+        return np.asarray(points.deflection - _left(commands, points, data))
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, with all paths."""
@@ -143,6 +140,56 @@ class PathCompensation(Holdout):
         return divisions.each(
             lambda one: [Split(one.index, measured[one.train], measured[one.validation], points)]
         )
+
+
+@dataclass(kw_only=True, eq=False)
+class HoldoutPaths(PathCompensation):
+    """`holdout`, and the error that the same fits leave on the tool paths of `path-compensation`.
+
+    A measured robot cannot be asked how it moves with corrected commands: it has no such error.
+    """
+
+    caveat = ""
+
+    def prepared(self, data: BenchmarkData) -> BenchmarkData:
+        """Return the data with the points of the paths beside them; errors as the base class."""
+        if data.under_load is None:
+            return data
+        return replace(data, paths=_points(data, self.held(data.robot)))
+
+    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
+        """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed."""
+        return Holdout.splits(self, samples, n_splits=n_splits, seed=seed)
+
+    def commanded(
+        self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
+    ) -> FloatArray:
+        """Return `q`: the test rows are predicted where they were measured."""
+        return q
+
+    def scored(
+        self, predicted: FloatArray, commands: FloatArray, data: BenchmarkData, rows: IntArray
+    ) -> FloatArray:
+        """Return the predictions of the test rows."""
+        return predicted
+
+    def path_commands(
+        self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
+    ) -> FloatArray:
+        """Return the commands under which points are predicted to lie on their paths."""
+        return super().commanded(predict, robot, q, wrench)
+
+    def path_errors(self, commands: FloatArray, data: BenchmarkData) -> FloatArray:
+        """Return where the robot stands under load with the commands, from the paths' points."""
+        assert data.paths is not None
+        return _left(commands, data.paths, data)
+
+
+def _left(commands: FloatArray, points: Samples, data: BenchmarkData) -> FloatArray:
+    """Return the (n, 3) path errors [m] that commands leave at points of paths under load."""
+    assert data.under_load is not None  # else it has no paths
+    stands = data.robot.tcp_position(commands) + data.under_load(commands, points.wrench)
+    return np.asarray(stands - data.robot.tcp_position(points.q))
 
 
 def _points(data: BenchmarkData, held: FloatArray) -> Samples:
