@@ -49,8 +49,8 @@ from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_o
 
 ROWS_FOR_UNITS = 256
 """How many training rows are predicted to see that a model predicts m: enough, and soon done."""
-CURVE_POINTS = 200
-"""Of a training that are stored: more than a figure's width shows."""
+CURVE_POINTS = 60
+"""Of a training that are stored: enough for a figure, and little beside the predictions."""
 LONGEST_MESSAGE, MOST_WARNINGS = 2000, 100
 """Of a failure or warning, characters; and how many warnings of a cell are kept."""
 _Found = TypeVar("_Found")
