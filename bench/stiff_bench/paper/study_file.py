@@ -7,7 +7,7 @@ The keys of a run (`StudyRun`) may stand at the top of the file, for all runs; a
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
+from dataclasses import field, fields
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any
@@ -50,6 +50,23 @@ class StudyRun:
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
+class StudyBoard:
+    """What the table "leaderboard" of a study compares.
+
+    Attributes:
+        protocol: word of the protocol whose errors count.
+        few: heading -> word of a protocol with fewer poses.
+        controls: model -> the physics, teacher or variant that it is compared with.
+        extras: models that need more packages; they have a table of their own.
+    """
+
+    protocol: str
+    few: Mapping[str, str] = field(default_factory=dict)
+    controls: Mapping[str, str] = field(default_factory=dict)
+    extras: Words = ()
+
+
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class Study:
     """What a study runs, and its page.
 
@@ -67,6 +84,7 @@ class Study:
         table_notes: under "relative-errors".
         orders: groups whose orders of the models "order-agreement" compares -> their names there.
         caption: of figure "relative-errors".
+        board: of table "leaderboard"; None: as `bench leaderboard` prints it.
         file: that describes it; errors name it.
     """
 
@@ -83,6 +101,7 @@ class Study:
     table_notes: Words = ()
     orders: Mapping[str, str] = Field(default_factory=dict)
     caption: str = ""
+    board: StudyBoard | None = None
     file: Path = Path()
 
     def plans(self, registry: Registry, *, output: Path, command: str) -> list[RunPlan]:

@@ -10,14 +10,11 @@ from pathlib import Path
 from stiff_bench.analysis.answer import Answer
 from stiff_bench.analysis.collected import (
     StoredResults,
+    caveats_of,
     left_out_notes,
     same_name_other_data,
 )
-from stiff_bench.analysis.leaderboard import (
-    Leaderboard,
-    build_leaderboard,
-    caveats_of,
-)
+from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import section_tables
 from stiff_bench.analysis.scored_case import family_of
 from stiff_bench.analysis.selection import EVERYTHING, Selection

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from helpers.run_requests import computed, planned, with_model
-from stiff_bench.analysis.collected import StoredResults, same_name_other_data
-from stiff_bench.analysis.leaderboard import of_newest_data
+from stiff_bench.analysis.collected import StoredResults, of_newest_data, same_name_other_data
 from stiff_bench.plan.cells import cell_tasks, made_model
 from stiff_bench.run.cell import Execution, fit_input
 from stiff_bench.run.fit import fit_and_predict
