@@ -181,9 +181,11 @@ def read_study(path: Path) -> Study:
 def _describe(problem: Mapping[str, Any]) -> str:
     """Return which key of a file is wrong, its value, and what is valid."""
     *place, key = (str(part) for part in problem["loc"])
-    keys = [field.name for field in fields(StudyRun if place[:1] == ["run"] else Study)]
+    table = {"run": StudyRun, "board": StudyBoard}.get(place[0] if place else "", Study)
+    keys = [field.name for field in fields(table)]
     if problem["type"] == UNKNOWN_KEY:
-        return str(unknown_name("key", key, {*keys, *(field.name for field in fields(StudyRun))}))
+        of_runs = () if table is StudyBoard else fields(StudyRun)
+        return str(unknown_name("key", key, {*keys, *(field.name for field in of_runs)}))
     where = ".".join([*place, key])
     if problem["type"] == "missing":
         return f"{where} is missing (valid keys: {', '.join(keys)})"

@@ -89,7 +89,7 @@ def test_the_intervals_are_those_of_the_verdicts_over_splits_and_over_poses(made
     board = board_of(made)
     answer = board.sections[0].answer
     over_splits, over_poses = answer.estimates("net", answer.cases[0])
-    error, change, splits, poses, verdict = cells(board, "twin")["net"]
+    _error, change, splits, poses, verdict = cells(board, "twin")["net"]
     assert splits == f"{1e3 * over_splits.low:.4f} to {1e3 * over_splits.high:.4f}"
     assert poses == f"{1e3 * over_poses.low:.4f} to {1e3 * over_poses.high:.4f}"
     assert (change, verdict) == ("-50", "better")
