@@ -168,7 +168,7 @@ class Board(BriefFields):
         """The models with every score, best first."""
         order = self.logs.mean().sort_values(kind="stable").index
         winners = [*self.winners.values()]
-        beside = {name: self._p_values(name) for name in (REFERENCE_MODEL, self.best)}
+        p_values = {name: self._p_values(name) for name in (REFERENCE_MODEL, self.best)}
         p95 = sort_key("norm-p95", None)
 
         def tail(model: str, case: ScoredCase) -> float | None:
@@ -205,8 +205,8 @@ class Board(BriefFields):
                 math.exp(self.logs[name].max()),
                 str(self.logs[name].idxmax()),
                 _span(without_one(self.logs[name])),
-                beside[REFERENCE_MODEL].get(name, np.nan),
-                beside[self.best].get(name, np.nan),
+                p_values[REFERENCE_MODEL].get(name, np.nan),
+                p_values[self.best].get(name, np.nan),
                 name != self.best and self._is_equal(name, self.best),
                 **{key: _exp(values.get(name)) for key, values in extra.items()},
                 few=_present(few, name),
@@ -221,23 +221,23 @@ class Board(BriefFields):
         """Return models against their controls; pairs without every score are left out."""
         there = {a: b for a, b in pairs.items() if a in self.logs and b in self.logs}
         differences = {a: self.logs[a] - self.logs[b] for a, b in there.items()}
-        p_values = holm([sign_flip_p_value(one) for one in differences.values()])
+        p_values = holm([sign_flip_p_value(logs) for logs in differences.values()])
         return tuple(
             ControlRow(
-                *(name, there[name], mean_ratio(one), float(p_value)),
-                is_equal=equivalence_p_value(one) < LEVEL,
+                *(name, there[name], mean_ratio(logs), float(p_value)),
+                is_equal=equivalence_p_value(logs) < LEVEL,
             )
-            for (name, one), p_value in zip(differences.items(), p_values, strict=True)
+            for (name, logs), p_value in zip(differences.items(), p_values, strict=True)
         )
 
     def _p_values(self, against: str) -> dict[str, float]:
         """Return model -> p-value against a model, corrected for all models."""
-        others = [str(name) for name in self.logs if name != against]
-        values = [sign_flip_p_value(self.logs[name] - self.logs[against]) for name in others]
-        return dict(zip(others, holm(values).tolist(), strict=True))
+        rivals = [str(name) for name in self.logs if name != against]
+        values = [sign_flip_p_value(self.logs[name] - self.logs[against]) for name in rivals]
+        return dict(zip(rivals, holm(values).tolist(), strict=True))
 
-    def _is_equal(self, model: str, other: str) -> bool:
-        return equivalence_p_value(self.logs[model] - self.logs[other]) < LEVEL
+    def _is_equal(self, model: str, rival: str) -> bool:
+        return equivalence_p_value(self.logs[model] - self.logs[rival]) < LEVEL
 
     def _logs(self, ratio: Ratio, robots: Mapping[str, Sequence[ScoredCase]]) -> DataFrame:
         """Return (robots, models) mean logarithms; NaN where a comparison has no number."""
@@ -286,11 +286,13 @@ class Board(BriefFields):
 def without_seeds(stored: StoredResults) -> StoredResults:
     """Return stored results that name a model alike whatever the seed of its pre-training."""
 
-    def renamed(shown: Presentation) -> Presentation:
-        return replace(shown, model=without_options(shown.model, *SEED_OPTIONS))
+    def renamed(texts: Presentation) -> Presentation:
+        return replace(texts, model=without_options(texts.model, *SEED_OPTIONS))
 
     results = [
-        replace(one, shown=renamed(one.shown)) for case in stored.cases for one in case.every
+        replace(result, shown=renamed(result.shown))
+        for case in stored.cases
+        for result in case.every
     ]
     return StoredResults.of_results(stored.folder, results)
 

@@ -95,13 +95,13 @@ def _data(board: Board, lead: BoardRow) -> str:
         scores = {row.name: row.measured[dataset] for row in board.rows if dataset in row.measured}
         if lead.name not in scores:
             continue
-        own = scores[lead.name]
+        lead_score = scores[lead.name]
         best = min(scores, key=lambda name: scores[name].ratio)
         ahead = "" if best == lead.name else f"; smallest: {best} ({scores[best].ratio:.2f})"
         text += (
             f"; on {dataset} ({counted(len(cases[0].data.measured), 'sample')}) {lead.name} has "
-            f"{own.ratio:{RATIO_FORMAT}} times the VJM's error "
-            f"({VERDICT_MARKS[own.verdict] or 'not tested'}){ahead}"
+            f"{lead_score.ratio:{RATIO_FORMAT}} times the VJM's error "
+            f"({VERDICT_MARKS[lead_score.verdict] or 'not tested'}){ahead}"
         )
     return f"{text}."
 
@@ -134,7 +134,7 @@ def _ratios(board: Board) -> Table:
             Column(
                 "worst robot",
                 format=RATIO_FORMAT,
-                value=lambda row: Quantity(row.worst, status=row.worst_robot),
+                value=_worst,
             ),
             *measured,
             Column("fit", unit="s", format=_fit_text, value=lambda row: row.fit_s),
@@ -157,6 +157,11 @@ def _model_columns() -> list[Column]:
         Column("error / VJM's", format=RATIO_FORMAT, value=lambda row: row.mean.ratio),
         Column(INTERVAL, format=RATIO_FORMAT, value=lambda row: _interval(row.mean)),
     ]
+
+
+def _worst(row: BoardRow) -> Quantity | None:
+    is_baseline = row.name == REFERENCE_MODEL
+    return None if is_baseline else Quantity(row.worst, status=row.worst_robot)
 
 
 def _won(row: BoardRow) -> Quantity:
@@ -192,20 +197,24 @@ def _more(board: Board) -> Table:
     }
     values |= {name: partial(_of_few, name) for name in board.few}
     values |= {name: partial(_of_group, name) for name in board.groups}
-    shown = [Column(name, format=RATIO_FORMAT, value=value) for name, value in values.items()]
-    notes = [
-        "95th percentile, tool paths (error left after the correction), poses and groups: over "
-        "the VJM's number.",
-        "noise: over the error that the instrument's noise alone makes.",
-    ]
+    columns = [Column(name, format=RATIO_FORMAT, value=value) for name, value in values.items()]
+    over_noise = "noise: over the error of the instrument's noise"
+    meanings = {"path": "tool paths: error left after the correction", "noise": over_noise}
+    notes = [f"{text}." for attribute, text in meanings.items() if single[attribute] in values]
+    if len(values) > 1:
+        notes.insert(0, f"All numbers{' but noise' * ('noise' in values)} are over the VJM's.")
     model = Column("model", "text", value=lambda row: row.name)
     return Table.of(
         "Other numbers of the same models, geometric means over robots",
-        [model, *shown],
+        [model, *columns],
         board.rows,
         notes,
         about={"table": "more"},
     )
+
+
+def _equal_text(row: BoardRow, best: str) -> str | None:
+    return None if row.name == best else "yes" if row.like_best else "no"
 
 
 def _of_few(name: str, row: BoardRow) -> float | None:
@@ -226,7 +235,7 @@ def _certainty(board: Board) -> Table:
             Column(
                 f"within {EQUAL_TEXT} of the best",
                 "text",
-                value=lambda row: "yes" if row.like_best else "no",
+                value=lambda row: _equal_text(row, board.best),
             ),
             Column(
                 "without any one robot",

@@ -37,7 +37,7 @@ class Section:
     Attributes:
         selects_on_test: their protocols let models pick the epoch on the test part.
         answer: scores of all comparisons.
-        missing: models that lack scores: name -> comparison -> why there is none.
+        missing: missing scores: model -> comparison -> why there is none.
     """
 
     selects_on_test: bool
@@ -120,10 +120,10 @@ def build_leaderboard(
         first = labels(case.name for case in usable)[lonely[0].name] + and_more(lonely)
         notes.append(f"{first} is left out: none of the other models was run there.")
     if not shown:
-        why = "".join(f"; {note.removesuffix('.')}" for note in notes)
+        reasons = "".join(f"; {note.removesuffix('.')}" for note in notes)
         raise ConfigError(
             "there is nothing to compare: no two models have results on the same data, "
-            f"protocol and condition (models with results: {', '.join(names) or 'none'}){why}"
+            f"protocol and condition (models with results: {', '.join(names) or 'none'}){reasons}"
         )
     names = [name for name in names if any(name in c.competitors for c in shown)]
     sections = tuple(

@@ -76,18 +76,18 @@ def plan_board(
     board: Board, plan: tuple[str, str], controls: Mapping[str, str] | None = None
 ) -> list[Table]:
     """Return the tables of a board, the first with headline and sentences."""
-    first, *others = board_tables(board, controls or {})
+    first, *further = board_tables(board, controls or {})
     texts = [f"{sentence.label}: {sentence.text}" for sentence in board_sentences(board)]
     caveats = caveats_of(case.case for case in board.answer.cases)
     title = f"{board_headline(board)} | {' | '.join(filter(None, plan))}"
-    tables = [replace(first, title=title, notes=[*texts, *first.notes, *caveats]), *others]
+    tables = [replace(first, title=title, notes=[*texts, *first.notes, *caveats]), *further]
     about = dict(zip(("protocol", "condition"), plan, strict=True))
     return [replace(table, about={**table.about, **about}) for table in tables]
 
 
 @dataclass(frozen=True)
 class _ModelInCase:
-    """What a row of a data set's table is of."""
+    """A row of a data set's table."""
 
     name: Name
     case: ScoredCase
@@ -256,32 +256,32 @@ def _section_notes(section: Section, board: Leaderboard) -> Iterator[str]:
 
 
 MOST_LACKING = 4
-"""So many missing results are named one by one."""
+"""Number of missing results that are named one by one."""
 
 
 def _lacking(missing: Mapping[str, Mapping[CaseName, str]], called: Mapping[CaseName, str]) -> str:
-    """Return what each model lacks and why; where that is much, how much, and who says it."""
+    """Return the missing results of each model with reasons; of many, their number."""
     every = sum(map(len, missing.values())) <= MOST_LACKING
     parts = []
     for model, of_model in missing.items():
         reasons = grouped(of_model, of_model.__getitem__).items()
         places = [f"{', '.join(map(called.__getitem__, cases))}: {why}" for why, cases in reasons]
         named = f" ({'; '.join(places)})" if every else ""
-        parts.append(f"{model} lacks {len(of_model)} of {len(called)} results{named}")
+        parts.append(f"{len(of_model)} of {len(called)} results of {model}{named}")
     if every:
         return ", ".join(parts)
     return f"{first_few(parts)}; `--format json` lists them, and why"
 
 
 class Model(NamedTuple):
-    """What a row of the costs is of."""
+    """A row of the costs."""
 
     section: Section
     name: str
 
     @property
     def marked(self) -> Name:
-        """Name, with what must stand beside it."""
+        """Name with its mark."""
         return Name(self.name, self.section.mark_under(self.name))
 
     @property
@@ -314,23 +314,23 @@ def _spread(key: str, model: Model) -> Quantity | None:
     metric = METRICS[key]
     assert metric.of_cost is not None
     _, factor = PRINTED[metric.unit]
-    known = [factor * value for value in map(metric.of_cost, model.costs) if value is not None]
-    return Quantity(float(np.median(known)), low=min(known), high=max(known)) if known else None
+    values = [factor * value for value in map(metric.of_cost, model.costs) if value is not None]
+    return Quantity(float(np.median(values)), low=min(values), high=max(values)) if values else None
 
 
-def _range(found: Quantity, unit: str, number: Callable[[float], str]) -> str:
+def _range(cost: Quantity, unit: str, number: Callable[[float], str]) -> str:
     """Return "2 ms (1 to 3)", or "2 ms" where all are alike."""
-    median, low, high = (number(value or 0.0) for value in (found.value, found.low, found.high))
+    median, low, high = (number(value or 0.0) for value in (cost.value, cost.low, cost.high))
     shown = f"{median} {unit}".rstrip()
     return shown if low == high else f"{shown} ({low} to {high})"
 
 
-def _time(found: Quantity) -> str:
+def _time(cost: Quantity) -> str:
     """Return a time [ms] in the unit that suits its size."""
     units = (("us", 1e3), ("ms", 1.0), ("s", 1e-3))
-    median = found.value or 0.0
+    median = cost.value or 0.0
     unit, factor = next((one for one in units if median * one[1] < 999.5), units[-1])
-    return _range(found, unit, lambda value: _three_digits(value * factor))
+    return _range(cost, unit, lambda value: _three_digits(value * factor))
 
 
 def _three_digits(value: float) -> str:
@@ -350,10 +350,10 @@ COSTS = (
     Column("model", "text", value=lambda model: model.marked),
     _cost_column("fit-time", "fit time", _time),
     _cost_column(
-        "throughput", "predictions a second", lambda found: _range(found, "", _three_digits)
+        "throughput", "predictions a second", lambda cost: _range(cost, "", _three_digits)
     ),
     _cost_column("latency", "latency of one", _time),
-    _cost_column("memory", "memory [MiB]", lambda found: _range(found, "", "{:.1f}".format)),
+    _cost_column("memory", "memory [MiB]", lambda cost: _range(cost, "", "{:.1f}".format)),
     Column("fits", value=lambda model: len(model.costs)),
 )
 """The columns of the costs, made from a `Model`."""

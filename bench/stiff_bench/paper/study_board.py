@@ -1,4 +1,4 @@
-"""The leaderboard of a study: its board over robots, and what stands beside it."""
+"""The leaderboard of a study: its board over robots and other tables."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ def study_board(study: Study, stored: StoredResults) -> Board:
         ConfigError: the study names no board, or fewer than five robots have results.
     """
     stored = without_seeds(stored)
-    asked = study.board
-    if asked is None:
+    columns = study.board
+    if columns is None:
         raise ConfigError(f"{study.file}: [board] is missing: it names the protocol of the board")
-    names = _models(stored.cases) - {*asked.extras}
+    names = _models(stored.cases) - {*columns.extras}
     board = Board(
-        _answer(stored, asked.protocol, names),
+        _answer(stored, columns.protocol, names),
         {
             heading: _answer(stored, protocol, names)
-            for heading, protocol in asked.few.items()
+            for heading, protocol in columns.few.items()
             if any(case.name.protocol == protocol for case in stored.cases)
         },
         study.groups,
@@ -45,7 +45,7 @@ def study_board(study: Study, stored: StoredResults) -> Board:
 
 
 def study_board_tables(study: Study, stored: StoredResults) -> list[Table]:
-    """Return headline, board, the tables beside it, measured data, and the extras.
+    """Return headline, board, measured data, and the extras.
 
     Raises:
         ConfigError: as `study_board`.
@@ -79,15 +79,15 @@ def _extras(study: Study, stored: StoredResults, board: Board) -> Table:
     first, *_ = plan_board(of_extras, (study.board.protocol, ""))
     missing = [name for name in extras if name not in of_extras.logs]
     columns = [*first.columns, Column("run", "text")] if missing else first.columns
-    shown = [[*row, None] if missing else row for row in first.rows]
+    with_scores = [[*row, None] if missing else row for row in first.rows]
     rows: list[list[Entry]] = [
         [name, *(None for _ in first.columns[1:]), NOT_RUN] for name in missing
     ]
     return replace(
         first,
-        title=f"Models of other packages ({', '.join(extras)}) beside the best",
+        title=f"Models of other packages ({', '.join(extras)}) and the best",
         columns=columns,
-        rows=[*shown, *rows],
+        rows=[*with_scores, *rows],
         notes=[],
         about={"table": "extras"},
     )

@@ -51,7 +51,7 @@ class StudyRun:
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class StudyBoard:
-    """What the table "leaderboard" of a study compares.
+    """Comparisons of the table "leaderboard" of a study.
 
     Attributes:
         protocol: word of the protocol whose errors count.

@@ -1,4 +1,4 @@
-"""Is A better than B on the next robot? Tests over robots, one vote each.
+"""Tests over robots, one vote each: does a difference hold for the next robot?
 
 A robot's number is the logarithm of an error ratio, such as ln(error of A / error of B), averaged
 over all data of the robot. Specimens of one type, plans, splits and seeds are no robots.
@@ -20,7 +20,7 @@ from stiff_protocols.scoring.paired import LEVEL
 MARGIN = math.log(1.05)
 """Error ratios from 1/1.05 to 1.05 make no difference in practice: about 5 %."""
 MOST_SIGNS = 2**16
-"""Numbers of sign choices up to which the p-value is counted; beyond, so many are drawn."""
+"""Largest number of sign choices that are all counted; of more, this number is drawn."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ def made(tmp_path: Path) -> MadeResults:
 def add_robot(
     made: MadeResults, number: int, ratios: Mapping[str, float], *, words: str = "", **about
 ) -> None:
-    """Write the VJM's results and those of models with these ratios, on a robot of its own."""
+    """Write results of the VJM, and of models with these ratios to it, on a new robot."""
     data = made_data(number)
     data = replace(data, robot=replace(data.robot, name=f"robot-{number}"))
     where = {"dataset": f"arm-{number}{words}", "data": data, **about}
@@ -57,7 +57,7 @@ def row_of(board: Board, name: str) -> BoardRow:
 
 
 def sentence(board: Board, label: str) -> str:
-    return next(one.text for one in board_sentences(board) if one.label == label)
+    return next(part.text for part in board_sentences(board) if part.label == label)
 
 
 def test_a_model_stands_by_its_geometric_mean_over_robots(made):
