@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from stiff_datasets.measured.data_card import (
-    NO_TORQUE,
     NOISE_LINE,
     TO_DO,
     DataCard,
     card_file,
+    states_no_torque,
     without_relative_links,
 )
 from stiff_datasets.measured.sample_columns import (
@@ -87,7 +87,7 @@ def exported_card(
     if noise_mm and not any(map(NOISE_LINE.match, earlier.splitlines())):
         number = np.format_float_positional(noise_mm, trim="-")
         rows["Instrument noise"] = f"{number} mm per deflection"
-    if rows.pop("Torques", "") and not NO_TORQUE.search(earlier):
+    if rows.pop("Torques", "") and not states_no_torque(earlier):
         rows["Torques"] = "not measured"
     body = f"## The data card of {origin}\n\n{_below(earlier)}" if earlier else UNKNOWNS
     return card_text(name, rows, body)

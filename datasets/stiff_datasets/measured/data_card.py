@@ -20,9 +20,8 @@ import numpy as np
 from stiff_datasets.measured.sample_columns import MM_PER_M, UNITS
 from stiff_protocols.contract.errors import DataError
 
-NO_TORQUE = re.compile(
-    r"^.*\btorques?\b.*\bnot (measured|recorded)\b", re.IGNORECASE | re.MULTILINE
-)
+TORQUE = re.compile(r"\btorques?\b", re.IGNORECASE)
+NOT_MEASURED = re.compile(r"\bnot (measured|recorded)\b", re.IGNORECASE)
 NOISE_LINE = re.compile(r"^[\s|*_-]*instrument noise[\s*_]*[:|](.*)$", re.IGNORECASE)
 NOISE = re.compile(
     r"[\s*_]*(?P<number>\d+(\.\d*)?|\.\d+) ?(?P<unit>mm|µm|μm|um) (a|per) "
@@ -73,7 +72,7 @@ class DataCard:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the card's first row says that the data are SIMULATED."""
+        """True if the card's row "What" says that the data are SIMULATED."""
         return "SIMULATED" in self.facts.get("what", "")
 
     def text(self, fact: str) -> str:
@@ -118,7 +117,16 @@ def parse_card(text: str, card: Path) -> DataCard:
             meanings = {name: plain(row[1]) for row in rows for name in _column_names(row[0])}
     title = _TITLE.search(text)
     name = plain(title[1]) if title else ""
-    return DataCard(bool(NO_TORQUE.search(text)), noise, facts, meanings, name)
+    return DataCard(states_no_torque(text), noise, facts, meanings, name)
+
+
+def states_no_torque(text: str) -> bool:
+    """Say if a line of a card states that torques were not measured."""
+    for line in text.splitlines():
+        torque = TORQUE.search(line)
+        if torque and NOT_MEASURED.search(line, torque.end()):
+            return True
+    return False
 
 
 def plain(markdown: str) -> str:

@@ -147,8 +147,8 @@ def registration() -> Registration:
     except (ValidationError, TypeError, ConfigError) as error:
         problems = error.errors() if isinstance(error, ValidationError) else []
         wrong = "; ".join(
-            f"{'.'.join(map(str, each['loc']))}: {each['msg']}, not {each['input']!r}"
-            for each in problems
+            f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}, not {problem['input']!r}"
+            for problem in problems
         )
         reason = f"{path}: table [{KR10_MEASURED}]: {wrong or error}; register again: {COMMAND}"
         raise DataError(reason) from error

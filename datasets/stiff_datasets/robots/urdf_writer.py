@@ -24,7 +24,7 @@ def shipped_urdf(robot: ShippedRobot) -> str:
 def robot_urdf(robot: Robot) -> str:
     """Return a robot's chain as URDF: joints, limits, masses and centres of mass.
 
-    Placements read back within rounding, 1e-15 of them. The TCP is no part of a URDF: it is
+    Placements read back within rounding, 1e-15 of them. A URDF does not have the TCP: it is
     `robot.tcp_on_flange` in the frame of the last link ``tip``. Inertias, which no model uses,
     and the controller are left out.
     """

@@ -21,7 +21,7 @@ from stiff_protocols.contract.types import BenchmarkData
 
 @pytest.fixture()
 def data() -> BenchmarkData:
-    """Five samples of an arm of seven joints, whose angles are no whole degrees."""
+    """Five samples of an arm of seven joints, at random angles."""
     rng, robot = np.random.default_rng(1), seven_joint_arm()
     q = rng.uniform(-1.5, 1.5, size=(5, 7))
     samples = samples_with(q, rng.normal(0, 50.0, (5, 6)), rng.normal(0, 1e-3, (5, 3)))

@@ -27,7 +27,7 @@ def assert_same(read: Robot, robot: Robot) -> None:
         assert getattr(read, name) == getattr(robot, name)
     for name in ARRAYS:
         np.testing.assert_allclose(getattr(read, name), getattr(robot, name), atol=1e-14)
-    moments = (one.masses[:, None] * one.centres_of_mass for one in (read, robot))
+    moments = (arm.masses[:, None] * arm.centres_of_mass for arm in (read, robot))
     np.testing.assert_allclose(*moments, atol=1e-13)
     np.testing.assert_allclose(read.tcp, robot.tcp, atol=1e-9)  # given to 1 nm
 
