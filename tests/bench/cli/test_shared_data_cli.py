@@ -106,8 +106,10 @@ def test_a_named_file_may_have_any_form_but_gets_no_descriptors_then(place):
     assert "kr10-measured.csv" in names(place / "out")
 
 
-def test_what_is_exported_of_a_simulation_is_no_measurement(place):
+def test_what_is_exported_of_a_simulation_never_passes_for_a_measurement(place):
     done(place, "data export kr10-twin --output out")
+    printed = done(place, "data info out/kr10-twin.csv --robot kr10-r1100-2")
+    assert "caveat: kr10-twin.csv is simulated" in printed
     words = "data register out/kr10-twin.csv --dataset kr10-measured"
     assert_refused(bench_here(*words.split(), cwd=place), "SIMULATED")
     assert "home" not in names(place)
