@@ -6,7 +6,7 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from stiff_bench.api.registered import registry
 from stiff_bench.api.stored_results import Results
 from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
-from stiff_bench.paper.study_file import Study, find_study, read_study
+from stiff_bench.paper.study_file import Study, find_study
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
@@ -35,7 +35,15 @@ from stiff_bench.run.machine import pinned, usable_cores
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore, stored_statuses
-from stiff_bench.tables.units import counted
+from stiff_bench.store.merging import merge
+from stiff_bench.submissions.published_results import (
+    OPTION,
+    find_published,
+    missing_places,
+    published_folder,
+)
+from stiff_bench.tables.units import counted, first_few
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import CellResult
@@ -92,6 +100,50 @@ class Run:
             finished = run_cells(tasks, plan.command, store, self.execution, shown)
         metrics = tuple(one.key for one in plan.metrics)
         return Results(plan.output, metrics, plan.command, finished)
+
+
+@dataclass(frozen=True)
+class RunAgainst(Run):
+    """A run whose results are compared with published ones.
+
+    Attributes:
+        published: folder of the published results.
+    """
+
+    published: Path
+
+    @cached_property
+    def published_results(self) -> list[CellResult]:
+        """The published results of other models on the splits of this run.
+
+        Raises:
+            ConfigError: data, splits or versions of the published models are others.
+        """
+        return find_published(self.published, self.tasks)
+
+    def compute(self) -> Results:
+        """Copy the published results, compute what is missing, and return all together."""
+        output, published = self.plans[0].output, self.published_results
+        ResultStore(output)
+        keys = {result.cell.key for result in published} | {task.cell.key for task in self.tasks}
+        if output.resolve() != self.published.resolve():
+            merge([self.published], output, keys)
+        models = {result.shown.model for result in published}
+        say(
+            f"{counted(len(published), 'published result')} of {counted(len(models), 'model')} taken "
+            f"from {self.published}"
+        )
+        if missing := missing_places(published, self.tasks):
+            say(f"warning: without published results: {first_few(missing)}")
+        computed = super().compute()
+        finished = computed.finished
+        assert finished is not None  # it was computed now
+        together = replace(
+            finished,
+            results=(*finished.results, *published),
+            cached=finished.cached | {result.cell.key for result in published},
+        )
+        return replace(computed, finished=together)
 
 
 def prepare_run(
@@ -242,10 +294,51 @@ class Reproduction(Run):
         return write_page(self.study, self.output, self.plans[0].command, n_missing)
 
 
-def run_of_study(file: Path, *, output: Path, command: str, **how: Any) -> Run:
-    """Return the runs of a study's file; `how` is of `chosen_execution`."""
-    plans = read_study(file).plans(registry(), output=output, command=command)
-    return Run(plans, chosen_execution(plans[0], registry(), **how))
+def run_of_study(
+    name: str,
+    *,
+    output: Path,
+    command: str,
+    models: Sequence[str] = (),
+    lite: bool = False,
+    against: str = "",
+    **how: Any,
+) -> Run:
+    """Return the runs of a study.
+
+    Args:
+        name: of a study that is shipped, or of a file that ends in .toml.
+        output: folder of the results.
+        command: for the record.
+        models: words of `--model` in place of the study's own, with the VJM; none: the study's.
+        lite: only the first split of the study's data sets `lite`.
+        against: "published", or a folder, with results of other models; "": none.
+        how: the options of `chosen_execution`.
+
+    Raises:
+        ConfigError: the study, a model or the folder is unknown, or the published results have
+            other data, splits or versions.
+    """
+    study = find_study(name)
+    if against and not models:
+        raise ConfigError(f"{against} requires --model", OPTION)
+    published = published_folder(against, study) if against else None
+    if lite:
+        study = study.lite_version()
+    if models:
+        study = study.with_models(with_reference_word(models))
+    plans = study.plans(registry(), output=output, command=command)
+    execution = chosen_execution(plans[0], registry(), **how)
+    if published is None:
+        return Run(plans, execution)
+    run = RunAgainst(plans, execution, published)
+    run.published_results  # noqa: B018  # refused before anything is computed
+    return run
+
+
+def with_reference_word(models: Sequence[str]) -> list[str]:
+    """Return words of models with the reference model before the others."""
+    return [*dict.fromkeys([REFERENCE_MODEL, *models])]
 
 
 def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reproduction:

@@ -21,6 +21,7 @@ COMMAND_GROUPS = {
 OPTION_GROUPS = {
     "Models and data": (
         *("--model", "--dataset", "--protocol", "--condition", "--splits", "--set", "--study"),
+        *("--lite", "--against"),
         *("--metric", "--axis", "--coverage", "--seed", "--plugin", "--results", "--input"),
     ),
     "Your own data": (

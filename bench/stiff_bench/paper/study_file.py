@@ -6,8 +6,8 @@ The keys of a run (`StudyRun`) may stand at the top of the file, for all runs; a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import fields
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import fields, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +18,7 @@ from pydantic.dataclasses import dataclass
 from stiff_bench.plan.options import choices
 from stiff_bench.plan.registry import Registry
 from stiff_bench.plan.request import RunPlan, plan_run
+from stiff_bench.store.names import split_word
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import read_toml
 
@@ -67,6 +68,7 @@ class Study:
         table_notes: under "relative-errors".
         orders: groups whose orders of the models "order-agreement" compares -> their names there.
         caption: of figure "relative-errors".
+        lite: data sets of the short version of the study (`lite_version`).
         file: that describes it; errors name it.
     """
 
@@ -83,7 +85,49 @@ class Study:
     table_notes: Words = ()
     orders: Mapping[str, str] = Field(default_factory=dict)
     caption: str = ""
+    lite: Words = ()
     file: Path = Path()
+
+    def datasets_of(self, run: StudyRun) -> list[str]:
+        """Return the data sets of a run and of its groups."""
+        return [word for name in run.datasets for word in self.groups.get(name, [name])]
+
+    def lite_version(self) -> Study:
+        """Return the short version: the first split of the first run on the data sets `lite`.
+
+        It has the models of every run that shares protocols, splits and seed with the first run.
+
+        Raises:
+            ConfigError: the study has no short version.
+        """
+        if not self.lite:
+            raise ConfigError(f"{self.file}: has no key lite, the data sets of --lite")
+        first = self.run[0]
+        alike = [run for run in self.run if _division(run) == _division(first)]
+        short = replace(
+            first,
+            models=_once(word for run in alike for word in run.models),
+            datasets=self.lite,
+            settings=_once(word for run in alike for word in run.settings),
+            splits=1,
+        )
+        return replace(self, run=(short,))
+
+    def with_models(self, models: Sequence[str]) -> Study:
+        """Return the study with these models in each run in place of its own.
+
+        Settings of other models are left out. Runs that then are the same are one.
+        """
+        keys = {split_word(word)[0] for word in models}
+        runs: dict[Hashable, StudyRun] = {}
+        for run in self.run:
+            place = (run.datasets, *_division(run))
+            settings = (
+                word for word in run.settings if word.partition("=")[0].rpartition(".")[0] in keys
+            )
+            earlier = runs[place].settings if place in runs else ()
+            runs[place] = replace(run, models=tuple(models), settings=_once([*earlier, *settings]))
+        return replace(self, run=tuple(runs.values()))
 
     def plans(self, registry: Registry, *, output: Path, command: str) -> list[RunPlan]:
         """Check the runs, whose results are all stored in `output`.
@@ -97,9 +141,7 @@ class Study:
                     choices(
                         registry,
                         models=run.models,
-                        datasets=[
-                            word for name in run.datasets for word in self.groups.get(name, [name])
-                        ],
+                        datasets=self.datasets_of(run),
                         protocols=run.protocols,
                         settings=run.settings,
                     ),
@@ -115,6 +157,16 @@ class Study:
             ]
         except ConfigError as error:
             raise ConfigError(f"{self.file}: {error}") from error
+
+
+def _once(words: Iterable[str]) -> Words:
+    """Return each word once, in the order of their appearance."""
+    return tuple(dict.fromkeys(words))
+
+
+def _division(run: StudyRun) -> tuple[Words, int | None, int]:
+    """Return what says how a run divides its data sets."""
+    return run.protocols, run.splits, run.seed
 
 
 def find_study(name: str) -> Study:
@@ -156,6 +208,10 @@ def read_study(path: Path) -> Study:
         for name in filter(None, names):
             if name not in study.groups:
                 raise ConfigError(f"{path}: {key}: {unknown_name('group', name, study.groups)}")
+    datasets = {word for run in study.run for word in study.datasets_of(run)}
+    for word in study.lite:
+        if word not in datasets:
+            raise ConfigError(f"{path}: lite: {unknown_name('data set', word, datasets)}")
     return study
 
 
