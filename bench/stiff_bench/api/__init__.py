@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from stiff_bench.api import measuring as measuring
     from stiff_bench.api import model as model
     from stiff_bench.api import postures as postures
+    from stiff_bench.api import records as records
     from stiff_bench.api import registered as registered
     from stiff_bench.api import robot_programs as robot_programs
     from stiff_bench.api import robots as robots

@@ -128,11 +128,9 @@ class RunAgainst(Run):
         keys = {result.cell.key for result in published} | {task.cell.key for task in self.tasks}
         if output.resolve() != self.published.resolve():
             merge([self.published], output, keys)
-        models = {result.shown.model for result in published}
-        say(
-            f"{counted(len(published), 'published result')} of {counted(len(models), 'model')} taken "
-            f"from {self.published}"
-        )
+        n_models = counted(len({result.shown.model for result in published}), "model")
+        n_results = counted(len(published), "published result")
+        say(f"{n_results} of {n_models} taken from {self.published}")
         if missing := missing_places(published, self.tasks):
             say(f"warning: without published results: {first_few(missing)}")
         computed = super().compute()

@@ -13,7 +13,7 @@ from stiff_protocols.contract.errors import unknown_name
 COMMAND_GROUPS = {
     "Your robot's data": ("data",),
     "Fit and test models": ("run", "reproduce"),
-    "Read results": ("leaderboard", "compare", "report", "figure", "table", "merge"),
+    "Read results": ("leaderboard", "compare", "report", "figure", "table", "merge", "results"),
     "Use a model on your robot": ("fit", "predict", "path", "map", "posture", "export"),
     "Look up and add names": ("list", "show", "check", "new"),
 }
