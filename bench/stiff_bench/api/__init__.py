@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from stiff_bench.api import robots as robots
     from stiff_bench.api import stiffness_maps as stiffness_maps
     from stiff_bench.api import stored_results as stored_results
+    from stiff_bench.api import submissions as submissions
     from stiff_bench.api import tool_paths as tool_paths
 
 RESULTS = Path("results/runs")

@@ -16,6 +16,7 @@ COMMAND_GROUPS = {
     "Read results": ("leaderboard", "compare", "report", "figure", "table", "merge", "results"),
     "Use a model on your robot": ("fit", "predict", "path", "map", "posture", "export"),
     "Look up and add names": ("list", "show", "check", "new"),
+    "Take part in the leaderboard": ("submit", "verify"),
 }
 """Heading -> commands of `bench`, in the order of the help page."""
 OPTION_GROUPS = {

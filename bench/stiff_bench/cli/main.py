@@ -28,6 +28,7 @@ from stiff_bench.cli.result_commands import (
     table,
 )
 from stiff_bench.cli.run_commands import reproduce, run
+from stiff_bench.cli.submission_commands import submit, verify
 from stiff_bench.console import replace_closed_streams, say
 from stiff_bench.run.machine import prepare
 from stiff_protocols.contract.errors import StiffBenchError
@@ -108,7 +109,8 @@ def bench() -> None:
 
 for command in (
     *(check, compare, data, export, figure, fit, leaderboard, list_, map_, merge, new, path),
-    *(posture, predict, report, reproduce, results, run, show, table),
+    *(posture, predict, report, reproduce, results, run, show, submit, table),
+    verify,
 ):
     bench.add_command(command)
 

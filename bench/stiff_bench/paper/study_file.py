@@ -88,6 +88,12 @@ class Study:
     lite: Words = ()
     file: Path = Path()
 
+    @property
+    def word(self) -> str:
+        """Word that `find_study` finds it by, in any working directory."""
+        shipped = self.file.parent.resolve() == shipped_folder()
+        return self.name if shipped else str(self.file.resolve())
+
     def datasets_of(self, run: StudyRun) -> list[str]:
         """Return the data sets of a run and of its groups."""
         return [word for name in run.datasets for word in self.groups.get(name, [name])]
@@ -167,6 +173,12 @@ def _once(words: Iterable[str]) -> Words:
 def _division(run: StudyRun) -> tuple[Words, int | None, int]:
     """Return what says how a run divides its data sets."""
     return run.protocols, run.splits, run.seed
+
+
+def shipped_folder() -> Path:
+    """Return the folder of the studies that are shipped."""
+    with as_file(files("stiff_studies")) as folder:
+        return Path(folder).resolve()
 
 
 def find_study(name: str) -> Study:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from importlib.resources import as_file, files
 from pathlib import Path
 
-from stiff_bench.paper.study_file import Study
+from stiff_bench.paper.study_file import Study, shipped_folder
 from stiff_bench.paper.study_page import outdated_models
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.store.database import FILE, has_results, read_results, why_no_results
@@ -46,8 +45,7 @@ def published_folder(word: str, study: Study) -> Path:
         if not has_results(folder):
             raise ConfigError(f"{folder}: {why_no_results(folder)}", OPTION)
         return folder
-    with as_file(files("stiff_studies")) as studies:
-        folder = Path(studies).resolve().parent / study.name / "runs"
+    folder = shipped_folder().parent / study.name / "runs"
     if not has_results(folder):
         raise ConfigError(
             f"{PUBLISHED}: no {folder / FILE}; published results come with the repository, not "
