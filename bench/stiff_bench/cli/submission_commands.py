@@ -139,9 +139,8 @@ def verify(
     outcomes = set()
     for folder in folders:
         verification = api.submissions.VerificationRun(folder, study, refits)
-        print_prose(f"{folder}")
-        for check in verification:
-            print_prose(f"  {check}")
+        for number, check in enumerate(verification):
+            print_prose(f"  {check}" if number else f"{folder}\n  {check}")
         print_prose(f"{verification.outcome}: {folder}")
         outcomes.add(verification.outcome)
         if write and verification.outcome != "refused":

@@ -9,6 +9,7 @@ reads the results from a SQLite file, so nothing of the plugin's is unpickled th
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -39,6 +40,8 @@ START_S = 120.0
 SECONDS_PER_DATASET = 5.0
 PASSED_ON = ("PATH", "PYTHONPATH", "LANG", "LC_ALL", "TZ", "VIRTUAL_ENV")
 """Environment variables that the process gets; it gets no other, such as a token."""
+SET = {VARIABLE: OFF, "PYTHONDONTWRITEBYTECODE": "1"}
+"""Environment variables that it gets in addition: no cache of trainings is shared with it."""
 LONGEST_OUTPUT = 2000
 
 
@@ -107,8 +110,11 @@ def recompute(request: Request) -> list[CellResult]:
     with tempfile.TemporaryDirectory(prefix="bench-verify-") as folder:
         home = Path(folder) / "home"
         home.mkdir()
+        code = Path(folder) / "code"  # the plugin does not see the submission
+        shutil.copytree(request.plugin.parent, code)
+        copied = request.model_copy(update={"plugin": code / request.plugin.name})
         file = Path(folder) / "request.json"
-        file.write_text(request.model_dump_json(), encoding="utf-8")
+        file.write_text(copied.model_dump_json(), encoding="utf-8")
         passed = {name: os.environ[name] for name in PASSED_ON if name in os.environ}
         words = [sys.executable, "-P", "-m", MODULE, str(file)]
         # what it prints goes to a file: a pipe would be filled
@@ -116,7 +122,7 @@ def recompute(request: Request) -> list[CellResult]:
             process = subprocess.Popen(
                 words,
                 cwd=home,
-                env={**passed, "HOME": str(home), "TMPDIR": folder, VARIABLE: OFF},
+                env={**passed, **SET, "HOME": str(home), "TMPDIR": folder},
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
