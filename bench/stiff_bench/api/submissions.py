@@ -72,24 +72,24 @@ def submit(
         raise ConfigError(f"{plugin}: is part of a package; give a file outside of packages")
     use_only([plugin])
     lite = scope == "lite"
-    run = run_of_study(
+    study_run = run_of_study(
         study, models=[card.model], lite=lite, output=results, command=command, **how
     )
-    names = {task.shown.model for task in run.tasks if task.model.info.key not in SHIPPED}
+    names = {task.shown.model for task in study_run.tasks if task.model.info.key not in SHIPPED}
     if len(names) != 1:
         raise ConfigError(f"{card_file}: model = {card.model!r}: a model of stiffbench, not yours")
     (name,) = names
-    fits = [one for one in run.compute().cells if one.shown.model == name]
-    if failed := [f"{one.shown.dataset}: {one.why_none}" for one in fits if one.status != "ok"]:
+    fits = [fit for fit in study_run.compute().cells if fit.shown.model == name]
+    if failed := [f"{fit.shown.dataset}: {fit.why_none}" for fit in fits if fit.status != "ok"]:
         raise ConfigError(
             f"{counted(len(failed), 'fit')} of {name} without a result, which a submission needs: "
             f"{first_few(failed)}"
         )
-    runs = {one.run_id for one in fits}
+    run_ids = {fit.run_id for fit in fits}
     environments = {
-        one.run_id: {"command": one.command, "started": one.started, **one.environment}
-        for one in read_manifests(results)
-        if one.run_id in runs
+        run.run_id: {"command": run.command, "started": run.started, **run.environment}
+        for run in read_manifests(results)
+        if run.run_id in run_ids
     }
     manifest = Manifest(
         stiffbench=installed("stiffbench"),

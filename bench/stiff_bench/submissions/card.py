@@ -67,7 +67,7 @@ def read_card(path: Path) -> Card:
 
 def describe_problem(error: ValidationError, model: type[BaseModel]) -> str:
     """Return which field is wrong, its value, and what is valid."""
-    problem: Any = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+    problem: Any = min(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
         return str(unknown_name("key", key, model.model_fields))

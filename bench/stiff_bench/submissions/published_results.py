@@ -22,9 +22,9 @@ Place = tuple[str, str, str, int, int]
 """Data set, protocol, condition, seed and number of a split."""
 
 
-def place_of(cell: Cell, shown: Presentation) -> Place:
+def place_of(cell: Cell, presentation: Presentation) -> Place:
     """Return which split of the study a fit is of."""
-    return shown.dataset, shown.protocol, cell.condition, cell.seed, cell.split_index
+    return presentation.dataset, presentation.protocol, cell.condition, cell.seed, cell.split_index
 
 
 def place_text(place: Place) -> str:
@@ -69,8 +69,8 @@ def find_published(folder: Path, tasks: Sequence[CellTask]) -> list[CellResult]:
     of_place = grouped(stored, lambda result: place_of(result.cell, result.shown))
     shared = {place: of_place[place] for place in cells if place in of_place}
     if not shared:
-        wanted = first_few([place_text(place) for place in cells])
-        raise ConfigError(f"{folder}: no results on the splits of this run: {wanted}", OPTION)
+        splits = first_few([place_text(place) for place in cells])
+        raise ConfigError(f"{folder}: no results on the splits of this run: {splits}", OPTION)
     same_splits = [result for results in shared.values() for result in results]
     reasons = [*_differing_splits(cells, shared), *_other_versions(same_splits)]
     if reasons:

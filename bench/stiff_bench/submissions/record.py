@@ -1,6 +1,6 @@
 """A fit as an open record: identity, hashes, metrics, predictions, cost and environment.
 
-Lengths are in mm, as in every file that others read; the schema is that of `results/schema/`.
+Lengths are in mm, as in every file that others read; the schema is in `results/schema/`.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class Record(BaseModel):
             result: a fit, failed ones too.
             environment: of the run that computed it.
         """
-        cell, shown, prediction = result.cell, result.shown, result.prediction
+        cell, names, prediction = result.cell, result.shown, result.prediction
         interval = None if prediction is None else prediction.interval
         diagnostics = {
             name: value if math.isfinite(value) else None
@@ -142,16 +142,16 @@ class Record(BaseModel):
         }
         return cls(
             key=cell.key,
-            model=shown.model,
+            model=names.model,
             model_key=cell.model,
             model_options=cell.model_params,
             model_version=cell.model_version,
-            dataset=shown.dataset,
+            dataset=names.dataset,
             dataset_key=cell.dataset,
             dataset_options=cell.dataset_params,
-            kind=shown.kind,
+            kind=names.kind,
             data_sha256=cell.data_sha256,
-            protocol=shown.protocol,
+            protocol=names.protocol,
             protocol_key=cell.protocol,
             protocol_options=cell.protocol_params,
             condition=cell.condition,

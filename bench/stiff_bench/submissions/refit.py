@@ -36,7 +36,7 @@ from stiff_protocols.contract.record import CellResult
 
 MODULE = "stiff_bench.submissions.refit"
 START_S = 120.0
-"""Time beyond that of the fits: start, import of the plugin, data sets."""
+"""Time in addition to the fits: start, import of the plugin, data sets."""
 SECONDS_PER_DATASET = 5.0
 PASSED_ON = ("PATH", "PYTHONPATH", "LANG", "LC_ALL", "TZ", "VIRTUAL_ENV")
 """Environment variables that the process gets; it gets no other, such as a token."""
@@ -94,7 +94,9 @@ def study_tasks(
     if places:
         names = {dataset for dataset, *_ in places}
         plans = [
-            replace(plan, datasets=tuple(one for one in plan.datasets if one.name in names))
+            replace(
+                plan, datasets=tuple(dataset for dataset in plan.datasets if dataset.name in names)
+            )
             for plan in plans
         ]
     tasks = cell_tasks(*plans)
@@ -160,8 +162,8 @@ def main(file: Path) -> None:
         timeout=request.timeout_s,
         memory=request.memory_bytes,
     )
-    with display() as shown:
-        run_cells(tasks, "bench verify", ResultStore(request.output), execution, shown)
+    with display() as progress:
+        run_cells(tasks, "bench verify", ResultStore(request.output), execution, progress)
 
 
 if __name__ == "__main__":

@@ -138,7 +138,7 @@ def verify(folder: Path, study: Study, refits: Refits) -> Iterator[Check]:
         if checked.status == "failed":
             return
     yield from check_code(submission, study, refits)
-    yield Check("not verified", "cost", "fit times and memory are those of the submitter's machine")
+    yield Check("not verified", "cost", "fit times and memory are of the submitter's machine")
     claims = f"tuned on: {submission.card.tuned_on}; hardware: {submission.card.hardware}"
     yield Check("not verified", "card", claims)
 
@@ -166,7 +166,7 @@ def check_splits(submission: Submission, tasks: Mapping[Place, CellTask]) -> Che
         return Check("failed", "splits", first_few(problems))
     n_fits = counted(len(tasks), "fit")
     version = f"study {submission.manifest.study}, {submission.manifest.scope}"
-    return Check("ok", "splits", f"data, rows and seeds of {n_fits} are those of the {version}")
+    return Check("ok", "splits", f"data, rows and seeds of {n_fits} are as in the {version}")
 
 
 def _difference(record: Record, model: str, task: CellTask) -> str:
@@ -179,11 +179,11 @@ def _difference(record: Record, model: str, task: CellTask) -> str:
     if record.data_sha256 != task.cell.data_sha256:
         return "other data"
     if record.split_sha256 != task.cell.split_sha256 or record.rows != rows.tolist():
-        return "other rows than those of the split"
+        return "other rows than in the split"
     if len(record.predicted_mm) != len(rows) or len(record.measured_mm) != len(rows):
         return f"{len(record.predicted_mm)} predictions for {len(rows)} rows"
     if not np.allclose(record.measured, samples.deflection[rows], rtol=0.0, atol=1e-12):
-        return "other measured deflections than those of the data"
+        return "other measured deflections than in the data"
     if record.n_train != len(task.training_rows):
         return f"{record.n_train} training samples, not {len(task.training_rows)}"
     return ""

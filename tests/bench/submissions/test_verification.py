@@ -72,8 +72,8 @@ def submission(card_file, study_file, tmp_path_factory):
 @pytest.fixture(scope="module")
 def tasks(study_file):
     """Fits of the study by place."""
-    found = study_tasks(find_study(str(study_file)), "lite", "vjm", build_registry())
-    return {place_of(task.cell, task.shown): task for task in found}
+    study = study_tasks(find_study(str(study_file)), "lite", "vjm", build_registry())
+    return {place_of(task.cell, task.shown): task for task in study}
 
 
 @pytest.fixture()
@@ -85,8 +85,8 @@ def refitted_here(monkeypatch):
         registry.add_file(request.plugin)
         study = find_study(request.study)
         chosen = study_tasks(study, request.scope, request.model, registry, request.places)
-        with display() as shown:
-            run_cells(chosen, "", ResultStore(request.output), Execution(), shown)
+        with display() as progress:
+            run_cells(chosen, "", ResultStore(request.output), Execution(), progress)
         return read_results(request.output)
 
     monkeypatch.setattr(verification, "recompute", recompute)
@@ -255,7 +255,7 @@ def test_copied_test_labels_are_refused_also_with_noise_or_mixed_with_a_model(
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
-        ({"split_sha256": "0" * 64}, "other rows than those of the split"),
+        ({"split_sha256": "0" * 64}, "other rows than in the split"),
         ({"data_sha256": "0" * 64}, "other data"),
         ({"seed": 1}, "not in the study"),
         ({"n_train": 140}, "140 training samples, not "),
