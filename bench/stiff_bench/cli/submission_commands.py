@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,14 @@ from stiff_bench.cli.click_options import (
     together,
 )
 from stiff_bench.cli.help_pages import command
-from stiff_bench.console import print_prose, say
+from stiff_bench.console import print_text, printable, say, wrapped
 from stiff_bench.run.machine import pinned
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 
 REFUSED = 1
+INDENTS = "  ", 16 * " "
+"""Before the first and the other lines of a check on a terminal."""
 study_option = click.option(
     "--study", default="leaderboard", metavar="NAME", help="Study, or a file such as my_study.toml."
 )
@@ -140,8 +143,11 @@ def verify(
     for folder in folders:
         verification = api.submissions.VerificationRun(folder, study, refits)
         for number, check in enumerate(verification):
-            print_prose(f"  {check}" if number else f"{folder}\n  {check}")
-        print_prose(f"{verification.outcome}: {folder}")
+            if not number:
+                print_text(str(folder))
+            on_terminal = sys.stdout.isatty()
+            print_text(wrapped(printable(str(check)), *INDENTS) if on_terminal else f"  {check}")
+        print_text(f"{verification.outcome}: {folder}")
         outcomes.add(verification.outcome)
         if write and verification.outcome != "refused":
             verification.write()

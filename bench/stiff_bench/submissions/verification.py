@@ -326,8 +326,8 @@ def compare_fits(
     elif skipped:
         yield Check("not verified", "code", f"cannot be run here: {first_few([*set(skipped)])}")
     else:
-        same = "the same predictions and path errors"
-        close = f"the same within {REFIT_TOLERANCE:.0%} of the RMS error"
+        same = "same predictions and path errors"
+        close = f"same within {REFIT_TOLERANCE:.0%} of the RMS error"
         yield Check("ok", "code", f"{which} computed again: {close if rounded else same}")
         if rounded:
             text = f"of predictions up to {max(rounded):.2g} mm apart (another processor?)"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from helpers.command_line import assert_refused, bench_here
-from stiff_bench.api.submissions import model_statuses
+from stiff_bench.api.submissions import SUBMISSIONS, model_statuses, submissions_in
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import Execution
@@ -21,10 +21,11 @@ from stiff_bench.submissions import verification
 from stiff_bench.submissions.published_results import place_of
 from stiff_bench.submissions.record import Record, record_metrics
 from stiff_bench.submissions.refit import study_tasks
-from stiff_bench.submissions.submission import file_sha256
+from stiff_bench.submissions.submission import file_sha256, read_verification, wrong_files
 from stiff_bench.submissions.verification import place_of_record
 from stiff_protocols.contract.types import Prediction
 
+TOP = Path(__file__).parents[3]
 CARD = """
 name = "Half springs"
 model = "half-springs"
@@ -352,6 +353,17 @@ def test_an_existing_folder_and_a_folder_without_a_submission_are_refused(
 ):
     assert_refused(submitted(card_file, study_file, submission.parent), "exists and is not")
     assert_refused(verified(tmp_path, study_file), "no manifest.json in it")
+
+
+def test_every_committed_submission_is_whole_and_its_status_is_of_its_present_files():
+    submissions = submissions_in(TOP / SUBMISSIONS)
+    assert submissions
+    index = (TOP / SUBMISSIONS / "README.md").read_text("utf-8")
+    for submission in submissions:
+        assert wrong_files(submission.folder, submission.manifest) == []
+        stored = read_verification(submission.folder)
+        assert stored is None or stored.outcome != "refused"
+        assert f"[{submission.folder.name}]({submission.folder.name}/card.toml)" in index
 
 
 @pytest.mark.slow
