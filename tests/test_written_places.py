@@ -50,8 +50,8 @@ class Place:
         (top / "cache").chmod(0o700)
         made = MadeResults(top / "results")
         made.add_run("run-1", [*made.add("vjm", [0.1, 0.2]), *made.add("mlp", [0.3, 0.1])])
-        shutil.copytree(ROOT / "results" / "submissions" / "quadratic-springs", top / "submitted")
-        plugin, folder = "quadratic_springs.py", top / "submitted"
+        plugin, folder = "quadratic_springs.py", top / "out" / "submitted"  # Python writes a .pyc
+        shutil.copytree(ROOT / "results" / "submissions" / "quadratic-springs", folder)
         (folder / "code" / plugin).rename(folder / plugin)
         (folder / "small.toml").write_text(SMALL_STUDY)
         (top / "work" / "stiff_bench").mkdir()
@@ -100,8 +100,8 @@ report --results ../results --output ../out/report.html
 figure regression --results ../results --output ../out/regression.svg
 merge ../results --output ../out/merged
 results export --results ../out --output ../out/records.jsonl
-submit --lite --study ../submitted/small.toml --card ../submitted/card.toml --results ../out --output ../out/submission
-verify ../out/submission --study ../submitted/small.toml
+submit --lite --study ../out/submitted/small.toml --card ../out/submitted/card.toml --results ../out --output ../out/submission
+verify ../out/submission --study ../out/submitted/small.toml
 reproduce paper-quick --plan --output ../out
 fit --model mlp@width=8@epochs=2 --dataset kr10-twin --output ../out/m.stiff
 predict --model ../out/m.stiff --input ../out/some.csv --output ../out/all.csv
