@@ -53,7 +53,7 @@ DEFAULT_DATASET = "kr10-twin"
 
 @dataclass(frozen=True)
 class Run:
-    """What is to be computed, checked.
+    """Fits to be computed, checked.
 
     Attributes:
         plans: for one folder.
@@ -96,9 +96,9 @@ class Run:
         store = ResultStore(plan.output)
         for warning in dict.fromkeys(task.shown.warning for task in tasks if task.shown.warning):
             say(f"warning: {warning}")
-        with display() as shown:
-            finished = run_cells(tasks, plan.command, store, self.execution, shown)
-        metrics = tuple(one.key for one in plan.metrics)
+        with display() as progress:
+            finished = run_cells(tasks, plan.command, store, self.execution, progress)
+        metrics = tuple(metric.key for metric in plan.metrics)
         return Results(plan.output, metrics, plan.command, finished)
 
 
@@ -157,20 +157,20 @@ def prepare_run(
 
     `how` is of `chosen_execution`, the other arguments are those of `plan_run`.
     """
-    asked = with_reference(_asked(models, datasets, protocols, settings), registry())
-    plan = plan_run(asked, registry(), **planned)
+    chosen = with_reference(_chosen(models, datasets, protocols, settings), registry())
+    plan = plan_run(chosen, registry(), **planned)
     return Run([plan], chosen_execution(plan, registry(), **how))
 
 
-def _asked(
+def _chosen(
     models: Sequence[str | Choice[ModelInfo]],
     datasets: Sequence[str | Dataset],
     protocols: Sequence[str],
     settings: Sequence[str],
 ) -> Chosen:
-    chosen = [one.choice if isinstance(one, Dataset) else one for one in datasets]
+    data_sets = [word.choice if isinstance(word, Dataset) else word for word in datasets]
     return choices(
-        registry(), models=models, datasets=chosen, protocols=protocols, settings=settings
+        registry(), models=models, datasets=data_sets, protocols=protocols, settings=settings
     )
 
 
@@ -184,8 +184,8 @@ def model_and_data(
     """Return the model and the data set of `bench fit`, checked as those of a run."""
     if len(datasets) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
-    asked = _asked(models, datasets, (), settings)
-    plan = plan_run(asked, registry(), output=Path(), device=device)
+    chosen = _chosen(models, datasets, (), settings)
+    plan = plan_run(chosen, registry(), output=Path(), device=device)
     if len(plan.models) != 1:
         raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
     return Model(plan.models[0]), Dataset(plan.datasets[0])
@@ -228,8 +228,8 @@ def evaluate(
     """
     if splits is not None and splits < 1:
         raise ConfigError(f"splits={splits}: give 1 or more, or None for the protocol's own number")
-    asked = [model_choice(one, {}) for one in _listed(models)]
-    local = [one for one in asked if one.cls.__module__ == "__main__"]
+    model_choices = [model_choice(model, {}) for model in _listed(models)]
+    local = [model for model in model_choices if model.cls.__module__ == "__main__"]
     if local and (output is not None or jobs > 1):
         raise ConfigError(
             f"{local[0].info.key}: a class of a script or notebook, whose results cannot be kept, "
@@ -242,7 +242,7 @@ def evaluate(
     ]
     folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
     run = prepare_run(
-        asked,
+        model_choices,
         data,
         _listed(protocol),
         metrics=metrics,

@@ -100,7 +100,7 @@ def submit(
     say(f"{output}: {submission.manifest.model}, {n_records} written; next: bench verify {output}")
 
 
-@command(epilog="bench verify results/submissions/ridge-springs")
+@command(epilog="bench verify results/submissions/quadratic-springs")
 @click.argument("folders", metavar="DIR...", type=FILE, nargs=-1, required=True)
 @study_option
 @click.option(

@@ -188,7 +188,7 @@ def read_manifest(folder: Path) -> Manifest:
         DataError: it is wrong.
     """
     path = folder / MANIFEST
-    if not path.is_file():
+    if not path.is_file() or path.is_symlink():
         raise ConfigError(f"{folder}: no {MANIFEST} in it (valid: a folder of `bench submit`)")
     return _validated(Manifest, path, path.read_bytes())
 

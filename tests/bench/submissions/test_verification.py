@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -372,6 +373,11 @@ def test_the_code_runs_in_processes_that_are_ended_at_their_limit(submission, st
     assert lines_of(done)["code"][0] == "ok", done.stdout
     copy = forged(submission, tmp_path, lambda _: None)
     plugin = copy / "code" / "half_springs.py"
+    mark = f"import os\nprint(os.getpid(), file=open({str(tmp_path / 'ran')!r}, 'a'))\n"
+    plugin.write_text(mark + plugin.read_text())
+    hash_again(copy)
+    assert_failed(verified(copy, study_file), "code", "computed with other code")
+    assert str(os.getpid()) not in (tmp_path / "ran").read_text().split()
     slow = "    def fit(self, *_, **__):\n        import time; time.sleep(60)\n\n    def predict"
     plugin.write_text(plugin.read_text().replace("    def predict", slow))
     hash_again(copy)
