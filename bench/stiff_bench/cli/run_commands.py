@@ -155,7 +155,9 @@ def run(
     return execute(asked, fmt, answer=answer, verbose=verbose)
 
 
-def execute(run: api.evaluation.Run, fmt: str, *, answer: bool, verbose: bool = False) -> int:
+def execute(
+    run: api.evaluation.Run, fmt: str, *, answer: bool = True, verbose: bool = False
+) -> int:
     """Compute a run and print its tables; return 1 if a cell failed or was skipped, else 0.
 
     `answer` has a terminal show which model is best in place of the metrics.
