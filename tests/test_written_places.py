@@ -94,6 +94,7 @@ data plan --poses 5 --candidates 50 --output ../out/plan.csv
 data simulate --samples 60 --output ../out/some.csv
 data simulate --samples 60 --output ../out/some.parquet
 data validate ../out/some.csv
+data export kr10-twin --output ../out/shared
 new model mine --output ../out
 table 3
 report --results ../results --output ../out/report.html
@@ -111,7 +112,7 @@ path compensate --model ../out/m.stiff --path ../out/path.csv --output ../out/c.
 map --model ../out/m.stiff --load 0,0,-60 --grid 6 --output ../out/map.csv --figure ../out/map.png
 posture --model ../out/m.stiff --point 600,0,400,180,0,180 --load 0,0,-60 --turns 4 --output ../out/p.csv
 """  # noqa: E501
-REGISTER = "data register kr10-measured ../out/mine.csv"
+REGISTER = "data register ../out/mine.csv --dataset kr10-measured"
 ONE_AFTER_ANOTHER = """
 import shlex, sys
 from stiff_bench.cli.main import main

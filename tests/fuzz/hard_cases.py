@@ -24,6 +24,18 @@ def tables(valid: bytes) -> tuple[bytes, ...]:
     )
 
 
+def cards() -> tuple[bytes, ...]:
+    """Data cards: long rows of the signs that Markdown and the facts begin with."""
+    row = b"| | |\n|---|---|\n| What | %s |\n\n| column | meaning |\n|---|---|\n| %s | x |\n"
+    signs = (b"[", b"![", b"[a](", b"`", b"`a", b"|", b"\\|", b"*", b"https://", b"`1` .. ", b"-")
+    return (
+        *(row % ((sign * (LONG // len(sign)),) * 2) for sign in signs),
+        *(word * (LONG // len(word)) for word in (b"torque ", b"# data card: ", b"|-", b"|a")),
+        *(b"instrument noise" + sign * LONG for sign in (b" ", b"|", b": 9")),
+        b"| a | b |\n" * 50_000,
+    )
+
+
 def tomls(valid: bytes) -> tuple[bytes, ...]:
     """TOML: deep nests, long numbers, long dotted keys."""
     return (

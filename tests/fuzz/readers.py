@@ -17,12 +17,15 @@ from helpers.made_results import MadeResults
 from helpers.quick_models import quick_model, twin_data
 from helpers.robot_programs import DOCS, ROBOTS
 from helpers.run_requests import planned
+from helpers.shipped_descriptors import FOLDER
 from stiff_bench.api.model import load_model
 from stiff_bench.paper.study_file import read_study
 from stiff_bench.plan.cells import models_under
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
+from stiff_datasets.measured.data_card import parse_card
+from stiff_datasets.measured.descriptors import croissant, data_package, describe, json_text
 from stiff_datasets.measured.load_file import read_loads
 from stiff_datasets.measured.path_file import frame_matrix
 from stiff_datasets.measured.sample_file import read_samples
@@ -68,6 +71,22 @@ def _samples(
     write_table(path, [sample_table(data.samples.take(range(6)), data.robot)])
     valid = path.read_bytes()
     return Prepared(path, (valid,), lambda path: read(path, data.robot), hard(valid), damage)
+
+
+def _card(folder: Path) -> Prepared:
+    """A data card, and descriptors made from it; one with other facts counts as refused."""
+    csv = _samples(folder, "carded.csv").path
+    valid = (FOLDER / "fanuc_drilling.md").read_bytes()
+    facts = parse_card(valid.decode(), csv)
+
+    def read(path: Path) -> object:
+        file = describe(csv)
+        descriptors = json_text(croissant(file)), json_text(data_package(file))
+        if file.card != facts:
+            raise DataError(f"{path}: other facts")
+        return descriptors
+
+    return Prepared(csv.with_suffix(".md"), (valid,), read, hard_cases.cards())
 
 
 def _urdf(folder: Path) -> Prepared:
@@ -167,6 +186,8 @@ def _models(folder: Path) -> Prepared:
 READERS: dict[str, Callable[[Path], Prepared]] = {
     "measured CSV": partial(_samples, name="samples.csv", hard=hard_cases.tables),
     "measured Parquet": partial(_samples, name="samples.parquet", damage=parquet_damaged),
+    "described CSV": partial(_samples, name="described.csv", read=describe),
+    "data card": _card,
     "loads CSV": partial(_samples, name="loads.csv", read=read_loads),
     "URDF": _urdf,
     "twin TOML": _twin,

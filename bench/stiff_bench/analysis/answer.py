@@ -15,18 +15,15 @@ from functools import cached_property
 import numpy as np
 from scipy import stats
 
-from stiff_bench.analysis.collected import Case, Competitor, StoredResults
-from stiff_bench.analysis.leaderboard import of_newest_data
-from stiff_bench.analysis.scored_case import ScoredCase, family_of, scored_case
+from stiff_bench.analysis.collected import Case, StoredResults, of_newest_data
+from stiff_bench.analysis.scored_case import ScoredCase, family_of, scored_case, with_reference
 from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.analysis.verdict import Estimate, Question, Verdict, estimates
 from stiff_bench.store.names import grouped
-from stiff_bench.store.newest import Slot
-from stiff_bench.tables.metric_table import known_result, mark_of
+from stiff_bench.tables.metric_table import mark_of
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import KNOWN
 from stiff_protocols.scoring.paired import LEVEL
 
@@ -154,13 +151,19 @@ class Answer(BriefFields):
             same = earlier.get(case.name)
             if same and same.scores.keys() <= {*names} <= {*same.scores, *same.missing}:
                 return same
-            return scored_case(case, names, key, stored.data_of(case.name.data_sha256), seed)
+            data = stored.data_of(case.name.data_sha256)
+            return with_reference(scored_case(case, names, key, data, seed))
 
-        with_scores = [case for case in map(score, map(_with_reference, fair)) if case.scores]
+        with_scores = [case for case in map(score, fair) if case.scores]
         if not with_scores:
             raise ConfigError(f"no model has a score of {key.text}")
         names = dict.fromkeys(name for case in with_scores for name in case.scores)
         return cls(key, tuple(with_scores), tuple(names), left_out, seed)
+
+    def over(self, cases: Sequence[ScoredCase]) -> Answer:
+        """Return the answer of some of the comparisons, with the models that have scores in it."""
+        names = [name for name in self.asked if any(name in case.scores for case in cases)]
+        return replace(self, cases=tuple(cases), asked=tuple(names))
 
     @cached_property
     def robots(self) -> dict[str, list[ScoredCase]]:
@@ -337,21 +340,3 @@ def _interval(logs: Sequence[float]) -> tuple[float, float] | tuple[None, None]:
     mean, error = np.mean(logs), stats.sem(logs)
     half = stats.t.ppf(1.0 - 0.5 * LEVEL, len(logs) - 1) * error
     return float(np.exp(mean - half)), float(np.exp(mean + half))
-
-
-def _with_reference(case: Case) -> Case:
-    """Add the VJM's predictions, which every cell holds, where the VJM itself was not run."""
-    if REFERENCE_MODEL in case.competitors:
-        return case
-    results: dict[Slot, CellResult] = {}
-    for competitor in case.competitors.values():
-        for slot, result in competitor.done.items():
-            predicted = known_result(result, REFERENCE_MODEL)
-            if slot not in results and predicted is not None:
-                results[slot] = predicted
-    if not results:
-        return case
-    done = dict(sorted(results.items()))
-    presentation = next(iter(done.values())).shown
-    reference = Competitor(presentation, done, failures={}, n_asked=len(done))
-    return replace(case, competitors={**case.competitors, REFERENCE_MODEL: reference})

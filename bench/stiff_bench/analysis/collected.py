@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from stiff_bench.store.database import (
     read_results,
     why_no_results,
 )
-from stiff_bench.store.names import SHORT, CaseName, grouped, labels
+from stiff_bench.store.names import SHORT, CaseName, grouped, labels, natural_key
 from stiff_bench.store.newest import (
     Runs,
     Slot,
@@ -266,3 +266,38 @@ def left_out_notes(cases: Sequence[Case]) -> Iterator[str]:
         places = list(dict.fromkeys(place for _, place in found))
         where = places[0] if len(places) == 1 else f"{len(places)} comparisons"
         yield f"{where}: {reason} are left out."
+
+
+def caveats_of(cases: Iterable[Case]) -> list[str]:
+    """Return what must be read with the protocols and the data sets of cases, each once."""
+    shown = [case.shown for case in cases]
+    caveats = [caveat for one in shown for caveat in one.caveats]
+    return [*filter(None, dict.fromkeys([*(one.warning for one in shown), *caveats]))]
+
+
+def of_newest_data(cases: Sequence[Case]) -> list[Case]:
+    """Return the cases of the data that each data set's newest run was on.
+
+    Of those that differ in the source domain's data or in added tool paths alone, the newest stay.
+    """
+    in_order = sorted(cases, key=lambda one: (one.newest_run, one.name))  # the last ones stay
+    newest_data = {one.name.dataset: one.measured_sha256 for one in in_order}
+    current = [c for c in in_order if c.measured_sha256 == newest_data[c.name.dataset]]
+    newest_source = {replace(one.name, data_sha256="", source_sha256=""): one for one in current}
+    return list(newest_source.values())
+
+
+def in_order(case: Case) -> tuple[Any, ...]:
+    """Return a sort key: "n = 5" stands before "n = 10"."""
+    name = case.name
+    return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
+
+
+def newest_results(stored: StoredResults) -> list[CellResult]:
+    """Return the results and failures that count, the newest of each, sorted by comparison."""
+    return [
+        result
+        for case in sorted(stored.cases, key=in_order)
+        for model in case.competitors.values()
+        for result in (*model.done.values(), *model.failures.values())
+    ]

@@ -15,7 +15,7 @@ from stiff_bench.analysis.collected import (
     left_out_notes,
     same_name_other_data,
 )
-from stiff_bench.analysis.scored_case import scored_case, shared_errors
+from stiff_bench.analysis.scored_case import scored_case, shared_errors, with_reference
 from stiff_bench.analysis.selection import EVERYTHING, Selection, competitor_meant
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import (
@@ -164,7 +164,8 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
 
 def _among_all(case: Case, a: str, b: str, data: StoredData, question: Question) -> Verdict | None:
     try:
-        scored = scored_case(case, [*case.competitors], ERRORS[NORM], data, question.seed)
+        every = [*case.competitors]
+        scored = with_reference(scored_case(case, every, ERRORS[NORM], data, question.seed))
     except StoreError:  # two others share no split
         return None
     if len(scored.scores) < 3 or not {a, b} <= scored.scores.keys():

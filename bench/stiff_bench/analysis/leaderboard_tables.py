@@ -1,235 +1,225 @@
-"""A leaderboard as tables: lists of columns, each of which makes its own cells. SI becomes mm here.
+"""A leaderboard as tables: a board over robots, or each data set by itself. SI becomes mm here.
 
-A new column is one entry: of the ranks in `RANKS`, of the costs in `COSTS`. docs/comparing.md says
-what the columns and marks mean.
+A new column of the costs is one entry of `COSTS`. docs/comparing.md says what the columns and marks
+mean.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, fields, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass, fields, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from pandas import DataFrame
 
-from stiff_bench.analysis.leaderboard import Leaderboard, Section, and_more, caveats_of
-from stiff_bench.analysis.scored_case import (
-    ScoredCase,
-    complete_models,
-    correction_text,
-    dataset_of,
-    family_of,
-    times_like_best,
-)
+from stiff_bench.analysis.answer import FEWEST_ROBOTS, Answer
+from stiff_bench.analysis.board import Board
+from stiff_bench.analysis.board_tables import board_headline, board_sentences, board_tables
+from stiff_bench.analysis.collected import caveats_of
+from stiff_bench.analysis.leaderboard import Leaderboard, Section, and_more
+from stiff_bench.analysis.scored_case import ScoredCase, correction_text
 from stiff_bench.analysis.sort_key import SortKey
+from stiff_bench.analysis.verdict import Estimate
 from stiff_bench.store.names import CaseName, grouped, labels
 from stiff_bench.tables.metric_table import SELECTION_MARK, number_format
 from stiff_bench.tables.table import WRITTEN, Column, Entry, Name, Quantity, Table, text_columns
-from stiff_bench.tables.units import PRINTED, counted, percent
+from stiff_bench.tables.units import PRINTED, counted, first_few, percent
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.scoring.paired import LEVEL
 
 BEST, LIKE_BEST = "*", "≈"
+VERDICT_TEXTS = {"a": "better", "b": "worse", "equivalent": "same", "open": "open"}
 
 
 def leaderboard_tables(board: Leaderboard) -> list[Table]:
-    """Return the tables of all sections.
-
-    csv has the ranks alone, a line a model and number; json has each model's score in each case,
-    too.
-    """
-    tables = []
-    for section in board.sections:
-        ranks, *others = section_tables(section, board)
-        others = [replace(one, formats=WRITTEN) for one in others]
-        tables += [ranks, *others, _scores(section, board)]
-    return tables
+    """Return the tables of all sections; json has each model's score in each case, too."""
+    return [
+        table
+        for section in board.sections
+        for table in (*section_tables(section, board), _scores(section, board))
+    ]
 
 
 def section_tables(section: Section, board: Leaderboard) -> list[Table]:
-    """Return ranks, scores by protocol and costs of one section."""
-    tables = [_ranks(section, board), *_by_protocol(section, board.key), _costs(section)]
-    return [replace(table, brief=True) for table in tables if table.rows]
+    """Return the tables of each protocol and condition, and the costs, of one section."""
+    tables = [table for plan in section.plans for table in _plan_tables(section, plan)]
+    if tables:
+        tables[0] = replace(tables[0], notes=[*_section_notes(section, board), *tables[0].notes])
+        tables[-1] = replace(tables[-1], notes=[*tables[-1].notes, *board.provenance])
+    costs = replace(_costs(section), formats=WRITTEN)
+    return [table for table in (*tables, costs) if table.rows]
 
 
-def _about(section: Section, table: str) -> dict[str, object]:
-    return {"table": table, "selects_on_test": section.selects_on_test}
+def _plan_tables(section: Section, plan: tuple[str, str]) -> Iterator[Table]:
+    """Yield the board of a protocol and condition; without one, a table a data set."""
+    if plan in section.boards:
+        yield from plan_board(section.boards[plan], plan)
+        return
+    yield from _of_datasets(section, section.plans[plan])
 
 
-class Model(NamedTuple):
-    """What a row of the ranks, or of the costs, is of."""
+def dataset_tables(section: Section) -> list[Table]:
+    """Return a table for each data set, protocol and condition."""
+    return [table for answer in section.plans.values() for table in _of_datasets(section, answer)]
 
-    section: Section
-    name: str
+
+def _of_datasets(section: Section, answer: Answer) -> Iterator[Table]:
+    for cases in grouped(answer.cases, lambda case: case.name.dataset).values():
+        yield _dataset_table(section, answer.over(cases))
+
+
+def plan_board(
+    board: Board, plan: tuple[str, str], controls: Mapping[str, str] | None = None
+) -> list[Table]:
+    """Return the tables of a board, the first with headline and sentences."""
+    first, *further = board_tables(board, controls or {})
+    texts = [f"{sentence.label}: {sentence.text}" for sentence in board_sentences(board)]
+    caveats = caveats_of(case.case for case in board.answer.cases)
+    title = f"{board_headline(board)} | {' | '.join(filter(None, plan))}"
+    tables = [replace(first, title=title, notes=[*texts, *first.notes, *caveats]), *further]
+    about = dict(zip(("protocol", "condition"), plan, strict=True))
+    return [replace(table, about={**table.about, **about}) for table in tables]
+
+
+@dataclass(frozen=True)
+class _ModelInCase:
+    """A row of a data set's table."""
+
+    name: Name
+    case: ScoredCase
+    answer: Answer
+    like_best: frozenset[str] | None
 
     @property
-    def marked(self) -> Name:
-        """Name, with what must stand beside it."""
-        return Name(self.name, self.section.mark_under(self.name))
+    def _estimates(self) -> Sequence[Estimate]:
+        is_reference = self.name.text == REFERENCE_MODEL
+        return [] if is_reference else self.answer.estimates(self.name.text, self.case)
 
-    @property
-    def costs(self) -> list[Cost]:
-        """Costs of the fits that the ranks are of, as far as they were recorded."""
-        cases = [case for case in self.section.cases if self.name in case.scores]
-        costs = (result.cost for case in cases for result in case.results[self.name])
-        return [cost for cost in costs if cost is not None]
+    def score(self) -> Quantity:
+        """Return mean and deviation over splits, as printed, with the mark of the best."""
+        _, factor = PRINTED[self.answer.key.metric.unit]
+        if self.name.text not in self.case.scores:
+            return Quantity(status=self.case.failed(self.name.text))
+        values = factor * self.case.scores[self.name.text]
+        spread = float(values.std(ddof=1)) if len(values) > 1 else None
+        mark = ""
+        if self.name.text == self.answer.best(self.case):
+            mark = BEST
+        elif self.like_best is not None and self.name.text in self.like_best:
+            mark = LIKE_BEST
+        return Quantity(float(values.mean()), spread, n=len(values), mark=mark)
 
-    def ranked(self, column: str) -> int | float | None:
-        """Return an entry of `Section.ranked`; None where there is none."""
-        ranked = self.section.ranked
-        value: Any = ranked.at[self.name, column] if self.name in ranked.index else np.nan
-        return None if np.isnan(value) else value.item()
+    def change(self) -> float | None:
+        """Return error over the VJM's less one, in %."""
+        ratio = self.answer.ratio(self.name.text, self.case)
+        return None if ratio is None else 100.0 * (ratio - 1.0)
 
-    def share(self, number: float | None) -> Quantity | None:
-        """Return a number of cases of all of them."""
-        n_cases = len(self.section.cases)
-        return None if number is None else Quantity(share=(int(number), n_cases))
+    def over(self, number: int) -> Quantity | None:
+        """Return the interval of the difference from the VJM: 0 over splits, 1 over poses."""
+        of_both: list[Estimate | None] = [*self._estimates]
+        if len(of_both) == 1:
+            of_poses = self.case.errors.of_splits is None
+            of_both = [None, *of_both] if of_poses else [*of_both, None]
+        estimate = of_both[number] if number < len(of_both) else None
+        if estimate is None:
+            return None
+        _, factor = PRINTED[self.answer.key.metric.unit]
+        return Quantity(low=factor * estimate.low, high=factor * estimate.high)
 
-
-RANKS = (
-    Column("model", "text", value=lambda model: model.marked),
-    Column("place", value=lambda model: model.ranked("place")),
-    Column("mean rank", format=".2f", value=lambda model: model.ranked("mean_rank")),
-    Column(
-        f"{percent(1.0 - LEVEL)} interval",
-        format=".2f",
-        value=lambda model: Quantity(low=model.ranked("low"), high=model.ranked("high")),
-    ),
-    Column("won", value=lambda model: model.ranked("won")),
-    Column("tied with best", value=lambda model: model.share(model.ranked("like_best"))),
-    Column("results", value=lambda model: model.share(model.section.n_results(model.name))),
-)
-"""The columns of the ranks, made from a `Model`."""
+    def verdict(self) -> str | None:
+        """Say whether the model is better than the VJM."""
+        if self.name.text == REFERENCE_MODEL:
+            return "baseline"
+        verdict = self.answer.verdict(self.name.text, self.case)
+        return None if verdict is None else VERDICT_TEXTS[verdict]
 
 
-def _ranks(section: Section, board: Leaderboard) -> Table:
-    better = "larger" if board.key.sign < 0.0 else "smaller"
+def _dataset_table(section: Section, answer: Answer) -> Table:
+    """Return the models on one data set, best first, with intervals over splits and poses."""
+    key = answer.key
+    unit, _ = PRINTED[key.metric.unit]
     apart = f" | {SELECTION_MARK}s: not a fair comparison" if section.selects_on_test else ""
+    names = [name for case in answer.cases for name in case.case.competitors]
+    rows = []
+    for case in answer.cases:
+        like = case.like_best(case.models) if case.scores and not key.is_cost else None
+        present = [name for name in dict.fromkeys(names) if name in section.models]
+        present.sort(key=lambda name: (name not in case.scores, _signed(key, case, name), name))
+        rows += [
+            _ModelInCase(
+                Name(name, section.mark_under(name, case.name.protocol)),
+                *(case, answer, None if like is None else frozenset(like)),
+            )
+            for name in present
+        ]
+    first = answer.cases[0]
+    called = labels(case.name for case in answer.cases)
+    several = [] if len(answer.cases) == 1 else text_columns("seed")
+    title = called[first.name] if not several else first.name.text
+    intervals = [
+        Column(
+            f"over {name}",
+            *("number", unit, number_format(key.metric), "difference from the VJM"),
+            value=partial(_interval_over, number),
+        )
+        for number, name in enumerate(("splits", "poses"))
+        if any(row.over(number) for row in rows)
+    ]
+    columns = [
+        Column("model", "text", value=lambda row: row.name),
+        *(Column("seed", "text", value=lambda row: str(row.case.name.seed)) for _ in several),
+        Column(
+            key.text,
+            unit=unit,
+            format=number_format(key.metric),
+            about={"metric": key.metric.key, "axis": key.axis},
+            value=lambda row: row.score(),
+        ),
+        Column("vs VJM", unit="%", format="+.0f", by_sign=-1, value=lambda row: row.change()),
+        *intervals,
+        Column("verdict", "text", value=lambda row: row.verdict()),
+    ]
+    kind = first.case.shown.kind
     return Table.of(
-        f"Leaderboard, {counted(len(section.cases), 'comparison')}: {_scope(section)}{apart} | "
-        f"sorted by mean rank of {board.key.text} ({better} is better)",
-        RANKS,
-        [Model(section, name) for name in section.models],
-        [*_rank_notes(section, board), *board.provenance],
-        about=_about(section, "ranks"),
-    )
-
-
-def _scope(section: Section) -> str:
-    names = [scored.name for scored in section.cases]
-    protocols = list(dict.fromkeys(name.protocol for name in names))
-    kinds, seeds = " and ".join(section.kinds), _several({name.seed for name in names}, "seed")
-    return f"{_datasets(names)} ({kinds}) under {', '.join([*protocols, *seeds])}"
-
-
-def _datasets(names: Iterable[CaseName]) -> str:
-    """Return e.g. "5 x kr10-twin, ur5"."""
-    families = {dataset_of(name): family_of(name) for name in names}
-    return ", ".join(
-        members[0] if len(members) == 1 else f"{len(members)} x {family}"
-        for family, members in grouped(families, families.__getitem__).items()
-    )
-
-
-def _several(numbers: Collection[object], thing: str) -> list[str]:
-    """Return ["2 seeds"] of two different ones, nothing of one."""
-    return [counted(len(numbers), thing)] if len(numbers) > 1 else []
-
-
-def _rank_notes(section: Section, board: Leaderboard) -> Iterator[str]:
-    """Yield what must be read with the ranks, most important first."""
-    shown = [scored.case.shown for scored in section.cases]
-    yield from dict.fromkeys(one.warning for one in shown if one.warning)
-    if "measured" in section.kinds and len(section.kinds) > 1:
-        simulated = dict.fromkeys(
-            family_of(scored.name)
-            for scored in section.cases
-            if scored.case.shown.kind != "measured"
-        )
-        yield f"Simulated, not measured: {', '.join(simulated)}."
-    called = labels(scored.case.name for scored in section.cases)
-    if section.unranked:
-        yield f"Without a mean rank: {_lacking(section.unranked, called)}."
-    cut = [scored for scored in section.cases if scored.left_out]
-    if cut:
-        yield f"{called[cut[0].name]}{and_more(cut)}: {cut[0].left_out}."
-    if board.notes:
-        yield f"{board.notes[0].removesuffix('.')}{and_more(board.notes)}."
-
-
-MOST_LACKING = 4
-"""So many missing results are named one by one."""
-
-
-def _lacking(unranked: Mapping[str, Mapping[CaseName, str]], called: Mapping[CaseName, str]) -> str:
-    """Return what each model lacks and why; where that is much, how much, and who says it."""
-    every = sum(map(len, unranked.values())) <= MOST_LACKING
-    parts = []
-    for model, missing in unranked.items():
-        reasons = grouped(missing, missing.__getitem__).items()
-        places = [f"{', '.join(map(called.__getitem__, cases))}: {why}" for why, cases in reasons]
-        named = f" ({'; '.join(places)})" if every else ""
-        lacks = f"lacks {len(missing)} of {len(called)} results{named}"
-        parts.append(f"{model} {lacks if missing else 'is the only model with all results'}")
-    if every:
-        return ", ".join(parts)
-    more = f" and {counted(len(parts) - 3, 'more model')}" if len(parts) > 3 else ""
-    return f"{', '.join(parts[:3])}{more}; `--format json` lists them, and why"
-
-
-def _by_protocol(section: Section, key: SortKey) -> Iterator[Table]:
-    """Yield a table for each robot type and protocol; its columns are the conditions."""
-    apart = f" | {SELECTION_MARK}s" if section.selects_on_test else ""
-    for (_, protocol), of_protocol in grouped(
-        section.cases, lambda one: (family_of(one.name), one.name.protocol)
-    ).items():
-        n_datasets = len({dataset_of(one.name) for one in of_protocol})
-        spread = ", mean ± standard deviation over data sets" if n_datasets > 1 else ""
-        run = {model for one in of_protocol for model in one.case.competitors}
-        mark = partial(section.mark_under, protocol=protocol)
-        conditions = grouped(of_protocol, lambda one: one.name.condition).values()
-        like = f"; {LIKE_BEST} no significant difference from the best, "
-        like = "" if key.is_cost else like + correction_text(of_protocol)
-        yield Table.of(
-            f"{protocol} on {_datasets(one.name for one in of_protocol)}{apart} | "
-            f"{key.text}{spread}",
-            [
-                Column("model", "text", value=lambda model: model),
-                *(_condition_column(members, n_datasets, key) for members in conditions),
-            ],
-            [Name(model, mark(model)) for model in section.models if model in run],
-            [
-                f"{BEST} best mean of the column{like}.",
-                *_few_splits(of_protocol),
-                *caveats_of(one.case for one in of_protocol),
-            ],
-            unit=PRINTED[key.metric.unit][0],
-            about=_about(section, "scores by protocol"),
-        )
-
-
-def _condition_column(cases: Sequence[ScoredCase], n_datasets: int, key: SortKey) -> Column:
-    """Return the column of a condition: each model's mean score over the data sets."""
-    name = cases[0].name
-    datasets = dict.fromkeys(dataset_of(one.name) for one in cases)
-    seeds = sorted({one.name.seed for one in cases})
-    several = [counted(len(datasets), "data set")] if n_datasets > 1 else []
-    counts = ", ".join([*several, *_several(seeds, "seed")])
-    scores = _mean_scores(cases, key)
-    return Column(
-        f"{name.condition or name.protocol}{f' ({counts})' if counts else ''}",
-        unit=PRINTED[key.metric.unit][0],
-        format=number_format(key.metric),
+        f"{title} ({kind}), {counted(len(first.slots), 'split')}{apart}",
+        columns,
+        rows,
+        [*_marks(answer, key), *caveats_of(case.case for case in answer.cases)],
+        unit=unit,
         about={
-            **{"metric": key.metric.key, "axis": key.axis, "protocol": name.protocol},
-            **{"condition": name.condition, "datasets": [*datasets], "seeds": seeds},
+            **{"table": "data set", "dataset": first.name.dataset, "kind": kind},
+            **{"protocol": first.name.protocol, "condition": first.name.condition},
         },
-        value=lambda model: scores.get(model.text),
+        best_first=True,
     )
+
+
+def _interval_over(number: int, row: _ModelInCase) -> Quantity | None:
+    return row.over(number)
+
+
+def _signed(key: SortKey, case: ScoredCase, name: str) -> float:
+    return key.sign * case.mean(name) if name in case.scores else math.inf
+
+
+def _marks(answer: Answer, key: SortKey) -> Iterator[str]:
+    """Yield what the marks mean, and what few splits can show."""
+    like = (
+        ""
+        if key.is_cost
+        else f"; {LIKE_BEST} no significant difference from it, {correction_text(answer.cases)}"
+    )
+    yield f"{BEST} best mean{like}."
+    if not key.is_cost:
+        yield (
+            f"difference: {percent(1.0 - LEVEL)} intervals; over poses the fitted models are held "
+            "fixed."
+        )
+    yield from _few_splits(answer.cases)
 
 
 FEW_SPLITS = 5
@@ -243,42 +233,71 @@ def _few_splits(scored: Sequence[ScoredCase]) -> Iterator[str]:
     yield f"{fewest} splits show only very large differences; --splits {FEW_SPLITS} shows more."
 
 
-def _mean_scores(cases: Sequence[ScoredCase], key: SortKey) -> dict[str, Quantity]:
-    """Return each model's score over the data sets of some cases, as printed.
-
-    A mean over some of the data sets alone has their share, and is never the best.
-    """
-    _, factor = PRINTED[key.metric.unit]
-    run = sorted({model for one in cases for model in one.case.competitors})
-    of_cases = DataFrame([{m: factor * one.mean(m) for m in one.scores} for one in cases])
-    datasets = np.array([dataset_of(one.name) for one in cases])  # a list may name columns
-    of_data = of_cases.reindex(columns=run).groupby(datasets)
-    scores = of_data.mean(skipna=False)  # (data sets, models); NaN where a case has none
-    mean, spread, count = scores.mean(), scores.std(), scores.count()
-    complete = complete_models(cases)
-    best = (key.sign * mean[[*complete]]).min()
-    times = times_like_best(cases, complete) if complete else None
-    found = {}
-    for model in run:
-        n, n_all = int(count[model]), len(scores)
-        like = times is not None and times[model] > 0.5 * len(cases)
-        is_best = model in complete and key.sign * mean[model] == best
-        found[model] = Quantity(
-            float(mean[model]) if n else None,
-            float(spread[model]) if n > 1 else None,
-            share=(n, n_all) if 0 < n < n_all else None,
-            mark=BEST if is_best else LIKE_BEST if like else "",
-            status=max(one.failed(model) for one in cases),
+def _section_notes(section: Section, board: Leaderboard) -> Iterator[str]:
+    """Yield what must be read with all tables, most important first."""
+    yield from dict.fromkeys(
+        scored.case.shown.warning for scored in section.cases if scored.case.shown.warning
+    )
+    answer = section.answer
+    if not section.boards and not answer.key.is_cost:
+        number = counted(len(answer.robots), "robot")
+        yield (
+            f"{number}: too few to say what holds for another; a board over robots needs at "
+            f"least {FEWEST_ROBOTS} simulated or {FEWEST_ROBOTS} measured ones."
         )
-    return found
+    called = labels(scored.case.name for scored in section.cases)
+    if section.missing:
+        yield f"Scores are missing: {_lacking(section.missing, called)}."
+    cut = [scored for scored in section.cases if scored.left_out]
+    if cut:
+        yield f"{called[cut[0].name]}{and_more(cut)}: {cut[0].left_out}."
+    if board.notes:
+        yield f"{board.notes[0].removesuffix('.')}{and_more(board.notes)}."
+
+
+MOST_LACKING = 4
+"""Number of missing results that are named one by one."""
+
+
+def _lacking(missing: Mapping[str, Mapping[CaseName, str]], called: Mapping[CaseName, str]) -> str:
+    """Return the missing results of each model with reasons; of many, their number."""
+    every = sum(map(len, missing.values())) <= MOST_LACKING
+    parts = []
+    for model, of_model in missing.items():
+        reasons = grouped(of_model, of_model.__getitem__).items()
+        places = [f"{', '.join(map(called.__getitem__, cases))}: {why}" for why, cases in reasons]
+        named = f" ({'; '.join(places)})" if every else ""
+        parts.append(f"{len(of_model)} of {len(called)} results of {model}{named}")
+    if every:
+        return ", ".join(parts)
+    return f"{first_few(parts)}; `--format json` lists them, and why"
+
+
+class Model(NamedTuple):
+    """A row of the costs."""
+
+    section: Section
+    name: str
+
+    @property
+    def marked(self) -> Name:
+        """Name with its mark."""
+        return Name(self.name, self.section.mark_under(self.name))
+
+    @property
+    def costs(self) -> list[Cost]:
+        """Costs of the fits that the scores are of, as far as they were recorded."""
+        cases = [case for case in self.section.cases if self.name in case.scores]
+        costs = (result.cost for case in cases for result in case.results[self.name])
+        return [cost for cost in costs if cost is not None]
 
 
 def _costs(section: Section) -> Table:
-    """Return what models cost, in the ranks' order; models without recorded costs are omitted."""
+    """Return what models cost, in their order; models without recorded costs are omitted."""
     models = [Model(section, name) for name in section.models]
     n_fits = sum(len(model.costs) for model in models)
     return Table.of(
-        f"Costs of {counted(n_fits, 'fit')} | median (lowest to highest), not ranked",
+        f"Costs of {counted(n_fits, 'fit')} | median (lowest to highest)",
         COSTS,
         [model for model in models if model.costs],
         ["wall times depend on the machine; a cached pre-training costs nothing."],
@@ -286,28 +305,32 @@ def _costs(section: Section) -> Table:
     )
 
 
+def _about(section: Section, table: str) -> dict[str, object]:
+    return {"table": table, "selects_on_test": section.selects_on_test}
+
+
 def _spread(key: str, model: Model) -> Quantity | None:
     """Return median and range of a cost, as printed, over the fits that know it."""
     metric = METRICS[key]
     assert metric.of_cost is not None
     _, factor = PRINTED[metric.unit]
-    known = [factor * value for value in map(metric.of_cost, model.costs) if value is not None]
-    return Quantity(float(np.median(known)), low=min(known), high=max(known)) if known else None
+    values = [factor * value for value in map(metric.of_cost, model.costs) if value is not None]
+    return Quantity(float(np.median(values)), low=min(values), high=max(values)) if values else None
 
 
-def _range(found: Quantity, unit: str, number: Callable[[float], str]) -> str:
+def _range(cost: Quantity, unit: str, number: Callable[[float], str]) -> str:
     """Return "2 ms (1 to 3)", or "2 ms" where all are alike."""
-    median, low, high = (number(value or 0.0) for value in (found.value, found.low, found.high))
+    median, low, high = (number(value or 0.0) for value in (cost.value, cost.low, cost.high))
     shown = f"{median} {unit}".rstrip()
     return shown if low == high else f"{shown} ({low} to {high})"
 
 
-def _time(found: Quantity) -> str:
+def _time(cost: Quantity) -> str:
     """Return a time [ms] in the unit that suits its size."""
     units = (("us", 1e3), ("ms", 1.0), ("s", 1e-3))
-    median = found.value or 0.0
+    median = cost.value or 0.0
     unit, factor = next((one for one in units if median * one[1] < 999.5), units[-1])
-    return _range(found, unit, lambda value: _three_digits(value * factor))
+    return _range(cost, unit, lambda value: _three_digits(value * factor))
 
 
 def _three_digits(value: float) -> str:
@@ -324,13 +347,13 @@ def _cost_column(key: str, name: str, written: Callable[[Quantity], str]) -> Col
 
 
 COSTS = (
-    RANKS[0],
+    Column("model", "text", value=lambda model: model.marked),
     _cost_column("fit-time", "fit time", _time),
     _cost_column(
-        "throughput", "predictions a second", lambda found: _range(found, "", _three_digits)
+        "throughput", "predictions a second", lambda cost: _range(cost, "", _three_digits)
     ),
     _cost_column("latency", "latency of one", _time),
-    _cost_column("memory", "memory [MiB]", lambda found: _range(found, "", "{:.1f}".format)),
+    _cost_column("memory", "memory [MiB]", lambda cost: _range(cost, "", "{:.1f}".format)),
     Column("fits", value=lambda model: len(model.costs)),
 )
 """The columns of the costs, made from a `Model`."""

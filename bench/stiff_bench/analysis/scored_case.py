@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -26,6 +26,7 @@ from stiff_bench.store.names import CaseName, grouped, without_options
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.metric_table import known_result, pooled_prediction
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.record import CellResult
@@ -219,6 +220,27 @@ def scored_case(
     known = {model: values for model in present if (values := scores[model]) is not None}
     counting = {model: results[model] for model in present}
     return ScoredCase(case, key, data, seed, slots, counting, known, missing)
+
+
+def with_reference(scored: ScoredCase) -> ScoredCase:
+    """Return a case with the VJM's scores, which every cell holds, where the VJM was not run."""
+    if REFERENCE_MODEL in scored.case.competitors or not scored.slots:
+        return scored
+    (first, *_) = scored.results.values()
+    results = [known_result(result, REFERENCE_MODEL) for result in first]
+    of_reference = [result for result in results if result is not None]
+    if len(of_reference) < len(results):
+        return scored
+    values = scored.key.of_splits(of_reference)
+    done = dict(zip(scored.slots, of_reference, strict=True))
+    competitor = Competitor(of_reference[0].shown, done, failures={}, n_asked=len(done))
+    competitors = {**scored.case.competitors, REFERENCE_MODEL: competitor}
+    return replace(
+        scored,
+        case=replace(scored.case, competitors=competitors),
+        results={**scored.results, REFERENCE_MODEL: of_reference},
+        scores=scored.scores if values is None else {**scored.scores, REFERENCE_MODEL: values},
+    )
 
 
 def complete_models(cases: Sequence[ScoredCase]) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from stiff_datasets.measured.file_options import LARGEST_POSE_TOLERANCE as LARGE
 from stiff_datasets.measured.file_options import POSE_TOLERANCE as POSE_TOLERANCE
 
 if TYPE_CHECKING:
+    from stiff_bench.api import data_files as data_files
     from stiff_bench.api import data_sets as data_sets
     from stiff_bench.api import evaluation as evaluation
     from stiff_bench.api import measuring as measuring

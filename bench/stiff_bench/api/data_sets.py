@@ -166,6 +166,17 @@ class Dataset(Shown):
         self.plot().save(picture)
         return Text(dataset_info(info, data, picture, options))
 
+    def export(self, folder: Path | str) -> Text:
+        """Write CSV, URDF, data card and descriptors into a folder; return what was written.
+
+        Raises:
+            DataError: a file may not hold the data; see `read_samples`.
+            StoreError: a file exists, or cannot be written.
+        """
+        from stiff_bench.api.data_files import export_dataset
+
+        return export_dataset(self.choice, self.data, Path(folder))
+
     def __getitem__(self, rows: slice | int | Sequence[int] | Sequence[bool] | Any) -> Dataset:
         """Return the data set of some samples: a slice, row numbers or a mask, as NumPy has it.
 

@@ -291,6 +291,18 @@ class Reproduction(Run):
         n_missing = sum(task.cell.key not in stored for task in self.tasks)
         return write_page(self.study, self.output, self.plans[0].command, n_missing)
 
+    def write_site(self, folder: Path) -> Iterator[Path]:
+        """Write the web pages of the study's leaderboard, and yield each file.
+
+        Raises:
+            ConfigError: the study has no board, or too few results.
+        """
+        from stiff_bench.api.leaderboard_site import LeaderboardSite
+
+        return LeaderboardSite(self.study, self.plans[0].output, self.plans[0].command).write(
+            folder
+        )
+
 
 def run_of_study(
     name: str,

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -19,13 +18,11 @@ from stiff_bench.console import say
 from stiff_bench.plan.options import measured_file
 from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
-from stiff_datasets.measured import kr10_measured
 from stiff_datasets.measured import validation_report as validation
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_datasets.planning.design import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
-from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_datasets.twin import simulate as simulation
 from stiff_datasets.twin.constants import (
     TwinConstants,
@@ -215,23 +212,3 @@ def _constants(twin: str) -> TwinConstants:
     for note in constants.chain().notes:
         say(f"note: {note}")
     return constants
-
-
-def register(
-    key: str,
-    csv: Path,
-    urdf: Path | None,
-    tcp: Sequence[float] | None,
-    tip: str | None,
-    **stated: Any,
-) -> str:
-    """Register a measurement and return what to do with it; a warning says what is odd.
-
-    `stated` is of `FileOptions`.
-    """
-    if urdf is None and tip is not None:
-        raise ConfigError(f"{tip} requires --urdf", "tip")
-    default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
-    x, y, z = default if tcp is None else tcp
-    place = kr10_measured.register(key, csv, urdf, (x, y, z), tip, FileOptions(**stated))
-    return f"{key}: {csv} registered in {place}; use it with: bench run --dataset {key}"

@@ -135,6 +135,8 @@ def show(key: str) -> Text:
         return Text(card_text(key, DRILLED_HOLES.card))
     info = registry().find(key)
     parts = [f"{info.key}: {info.summary}"]
+    if isinstance(info, ModelInfo) and info.equation:
+        parts.append(f"equation: {info.equation}")
     parts += [f"reference: {info.reference}"] if info.reference else []
     if isinstance(info, DatasetInfo):
         parts.append(f"kind: {info.kind}")

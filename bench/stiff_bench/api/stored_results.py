@@ -109,7 +109,7 @@ class Results:
         """The results that a table is made of, in its order."""
         if self.finished is not None:
             return self.cells
-        from stiff_bench.analysis.leaderboard import newest_results
+        from stiff_bench.analysis.collected import newest_results
 
         stored = StoredResults.read(self.folder)
         return self._selected(newest_results(stored), stored)
@@ -270,10 +270,14 @@ class Results:
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
     ) -> Tables:
-        """Return the ranks of the models over all data sets and protocols.
+        """Return the models over robots, one vote each, or over each data set.
+
+        With five robots or more of one kind, simulated or measured, a protocol's models stand by
+        their error over the VJM's; with fewer, each data set has a table with intervals over splits
+        and poses.
 
         Args:
-            metric: to rank by; a key.
+            metric: to sort by; a key.
             axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
             seed: of the resampling of poses.
 
@@ -281,8 +285,6 @@ class Results:
             ConfigError: fewer than two models have results, or the metric cannot rank.
             StoreError: the folder holds no results, or corrupt ones.
         """
-        from stiff_bench.analysis.answer import Answer
-        from stiff_bench.analysis.answer_text import model_table
         from stiff_bench.analysis.leaderboard import build_leaderboard
         from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
         from stiff_bench.analysis.sort_key import sort_key
@@ -290,11 +292,7 @@ class Results:
         key, stored = sort_key(metric, axis), StoredResults.read(self.folder)
         board = build_leaderboard(stored, key, self.selection, seed=seed)
         about = {"sort_key": key.text, "direction": key.metric.direction}
-        cases = self.selection.cases_of(stored.cases)
-        models = self.selection.models_of(cases)
-        scored = [case for section in board.sections for case in section.cases]
-        answer = model_table(Answer.of(stored, key, cases, models, seed=seed, scored=scored))
-        tables = [replace(answer, formats=(SCREEN,)), *leaderboard_tables(board)]
+        tables = leaderboard_tables(board)
         return Tables(tables, self.command, about=about)
 
     def report(

@@ -353,14 +353,14 @@ def _robot(
     return _robot_of_data(robot, urdf, tip, tcp)
 
 
-_robot_option = click.option(
+robot_option = click.option(
     "--robot",
     metavar="NAME",
     help="A shipped robot: kr10-r1100-2 (the default, except with --data), ur5, fanuc-r2000ic, "
     "or an arm of `arm-family` such as gp12.",
 )
-robot_options = gathered("robot", _robot, _robot_option, urdf_options)
-robot_of_data = gathered("robot", _robot_of_data, _robot_option, urdf_options)
+robot_options = gathered("robot", _robot, robot_option, urdf_options)
+robot_of_data = gathered("robot", _robot_of_data, robot_option, urdf_options)
 """The same of a file of samples, whose robot must be named."""
 
 

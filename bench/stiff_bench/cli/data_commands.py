@@ -16,6 +16,7 @@ from stiff_bench.cli.click_options import (
     output_option,
     plugin_option,
     robot_of_data,
+    robot_option,
     robot_options,
     seed_option,
     settings_option,
@@ -185,16 +186,70 @@ def simulate(**words: Any) -> None:
     print_prose(api.measuring.simulate(**words))
 
 
-@data.command(epilog="bench data register kr10-measured my.csv")
-@click.argument("key", type=click.Choice(["kr10-measured"]), metavar="KEY")
+@data.command(
+    epilog="bench data register my.csv --robot ur5 --licence CC-BY-4.0\n"
+    "bench data register my.csv --dataset kr10-measured"
+)
 @click.argument("file", type=FILE)
+@robot_option
 @urdf_options
 @file_options
-def register(key: str, file: Path, **words: Any) -> None:
-    """Register your own measurement as a named data set.
+@click.option(
+    "--dataset",
+    type=click.Choice(["kr10-measured"]),
+    metavar="KEY",
+    help="Name that the file gets in other commands; only kr10-measured.",
+)
+@click.option("--licence", metavar="TEXT", help="SPDX identifier or URL, for a new card.")
+@click.option("--citation", metavar="TEXT", help="Reference to cite, for a new card.")
+@click.option("--source", metavar="URL", help="Place of publication, for a new card.")
+def register(
+    file: Path,
+    robot: str | None,
+    urdf: Path | None,
+    tip: str | None,
+    tcp: tuple[float, ...] | None,
+    dataset: str | None,
+    licence: str | None,
+    citation: str | None,
+    source: str | None,
+    **stated: Any,
+) -> None:
+    """Describe your own CSV file for others.
 
-    KEY is kr10-measured. Without --urdf, the robot is the shipped KR10.
+    Writes a Croissant and a Frictionless descriptor next to the file, from its data card. A file
+    without a card gets one to fill in.
+    """
+    facts = {"Licence": licence, "Citation": citation, "Source": source}
+    with warnings_said():
+        report = api.data_files.register(
+            file,
+            dataset=dataset,
+            robot=robot,
+            urdf=urdf,
+            tip=tip,
+            tcp=tcp,
+            options=FileOptions(**stated),
+            facts={row: text for row, text in facts.items() if text},
+        )
+    print_prose(report)
+
+
+@data.command(epilog="bench data export kr10-twin@plan=wide --output shared")
+@click.argument("key", metavar="KEY|FILE")
+@robot_of_data
+@file_options
+@output_option("DIR", "Folder for the files; existing files are not overwritten.")
+@settings_option
+@plugin_option
+def export(
+    key: str, robot: Robot | None, output: Path, settings: tuple[str, ...], **stated: Any
+) -> None:
+    """Write a data set as CSV, URDF, data card and descriptors.
+
+    KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
     """
     with warnings_said():
-        done = api.measuring.register(key, file, **words)
-    print_prose(done)
+        dataset = api.data_sets.dataset_of_word(key, robot, FileOptions(**stated), settings)
+        report = dataset.export(output)
+    print_prose(report)

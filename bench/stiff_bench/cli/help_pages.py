@@ -27,7 +27,7 @@ OPTION_GROUPS = {
     ),
     "Your own data": (
         *("--data", "--urdf", "--robot", "--tip", "--tcp", "--no-torque", "--sheet"),
-        "--pose-tolerance",
+        *("--pose-tolerance", "--licence", "--citation", "--source"),
     ),
     "Computation": (
         *("--plan", "--rerun", "--jobs", "--threads", "--device", "--isolate", "--timeout"),

@@ -208,10 +208,22 @@ def show_plan(run: api.evaluation.Run, fmt: str) -> int:
     help="Folder to write to; the study gets a folder in it.",
 )
 @click.option("--write-only", is_flag=True, help="Compute nothing; write from stored results.")
+@click.option(
+    "--site",
+    type=FILE,
+    metavar="DIR",
+    help="Also write the web pages of the study's leaderboard to this folder.",
+)
 @execution_options("the number of cores")
 @format_option
 def reproduce(
-    name: str, output: Path, write_only: bool, plan_only: bool, fmt: str, **how: Any
+    name: str,
+    output: Path,
+    write_only: bool,
+    site: Path | None,
+    plan_only: bool,
+    fmt: str,
+    **how: Any,
 ) -> int:
     """Run a study and write its page.
 
@@ -220,7 +232,7 @@ def reproduce(
     \b
     paper           tables and figures of the source paper; 1 h
     paper-quick     the same with one split and coarse sweeps; 7 min
-    leaderboard     every model on the main data sets; 2 h
+    leaderboard     every model on 12 simulated robots and a measured one; 5 h
     effects         is the ranking robust to other physics? 30 min
     transfer        what do simulated data add to a few measured poses? 2 h
     intervals       do prediction intervals cover what they claim?
@@ -240,4 +252,8 @@ def reproduce(
         status = int(any(result.status == "failed" for result in results.cells))
     for path in asked.write():
         print_text(str(path))
+    if site is not None:
+        say(f"writing web pages to {site}")
+        *_, first_page = asked.write_site(site)
+        print_text(str(first_page))
     return status

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from stiff_bench.analysis.collected import Case, StoredResults, competitor_names
-from stiff_bench.analysis.leaderboard import of_newest_data
+from stiff_bench.analysis.collected import Case, StoredResults, competitor_names, of_newest_data
 from stiff_bench.analysis.selection import EVERYTHING, Selection, competitor_meant, stands_for
 from stiff_bench.figures.style import short
 from stiff_bench.store.names import grouped

@@ -13,8 +13,7 @@ from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure
 from seaborn.utils import relative_luminance
 
-from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.leaderboard import of_newest_data
+from stiff_bench.analysis.collected import StoredResults, of_newest_data
 from stiff_bench.figures import style
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.paper.study_file import Study

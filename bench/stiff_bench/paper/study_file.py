@@ -7,7 +7,7 @@ The keys of a run (`StudyRun`) may stand at the top of the file, for all runs; a
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import field, fields, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any
@@ -51,6 +51,23 @@ class StudyRun:
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
+class StudyBoard:
+    """Comparisons of the table "leaderboard" of a study.
+
+    Attributes:
+        protocol: word of the protocol whose errors count.
+        few: heading -> word of a protocol with fewer poses.
+        controls: model -> the physics, teacher or variant that it is compared with.
+        extras: models that need more packages; they have a table of their own.
+    """
+
+    protocol: str
+    few: Mapping[str, str] = field(default_factory=dict)
+    controls: Mapping[str, str] = field(default_factory=dict)
+    extras: Words = ()
+
+
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class Study:
     """What a study runs, and its page.
 
@@ -68,6 +85,7 @@ class Study:
         table_notes: under "relative-errors".
         orders: groups whose orders of the models "order-agreement" compares -> their names there.
         caption: of figure "relative-errors".
+        board: of table "leaderboard"; None: as `bench leaderboard` prints it.
         lite: data sets of the short version of the study (`lite_version`).
         file: that describes it; errors name it.
     """
@@ -85,6 +103,7 @@ class Study:
     table_notes: Words = ()
     orders: Mapping[str, str] = Field(default_factory=dict)
     caption: str = ""
+    board: StudyBoard | None = None
     lite: Words = ()
     file: Path = Path()
 
@@ -230,9 +249,11 @@ def read_study(path: Path) -> Study:
 def _describe(problem: Mapping[str, Any]) -> str:
     """Return which key of a file is wrong, its value, and what is valid."""
     *place, key = (str(part) for part in problem["loc"])
-    keys = [field.name for field in fields(StudyRun if place[:1] == ["run"] else Study)]
+    table = {"run": StudyRun, "board": StudyBoard}.get(place[0] if place else "", Study)
+    keys = [field.name for field in fields(table)]
     if problem["type"] == UNKNOWN_KEY:
-        return str(unknown_name("key", key, {*keys, *(field.name for field in fields(StudyRun))}))
+        of_runs = () if table is StudyBoard else fields(StudyRun)
+        return str(unknown_name("key", key, {*keys, *(field.name for field in of_runs)}))
     where = ".".join([*place, key])
     if problem["type"] == "missing":
         return f"{where} is missing (valid keys: {', '.join(keys)})"

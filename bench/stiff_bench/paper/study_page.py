@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.leaderboard import build_leaderboard, newest_results
+from stiff_bench.analysis.collected import StoredResults, newest_results
+from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.figure_catalog import FIGURES
@@ -18,6 +18,7 @@ from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.relative_errors import RelativeErrors, mean_errors
+from stiff_bench.paper.study_board import study_board_tables
 from stiff_bench.paper.study_file import Study
 from stiff_bench.store.database import FILE
 from stiff_bench.store.versions import sources
@@ -37,7 +38,9 @@ Makers = Mapping[str, Callable[[Study, PaperResults], Any]]
 """Name in a study's file -> what makes it of the stored results; numbers are the source paper's."""
 
 
-def _leaderboard(_: Study, stored: PaperResults) -> list[Table]:
+def _leaderboard(study: Study, stored: PaperResults) -> list[Table]:
+    if study.board is not None:
+        return study_board_tables(study, stored)
     return leaderboard_tables(build_leaderboard(stored, key=sort_key("norm", None)))
 
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
+from typing import NamedTuple
 
 from stiff_bench.plan.options import Choice, TunedChoice, parse_option
 from stiff_bench.plan.request import RunPlan, check_model, loaded
@@ -78,7 +79,9 @@ def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
             grid of options to choose from is wrong.
     """
     seen: set[str] = set()
-    held: dict[str, BenchmarkData] = {}  # plans of one study share their data sets
+    # plans of one study share their data sets, and what protocols make of them
+    held: dict[str, BenchmarkData] = {}
+    prepared: dict[tuple[str, str], _Prepared] = {}
 
     def once(choice: Choice[DatasetInfo]) -> BenchmarkData:
         if choice.name not in held:
@@ -93,8 +96,11 @@ def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
             for word, source in sources.items():
                 check_source(word, source, dataset.name, data)
             for protocol in plan.protocols:
-                of_protocol = models[protocol.name]
-                for task in _of_protocol(plan, dataset, data, protocol, of_protocol, sources):
+                of_protocol, names = models[protocol.name], (dataset.name, protocol.name)
+                if names not in prepared:
+                    prepared[names] = _prepared(dataset, data, protocol)
+                ready = prepared[names]
+                for task in _of_protocol(plan, dataset, data, ready, of_protocol, sources):
                     if task.cell.key not in seen:
                         seen.add(task.cell.key)
                         yield task
@@ -129,19 +135,34 @@ def models_under(
     return tuned
 
 
+class _Prepared(NamedTuple):
+    """A protocol that has seen a data set, and the data as it is divided."""
+
+    choice: Choice[ProtocolInfo]
+    protocol: EvaluationProtocol
+    data: BenchmarkData
+
+
+def _prepared(
+    dataset: Choice[DatasetInfo], data: BenchmarkData, choice: Choice[ProtocolInfo]
+) -> _Prepared:
+    protocol = make_protocol(choice)
+    with _naming(dataset, choice):
+        return _Prepared(choice, protocol, protocol.prepared(data))
+
+
 def _of_protocol(
     plan: RunPlan,
     dataset: Choice[DatasetInfo],
-    data: BenchmarkData,
-    choice: Choice[ProtocolInfo],
+    measured: BenchmarkData,
+    ready: _Prepared,
     models: Sequence[Choice[ModelInfo]],
     sources: Mapping[str, BenchmarkData],
 ) -> Iterator[CellTask]:
     """Yield the cells of one data set under one protocol."""
-    protocol, measured = make_protocol(choice), data
-    with _naming(dataset, choice):
-        data = protocol.prepared(measured)
+    choice, protocol, data = ready
     splits, n_splits, first_of_source = _divided(protocol, choice, dataset, data, plan)
+    has_more = data.samples is not measured.samples
     no_test = f"{choice.name} {NO_TEST}" if protocol.reports_training else ""
     caveat = f"{choice.info.key}: {protocol.caveat}" if protocol.caveat else ""
 
@@ -184,11 +205,11 @@ def _of_protocol(
             selects_on_test=protocol.selects_on_test,
             pooled=protocol.pooled,
             caveats=tuple(dict.fromkeys(caveats)),
-            published=dataset.info.published if data is measured else "",
+            published="" if has_more else dataset.info.published,
             source=of_source,
             warning=" ".join(filter(None, [choice.info.warning, no_test])),
             reports_training=bool(no_test),
-            measured_sha256="" if data is measured else measured.sha256,
+            measured_sha256=measured.sha256 if has_more else "",
         )
         return CellTask(
             make_protocol=partial(make_protocol, choice),

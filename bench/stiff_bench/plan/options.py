@@ -22,6 +22,7 @@ from pydantic import PydanticUserError, TypeAdapter, ValidationError
 from stiff_bench.plan.registry import EVERY_MODEL, Info, Kind, Registry
 from stiff_bench.store.names import Variant, split_word
 from stiff_datasets.dataset_catalog import MEASURED_FILE
+from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_protocols.contract.errors import ConfigError, said_by, unknown_name
 from stiff_protocols.contract.plugin import DatasetInfo, Grid, ModelInfo, ProtocolInfo, Range
@@ -386,9 +387,17 @@ def choices(
 
 
 def measured_file(path: Path, robot: Robot, options: FileOptions) -> Choice[DatasetInfo]:
-    """Return the data set of a file of measured samples, which has the file's name."""
+    """Return the data set of a file of measured samples, which has the file's name.
+
+    Raises:
+        DataError: the file's data card cannot be read.
+    """
     context = {"csv": path, "robot": robot, "options": options}
-    return replace(Choice.of(replace(MEASURED_FILE, key=path.name)), context=context)
+    caveat = f"{path.name} is simulated, never measured, as its data card says."
+    caveats = (caveat,) if read_card(path).is_simulated else ()
+    return replace(
+        Choice.of(replace(MEASURED_FILE, key=path.name, caveats=caveats)), context=context
+    )
 
 
 @dataclass(frozen=True)

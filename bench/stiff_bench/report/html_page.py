@@ -11,12 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from stiff_bench.console import printable
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.report.first_screen import FIRST_MODELS, WIDTH, FirstScreen
 from stiff_bench.store.names import OPTION_MARK, natural_key
 from stiff_bench.tables.render import html_text
@@ -38,12 +40,19 @@ class Picture(NamedTuple):
     protocol: str = ""
 
 
+class Link(NamedTuple):
+    """A text that leads to another page or file, by its relative address."""
+
+    text: str
+    address: str
+
+
 @dataclass(frozen=True)
 class Block:
     """Content under one heading; `command` prints the same as the tables, "" for none.
 
     `folds` are texts that are folded away, such as a log, each with its summary. `is_detail`: the
-    whole block is folded away, and not printed.
+    whole block is folded away, and not printed. `links` lead to other pages and files.
     """
 
     heading: str
@@ -54,6 +63,7 @@ class Block:
     notes: Sequence[str] = ()
     command: str = ""
     is_detail: bool = False
+    links: Sequence[Link] = ()
 
     @property
     def choices(self) -> dict[str, list[str]]:
@@ -66,6 +76,18 @@ class Block:
         return {kind: [*names] for kind, names in kinds.items() if names}
 
 
+LARGEST_SVG = 150_000
+"""Bytes; a larger picture is embedded as PNG."""
+
+
+def embedded(figure: Prepared, command: str, dataset: str = "", protocol: str = "") -> Picture:
+    """Return a figure as a page holds it: as SVG, or as PNG where that is large."""
+    media_type, content = "image/svg+xml", figure.picture(".svg")
+    if len(content) > LARGEST_SVG:
+        media_type, content = "image/png", figure.picture(".png")
+    return Picture(figure.title, figure.caption, media_type, content, command, dataset, protocol)
+
+
 @dataclass(frozen=True)
 class Part:
     """Everything that the page shows of one folder of results.
@@ -73,6 +95,8 @@ class Part:
     Attributes:
         facts: date and numbers, in one line.
         answer: first screen; None: the models cannot be compared.
+        headline: above the sentences of a page without answer; "" for none.
+        sentences: label and text, beneath that headline.
         reason: why there is no answer, or no ranking; "" for none.
         notes: on the data.
         blocks: details, most important first.
@@ -80,6 +104,8 @@ class Part:
 
     facts: str
     answer: FirstScreen | None = None
+    headline: str = ""
+    sentences: Sequence[tuple[str, str]] = ()
     reason: str = ""
     notes: Sequence[str] = ()
     blocks: Sequence[Block] = ()
@@ -146,8 +172,22 @@ def _page_cell(column: Column, cell: Entry, style: str) -> tuple[str, str, str]:
     return text, f"{found.order:.12g}", style + tone * (column.by_sign > 0)
 
 
-def render_page(parts: Mapping[str, Part], command: str) -> str:
-    """Return the page as HTML: folder of results -> what it says of it; the command that makes it.
+def render_page(
+    parts: Mapping[str, Part],
+    command: str,
+    *,
+    title: str = "stiffbench report",
+    addresses: Mapping[str, str] = MappingProxyType({}),
+    back: Link | None = None,
+) -> str:
+    """Return the page as HTML.
+
+    Args:
+        parts: folder of results -> its content.
+        command: that makes the page.
+        title: of the page.
+        addresses: name in the first column of a table -> relative address of its own page.
+        back: link to the page above this one; None: there is none.
 
     All texts are escaped, and nothing but the two scripts and the style of this package can act in
     it: its content security policy names them by their hashes and allows no request.
@@ -169,6 +209,9 @@ def render_page(parts: Mapping[str, Part], command: str) -> str:
     return environment.get_template("page.html.jinja").render(
         parts=parts,
         command_line=command,
+        title=title,
+        addresses=addresses,
+        back=back,
         version=version("stiffbench"),
         few_rows=FEW_ROWS,
         first_models=FIRST_MODELS,

@@ -10,14 +10,11 @@ from pathlib import Path
 from stiff_bench.analysis.answer import Answer
 from stiff_bench.analysis.collected import (
     StoredResults,
+    caveats_of,
     left_out_notes,
     same_name_other_data,
 )
-from stiff_bench.analysis.leaderboard import (
-    Leaderboard,
-    build_leaderboard,
-    caveats_of,
-)
+from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import section_tables
 from stiff_bench.analysis.scored_case import family_of
 from stiff_bench.analysis.selection import EVERYTHING, Selection
@@ -25,7 +22,7 @@ from stiff_bench.analysis.sort_key import SortKey, sort_key
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.report.first_screen import FIRST_COLUMNS, first_screen
-from stiff_bench.report.html_page import Block, Part, Picture, render_page
+from stiff_bench.report.html_page import Block, Part, Picture, embedded, render_page
 from stiff_bench.report.model_pairs import pair_table
 from stiff_bench.report.run_blocks import failure_blocks, run_block
 from stiff_bench.report.score_blocks import Asked, data_block, data_hashes, score_block
@@ -95,14 +92,14 @@ def part_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> Part:
     return Part(
         _facts(shown, asked),
         first_screen(answer) if answer else None,
-        " ".join(reasons),
-        [
+        reason=" ".join(reasons),
+        notes=[
             *caveats_of(chosen),
             *same_name_other_data(chosen, data_of),
             *left_out_notes(chosen),
             *(f"Not in the answer: {name} ({why})." for name, why in left_out.items()),
         ],
-        [
+        blocks=[
             *_figure_block(FigureSource(folder, chosen, selection.models), answer, choice),
             *failure_blocks(asked),
             data_block(chosen, data_of),
@@ -153,8 +150,6 @@ OF_ONE_CASE = ("errors", "regression", "workspace")
 """Figures that are drawn for each data set and protocol."""
 MOST_CASES = FIRST_COLUMNS
 """Number of data sets and protocols with figures of their own."""
-LARGEST_SVG = 150_000
-"""Bytes; a larger picture is embedded as PNG."""
 
 
 def _figure_block(
@@ -192,14 +187,10 @@ def _figure_block(
 def _picture(name: str, source: FigureSource, choice: PageOptions) -> Picture | None:
     """Return a figure; None where the results are not enough for it."""
     try:
-        figure = FIGURES[name](source)
-        media_type, content = "image/svg+xml", figure.picture(".svg")
-        if len(content) > LARGEST_SVG:
-            media_type, content = "image/png", figure.picture(".png")
+        command = choice.command("figure", name, folder=source.folder)
+        return embedded(FIGURES[name](source), command)
     except (StiffBenchError, ArithmeticError, ValueError):  # must not cost the page
         return None
-    command = choice.command("figure", name, folder=source.folder)
-    return Picture(figure.title, figure.caption, media_type, content, command)
 
 
 SUFFIXES = (".html", ".htm")

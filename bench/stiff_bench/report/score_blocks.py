@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from typing import Any
 
-from stiff_bench.analysis.collected import Case, Competitor
-from stiff_bench.analysis.leaderboard import in_order
+from stiff_bench.analysis.collected import Case, Competitor, in_order
 from stiff_bench.report.html_page import Block
 from stiff_bench.store.names import grouped, labels, natural_key
 from stiff_bench.store.samples import StoredData

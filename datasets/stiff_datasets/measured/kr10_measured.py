@@ -26,7 +26,7 @@ VARIABLE = "STIFFBENCH_HOME"
 """Environment variable that names another folder."""
 KR10_MEASURED, SHIPPED_ROBOT = "kr10-measured", "kr10_r1100_2"
 """The one key that a measurement can be registered under, and its robot where no URDF is."""
-COMMAND = f"bench data register {KR10_MEASURED} FILE.csv"
+COMMAND = f"bench data register FILE.csv --dataset {KR10_MEASURED}"
 
 
 def home() -> Path:
@@ -103,6 +103,7 @@ def register(
     require("a registration", "tomli_w")
     import tomli_w
 
+    from stiff_datasets.measured.data_card import read_card
     from stiff_datasets.measured.sample_columns import SIMULATED_GROUP
 
     path = registry_file()
@@ -118,6 +119,8 @@ def register(
         raise DataError(
             f"{csv}: has rows of the group {SIMULATED_GROUP!r}, written by a simulation"
         )
+    if read_card(csv).is_simulated:
+        raise DataError(f"{csv}: its data card says SIMULATED; only a measurement is registered")
     make_folder(path.parent)
     tables[key] = {name: value for name, value in asdict(entry).items() if value is not None}
     with written_whole(path) as temporary:
@@ -144,8 +147,8 @@ def registration() -> Registration:
     except (ValidationError, TypeError, ConfigError) as error:
         problems = error.errors() if isinstance(error, ValidationError) else []
         wrong = "; ".join(
-            f"{'.'.join(map(str, each['loc']))}: {each['msg']}, not {each['input']!r}"
-            for each in problems
+            f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}, not {problem['input']!r}"
+            for problem in problems
         )
         reason = f"{path}: table [{KR10_MEASURED}]: {wrong or error}; register again: {COMMAND}"
         raise DataError(reason) from error

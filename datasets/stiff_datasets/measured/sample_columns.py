@@ -118,3 +118,35 @@ def in_file_units(values: FloatArray, unit: float) -> FloatArray:
 def counted(number: int, thing: str) -> str:
     """Return "1 row", "5 rows"."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+_MEANINGS = {
+    "pose_id": "name of the robot pose; rows of one pose have the same joint positions",
+    "load_id": "name of the load at the pose",
+    "group": "part of the measurement that the pose belongs to",
+}
+_VECTOR_MEANINGS = {
+    r"f([xyz])_N": "force on the robot at the TCP, {} component, robot base frame",
+    r"t([xyz])_Nm": "torque on the robot at the TCP, {} component, robot base frame",
+    r"d([xyz])_mm": "deflection of the TCP (loaded minus unloaded position), {} component, robot "
+    "base frame",
+    r"([xyz])0_mm": "position of the unloaded TCP, {} coordinate, in a frame with the base's axes",
+    r"([xyz])1_mm": "position of the loaded TCP, {} coordinate, in a frame with the base's axes",
+    r"q([1-9])_(?:deg|mm)": "position of joint {} (joint 1 at the base) of the unloaded robot",
+}
+_UNIT_NAMES = {"deg": "deg", "N": "N", "Nm": "N m", "mm": "mm", "mm_s": "mm/s"}
+"""End of a column's name -> the unit as people write it."""
+
+
+def column_meaning(column: str) -> str:
+    """Return the meaning of one of our columns; "" for another column."""
+    for pattern, meaning in _VECTOR_MEANINGS.items():
+        if match := re.fullmatch(pattern, column):
+            return meaning.format(match[1])
+    return _MEANINGS.get(column, "")
+
+
+def column_unit(column: str) -> str:
+    """Return the unit that the name of a column ends in, such as "N m"; "" for none."""
+    match = re.fullmatch(r"\w+?_(deg|Nm|N|mm_s|mm)", column)
+    return _UNIT_NAMES[match[1]] if match else ""

@@ -100,8 +100,8 @@ class Evaluation:
             coverage=coverage,
             source=self.source and self.source.without_truth(),
             make_protocol=self.make_protocol,
-            path_q=paths and paths.q,
-            path_wrench=paths and paths.wrench,
+            path_q=None if paths is None else paths.q,
+            path_wrench=None if paths is None else paths.wrench,
         )
 
     def scored(self, predicted: FloatArray, commands: FloatArray) -> FloatArray:

@@ -98,6 +98,7 @@ class ModelInfo(PluginInfo):
             plugin need not raise it: its own files are part of the identity too.
         library: a distribution whose installed version belongs to the identity, because it is the
             model; "" for none.
+        equation: of the predicted deflection d, in plain text; "" for none.
 
     Raises:
         ConfigError: `version` is no positive integer, or `library` no text.
@@ -108,6 +109,7 @@ class ModelInfo(PluginInfo):
     grids: Mapping[str, Grid] = field(default_factory=dict)
     version: int = 1
     library: str = ""
+    equation: str = ""
 
     def __post_init__(self) -> None:
         if type(self.version) is not int or self.version < 1:

@@ -130,7 +130,7 @@ class PathCompensation(Holdout):
         The robot answers the commands itself: what was predicted for them plays no part.
         """
         points = data.samples.take(rows)
-        return np.asarray(points.deflection - _left(commands, points, data))
+        return np.asarray(points.deflection - _path_errors(commands, points, data))
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, with all paths."""
@@ -152,7 +152,7 @@ class HoldoutPaths(PathCompensation):
     caveat = ""
 
     def prepared(self, data: BenchmarkData) -> BenchmarkData:
-        """Return the data with the points of the paths beside them; errors as the base class."""
+        """Return the data and the points of the paths; errors as the base class."""
         if data.under_load is None:
             return data
         return replace(data, paths=_points(data, self.held(data.robot)))
@@ -182,10 +182,10 @@ class HoldoutPaths(PathCompensation):
     def path_errors(self, commands: FloatArray, data: BenchmarkData) -> FloatArray:
         """Return where the robot stands under load with the commands, from the paths' points."""
         assert data.paths is not None
-        return _left(commands, data.paths, data)
+        return _path_errors(commands, data.paths, data)
 
 
-def _left(commands: FloatArray, points: Samples, data: BenchmarkData) -> FloatArray:
+def _path_errors(commands: FloatArray, points: Samples, data: BenchmarkData) -> FloatArray:
     """Return the (n, 3) path errors [m] that commands leave at points of paths under load."""
     assert data.under_load is not None  # else it has no paths
     stands = data.robot.tcp_position(commands) + data.under_load(commands, points.wrench)

@@ -49,7 +49,7 @@ def test_from_the_plan_to_results_with_ones_own_file(tmp_path, home, kr10):
     assert "every torque is zero" in bench("data", "validate", "my.csv", status=1)
     checked = bench("data", "validate", "my.csv", "--no-torque")
     assert checked.startswith("my.csv: ok") and "kr10-r1100-2, the default" in checked
-    bench("data", "register", "kr10-measured", "my.csv")
+    bench("data", "register", "my.csv", "--dataset", "kr10-measured")
     assert "no file registered" not in bench("list", "datasets")
     run = ("run", "--model", "vjm", "--output")
     bench(*run, "by-file", "--data", "my.csv", "--robot", "kr10-r1100-2")
@@ -112,7 +112,7 @@ def test_a_description_with_a_gripper_is_planned_read_and_registered_with_one_no
     done = bench_here(*words, "--output", "r", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("note:") == 1
-    words = ["data", "register", "kr10-measured", "a.csv", "--no-torque"]
+    words = ["data", "register", "a.csv", "--dataset", "kr10-measured", "--no-torque"]
     assert_refused(bench_here(*words, "--tip", "hand", cwd=tmp_path, env=home), "--tip hand")
     assert bench_here(*words, *robot, cwd=tmp_path, env=home).returncode == 0
     with mock.patch.dict(os.environ, home):

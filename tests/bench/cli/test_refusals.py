@@ -50,7 +50,9 @@ REFUSED = {
         "1 of 1 row",
         "dx_mm, dy_mm, dz_mm",
     ],
-    "run --model vjm --dataset kr10-measured": ["bench data register kr10-measured"],
+    "run --model vjm --dataset kr10-measured": [
+        "bench data register FILE.csv --dataset kr10-measured"
+    ],
     f"{READ} bytes": ["bytes: cannot read the URDF", "UTF-8"],
     f"{FIT} vjm.stiff": ["vjm.stiff: exists"],
     f"{FIT} new --data good.csv --robot ur5": ["--dataset", "--data"],

@@ -19,6 +19,8 @@ COMMANDS = (
     "data validate my.csv",
     "data info my.csv --robot ur5",
     "data info fanuc-r2000ic",
+    "data register my.csv --robot ur5",
+    "data export fanuc-r2000ic --output out",
     "fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
     "predict --model my.stiff --input plan.csv --output predicted.csv",
     "path example --robot ur5 --points 11 --output path.csv",

@@ -6,6 +6,7 @@ import pytest
 
 from stiff_bench.paper.study_file import find_study, read_study
 from stiff_bench.plan.registry import build_registry
+from stiff_bench.store.names import without_options
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 
@@ -51,6 +52,7 @@ def test_a_run_has_what_stands_at_the_top_of_the_file_but_for_its_own_keys(tmp_p
         ("title = ", "not TOML"),
         (SIMPLE.replace("title", "titel"), "unknown key 'titel'; did you mean 'title'"),
         (SIMPLE.replace("models", "model"), "unknown key 'model'; did you mean 'models'"),
+        (SIMPLE + "[board]\nprotocols = 3\n", "unknown key 'protocols'; did you mean 'protocol'"),
         (SIMPLE + "[[run]]\nsplit = 3\n", "unknown key 'split'; did you mean 'splits'"),
         ('title = "t"\nmodels = ["vjm"]\n', "run.0.datasets is missing"),
         (SIMPLE + "[[run]]\nsplits = 0\n", "run.0.splits = 0: it should be greater"),
@@ -84,9 +86,40 @@ def test_a_shipped_study_asks_for_its_fits_by_valid_names(name, n_fits, n_shared
     assert len(asked) == n_fits + n_shared
 
 
-def test_the_leaderboard_has_every_shipped_model_once(plans):
-    for plan in plans("leaderboard"):
-        assert [choice.info.key for choice in plan.models] == [info.key for info in MODELS]
+NEED_WEIGHTS = {"tabpfn", "tabicl"}
+"""Models whose weights no package brings."""
+
+
+def test_the_leaderboard_has_every_shipped_model_on_twelve_robots_in_four_ways(plans):
+    study, asked = find_study("leaderboard"), plans("leaderboard")
+    keys = {choice.info.key for plan in asked for choice in plan.models}
+    assert keys == {info.key for info in MODELS} - NEED_WEIGHTS
+    assert [len(set(group)) for group in study.groups.values()] == [12] * 4
+    datasets = {choice.name: choice for plan in asked for choice in plan.datasets}
+    assert {name for group in study.groups.values() for name in group} < datasets.keys()
+
+
+def test_both_splits_of_the_leaderboard_are_of_every_model_with_another_pre_training(plans):
+    main = [plan for plan in plans("leaderboard") if plan.protocols[0].name == "holdout-paths"]
+    of_seed = {
+        seed: {
+            (without_options(model.name, "pretrain_seed"), dataset.name)
+            for plan in main
+            if plan.seed == seed
+            for model in plan.models
+            for dataset in plan.datasets
+            if dataset.info.kind == "simulated"
+        }
+        for seed in (0, 1)
+    }
+    assert of_seed[0] == of_seed[1]
+    seeds = {
+        (plan.seed, model.params.get("pretrain_seed", 0))
+        for plan in main
+        for model in plan.models
+        if model.info.key in ("ft-mlp", "dt-cnn", "deep-ensemble", "adann-2r", "mlp-pretrained")
+    }
+    assert seeds == {(0, 0), (1, 1)}
 
 
 def test_the_quick_study_is_a_part_of_the_full_one_on_one_split(plans):

@@ -156,7 +156,7 @@ def test_details_are_folded_and_nothing_is_said_of_failures_where_there_are_none
 def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
     """One model alone is compared with the VJM; samples that are missing allow no answer."""
     part = part_of(results.folder, models=("mlp",))
-    assert "nothing to rank" in part.reason
+    assert "nothing to compare" in part.reason
     assert [row.name for row in part.answer.models] == ["vjm", "mlp"]
     change(results.folder, "DELETE FROM data")
     part = part_of(results.folder)

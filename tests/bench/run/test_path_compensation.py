@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from helpers.run_requests import computed, planned, with_model
-from stiff_bench.analysis.collected import StoredResults, same_name_other_data
-from stiff_bench.analysis.leaderboard import of_newest_data
+from stiff_bench.analysis.collected import StoredResults, of_newest_data, same_name_other_data
 from stiff_bench.plan.cells import cell_tasks, made_model
 from stiff_bench.run.cell import Execution, fit_input
 from stiff_bench.run.fit import fit_and_predict
@@ -17,6 +16,7 @@ from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_bench.tables.metric_table import build_tables
+from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.splits.path_compensation import PathCompensation
 
 PATHS = "path-compensation"
@@ -127,3 +127,31 @@ def test_results_with_and_without_paths_are_of_the_same_data_set(cases):
     assert len({case.name.data_sha256 for case in every}) == 2
     assert list(same_name_other_data(every, lambda sha256: read_data(folder, sha256))) == []
     assert {case.name.protocol for case in of_newest_data(every)} == {PATHS, "holdout"}
+
+
+def test_holdout_with_paths_has_the_fits_and_errors_of_holdout():
+    with_paths, without = (
+        [computed(task) for task in listed(("vjm-full",), (protocol,))]
+        for protocol in ("holdout-paths", "holdout")
+    )
+    for one, other in zip(with_paths, without, strict=True):
+        np.testing.assert_array_equal(one.prediction.predicted, other.prediction.predicted)
+        assert not one.shown.measured_sha256 and one.cell.data_sha256 == other.cell.data_sha256
+
+
+def test_the_error_left_on_paths_beside_holdout_is_that_of_path_compensation():
+    beside, alone = (
+        computed(listed(("vjm-full",), (protocol,), splits=1)[0])
+        for protocol in ("holdout-paths", PATHS)
+    )
+    left = np.linalg.norm(alone.prediction.measured - alone.prediction.predicted, axis=1)
+    assert beside.diagnostics[PATH_ERROR] == pytest.approx(1e3 * left.mean())
+
+
+def test_a_measured_robot_has_no_paths_beside_holdout():
+    plan = planned(
+        models=("vjm",), datasets=("fanuc-r2000ic",), protocols=("holdout-paths",), splits=1
+    )
+    (task,) = cell_tasks(plan)
+    result = computed(task)
+    assert result.status == "ok" and PATH_ERROR not in result.diagnostics

@@ -1,4 +1,4 @@
-"""What is read of a data card beside a file of samples, and what is refused."""
+"""Data cards next to files of samples: facts that are read, and values that are refused."""
 
 from __future__ import annotations
 

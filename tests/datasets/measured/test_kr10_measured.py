@@ -16,7 +16,7 @@ from stiff_protocols.contract.errors import DataError
 
 KEY = "kr10-measured"
 TCP = (0.06, 0.0, 0.08)
-NOTHING = "no file registered: bench data register kr10-measured FILE.csv"
+NOTHING = "no file registered: bench data register FILE.csv --dataset kr10-measured"
 
 
 @pytest.fixture(autouse=True)
@@ -89,10 +89,10 @@ def test_what_cannot_be_read_is_not_registered(home, csv, name, line, urdf, tcp,
 def test_a_registered_file_that_is_gone_is_named_with_what_to_do(csv):
     register(KEY, csv, None, TCP)
     csv.unlink()
-    reason = r"my\.csv: the registered file is gone: bench data register kr10-measured"
+    reason = r"my\.csv: the registered file is gone: bench data register FILE"
     with pytest.raises(DataError, match=reason):
         Kr10Measured().load()
-    assert missing().endswith("FILE.csv")
+    assert missing().endswith("FILE.csv --dataset kr10-measured")
 
 
 def test_a_folder_of_a_user_who_does_not_exist_is_named(monkeypatch):

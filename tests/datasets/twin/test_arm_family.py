@@ -10,7 +10,8 @@ import pytest
 
 from stiff_datasets.planning.loads import hook_wrenches, stream
 from stiff_datasets.twin.constants import shipped_constants, specimen_beams
-from stiff_datasets.twin.robot_twin import ARMS, ArmFamily
+from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_datasets.twin.robot_twin import ARMS, HEAVIEST, ArmFamily, Ur5Twin
 from stiff_datasets.twin.twin import DigitalTwin
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 
@@ -116,3 +117,30 @@ def test_the_constants_are_those_of_the_rule_in_the_files_head(number, constants
     for segment, share, factor in zip(twin.beams.segment, TUBES, tubes, strict=True):
         assert segment.outer_m == pytest.approx(share * reach * factor, rel=DIGITS)
         assert segment.wall_m == pytest.approx(wall * segment.outer_m, rel=DIGITS)
+
+
+@pytest.mark.parametrize("twin", [ArmFamily, Ur5Twin])
+def test_a_narrow_plan_keeps_two_joints_at_zero_and_pulls_along_a_line(twin):
+    narrow, wide = twin(plan="narrow").load(), twin().load()
+    assert not narrow.samples.q[:, [3, 5]].any() and wide.samples.q[:, [3, 5]].any()
+    shares = [
+        np.linalg.svd(data.samples.wrench[:, :3], compute_uv=False)[[0, -1]]
+        for data in (narrow, wide)
+    ]
+    (first, last), (first_wide, last_wide) = shares
+    assert last / first < 0.15 < last_wide / first_wide
+    assert narrow.robot.name == wide.robot.name
+
+
+def test_a_narrow_plan_stays_inside_the_share_of_the_payload():
+    data = ArmFamily(robot=4, plan="narrow").load()
+    heaviest = np.linalg.norm(data.samples.wrench[:, :3], axis=1).max()
+    assert heaviest < 1.02 * HEAVIEST * shipped_constants(ARMS[4]).payload_kg * STANDARD_GRAVITY
+
+
+def test_a_wide_plan_of_the_kr10_has_random_poses_and_forces_of_every_direction():
+    wide, usual = Kr10Twin(plan="wide").load(), Kr10Twin().load()
+    assert len(wide.samples) == len(usual.samples) == 151
+    assert wide.samples.q[:, [3, 5]].all() and (wide.samples.wrench[:, :3].min(axis=0) < 0.0).all()
+    lowest = np.linalg.svd(wide.samples.wrench[:, :3], compute_uv=False)
+    assert lowest[-1] / lowest[0] > 0.5

@@ -1,0 +1,285 @@
+"""A board as a headline, sentences and tables; errors are ratios there, and have no unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from operator import attrgetter
+
+from stiff_bench.analysis.answer_text import Sentence
+from stiff_bench.analysis.board import Board, BoardRow, ControlRow
+from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
+from stiff_bench.tables.units import counted, duration, first_few, percent
+from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.scoring.over_robots import MARGIN, MeanRatio
+from stiff_protocols.scoring.paired import LEVEL
+
+RATIO_FORMAT = ".2f"
+CLOSE_FORMAT = ".3f"
+"""Of two ratios that may be close."""
+INTERVAL = f"{percent(1.0 - LEVEL)} interval"
+EQUAL_TEXT = f"{percent(math.exp(MARGIN) - 1.0)}"
+VERDICT_MARKS = {"a": "better", "b": "worse", "equivalent": "same", "open": "open", None: ""}
+
+
+def board_headline(board: Board) -> str:
+    """Return the answer in one line: the best model, how much better, and how sure."""
+    lead, scope = leader(board), board.answer.claim_scope
+    if lead is None or lead.verdict != "better":
+        return f"No model is reliably better than the VJM over {scope}"
+    return (
+        f"Use {lead.name}: {_ratio_text(lead.mean)} times the VJM's error "
+        f"({_bounds(lead.mean)}, {INTERVAL} over {scope})"
+    )
+
+
+def leader(board: Board) -> BoardRow | None:
+    """Return the best model that is not the VJM; None: there is none."""
+    return next((row for row in board.rows if row.name != REFERENCE_MODEL), None)
+
+
+def board_sentences(board: Board) -> list[Sentence]:
+    """Return what must be read with the headline: certainty, exceptions, and measured robots."""
+    lead = leader(board)
+    if lead is None:
+        return []
+    lines = [Sentence("How sure", _how_sure(board, lead))]
+    if exceptions := " ".join(_exceptions(board, lead)):
+        lines.append(Sentence("But", exceptions))
+    return [*lines, Sentence("Data", _data(board, lead))]
+
+
+def _how_sure(board: Board, lead: BoardRow) -> str:
+    low, high = lead.without_one
+    rivals = [row.name for row in board.rows if row.name != lead.name and not row.p_best < LEVEL]
+    rival_text = (
+        f"{first_few(rivals)} cannot be told apart from it."
+        if rivals
+        else "Every other model is significantly worse."
+    )
+    return (
+        f"It has the smallest error on {lead.won} of {counted(lead.mean.n_robots, 'robot')}. "
+        f"Without any one robot the ratio lies between {low:{RATIO_FORMAT}} and "
+        f"{high:{RATIO_FORMAT}}. {rival_text}"
+    )
+
+
+def _exceptions(board: Board, lead: BoardRow) -> Iterator[str]:
+    """Yield where another model is ahead: robots, and groups of data sets."""
+    ahead = [
+        f"{name} on {robot} ({board.robot_ratio(robot, name):{CLOSE_FORMAT}} against "
+        f"{board.robot_ratio(robot, lead.name):{CLOSE_FORMAT}})"
+        for robot, name in board.winners.items()
+        if name != lead.name
+    ]
+    if ahead:
+        yield f"Another model has a smaller error: {first_few(ahead, 2)}."
+    for group in board.groups:
+        scores = {row.name: row.groups[group] for row in board.rows if group in row.groups}
+        best = min(scores, key=lambda name: scores[name], default=lead.name)
+        if best != lead.name and lead.name in scores:
+            yield (
+                f"On the data sets {group!r} {best} is ahead ({scores[best]:{RATIO_FORMAT}} "
+                f"against {scores[lead.name]:{RATIO_FORMAT}})."
+            )
+    yield f"Its worst robot is {lead.worst_robot} ({lead.worst:{RATIO_FORMAT}})."
+
+
+def _data(board: Board, lead: BoardRow) -> str:
+    """Return how many robots are measured, and the models' scores there."""
+    n_measured, n_all = len(board.answer.measured), len(board.answer.robots)
+    verb = "is" if n_measured == 1 else "are"
+    text = f"{n_measured} of {counted(n_all, 'robot')} {verb} measured"
+    for dataset, cases in board.answer.measured.items():
+        scores = {row.name: row.measured[dataset] for row in board.rows if dataset in row.measured}
+        if lead.name not in scores:
+            continue
+        lead_score = scores[lead.name]
+        best = min(scores, key=lambda name: scores[name].ratio)
+        ahead = "" if best == lead.name else f"; smallest: {best} ({scores[best].ratio:.2f})"
+        text += (
+            f"; on {dataset} ({counted(len(cases[0].data.measured), 'sample')}) {lead.name} has "
+            f"{lead_score.ratio:{RATIO_FORMAT}} times the VJM's error "
+            f"({VERDICT_MARKS[lead_score.verdict] or 'not tested'}){ahead}"
+        )
+    return f"{text}."
+
+
+def board_tables(board: Board, controls: Mapping[str, str]) -> list[Table]:
+    """Return the tables: ratios, other numbers of the same fits, certainty, and controls."""
+    rows = board.rows
+    tables = [_ratios(board), _more(board), _certainty(board)]
+    if control_rows := board.controls(controls):
+        tables.append(_controls(control_rows))
+    return [table for table in tables if len(table.columns) > 1 and rows]
+
+
+def _ratios(board: Board) -> Table:
+    scope, lacking = board.answer.claim_scope, board.incomplete
+    measured = [
+        Column(
+            f"{dataset} (measured)",
+            format=RATIO_FORMAT,
+            value=partial(_measured, dataset),
+        )
+        for dataset in board.answer.measured
+    ]
+    table = Table.of(
+        f"Error over the VJM's, geometric mean over {scope}",
+        [
+            *_model_columns(),
+            Column("against the VJM", "text", value=_verdict_text),
+            Column("smallest error", value=_won),
+            Column(
+                "worst robot",
+                format=RATIO_FORMAT,
+                value=_worst,
+            ),
+            *measured,
+            Column("fit", unit="s", format=_fit_text, value=lambda row: row.fit_s),
+        ],
+        board.rows,
+        [
+            f"{INTERVAL} over robots (Student's t of the logarithms); one vote a robot.",
+            "better, worse: significant over robots (sign flips, Holm); open: not.",
+            *_lacking(lacking),
+        ],
+        about={"table": "board"},
+        best_first=True,
+    )
+    return table
+
+
+def _model_columns() -> list[Column]:
+    return [
+        Column("model", "text", value=lambda row: Name(row.name, row.mark)),
+        Column("error / VJM's", format=RATIO_FORMAT, value=lambda row: row.mean.ratio),
+        Column(INTERVAL, format=RATIO_FORMAT, value=lambda row: _interval(row.mean)),
+    ]
+
+
+def _worst(row: BoardRow) -> Quantity | None:
+    is_baseline = row.name == REFERENCE_MODEL
+    return None if is_baseline else Quantity(row.worst, status=row.worst_robot)
+
+
+def _won(row: BoardRow) -> Quantity:
+    return Quantity(share=(row.won, row.mean.n_robots))
+
+
+def _fit_text(fit: Quantity) -> str:
+    return duration(fit.value)
+
+
+def _verdict_text(row: BoardRow) -> str:
+    return "baseline" if row.name == REFERENCE_MODEL else row.verdict
+
+
+def _measured(dataset: str, row: BoardRow) -> Entry:
+    score = row.measured.get(dataset)
+    if score is None:
+        return None
+    return Quantity(score.ratio, status=VERDICT_MARKS[score.verdict])
+
+
+def _lacking(incomplete: Mapping[str, tuple[int, int]]) -> list[str]:
+    texts = [f"{name} ({there} of {n_all})" for name, (there, n_all) in incomplete.items()]
+    return [f"Not on the board, without every score: {first_few(texts)}."] if texts else []
+
+
+def _more(board: Board) -> Table:
+    single = {"p95": "95th percentile", "path": "tool paths", "noise": "noise"}
+    values: dict[str, Callable[[BoardRow], float | None]] = {
+        heading: attrgetter(attribute)
+        for attribute, heading in single.items()
+        if any(getattr(row, attribute) is not None for row in board.rows)
+    }
+    values |= {name: partial(_of_few, name) for name in board.few}
+    values |= {name: partial(_of_group, name) for name in board.groups}
+    columns = [Column(name, format=RATIO_FORMAT, value=value) for name, value in values.items()]
+    over_noise = "noise: over the error of the instrument's noise"
+    meanings = {"path": "tool paths: error left after the correction", "noise": over_noise}
+    notes = [f"{text}." for attribute, text in meanings.items() if single[attribute] in values]
+    if len(values) > 1:
+        notes.insert(0, f"All numbers{' but noise' * ('noise' in values)} are over the VJM's.")
+    model = Column("model", "text", value=lambda row: row.name)
+    return Table.of(
+        "Other numbers of the same models, geometric means over robots",
+        [model, *columns],
+        board.rows,
+        notes,
+        about={"table": "more"},
+    )
+
+
+def _equal_text(row: BoardRow, best: str) -> str | None:
+    return None if row.name == best else "yes" if row.like_best else "no"
+
+
+def _of_few(name: str, row: BoardRow) -> float | None:
+    return row.few.get(name)
+
+
+def _of_group(name: str, row: BoardRow) -> float | None:
+    return row.groups.get(name)
+
+
+def _certainty(board: Board) -> Table:
+    return Table.of(
+        f"How sure, over {board.answer.claim_scope}",
+        [
+            Column("model", "text", value=lambda row: row.name),
+            Column("p against the VJM", format=".2g", value=lambda row: _number(row.p_reference)),
+            Column("p against the best", format=".2g", value=lambda row: _number(row.p_best)),
+            Column(
+                f"within {EQUAL_TEXT} of the best",
+                "text",
+                value=lambda row: _equal_text(row, board.best),
+            ),
+            Column(
+                "without any one robot",
+                format=RATIO_FORMAT,
+                value=lambda row: Quantity(low=row.without_one[0], high=row.without_one[1]),
+            ),
+        ],
+        board.rows,
+        [
+            "p: all choices of signs of the robots' differences, corrected (Holm) for all models.",
+            f"within {EQUAL_TEXT}: two one-sided t tests show it.",
+        ],
+        about={"table": "certainty"},
+    )
+
+
+def _controls(rows: Sequence[ControlRow]) -> Table:
+    return Table.of(
+        "Models against their own beginning",
+        [
+            Column("model", "text", value=lambda row: row.name),
+            Column("against", "text", value=lambda row: row.control),
+            Column("error ratio", format=RATIO_FORMAT, value=lambda row: row.mean.ratio),
+            Column(INTERVAL, format=RATIO_FORMAT, value=lambda row: _interval(row.mean)),
+            Column("p", format=".2g", value=lambda row: row.p_value),
+            Column("equal", "text", value=lambda row: "yes" if row.is_equal else "no"),
+        ],
+        rows,
+        [f"equal: within {EQUAL_TEXT} (two one-sided t tests); p: sign flips over robots, Holm."],
+        about={"table": "controls"},
+    )
+
+
+def _interval(mean: MeanRatio) -> Quantity:
+    return Quantity(low=mean.low, high=mean.high)
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _ratio_text(mean: MeanRatio) -> str:
+    return f"{mean.ratio:{RATIO_FORMAT}}"
+
+
+def _bounds(mean: MeanRatio) -> str:
+    return f"{mean.low:{RATIO_FORMAT}} to {mean.high:{RATIO_FORMAT}}"

@@ -1,0 +1,227 @@
+"""The web pages of a study's leaderboard: one first page, a page a model and a page a data set."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+
+from stiff_bench.analysis.board import Board, BoardRow, without_seeds
+from stiff_bench.analysis.collected import Case, StoredResults
+from stiff_bench.api.data_sets import load_dataset
+from stiff_bench.api.registered import registry
+from stiff_bench.figures import robot_picture, springs, workspace
+from stiff_bench.figures.board_figures import score_against_cost, score_against_poses
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.paper.study_board import study_board, study_board_tables
+from stiff_bench.paper.study_file import Study
+from stiff_bench.plan.options import options_of
+from stiff_bench.report.board_pages import (
+    board_screen,
+    dataset_table,
+    facts_table,
+    model_sentences,
+    model_table,
+    scoped_table,
+    time_fact,
+)
+from stiff_bench.report.html_page import Block, Link, Part, embedded, render_page
+from stiff_bench.store.names import split_word
+from stiff_bench.store.versions import sources
+from stiff_bench.tables.table import Table, text_columns
+from stiff_bench.tables.units import counted
+from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.contract.errors import StiffBenchError
+from stiff_protocols.contract.files import make_folder, written_whole
+
+INDEX, MODELS, DATASETS = "index.html", "models", "data"
+TITLE = "stiffbench leaderboard"
+_UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
+
+
+def file_stem(name: str) -> str:
+    """Return the name of a model or data set as part of a file's name.
+
+    >>> file_stem("ft-mlp@anchor=none")
+    'ft-mlp_anchor_none'
+    """
+    return _UNSAFE.sub("_", name)
+
+
+@dataclass(frozen=True, eq=False)
+class LeaderboardSite:
+    """The pages of a study's leaderboard.
+
+    Attributes:
+        study: with a board.
+        results: folder of its results.
+        command: that writes the pages.
+    """
+
+    study: Study
+    results: Path
+    command: str
+
+    @cached_property
+    def stored(self) -> StoredResults:
+        """The results, with one name for a model whatever its pre-training seed."""
+        return without_seeds(StoredResults.read(self.results))
+
+    @cached_property
+    def board(self) -> Board:
+        """The board; ConfigError: the study has none, or too few results."""
+        return study_board(self.study, self.stored)
+
+    @cached_property
+    def datasets(self) -> dict[str, Case]:
+        """Data set -> one comparison of the board on it."""
+        return {case.name.dataset: case.case for case in self.board.answer.cases}
+
+    def write(self, folder: Path) -> Iterator[Path]:
+        """Write all pages into a folder, and yield each file.
+
+        Raises:
+            ConfigError: the study has no board, or too few results.
+            StoreError: nothing is stored, or a file cannot be written.
+        """
+        for sub in (MODELS, DATASETS):
+            make_folder(folder / sub)
+        models = {row.name: f"{MODELS}/{file_stem(row.name)}.html" for row in self.board.rows}
+        datasets = {name: f"{DATASETS}/{file_stem(name)}.html" for name in self.datasets}
+        up = Link(TITLE, f"../{INDEX}")
+        from_below = {name: f"../{address}" for name, address in {**models, **datasets}.items()}
+        for row in self.board.rows:
+            part = {row.name: self._model_part(row)}
+            text = render_page(part, self.command, title=row.name, addresses=from_below, back=up)
+            yield _written(folder / models[row.name], text)
+        for name, case in self.datasets.items():
+            part = {name: self._dataset_part(name, case)}
+            text = render_page(part, self.command, title=name, addresses=from_below, back=up)
+            yield _written(folder / datasets[name], text)
+        part = {self.study.title: self._first_part(models, datasets)}
+        text = render_page(part, self.command, title=TITLE, addresses={**models, **datasets})
+        yield _written(folder / INDEX, text)
+
+    def _first_part(self, models: Mapping[str, str], datasets: Mapping[str, str]) -> Part:
+        board = self.board
+        first, *tables = study_board_tables(self.study, self.stored)
+        n_fits = sum(len(case.every) for case in self.stored.cases)
+        dates = [run.started[:10] for run in self.stored.runs if run.started]
+        counts = {run.run_id: 0 for run in self.stored.runs}
+        for case in self.stored.cases:
+            for result in case.every:
+                counts[result.run_id] = counts.get(result.run_id, 0) + 1
+        pictures = [
+            embedded(figure, self.command)
+            for make in (score_against_cost, score_against_poses)
+            if (figure := _made(partial(make, board)))
+        ]
+        made_by = sources(self.results, self.stored.runs, counts)
+        return Part(
+            " · ".join([self.study.title, *([max(dates)] if dates else []), f"{n_fits} fits"]),
+            board_screen(board),
+            notes=[*self.study.notes, *first.notes],
+            blocks=[
+                Block("Board to sort and filter", tables=[scoped_table(board)]),
+                Block("Cost and number of poses", pictures=pictures),
+                Block("How sure, and other numbers", tables=[first, *tables], is_detail=True),
+                Block("Models", links=[Link(*item) for item in models.items()]),
+                Block("Data sets", links=[Link(*item) for item in datasets.items()]),
+                Block("Provenance", texts=[made_by], command=self.command, is_detail=True),
+            ],
+        )
+
+    def _model_part(self, row: BoardRow) -> Part:
+        key, _ = split_word(row.name)
+        info = registry().models[key]
+        options = Table(
+            "Options",
+            text_columns("option", "default", "valid", "meaning"),
+            [
+                [option.name, str(option.default), option.type_text, option.description]
+                for option in options_of(info.load()).values()
+            ],
+        )
+        facts = {
+            "model": info.summary,
+            "equation": info.equation,
+            "reference": info.reference,
+            "version": str(info.version),
+            "fit": time_fact(row),
+            "command": f"bench run --model {row.name} --dataset kr10-twin",
+        }
+        pictures = [
+            embedded(figure, self.command) for figure in self._model_figures(row.name) if figure
+        ]
+        table = model_table(self.board, row.name)
+        return Part(
+            f"{counted(len(table.rows), 'data set')}",
+            headline=row.name,
+            sentences=model_sentences(self.board, row),
+            blocks=[
+                Block("Model", tables=[facts_table(facts, "Model")]),
+                Block("Where it is better and worse", tables=[table]),
+                *([Block("Pictures", pictures=pictures)] if pictures else []),
+                Block("Options", tables=[options], is_detail=True),
+            ],
+        )
+
+    def _model_figures(self, name: str) -> Iterator[Prepared | None]:
+        """Yield the error map, and the torque-deflection curves where the model has them."""
+        case = next(case for case in self.datasets.values() if name in case.competitors)
+        pair = {key: case.competitors[key] for key in dict.fromkeys((name, REFERENCE_MODEL))}
+        alone = replace(case, competitors={name: pair[name]})
+        for make, shown in (
+            (workspace.workspace, alone),
+            (springs.springs, replace(case, competitors=pair)),
+        ):
+            yield _made(partial(make, FigureSource(self.results, (shown,), (name,))))
+
+    def _dataset_part(self, name: str, case: Case) -> Part:
+        dataset = load_dataset(name)
+        info = dataset.choice.info
+        pictures = [
+            embedded(figure, f"bench figure robot --dataset {name}")
+            for figure in (
+                _made(
+                    lambda: robot_picture.robot_picture(
+                        dataset.samples, dataset.robot, name, info.kind
+                    )
+                ),
+                _made(dataset.plot),
+            )
+            if figure
+        ]
+        facts = dict(dataset.data.facts)
+        return Part(
+            f"{info.kind} · {counted(len(dataset), 'sample')}",
+            headline=name,
+            sentences=[("Data", info.summary), *(("Caveat", text) for text in info.caveats)],
+            blocks=[
+                Block("Robot, poses and loads", pictures=pictures),
+                Block("Models", tables=[dataset_table(self.board, name)]),
+                Block(
+                    "Data",
+                    tables=[facts_table(facts, "Facts")],
+                    folds=[("Data card", dataset.card)] if dataset.card else [],
+                    command=f"bench data export {name} --output {file_stem(name)}",
+                ),
+            ],
+        )
+
+
+def _made(make: Callable[[], Prepared]) -> Prepared | None:
+    """Return a figure; None where the results are not enough for it."""
+    try:
+        return make()
+    except (StiffBenchError, ArithmeticError, ValueError):  # must not cost the page
+        return None
+
+
+def _written(path: Path, text: str) -> Path:
+    with written_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+    return path

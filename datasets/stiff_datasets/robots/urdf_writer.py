@@ -1,0 +1,77 @@
+"""A robot as a URDF file, for robots that stiffbench has read or been given."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib.resources import files
+
+import numpy as np
+import pinocchio as pin
+
+from stiff_datasets.robots.shipped_robots import ShippedRobot
+from stiff_protocols.contract.types import FloatArray, Robot
+
+FARTHEST = 1e6
+"""m; limit of a prismatic joint without limits, which a URDF cannot express."""
+
+
+def shipped_urdf(robot: ShippedRobot) -> str:
+    """Return the file of a shipped robot as it is, with its sources and licence."""
+    path = files("stiff_datasets") / "robots" / f"{robot.urdf}.urdf"
+    return path.read_text(encoding="utf-8")
+
+
+def robot_urdf(robot: Robot) -> str:
+    """Return a robot's chain as URDF: joints, limits, masses and centres of mass.
+
+    Placements read back within rounding, 1e-15 of them. A URDF does not have the TCP: it is
+    `robot.tcp_on_flange` in the frame of the last link ``tip``. Inertias, which no model uses,
+    and the controller are left out.
+    """
+    links = ["base", *(f"link{i + 1}" for i in range(robot.n_joints)), "tip"]
+    lines = [f'<robot name="{escape(robot.name)}">']
+    weights = [(0.0, np.zeros(3)), *zip(robot.masses, robot.centres_of_mass, strict=True)]
+    for link, (mass, centre) in zip(links, [*weights, (0.0, np.zeros(3))], strict=True):
+        lines.append(f'  <link name="{link}"{_inertial(mass, centre)}')
+    for i, kind in enumerate(robot.joint_types):
+        low, high = float(robot.lower[i]), float(robot.upper[i])
+        is_free = not np.isfinite([low, high]).all()
+        if is_free and kind == "prismatic":
+            low, high = max(low, -FARTHEST), min(high, FARTHEST)
+        written_kind = "continuous" if is_free and kind == "revolute" else kind
+        limit = f'<limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>'
+        lines += [
+            f'  <joint name="{escape(robot.joint_names[i])}" type="{written_kind}">',
+            f'    <parent link="{links[i]}"/><child link="{links[i + 1]}"/>',
+            f"    {_origin(robot.placements[i])}",
+            f'    <axis xyz="{_numbers(robot.axes[i])}"/>',
+            *([] if written_kind == "continuous" else [f"    {limit}"]),
+            "  </joint>",
+        ]
+    lines += [
+        '  <joint name="to tip" type="fixed">',
+        f'    <parent link="{links[-2]}"/><child link="tip"/>',
+        f"    {_origin(robot.flange)}",
+        "  </joint>",
+        "</robot>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _inertial(mass: float, centre: FloatArray) -> str:
+    if not mass:
+        return "/>"
+    inertia = '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
+    return (
+        f'>\n    <inertial><origin xyz="{_numbers(centre)}"/><mass value="{float(mass)!r}"/>'
+        f"{inertia}</inertial>\n  </link>"
+    )
+
+
+def _origin(placement: FloatArray) -> str:
+    angles = pin.rpy.matrixToRpy(placement[:3, :3])
+    return f'<origin xyz="{_numbers(placement[:3, 3])}" rpy="{_numbers(angles)}"/>'
+
+
+def _numbers(values: FloatArray) -> str:
+    return " ".join(repr(float(value)) for value in values)
