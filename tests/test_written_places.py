@@ -102,7 +102,8 @@ figure regression --results ../results --output ../out/regression.svg
 merge ../results --output ../out/merged
 results export --results ../out --output ../out/records.jsonl
 submit --lite --study ../out/submitted/small.toml --card ../out/submitted/card.toml --results ../out --output ../out/submission
-verify ../out/submission --study ../out/submitted/small.toml
+verify ../out/submission --study ../out/submitted/small.toml --write
+results add ../out/submission --results ../out
 reproduce paper-quick --plan --output ../out
 fit --model mlp@width=8@epochs=2 --dataset kr10-twin --output ../out/m.stiff
 predict --model ../out/m.stiff --input ../out/some.csv --output ../out/all.csv

@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.forecast import (
     LONGEST_FIT_S,
     LONGEST_S,
@@ -42,6 +43,7 @@ from stiff_bench.submissions.published_results import (
     missing_places,
     published_folder,
 )
+from stiff_bench.submissions.statuses import SUBMISSIONS, board_statuses
 from stiff_bench.tables.units import counted, first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
@@ -90,6 +92,10 @@ class Run:
         tables = [forecast_table(forecasts, jobs)]
         return Tables(tables, plan.command, forecast_line(forecasts[-1], jobs))
 
+    def board(self, results: Results) -> Tables | None:
+        """Return tables that are printed in place of the results; None: there are none."""
+        return None
+
     def compute(self) -> Results:
         """Compute what is missing; return the results of all."""
         plan, tasks = self.plans[0], self.tasks
@@ -107,9 +113,11 @@ class RunAgainst(Run):
     """A run whose results are compared with published ones.
 
     Attributes:
+        study: the whole study, or its short version.
         published: folder of the published results.
     """
 
+    study: Study
     published: Path
 
     @cached_property
@@ -142,6 +150,17 @@ class RunAgainst(Run):
             cached=finished.cached | {result.cell.key for result in published},
         )
         return replace(computed, finished=together)
+
+    def board(self, results: Results) -> Tables | None:
+        """Return the study's board of these results; None: it has none, or too few robots."""
+        from stiff_bench.paper.study_board import study_board_tables
+
+        stored = StoredResults.of_results(results.folder, results.cells)
+        try:
+            tables = study_board_tables(self.study, stored)
+        except ConfigError:
+            return None
+        return Tables(tables, self.plans[0].command)
 
 
 def prepare_run(
@@ -289,7 +308,13 @@ class Reproduction(Run):
 
         stored = stored_statuses(self.plans[0].output)
         n_missing = sum(task.cell.key not in stored for task in self.tasks)
-        return write_page(self.study, self.output, self.plans[0].command, n_missing)
+        command = self.plans[0].command
+        return write_page(self.study, self.output, command, n_missing, self.model_statuses)
+
+    @property
+    def model_statuses(self) -> dict[str, str]:
+        """Model -> "verified" or "reported"; empty without models of submissions."""
+        return board_statuses(self.plans[0].output, self.output / SUBMISSIONS.name)
 
     def write_site(self, folder: Path) -> Iterator[Path]:
         """Write the web pages of the study's leaderboard, and yield each file.
@@ -341,7 +366,7 @@ def run_of_study(
     execution = chosen_execution(plans[0], registry(), **how)
     if published is None:
         return Run(plans, execution)
-    run = RunAgainst(plans, execution, published)
+    run = RunAgainst(plans, execution, study, published)
     run.published_results  # noqa: B018  # refused before anything is computed
     return run
 

@@ -13,8 +13,10 @@ from stiff_bench.api.records import records_of
 from stiff_bench.api.registered import use_only
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.plan.cells import installed
-from stiff_bench.store.database import read_manifests, read_results
+from stiff_bench.store.database import ResultStore, read_manifests, read_results
 from stiff_bench.submissions.card import read_card
+from stiff_bench.submissions.published_results import place_of
+from stiff_bench.submissions.statuses import SHIPPED
 from stiff_bench.submissions.submission import (
     MANIFEST,
     Manifest,
@@ -28,16 +30,16 @@ from stiff_bench.submissions.submission import (
     read_verification,
     write_submission,
     write_verification,
+    wrong_files,
 )
-from stiff_bench.submissions.verification import Check, outcome_of, verify
+from stiff_bench.submissions.verification import Check, outcome_of, place_of_record, verify
 from stiff_bench.submissions.verification import Refits as Refits
 from stiff_bench.tables.units import counted, first_few
-from stiff_models.model_catalog import MODELS
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.record import RunManifest
 
 STUDY = "leaderboard"
-SUBMISSIONS = Path("results/submissions")
-"""Folder of the submissions in the repository."""
 
 
 def submit(
@@ -102,10 +104,6 @@ def submit(
     return write_submission(output, card_file, records_of(results, fits), environments, manifest)
 
 
-SHIPPED = {info.key for info in MODELS}
-"""Keys of the models of stiffbench."""
-
-
 @dataclass
 class VerificationRun:
     """Checks of a submission, as they are made.
@@ -149,37 +147,43 @@ class VerificationRun:
         )
 
 
-def submissions_in(folder: Path = SUBMISSIONS) -> list[Submission]:
-    """Return the submissions below a folder, in the order of their names."""
-    return [read_submission(path.parent) for path in sorted(folder.glob(f"*/{MANIFEST}"))]
+def add_submission(folder: Path, results: Path) -> int:
+    """Store the fits of a submission in a folder of results, and return their number.
 
-
-def model_statuses(results: Path, submissions: Path = SUBMISSIONS) -> dict[str, str]:
-    """Return model -> "verified" or "reported", for the leaderboard's column.
-
-    The models of stiffbench are verified: their results are computed by the repository's own
-    commands. Another model is verified if `bench verify --write` verified a submission of this
-    model with the same version.
+    They get data, splits and reference from the VJM's results on the same splits there.
 
     Args:
-        results: folder of results.
-        submissions: folder with a folder per submission.
+        folder: of the submission, which `bench verify` must have verified or reported.
+        results: folder with the results of the VJM in the same study.
 
     Raises:
-        StoreError: the results cannot be read.
-        DataError: a submission is wrong.
+        ConfigError: the submission was changed or not verified (`bench verify --write`), or the
+            VJM has no result on one of its splits.
+        StoreError: the results cannot be read or written.
     """
-    verified = {
-        (record.model, record.model_version)
-        for submission in submissions_in(submissions)
-        if (stored := read_verification(submission.folder)) and stored.outcome == "verified"
-        for record in submission.records
+    submission = read_submission(folder)
+    if problems := wrong_files(folder, submission.manifest):
+        raise ConfigError(f"{folder}: {first_few(problems)}")
+    if read_verification(folder) is None:
+        raise ConfigError(f"{folder}: not verified: run `bench verify {folder} --write` first")
+    baseline = {
+        place_of(result.cell, result.shown): result
+        for result in read_results(results)
+        if result.cell.model == REFERENCE_MODEL and result.status == "ok"
     }
-    statuses: dict[str, str] = {}
-    for result in read_results(results):
-        name, version = result.shown.model, result.cell.model_version
-        if result.cell.model in SHIPPED or (name, version) in verified:
-            statuses.setdefault(name, "verified")
-        else:
-            statuses[name] = "reported"
-    return statuses
+    fits = []
+    for record in submission.records:
+        of_vjm = baseline.get(place_of_record(record))
+        if of_vjm is None or of_vjm.cell.split_sha256 != record.split_sha256:
+            raise ConfigError(f"{results}: no result of the VJM on {record.place_text}")
+        fits.append(record.result(of_vjm))
+    store = ResultStore(results)
+    store.write_cells(fits)
+    for run_id in {fit.run_id for fit in fits}:
+        keys = tuple(fit.cell.key for fit in fits if fit.run_id == run_id)
+        environment = next(fit.environment for fit in submission.records if fit.run_id == run_id)
+        command = f"bench results add {folder}"
+        store.write_manifest(
+            RunManifest(run_id, command, submission.manifest.created, "finished", environment, keys)
+        )
+    return len(fits)

@@ -211,7 +211,27 @@ def merge(folders: tuple[Path, ...], output: Path) -> None:
 
 @group(epilog="bench results export --format csv --output results.csv")
 def results() -> None:
-    """Export stored results."""
+    """Export stored results, and add those of submissions."""
+
+
+@results.command(epilog="bench results add results/submissions/quadratic-springs")
+@click.argument("folders", metavar="DIR...", type=FILE, nargs=-1, required=True)
+@click.option(
+    "--results",
+    type=FILE,
+    default=Path("results/leaderboard/runs"),
+    metavar="DIR",
+    help="Folder of results to add to, with the VJM on the same splits.",
+)
+def add(folders: tuple[Path, ...], results: Path) -> None:
+    """Add the fits of verified submissions to results.
+
+    The fits are not computed again. `bench reproduce leaderboard --write-only` then has a column
+    of status: verified or reported.
+    """
+    for folder in folders:
+        n_fits = api.submissions.add_submission(folder, results)
+        say(f"{results}: {n_fits} fits of {folder} added")
 
 
 @results.command("export", epilog="bench results export --format csv --output results.csv")

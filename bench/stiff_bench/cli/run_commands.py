@@ -163,7 +163,10 @@ def execute(
     `answer` has a terminal show which model is best in place of the metrics.
     """
     results = run.compute()
-    if fmt == SCREEN and answer:
+    if (board := run.board(results)) is not None:
+        print_tables(board, fmt)
+        say_summary(results)
+    elif fmt == SCREEN and answer:
         ended, *more = summary(results)
         facts = [f"Fits: {ended.replace(';', ',')}", *more]
         print_text(results.screen(*facts, verbose=verbose), laid_out=True)

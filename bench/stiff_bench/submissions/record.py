@@ -8,6 +8,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
+from math import nan
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,7 +17,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from stiff_bench.tables.units import MM
-from stiff_protocols.contract.record import PATH_ERROR, CellResult
+from stiff_protocols.contract.record import PATH_ERROR, CellResult, Cost
 from stiff_protocols.contract.types import FloatArray, Prediction
 from stiff_protocols.scoring.metrics import METRICS
 
@@ -177,6 +179,37 @@ class Record(BaseModel):
             upper_mm=None if interval is None else _in_mm(interval.upper),
             run_id=result.run_id,
             environment={name: environment[name] for name in FACTS if name in environment},
+        )
+
+    def result(self, of_vjm: CellResult) -> CellResult:
+        """Return the stored form of a fit that is ok.
+
+        Args:
+            of_vjm: the VJM on the same split: it has data, split and reference.
+        """
+        assert of_vjm.prediction is not None and self.cost is not None
+        prediction = replace(of_vjm.prediction, predicted=self.predicted, interval=None)
+        diagnostics = {name: nan if v is None else v for name, v in self.diagnostics.items()}
+        if self.path_error_mm is not None:
+            diagnostics[PATH_ERROR] = self.path_error_mm
+        cell = replace(
+            of_vjm.cell,
+            model=self.model_key,
+            model_params=self.model_options,
+            model_version=self.model_version,
+        )
+        return CellResult(
+            cell=cell,
+            shown=replace(of_vjm.shown, model=self.model, regime="", picked_on_test=False),
+            run_id=self.run_id,
+            status="ok",
+            prediction=prediction,
+            cost=Cost(**self.cost.model_dump()),
+            diagnostics=diagnostics,
+            n_train=self.n_train,
+            n_labels=self.n_labels,
+            n_poses=self.n_poses,
+            n_splits=self.n_splits,
         )
 
     @property

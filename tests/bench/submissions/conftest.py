@@ -18,6 +18,18 @@ lite = ["kr10-twin", "ur5-twin"]
 [[run]]
 seed = 1
 """
+BOARD_STUDY = """
+title = "board"
+models = ["vjm", "mean"]
+datasets = ["one", "two"]
+splits = 1
+tables = ["leaderboard"]
+[groups]
+one = ["arm-family", "arm-family@robot=1", "arm-family@robot=2"]
+two = ["arm-family@robot=3", "arm-family@robot=4"]
+[board]
+protocol = "holdout"
+"""
 PLUGIN = '''
 """Half of what springs predict."""
 
@@ -38,6 +50,14 @@ MODELS = [ModelInfo(key="half-springs", target=HalfSprings, summary="half of the
 def study_file(tmp_path_factory) -> Path:
     file = tmp_path_factory.mktemp("study") / "small.toml"
     file.write_text(STUDY)
+    return file
+
+
+@pytest.fixture(scope="session")
+def board_study(tmp_path_factory) -> Path:
+    """A study of five robots."""
+    file = tmp_path_factory.mktemp("study") / "board.toml"
+    file.write_text(BOARD_STUDY)
     return file
 
 

@@ -76,6 +76,32 @@ def test_the_short_version_takes_the_published_results_of_its_splits_only(
     assert {result.cell.seed for result in read_results(tmp_path / "mine")} == {0}
 
 
+def test_a_whole_study_with_a_board_shows_the_new_model_on_it_and_its_page_the_status(
+    board_study, half_springs, tmp_path
+):
+    published, runs = tmp_path / "published", tmp_path / "out" / "board" / "runs"
+    ran = bench_here("run", "--study", board_study, "--output", published, cwd=tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    done = bench_here(
+        *("run", "--study", board_study, "--model", "half-springs", "--plugin", half_springs),
+        *("--no-isolate", "--output", runs, "--against", published, "--format", "json"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    board = json.loads(done.stdout)["tables"][0]
+    assert {row["model"] for row in board["rows"]} == {"half-springs", "vjm", "mean"}
+    page = bench_here(
+        "reproduce", board_study, "--output", tmp_path / "out", "--write-only", cwd=tmp_path
+    )
+    assert page.returncode == 0, page.stderr
+    lines = (tmp_path / "out" / "board" / "README.md").read_text().splitlines()
+    statuses = {
+        parts[1].strip(): parts[-2].strip() for line in lines if len(parts := line.split("|")) > 8
+    }
+    assert statuses["model"] == "status"
+    assert (statuses["half-springs"], statuses["vjm"]) == ("reported", "verified")
+
+
 @pytest.mark.parametrize(
     ("column", "reason"),
     [

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from helpers.command_line import assert_refused, bench_here
-from stiff_bench.api.submissions import SUBMISSIONS, model_statuses, submissions_in
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import Execution
@@ -22,6 +21,7 @@ from stiff_bench.submissions import verification
 from stiff_bench.submissions.published_results import place_of
 from stiff_bench.submissions.record import Record, record_metrics
 from stiff_bench.submissions.refit import study_tasks
+from stiff_bench.submissions.statuses import SUBMISSIONS, model_statuses, submissions_in
 from stiff_bench.submissions.submission import file_sha256, read_verification, wrong_files
 from stiff_bench.submissions.verification import place_of_record
 from stiff_protocols.contract.types import Prediction
@@ -326,6 +326,30 @@ def test_the_column_of_status_has_what_was_verified_and_written(
     manifest = submissions / "half-springs" / "manifest.json"
     manifest.write_text(manifest.read_text() + "\n")  # another state of the folder
     assert model_statuses(runs, submissions)["half-springs"] == "reported"
+
+
+def test_a_verified_submission_is_added_to_results_as_if_it_were_computed_there(
+    submission, study_file, tmp_path, refitted_here
+):
+    runs, copy = tmp_path / "runs", tmp_path / "copy"
+    shutil.copytree(submission, copy)
+    words = ("results", "add", copy, "--results", runs)
+    assert_refused(bench_here(*words, cwd=tmp_path), "not verified: run `bench verify")
+    verified(copy, study_file, "--write")
+    assert_refused(bench_here(*words, cwd=tmp_path), "no result of the VJM on kr10-twin")
+    bench_here(
+        *("run", "--study", study_file, "--lite", "--model", "vjm", "--output", runs), cwd=tmp_path
+    )
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    computed = {result.cell.key: result for result in read_results(submission.parent / "runs")}
+    added = {result.cell.key: result for result in read_results(runs)}
+    assert added.keys() == computed.keys()
+    for key, result in added.items():
+        np.testing.assert_allclose(
+            result.prediction.predicted, computed[key].prediction.predicted, rtol=1e-14
+        )
+        assert result.shown == computed[key].shown and result.n_train == computed[key].n_train
 
 
 @pytest.mark.parametrize(
