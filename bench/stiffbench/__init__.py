@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from stiff_bench.api.model import load_model as load_model
     from stiff_bench.api.model import make_model as make_model
     from stiff_bench.api.postures import rank_postures as rank_postures
+    from stiff_bench.api.records import export_results as export_results
     from stiff_bench.api.registered import check as check
     from stiff_bench.api.registered import list_datasets as list_datasets
     from stiff_bench.api.registered import list_figures as list_figures
@@ -59,6 +60,7 @@ _PLACES = {
     "measuring": ("plan_poses", "simulate", "validate"),
     "model": ("Model", "load_model", "make_model"),
     "postures": ("rank_postures",),
+    "records": ("export_results",),
     "registered": (
         *("check", "list_datasets", "list_figures", "list_metrics"),
         *("list_models", "list_protocols", "show", "use_plugin"),

@@ -6,11 +6,12 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.forecast import (
     LONGEST_FIT_S,
     LONGEST_S,
@@ -26,7 +27,7 @@ from stiff_bench.api.registered import registry
 from stiff_bench.api.stored_results import Results
 from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
-from stiff_bench.paper.study_file import Study, find_study, read_study
+from stiff_bench.paper.study_file import Study, find_study
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
@@ -35,7 +36,16 @@ from stiff_bench.run.machine import pinned, usable_cores
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore, stored_statuses
-from stiff_bench.tables.units import counted
+from stiff_bench.store.merging import merge
+from stiff_bench.submissions.published_results import (
+    OPTION,
+    find_published,
+    missing_places,
+    published_folder,
+)
+from stiff_bench.submissions.statuses import SUBMISSIONS, board_statuses
+from stiff_bench.tables.units import counted, first_few
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import CellResult
@@ -45,7 +55,7 @@ DEFAULT_DATASET = "kr10-twin"
 
 @dataclass(frozen=True)
 class Run:
-    """What is to be computed, checked.
+    """Fits to be computed, checked.
 
     Attributes:
         plans: for one folder.
@@ -82,16 +92,75 @@ class Run:
         tables = [forecast_table(forecasts, jobs)]
         return Tables(tables, plan.command, forecast_line(forecasts[-1], jobs))
 
+    def board(self, results: Results) -> Tables | None:
+        """Return tables that are printed in place of the results; None: there are none."""
+        return None
+
     def compute(self) -> Results:
         """Compute what is missing; return the results of all."""
         plan, tasks = self.plans[0], self.tasks
         store = ResultStore(plan.output)
         for warning in dict.fromkeys(task.shown.warning for task in tasks if task.shown.warning):
             say(f"warning: {warning}")
-        with display() as shown:
-            finished = run_cells(tasks, plan.command, store, self.execution, shown)
-        metrics = tuple(one.key for one in plan.metrics)
+        with display() as progress:
+            finished = run_cells(tasks, plan.command, store, self.execution, progress)
+        metrics = tuple(metric.key for metric in plan.metrics)
         return Results(plan.output, metrics, plan.command, finished)
+
+
+@dataclass(frozen=True)
+class RunAgainst(Run):
+    """A run whose results are compared with published ones.
+
+    Attributes:
+        study: the whole study, or its short version.
+        published: folder of the published results.
+    """
+
+    study: Study
+    published: Path
+
+    @cached_property
+    def published_results(self) -> list[CellResult]:
+        """The published results of other models on the splits of this run.
+
+        Raises:
+            ConfigError: data, splits or versions of the published models are others.
+        """
+        return find_published(self.published, self.tasks)
+
+    def compute(self) -> Results:
+        """Copy the published results, compute what is missing, and return all together."""
+        output, published = self.plans[0].output, self.published_results
+        ResultStore(output)
+        keys = {result.cell.key for result in published} | {task.cell.key for task in self.tasks}
+        if output.resolve() != self.published.resolve():
+            merge([self.published], output, keys)
+        n_models = counted(len({result.shown.model for result in published}), "model")
+        n_results = counted(len(published), "published result")
+        say(f"{n_results} of {n_models} taken from {self.published}")
+        if missing := missing_places(published, self.tasks):
+            say(f"warning: without published results: {first_few(missing)}")
+        computed = super().compute()
+        finished = computed.finished
+        assert finished is not None  # it was computed now
+        together = replace(
+            finished,
+            results=(*finished.results, *published),
+            cached=finished.cached | {result.cell.key for result in published},
+        )
+        return replace(computed, finished=together)
+
+    def board(self, results: Results) -> Tables | None:
+        """Return the study's board of these results; None: it has none, or too few robots."""
+        from stiff_bench.paper.study_board import study_board_tables
+
+        stored = StoredResults.of_results(results.folder, results.cells)
+        try:
+            tables = study_board_tables(self.study, stored)
+        except ConfigError:
+            return None
+        return Tables(tables, self.plans[0].command)
 
 
 def prepare_run(
@@ -107,20 +176,20 @@ def prepare_run(
 
     `how` is of `chosen_execution`, the other arguments are those of `plan_run`.
     """
-    asked = with_reference(_asked(models, datasets, protocols, settings), registry())
-    plan = plan_run(asked, registry(), **planned)
+    chosen = with_reference(_chosen(models, datasets, protocols, settings), registry())
+    plan = plan_run(chosen, registry(), **planned)
     return Run([plan], chosen_execution(plan, registry(), **how))
 
 
-def _asked(
+def _chosen(
     models: Sequence[str | Choice[ModelInfo]],
     datasets: Sequence[str | Dataset],
     protocols: Sequence[str],
     settings: Sequence[str],
 ) -> Chosen:
-    chosen = [one.choice if isinstance(one, Dataset) else one for one in datasets]
+    data_sets = [word.choice if isinstance(word, Dataset) else word for word in datasets]
     return choices(
-        registry(), models=models, datasets=chosen, protocols=protocols, settings=settings
+        registry(), models=models, datasets=data_sets, protocols=protocols, settings=settings
     )
 
 
@@ -134,8 +203,8 @@ def model_and_data(
     """Return the model and the data set of `bench fit`, checked as those of a run."""
     if len(datasets) != 1:
         raise ConfigError("give one of --dataset KEY and --data FILE.csv")
-    asked = _asked(models, datasets, (), settings)
-    plan = plan_run(asked, registry(), output=Path(), device=device)
+    chosen = _chosen(models, datasets, (), settings)
+    plan = plan_run(chosen, registry(), output=Path(), device=device)
     if len(plan.models) != 1:
         raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
     return Model(plan.models[0]), Dataset(plan.datasets[0])
@@ -178,8 +247,8 @@ def evaluate(
     """
     if splits is not None and splits < 1:
         raise ConfigError(f"splits={splits}: give 1 or more, or None for the protocol's own number")
-    asked = [model_choice(one, {}) for one in _listed(models)]
-    local = [one for one in asked if one.cls.__module__ == "__main__"]
+    model_choices = [model_choice(model, {}) for model in _listed(models)]
+    local = [model for model in model_choices if model.cls.__module__ == "__main__"]
     if local and (output is not None or jobs > 1):
         raise ConfigError(
             f"{local[0].info.key}: a class of a script or notebook, whose results cannot be kept, "
@@ -192,7 +261,7 @@ def evaluate(
     ]
     folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
     run = prepare_run(
-        asked,
+        model_choices,
         data,
         _listed(protocol),
         metrics=metrics,
@@ -239,7 +308,13 @@ class Reproduction(Run):
 
         stored = stored_statuses(self.plans[0].output)
         n_missing = sum(task.cell.key not in stored for task in self.tasks)
-        return write_page(self.study, self.output, self.plans[0].command, n_missing)
+        command = self.plans[0].command
+        return write_page(self.study, self.output, command, n_missing, self.model_statuses)
+
+    @property
+    def model_statuses(self) -> dict[str, str]:
+        """Model -> "verified" or "reported"; empty without models of submissions."""
+        return board_statuses(self.plans[0].output, self.output / SUBMISSIONS.name)
 
     def write_site(self, folder: Path) -> Iterator[Path]:
         """Write the web pages of the study's leaderboard, and yield each file.
@@ -254,10 +329,51 @@ class Reproduction(Run):
         )
 
 
-def run_of_study(file: Path, *, output: Path, command: str, **how: Any) -> Run:
-    """Return the runs of a study's file; `how` is of `chosen_execution`."""
-    plans = read_study(file).plans(registry(), output=output, command=command)
-    return Run(plans, chosen_execution(plans[0], registry(), **how))
+def run_of_study(
+    name: str,
+    *,
+    output: Path,
+    command: str,
+    models: Sequence[str] = (),
+    lite: bool = False,
+    against: str = "",
+    **how: Any,
+) -> Run:
+    """Return the runs of a study.
+
+    Args:
+        name: of a study that is shipped, or of a file that ends in .toml.
+        output: folder of the results.
+        command: for the record.
+        models: words of `--model` in place of the study's own, with the VJM; none: the study's.
+        lite: only the first split of the study's data sets `lite`.
+        against: "published", or a folder, with results of other models; "": none.
+        how: the options of `chosen_execution`.
+
+    Raises:
+        ConfigError: the study, a model or the folder is unknown, or the published results have
+            other data, splits or versions.
+    """
+    study = find_study(name)
+    if against and not models:
+        raise ConfigError(f"{against} requires --model", OPTION)
+    published = published_folder(against, study) if against else None
+    if lite:
+        study = study.lite_version()
+    if models:
+        study = study.with_models(with_reference_word(models))
+    plans = study.plans(registry(), output=output, command=command)
+    execution = chosen_execution(plans[0], registry(), **how)
+    if published is None:
+        return Run(plans, execution)
+    run = RunAgainst(plans, execution, study, published)
+    run.published_results  # noqa: B018  # refused before anything is computed
+    return run
+
+
+def with_reference_word(models: Sequence[str]) -> list[str]:
+    """Return words of models with the reference model before the others."""
+    return [*dict.fromkeys([REFERENCE_MODEL, *models])]
 
 
 def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reproduction:

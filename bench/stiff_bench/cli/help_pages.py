@@ -13,14 +13,16 @@ from stiff_protocols.contract.errors import unknown_name
 COMMAND_GROUPS = {
     "Your robot's data": ("data",),
     "Fit and test models": ("run", "reproduce"),
-    "Read results": ("leaderboard", "compare", "report", "figure", "table", "merge"),
+    "Read results": ("leaderboard", "compare", "report", "figure", "table", "merge", "results"),
     "Use a model on your robot": ("fit", "predict", "path", "map", "posture", "export"),
     "Look up and add names": ("list", "show", "check", "new"),
+    "Take part in the leaderboard": ("submit", "verify"),
 }
 """Heading -> commands of `bench`, in the order of the help page."""
 OPTION_GROUPS = {
     "Models and data": (
         *("--model", "--dataset", "--protocol", "--condition", "--splits", "--set", "--study"),
+        *("--lite", "--against"),
         *("--metric", "--axis", "--coverage", "--seed", "--plugin", "--results", "--input"),
     ),
     "Your own data": (

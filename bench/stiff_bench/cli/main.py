@@ -18,8 +18,17 @@ from stiff_bench.cli.path_commands import path
 from stiff_bench.cli.plugin_commands import check, list_, new, show
 from stiff_bench.cli.posture_commands import posture
 from stiff_bench.cli.refusals import refusal
-from stiff_bench.cli.result_commands import compare, figure, leaderboard, merge, report, table
+from stiff_bench.cli.result_commands import (
+    compare,
+    figure,
+    leaderboard,
+    merge,
+    report,
+    results,
+    table,
+)
 from stiff_bench.cli.run_commands import reproduce, run
+from stiff_bench.cli.submission_commands import submit, verify
 from stiff_bench.console import replace_closed_streams, say
 from stiff_bench.run.machine import prepare
 from stiff_protocols.contract.errors import StiffBenchError
@@ -100,7 +109,8 @@ def bench() -> None:
 
 for command in (
     *(check, compare, data, export, figure, fit, leaderboard, list_, map_, merge, new, path),
-    *(posture, predict, report, reproduce, run, show, table),
+    *(posture, predict, report, reproduce, results, run, show, submit, table),
+    verify,
 ):
     bench.add_command(command)
 

@@ -1,4 +1,4 @@
-"""What stored results say: `bench leaderboard`, `compare`, `table`, `figure`, `report`, `merge`."""
+"""Commands that read stored results, such as `bench leaderboard` and `bench compare`."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ from stiff_bench.cli.click_options import (
     seed_option,
     selection_options,
 )
-from stiff_bench.cli.help_pages import command
+from stiff_bench.cli.help_pages import command, group
 from stiff_bench.console import print_prose, say, warnings_said
 from stiff_protocols.contract.errors import ConfigError
 
 if TYPE_CHECKING:
     from stiff_bench.analysis.selection import Selection
+    from stiff_bench.submissions.export import ExportFormat
 
 
 @command(epilog="bench leaderboard --results results/runs")
@@ -206,3 +207,54 @@ def merge(folders: tuple[Path, ...], output: Path) -> None:
     """
     for line in api.stored_results.merge(folders, output).report:
         say(line)
+
+
+@group(epilog="bench results export --format csv --output results.csv")
+def results() -> None:
+    """Export stored results, and add those of submissions."""
+
+
+@results.command(epilog="bench results add results/submissions/quadratic-springs")
+@click.argument("folders", metavar="DIR...", type=FILE, nargs=-1, required=True)
+@click.option(
+    "--results",
+    type=FILE,
+    default=Path("results/leaderboard/runs"),
+    metavar="DIR",
+    help="Folder of results to add to, with the VJM on the same splits.",
+)
+def add(folders: tuple[Path, ...], results: Path) -> None:
+    """Add the fits of verified submissions to results.
+
+    The fits are not computed again. `bench reproduce leaderboard --write-only` then has a column
+    of status: verified or reported.
+    """
+    for folder in folders:
+        n_fits = api.submissions.add_submission(folder, results)
+        say(f"{results}: {n_fits} fits of {folder} added")
+
+
+@results.command("export", epilog="bench results export --format csv --output results.csv")
+@results_option
+@selection_options
+@click.option(
+    "--format",
+    "fmt",
+    type=click.Choice(["jsonl", "csv", "parquet"]),
+    default="jsonl",
+    metavar="FORMAT",
+    help="jsonl, csv or parquet.",
+)
+@output_option("FILE", "File to write; an existing one is replaced.")
+def export_results(
+    results: Path,
+    selection: Selection,
+    fmt: ExportFormat,
+    output: Path,
+) -> None:
+    """Write one record per fit: identity, hashes, metrics, predictions and cost.
+
+    Lengths are in mm. The fields are described in results/schema/record.json, a JSON Schema.
+    """
+    n_records = api.records.export_results(_stored(results, selection), output, fmt)
+    say(f"{output}: {n_records} records written")

@@ -33,7 +33,12 @@ from stiff_bench.tables.table import SCREEN
 from stiff_protocols.contract.errors import ConfigError
 
 HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
-"""Options that a study leaves to the command line."""
+"""Options that say how fits are computed."""
+WITH_STUDY = {
+    *(*HOW, "models", "output", "study", "lite", "against"),
+    *("plugin", "fmt", "plan_only", "paper", "verbose"),
+}
+"""Options that can be combined with --study."""
 
 
 @command(epilog="bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5")
@@ -74,9 +79,19 @@ HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
 )
 @click.option(
     "--study",
-    type=FILE,
-    metavar="FILE.toml",
-    help="Run a study: a file that names models, data sets, protocols and options.",
+    metavar="NAME",
+    help="Run a study of `bench reproduce`, or a file such as my_study.toml; --model replaces its "
+    "models.",
+)
+@click.option(
+    "--lite", is_flag=True, help="Run the short version of the study: few robots, one split."
+)
+@click.option(
+    "--against",
+    default="",
+    show_default=False,
+    metavar="DIR",
+    help="Also show results of other models; 'published': the results in the repository.",
 )
 @format_option
 @click.option(
@@ -91,7 +106,9 @@ HOW = ("jobs", "isolate", "timeout", "memory", "threads", "dask", "rerun")
 def run(
     ctx: click.Context,
     /,
-    study: Path | None,
+    study: str | None,
+    lite: bool,
+    against: str,
     fmt: str,
     plan_only: bool,
     paper: bool,
@@ -109,28 +126,47 @@ def run(
     """
     how, output = {name: words.pop(name) for name in HOW}, words.pop("output")
     if study is None:
+        for word, value in (("lite", lite), ("against", against)):
+            if value:
+                raise ConfigError("requires --study", word)
         datasets = [*datasets, *data] or [api.evaluation.DEFAULT_DATASET]
         asked = api.evaluation.prepare_run(
             models, datasets, protocols, how=how, output=output, command=command_line(), **words
         )
     else:
-        left = {*HOW, "output", "study", "plugin", "fmt", "plan_only", "paper", "verbose"}
         for option in ctx.command.params:
-            name = option.name or ""
-            if name not in left and ctx.get_parameter_source(name) == ParameterSource.COMMANDLINE:
+            source = ctx.get_parameter_source(option.name or "")
+            if option.name not in WITH_STUDY and source == ParameterSource.COMMANDLINE:
                 raise ConfigError(
                     f"{option.opts[0]} cannot be combined with --study; set it in {study}"
                 )
-        asked = api.evaluation.run_of_study(study, output=output, command=command_line(), **how)
-    return show_plan(asked, fmt) if plan_only else execute(asked, fmt, paper=paper, verbose=verbose)
+        asked = api.evaluation.run_of_study(
+            study,
+            models=models,
+            lite=lite,
+            against=against,
+            output=output,
+            command=command_line(),
+            **how,
+        )
+    if plan_only:
+        return show_plan(asked, fmt)
+    answer = not paper and (bool(models) if study else not words["metrics"])
+    return execute(asked, fmt, answer=answer, verbose=verbose)
 
 
 def execute(
-    run: api.evaluation.Run, fmt: str, *, paper: bool = False, verbose: bool = False
+    run: api.evaluation.Run, fmt: str, *, answer: bool = True, verbose: bool = False
 ) -> int:
-    """Compute a run and print its tables; return 1 if a cell failed or was skipped, else 0."""
+    """Compute a run and print its tables; return 1 if a cell failed or was skipped, else 0.
+
+    `answer` has a terminal show which model is best in place of the metrics.
+    """
     results = run.compute()
-    if fmt == SCREEN and not (paper or results.metrics):
+    if (board := run.board(results)) is not None:
+        print_tables(board, fmt)
+        say_summary(results)
+    elif fmt == SCREEN and answer:
         ended, *more = summary(results)
         facts = [f"Fits: {ended.replace(';', ',')}", *more]
         print_text(results.screen(*facts, verbose=verbose), laid_out=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from itertools import chain
 
@@ -19,6 +19,8 @@ from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 
 NOT_RUN = "not run here"
+VERIFIED = "verified"
+STATUS_NOTE = "reported: results of a submission whose code could not be run again."
 
 
 def study_board(study: Study, stored: StoredResults) -> Board:
@@ -46,8 +48,15 @@ def study_board(study: Study, stored: StoredResults) -> Board:
     return board
 
 
-def study_board_tables(study: Study, stored: StoredResults) -> list[Table]:
+def study_board_tables(
+    study: Study, stored: StoredResults, statuses: Mapping[str, str] | None = None
+) -> list[Table]:
     """Return headline, board, measured data, and the extras.
+
+    Args:
+        study: with a board.
+        stored: its results.
+        statuses: model -> "verified" or "reported"; none: the board has no such column.
 
     Raises:
         ConfigError: as `study_board`.
@@ -55,6 +64,8 @@ def study_board_tables(study: Study, stored: StoredResults) -> list[Table]:
     board = study_board(study, stored)
     assert study.board is not None
     tables = plan_board(board, (study.board.protocol, ""), study.board.controls)
+    if statuses:
+        tables[0] = _with_statuses(tables[0], board, statuses)
     measured = [case for cases in board.answer.measured.values() for case in cases]
     if measured:
         tables += dataset_tables(section_of(board.answer.over(measured)))
@@ -63,6 +74,14 @@ def study_board_tables(study: Study, stored: StoredResults) -> list[Table]:
     if study.board.extras:
         tables.append(_extras(study, without_seeds(stored), board))
     return tables
+
+
+def _with_statuses(table: Table, board: Board, statuses: Mapping[str, str]) -> Table:
+    """Return the board with the column of status at its end."""
+    status_of_row = [statuses.get(row.name, VERIFIED) for row in board.rows]
+    rows = [[*row, status] for row, status in zip(table.rows, status_of_row, strict=True)]
+    columns = [*table.columns, Column("status", "text")]
+    return replace(table, columns=columns, rows=rows, notes=[*table.notes, STATUS_NOTE])
 
 
 def _answer(stored: StoredResults, protocol: str, names: Collection[str]) -> Answer:

@@ -6,8 +6,8 @@ The keys of a run (`StudyRun`) may stand at the top of the file, for all runs; a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import field, fields
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import field, fields, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +18,7 @@ from pydantic.dataclasses import dataclass
 from stiff_bench.plan.options import choices
 from stiff_bench.plan.registry import Registry
 from stiff_bench.plan.request import RunPlan, plan_run
+from stiff_bench.store.names import split_word
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import read_toml
 
@@ -87,6 +88,7 @@ class Study:
         orders: groups whose orders of the models "order-agreement" compares -> their names there.
         caption: of figure "relative-errors".
         board: of table "leaderboard"; None: as `bench leaderboard` prints it.
+        lite: data sets of the short version of the study (`lite_version`).
         file: that describes it; errors name it.
     """
 
@@ -104,7 +106,55 @@ class Study:
     orders: Mapping[str, str] = Field(default_factory=dict)
     caption: str = ""
     board: StudyBoard | None = None
+    lite: Words = ()
     file: Path = Path()
+
+    @property
+    def word(self) -> str:
+        """Word that `find_study` finds it by, in any working directory."""
+        shipped = self.file.parent.resolve() == shipped_folder()
+        return self.name if shipped else str(self.file.resolve())
+
+    def datasets_of(self, run: StudyRun) -> list[str]:
+        """Return the data sets of a run and of its groups."""
+        return [word for name in run.datasets for word in self.groups.get(name, [name])]
+
+    def lite_version(self) -> Study:
+        """Return the short version: the first split of the first run on the data sets `lite`.
+
+        It has the models of every run that shares protocols, splits and seed with the first run.
+
+        Raises:
+            ConfigError: the study has no short version.
+        """
+        if not self.lite:
+            raise ConfigError(f"{self.file}: has no key lite, the data sets of --lite")
+        first = self.run[0]
+        alike = [run for run in self.run if _division(run) == _division(first)]
+        short = replace(
+            first,
+            models=_once(word for run in alike for word in run.models),
+            datasets=self.lite,
+            settings=_once(word for run in alike for word in run.settings),
+            splits=1,
+        )
+        return replace(self, run=(short,))
+
+    def with_models(self, models: Sequence[str]) -> Study:
+        """Return the study with these models in each run in place of its own.
+
+        Settings of other models are left out. Runs that then are the same are one.
+        """
+        keys = {split_word(word)[0] for word in models}
+        runs: dict[Hashable, StudyRun] = {}
+        for run in self.run:
+            place = (run.datasets, *_division(run))
+            settings = (
+                word for word in run.settings if word.partition("=")[0].rpartition(".")[0] in keys
+            )
+            earlier = runs[place].settings if place in runs else ()
+            runs[place] = replace(run, models=tuple(models), settings=_once([*earlier, *settings]))
+        return replace(self, run=tuple(runs.values()))
 
     def plans(self, registry: Registry, *, output: Path, command: str) -> list[RunPlan]:
         """Check the runs, whose results are all stored in `output`.
@@ -118,9 +168,7 @@ class Study:
                     choices(
                         registry,
                         models=run.models,
-                        datasets=[
-                            word for name in run.datasets for word in self.groups.get(name, [name])
-                        ],
+                        datasets=self.datasets_of(run),
                         protocols=run.protocols,
                         settings=run.settings,
                     ),
@@ -136,6 +184,22 @@ class Study:
             ]
         except ConfigError as error:
             raise ConfigError(f"{self.file}: {error}") from error
+
+
+def _once(words: Iterable[str]) -> Words:
+    """Return each word once, in the order of their appearance."""
+    return tuple(dict.fromkeys(words))
+
+
+def _division(run: StudyRun) -> tuple[Words, int | None, int]:
+    """Return what says how a run divides its data sets."""
+    return run.protocols, run.splits, run.seed
+
+
+def shipped_folder() -> Path:
+    """Return the folder of the studies that are shipped."""
+    with as_file(files("stiff_studies")) as folder:
+        return Path(folder).resolve()
 
 
 def find_study(name: str) -> Study:
@@ -177,6 +241,10 @@ def read_study(path: Path) -> Study:
         for name in filter(None, names):
             if name not in study.groups:
                 raise ConfigError(f"{path}: {key}: {unknown_name('group', name, study.groups)}")
+    datasets = {word for run in study.run for word in study.datasets_of(run)}
+    for word in study.lite:
+        if word not in datasets:
+            raise ConfigError(f"{path}: lite: {unknown_name('data set', word, datasets)}")
     return study
 
 

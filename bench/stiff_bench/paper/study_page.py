@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ Makers = Mapping[str, Callable[[Study, PaperResults], Any]]
 
 def _leaderboard(study: Study, stored: PaperResults) -> list[Table]:
     if study.board is not None:
-        return study_board_tables(study, stored)
+        return study_board_tables(study, stored, stored.statuses)
     return leaderboard_tables(build_leaderboard(stored, key=sort_key("norm", None)))
 
 
@@ -88,17 +89,24 @@ def check_names(study: Study) -> None:
             raise unknown_name("figure of a study", name, PICTURES)
 
 
-def write_page(study: Study, output: Path, command: str, n_missing: int) -> Iterator[Path]:
+def write_page(
+    study: Study,
+    output: Path,
+    command: str,
+    n_missing: int,
+    statuses: Mapping[str, str] | None = None,
+) -> Iterator[Path]:
     """Write OUTPUT/NAME/README.md with its tables and figures, and yield each file.
 
     The results are in OUTPUT/NAME/runs, of which `n_missing` are not computed. What cannot be made
-    of them is named on the page, with the reason.
+    of them is named on the page, with the reason. `statuses` has the status of each model; none:
+    the board has no such column.
 
     Raises:
         StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
     """
     folder = output / study.name
-    stored = PaperResults.of(folder / "runs")
+    stored = replace(PaperResults.of(folder / "runs"), statuses=statuses or {})
     missing = dict[str, str]()
 
     def made(kind: str, names: Iterable[str], makers: Makers) -> Iterator[tuple[str, Any]]:

@@ -102,7 +102,7 @@ def score(task: CellTask, given: FitInput, run_id: str, outcome: FitOutcome) -> 
 
 def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> CellResult:
     """Return the result; what was measured at the reported rows is looked at last."""
-    reference = _reference(task, given)
+    reference = reference_values(task, given)
     prediction = task.prediction(fitted.predicted, fitted.commands, fitted.interval, reference)
     check_prediction(prediction.predicted, len(given.q))
     diagnostics = dict(fitted.diagnostics)
@@ -126,7 +126,7 @@ def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> Cel
     )
 
 
-def _reference(task: CellTask, given: FitInput) -> FloatArray | None:
+def reference_values(task: CellTask, given: FitInput) -> FloatArray | None:
     """Return the scored values of the reference model, which learns from the whole training side.
 
     It takes a millisecond; None: these data do not identify it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,17 +55,22 @@ class Merged:
         return "\n".join(self.report)
 
 
-def merge(folders: Sequence[Path], output: Path) -> Merged:
+def merge(folders: Sequence[Path], output: Path, keys: Collection[str] | None = None) -> Merged:
     """Join the results of folders in `output`, which may exist and hold some, or be one of them.
 
     A cell's key holds all that shapes its numbers. So a cell that is stored already is left out;
     only a result replaces a failure. The merge is one transaction: all of it, or nothing.
 
+    Args:
+        folders: with results.
+        output: that takes them.
+        keys: of the cells to take, with their runs and data; None: all.
+
     Raises:
         ConfigError: two folders have different numbers of one cell.
         StoreError: a folder holds no results, or `output` cannot be written.
     """
-    inputs = {folder: read_results(folder) for folder in _inputs(folders, output)}
+    inputs = {folder: read_results(folder, keys) for folder in _inputs(folders, output)}
     ResultStore(output)
     with writing(output) as db:
         # the transaction keeps other writers out, so what is read here stays as it is
@@ -78,10 +83,16 @@ def merge(folders: Sequence[Path], output: Path) -> Merged:
                 write_row(db, result)
                 stored[result.cell.key] = (folder, result)
             taken[folder] = (len(results), len(new))
+            needed = {result.cell.data_sha256 for result in results}
+            needed |= {result.cell.source_sha256 for result in results}
             with reading(folder) as source:
                 data = source.execute("SELECT * FROM data").fetchall()
+            data = [row for row in data if keys is None or row[0] in needed]
             db.executemany("INSERT OR IGNORE INTO data VALUES (?, ?, ?)", data)
+            run_ids = {result.run_id for result in results}
             for run in read_manifests(folder):
+                if keys is not None and run.run_id not in run_ids:
+                    continue
                 there = runs.get(run.run_id, run)
                 # of a run that was copied while it ran: finished < interrupted < running
                 runs[run.run_id] = min(there, run, key=lambda one: one.status)

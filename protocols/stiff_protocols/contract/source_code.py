@@ -47,6 +47,13 @@ def code_below(root: Path) -> str:
     return _hash(f"{place} {file_code(path)}" for place, path in files)
 
 
+def imported_files(file: Path) -> set[Path]:
+    """Return a plugin file with the files and packages of its folder that it imports."""
+    roots = _with_neighbours(file)
+    below = (root.rglob("*.py") if root.is_dir() else [root] for root in roots)
+    return {path for paths in below for path in paths if not path.name.startswith(".")}
+
+
 def file_code(path: Path) -> str:
     """Return a hash of one file."""
     state = path.stat()

@@ -71,7 +71,7 @@ REFUSED = {
     "report --results folder --output page.html --metric speed": ["speed"],
     "reproduce efects": ["unknown study 'efects'", "did you mean 'effects'"],
     "reproduce mine.toml": ["mine.toml: cannot be read"],
-    "run --study mine.toml --model gp": ["--model", "--study", "mine.toml"],
+    "run --study mine.toml --splits 3": ["--splits", "--study", "mine.toml"],
     "figure regresion": ["did you mean 'regression'"],
     "figure 4 --results runs": ["results runs", "figure 4"],
     "data info bytes": ["bytes: not a file of samples", ".csv"],

@@ -126,3 +126,29 @@ def test_both_splits_of_the_leaderboard_are_of_every_model_with_another_pre_trai
 def test_the_quick_study_is_a_part_of_the_full_one_on_one_split(plans):
     assert {*fits(plans("paper-quick"))} < {*fits(plans("paper"))}
     assert {plan.splits for plan in plans("paper-quick")} == {1}
+
+
+def test_the_short_leaderboard_is_one_split_of_four_robots_with_every_model_of_that_split(plans):
+    study = find_study("leaderboard")
+    (run,) = study.lite_version().run
+    assert (run.datasets, run.splits, run.seed) == (study.lite, 1, 0) and len(run.datasets) == 4
+    assert set(run.models) >= {"vjm", "gp-springs", "ft-mlp", "mlp"}
+    assert run.settings == () and run.protocols == study.run[0].protocols
+
+
+def test_a_study_without_a_short_version_says_so(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(SIMPLE)
+    with pytest.raises(ConfigError, match="has no key lite"):
+        read_study(file).lite_version()
+    file.write_text(SIMPLE.replace("[groups]", 'lite = ["kr11-twin"]\n[groups]'))
+    with pytest.raises(ConfigError, match="lite: unknown data set 'kr11-twin'"):
+        read_study(file)
+
+
+def test_another_model_takes_part_in_every_division_once_with_its_own_settings(tmp_path):
+    study = find_study("leaderboard").with_models(["vjm", "ft-mlp"])
+    divisions = [(run.datasets, run.protocols, run.splits, run.seed) for run in study.run]
+    assert len(set(divisions)) == len(divisions) == 5
+    assert {run.models for run in study.run} == {("vjm", "ft-mlp")}
+    assert {word for run in study.run for word in run.settings} == {"ft-mlp.pretrain_seed=1"}

@@ -1,0 +1,189 @@
+"""Submissions to the leaderboard: `bench submit`, `bench verify`, and the status of each model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from stiff_bench.api.evaluation import run_of_study
+from stiff_bench.api.records import records_of
+from stiff_bench.api.registered import use_only
+from stiff_bench.paper.study_file import find_study
+from stiff_bench.plan.cells import installed
+from stiff_bench.store.database import ResultStore, read_manifests, read_results
+from stiff_bench.submissions.card import read_card
+from stiff_bench.submissions.published_results import place_of
+from stiff_bench.submissions.statuses import SHIPPED
+from stiff_bench.submissions.submission import (
+    MANIFEST,
+    Manifest,
+    Outcome,
+    Scope,
+    Submission,
+    Verification,
+    check_output,
+    file_sha256,
+    read_submission,
+    read_verification,
+    write_submission,
+    write_verification,
+    wrong_files,
+)
+from stiff_bench.submissions.verification import Check, outcome_of, place_of_record, verify
+from stiff_bench.submissions.verification import Refits as Refits
+from stiff_bench.tables.units import counted, first_few
+from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.record import RunManifest
+
+STUDY = "leaderboard"
+
+
+def submit(
+    card_file: Path,
+    output: Path,
+    *,
+    scope: Scope,
+    results: Path,
+    study: str = STUDY,
+    command: str = "",
+    **how: Any,
+) -> Submission:
+    """Compute what is missing of a model's fits, and write its submission.
+
+    Args:
+        card_file: the card; it names the model and the plugin file next to it.
+        output: folder of the submission, which must not exist.
+        scope: "lite" or "full".
+        results: folder that keeps the results.
+        study: name, or file.
+        command: for the record.
+        how: the options of `chosen_execution`.
+
+    Raises:
+        ConfigError: the card is wrong, or a fit failed.
+        StoreError: the folder exists or cannot be written.
+    """
+    card = read_card(card_file)
+    check_output(output)
+    plugin = card_file.parent / card.plugin
+    if (plugin.parent / "__init__.py").exists():
+        raise ConfigError(f"{plugin}: is part of a package; give a file outside of packages")
+    use_only([plugin])
+    lite = scope == "lite"
+    study_run = run_of_study(
+        study, models=[card.model], lite=lite, output=results, command=command, **how
+    )
+    names = {task.shown.model for task in study_run.tasks if task.model.info.key not in SHIPPED}
+    if len(names) != 1:
+        raise ConfigError(f"{card_file}: model = {card.model!r}: a model of stiffbench, not yours")
+    (name,) = names
+    fits = [fit for fit in study_run.compute().cells if fit.shown.model == name]
+    if failed := [f"{fit.shown.dataset}: {fit.why_none}" for fit in fits if fit.status != "ok"]:
+        raise ConfigError(
+            f"{counted(len(failed), 'fit')} of {name} without a result, which a submission needs: "
+            f"{first_few(failed)}"
+        )
+    run_ids = {fit.run_id for fit in fits}
+    environments = {
+        run.run_id: {"command": run.command, "started": run.started, **run.environment}
+        for run in read_manifests(results)
+        if run.run_id in run_ids
+    }
+    manifest = Manifest(
+        stiffbench=installed("stiffbench"),
+        study=find_study(study).name,
+        scope=scope,
+        model=name,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        files={},
+    )
+    return write_submission(output, card_file, records_of(results, fits), environments, manifest)
+
+
+@dataclass
+class VerificationRun:
+    """Checks of a submission, as they are made.
+
+    Attributes:
+        folder: of the submission.
+        study: name, or file.
+        refits: choice and limits of the fits that are computed again.
+    """
+
+    folder: Path
+    study: str
+    refits: Refits
+
+    def __post_init__(self) -> None:
+        self.checks: list[Check] = []
+
+    def __iter__(self) -> Iterator[Check]:
+        """Yield each check."""
+        for check in verify(self.folder, find_study(self.study), self.refits):
+            self.checks.append(check)
+            yield check
+
+    @property
+    def outcome(self) -> Outcome:
+        """Outcome of the checks that were made."""
+        return outcome_of(self.checks)
+
+    def write(self) -> None:
+        """Store the outcome in the folder of the submission."""
+        write_verification(
+            self.folder,
+            Verification(
+                outcome=self.outcome,
+                manifest_sha256=file_sha256(self.folder / MANIFEST),
+                stiffbench=installed("stiffbench"),
+                date=datetime.now(UTC).date().isoformat(),
+                seed=self.refits.seed,
+                checks=[str(check) for check in self.checks],
+            ),
+        )
+
+
+def add_submission(folder: Path, results: Path) -> int:
+    """Store the fits of a submission in a folder of results, and return their number.
+
+    They get data, splits and reference from the VJM's results on the same splits there.
+
+    Args:
+        folder: of the submission, which `bench verify` must have verified or reported.
+        results: folder with the results of the VJM in the same study.
+
+    Raises:
+        ConfigError: the submission was changed or not verified (`bench verify --write`), or the
+            VJM has no result on one of its splits.
+        StoreError: the results cannot be read or written.
+    """
+    submission = read_submission(folder)
+    if problems := wrong_files(folder, submission.manifest):
+        raise ConfigError(f"{folder}: {first_few(problems)}")
+    if read_verification(folder) is None:
+        raise ConfigError(f"{folder}: not verified: run `bench verify {folder} --write` first")
+    baseline = {
+        place_of(result.cell, result.shown): result
+        for result in read_results(results)
+        if result.cell.model == REFERENCE_MODEL and result.status == "ok"
+    }
+    fits = []
+    for record in submission.records:
+        of_vjm = baseline.get(place_of_record(record))
+        if of_vjm is None or of_vjm.cell.split_sha256 != record.split_sha256:
+            raise ConfigError(f"{results}: no result of the VJM on {record.place_text}")
+        fits.append(record.result(of_vjm))
+    store = ResultStore(results)
+    store.write_cells(fits)
+    for run_id in {fit.run_id for fit in fits}:
+        keys = tuple(fit.cell.key for fit in fits if fit.run_id == run_id)
+        environment = next(fit.environment for fit in submission.records if fit.run_id == run_id)
+        command = f"bench results add {folder}"
+        store.write_manifest(
+            RunManifest(run_id, command, submission.manifest.created, "finished", environment, keys)
+        )
+    return len(fits)

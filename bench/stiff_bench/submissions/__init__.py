@@ -1,0 +1,1 @@
+"""Published results to compare with, records, and submissions with their verification."""

@@ -1,0 +1,113 @@
+"""Finds the published results that a new model can be compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from stiff_bench.paper.study_file import Study, shipped_folder
+from stiff_bench.paper.study_page import outdated_models
+from stiff_bench.plan.cells import CellTask
+from stiff_bench.store.database import FILE, has_results, read_results, why_no_results
+from stiff_bench.store.names import SHORT, grouped
+from stiff_bench.tables.units import counted, first_few
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.record import Cell, CellResult, Presentation
+
+PUBLISHED = "published"
+"""Word of `--against` for the results that the repository holds."""
+OPTION = "against"
+
+Place = tuple[str, str, str, int, int]
+"""Data set, protocol, condition, seed and number of a split."""
+
+
+def place_of(cell: Cell, presentation: Presentation) -> Place:
+    """Return which split of the study a fit is of."""
+    return presentation.dataset, presentation.protocol, cell.condition, cell.seed, cell.split_index
+
+
+def place_text(place: Place) -> str:
+    """Return a split of the study for people."""
+    dataset, protocol, condition, seed, index = place
+    where = ", ".join(filter(None, [condition, f"seed {seed}", f"split {index}"]))
+    return f"{dataset} under {protocol} ({where})"
+
+
+def published_folder(word: str, study: Study) -> Path:
+    """Return the folder of results that `--against` names.
+
+    Raises:
+        ConfigError: it holds no results, or stiffbench is installed without its repository.
+    """
+    if word != PUBLISHED:
+        folder = Path(word)
+        if not has_results(folder):
+            raise ConfigError(f"{folder}: {why_no_results(folder)}", OPTION)
+        return folder
+    folder = shipped_folder().parent / study.name / "runs"
+    if not has_results(folder):
+        raise ConfigError(
+            f"{PUBLISHED}: no {folder / FILE}; published results come with the repository, not "
+            "with the installed package: give their folder, --against DIR",
+            OPTION,
+        )
+    return folder
+
+
+def find_published(folder: Path, tasks: Sequence[CellTask]) -> list[CellResult]:
+    """Return the published results on the splits of some fits, of other models than theirs.
+
+    Raises:
+        ConfigError: a split has other data or other rows there, a model another version, or no
+            split of these fits is there.
+        StoreError: the folder cannot be read.
+    """
+    models = {task.shown.model for task in tasks}
+    cells = {place_of(task.cell, task.shown): task.cell for task in tasks}
+    stored = [result for result in read_results(folder) if result.status == "ok"]
+    of_place = grouped(stored, lambda result: place_of(result.cell, result.shown))
+    shared = {place: of_place[place] for place in cells if place in of_place}
+    if not shared:
+        splits = first_few([place_text(place) for place in cells])
+        raise ConfigError(f"{folder}: no results on the splits of this run: {splits}", OPTION)
+    same_splits = [result for results in shared.values() for result in results]
+    reasons = [*_differing_splits(cells, shared), *_other_versions(same_splits)]
+    if reasons:
+        advice = "use the stiffbench that computed them, or leave --against out"
+        raise ConfigError(f"{folder}: {first_few(reasons)}; {advice}", OPTION)
+    return [result for result in same_splits if result.shown.model not in models]
+
+
+def missing_places(published: Iterable[CellResult], tasks: Iterable[CellTask]) -> list[str]:
+    """Return the splits of some fits without a published result, for people."""
+    there = {place_of(result.cell, result.shown) for result in published}
+    places = dict.fromkeys(place_of(task.cell, task.shown) for task in tasks)
+    return [place_text(place) for place in places if place not in there]
+
+
+def _differing_splits(
+    cells: dict[Place, Cell], published: dict[Place, list[CellResult]]
+) -> Iterator[str]:
+    """Yield a reason for each split whose data or rows are others there."""
+    kinds = {"data": "data_sha256", "rows": "split_sha256", "source data": "source_sha256"}
+    for place, results in published.items():
+        for kind, name in kinds.items():
+            here = getattr(cells[place], name)
+            differing = [
+                result for result in results if getattr(result.cell, name) not in ("", here)
+            ]
+            if differing and here:
+                there = getattr(differing[0].cell, name)
+                n_models = counted(len({result.shown.model for result in differing}), "model")
+                yield (
+                    f"{place_text(place)}: other {kind} ({there[:SHORT]} there, {here[:SHORT]} "
+                    f"here; {n_models})"
+                )
+                break
+
+
+def _other_versions(results: Sequence[CellResult]) -> Iterator[str]:
+    """Yield a reason if models have changed since."""
+    if outdated := outdated_models(results):
+        yield f"computed by other versions of {', '.join(outdated)}"
