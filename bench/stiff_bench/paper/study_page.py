@@ -13,13 +13,14 @@ from stiff_bench.analysis.collected import StoredResults, newest_results
 from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
 from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.figures.board_figures import score_against_cost, score_against_poses
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.relative_errors import RelativeErrors, mean_errors
-from stiff_bench.paper.study_board import study_board_tables
+from stiff_bench.paper.study_board import study_board, study_board_tables
 from stiff_bench.paper.study_file import Study
 from stiff_bench.store.database import FILE
 from stiff_bench.store.versions import sources
@@ -69,6 +70,8 @@ TABLES: Makers = {
     **{number: partial(_of_paper, make) for number, make in paper_tables.TABLES.items()},
 }
 PICTURES: Makers = {
+    "board-cost": lambda *of: score_against_cost(study_board(*of)),
+    "board-poses": lambda *of: score_against_poses(study_board(*of)),
     "relative-errors": lambda *of: _relative(*of).figure(),
     **{number: partial(_of_paper, make) for number, make in paper_figures.FIGURES.items()},
     **{name: partial(_general, make) for name, make in FIGURES.items()},
