@@ -56,6 +56,7 @@ def _cost_figure(rows: Sequence[BoardRow]) -> Figure:
         bounds = [[row.mean.ratio - row.mean.low], [row.mean.high - row.mean.ratio]]
         axes.errorbar(row.fit_s or np.nan, row.mean.ratio, yerr=bounds, **look.points(), lw=0.8)
     axes.set(xscale="log", xlabel="time of a fit [s]")
+    axes.xaxis.set_major_formatter("{x:g}")
     _ratio_axis(axes)
     _name_points(axes, [(row.fit_s or np.nan, row.mean.ratio, labels[row.name]) for row in rows])
     return figure

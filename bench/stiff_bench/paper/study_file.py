@@ -143,17 +143,30 @@ class Study:
     def with_models(self, models: Sequence[str]) -> Study:
         """Return the study with these models in each run in place of its own.
 
-        Settings of other models are left out. Runs that then are the same are one.
+        Settings of other models are left out. A data set is divided in the same way once.
         """
         keys = {split_word(word)[0] for word in models}
-        runs: dict[Hashable, StudyRun] = {}
+        settings: dict[Hashable, Words] = {}  # of each data set and division
         for run in self.run:
-            place = (run.datasets, *_division(run))
-            settings = (
+            words = (
                 word for word in run.settings if word.partition("=")[0].rpartition(".")[0] in keys
             )
-            earlier = runs[place].settings if place in runs else ()
-            runs[place] = replace(run, models=tuple(models), settings=_once([*earlier, *settings]))
+            of_run = _once(words)
+            for dataset in self.datasets_of(run):
+                place = dataset, _division(run)
+                settings[place] = _once([*settings.get(place, ()), *of_run])
+        runs: dict[Hashable, StudyRun] = {}
+        for run in self.run:
+            for dataset in self.datasets_of(run):
+                of_place = settings.pop((dataset, _division(run)), None)
+                if of_place is None:  # an earlier run has it
+                    continue
+                alike = _division(run), of_place
+                earlier = runs[alike].datasets if alike in runs else ()
+                datasets = (*earlier, dataset)
+                runs[alike] = replace(
+                    run, models=tuple(models), datasets=datasets, settings=of_place
+                )
         return replace(self, run=tuple(runs.values()))
 
     def plans(self, registry: Registry, *, output: Path, command: str) -> list[RunPlan]:

@@ -148,7 +148,11 @@ def test_a_study_without_a_short_version_says_so(tmp_path):
 
 def test_another_model_takes_part_in_every_division_once_with_its_own_settings(tmp_path):
     study = find_study("leaderboard").with_models(["vjm", "ft-mlp"])
-    divisions = [(run.datasets, run.protocols, run.splits, run.seed) for run in study.run]
-    assert len(set(divisions)) == len(divisions) == 5
+    divisions = [
+        (dataset, run.protocols, run.splits, run.seed)
+        for run in study.run
+        for dataset in run.datasets
+    ]
+    assert len(set(divisions)) == len(divisions) == 2 * 48 + 2 * 24 + 1
     assert {run.models for run in study.run} == {("vjm", "ft-mlp")}
     assert {word for run in study.run for word in run.settings} == {"ft-mlp.pretrain_seed=1"}
