@@ -22,6 +22,10 @@ EQUATION = re.compile(
 )
 LINK = re.compile(r"(?P<code>`[^`\n]+`)|(?P<picture>!?)\[(?P<text>[^\]\n]*)\]\((?P<to>[^)\s]+)\)")
 FENCE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
+BOARD = Path("results/leaderboard/tables/table_leaderboard.md")
+BOARD_PLACE = "<!-- leaderboard -->"
+"""Stands in a page where the site shows the leaderboard."""
+BOARD_SENTENCES = ("- How sure:", "- But:", "- Data:")
 MOUNT = "repository"
 """Where the site has the pages and pictures that stand outside docs/."""
 
@@ -37,8 +41,10 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_markdown(text: str, *, page: Any, config: Any, files: Files) -> str:
-    """Point the links of a page, which are the repository's, to their places on the site."""
+    """Put in the leaderboard, and point links, which are the repository's, to their places."""
     here = page.file.src_uri
+    if BOARD_PLACE in text:
+        text = text.replace(BOARD_PLACE, leaderboard(_root(config)))
 
     def moved(found: re.Match[str]) -> str:
         return found[0] if found["code"] else _moved_link(found, here, _root(config), files)
@@ -51,6 +57,15 @@ def on_page_markdown(text: str, *, page: Any, config: Any, files: Files) -> str:
 def on_page_content(text: str, *, page: Any, config: Any, files: Files) -> str:
     """Write every equation as MathML."""
     return EQUATION.sub(lambda found: _mathml(found, page.file.src_uri), text)
+
+
+def leaderboard(root: Path) -> str:
+    """Return headline and first table of the committed leaderboard, in Markdown."""
+    text = (root / BOARD).read_text(encoding="utf-8")
+    headline, _, rest = text.partition("\n\n")
+    table, _, notes = rest.partition("\n\n")
+    sentences = [line for line in notes.splitlines() if line.startswith(BOARD_SENTENCES)]
+    return "\n\n".join([headline, table, "\n".join(sentences)])
 
 
 def _root(config: Any) -> Path:
