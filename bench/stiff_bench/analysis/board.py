@@ -135,6 +135,12 @@ class Board(BriefFields):
         return self.answer.claim_robots
 
     @cached_property
+    def measured(self) -> dict[str, list[ScoredCase]]:
+        """Measured data sets beside simulated robots; none where the robots are the measured."""
+        kinds = {cases[0].case.shown.kind for cases in self.robots.values()}
+        return {} if "measured" in kinds else self.answer.measured
+
+    @cached_property
     def logs(self) -> DataFrame:
         """(robots, models) logarithms of error / VJM's error; models with every score only."""
         return self._logs(self.answer.ratio, self.robots).dropna(axis="columns")
@@ -258,7 +264,7 @@ class Board(BriefFields):
 
     def _measured(self, name: str) -> dict[str, MeasuredScore]:
         scores = {}
-        for dataset, cases in self.answer.measured.items():
+        for dataset, cases in self.measured.items():
             ratio = self.answer.mean_ratio(name, cases)
             if ratio is not None and all(name in case.scores for case in cases):
                 verdicts = {self.answer.verdict(name, case) for case in cases}

@@ -93,10 +93,11 @@ def _is_ahead(ratio: float, of_leader: float) -> bool:
 
 def _data(board: Board, lead: BoardRow) -> str:
     """Return how many robots are measured, and the models' scores there."""
-    n_measured, n_all = len(board.answer.measured), len(board.answer.robots)
+    kinds = [cases[0].case.shown.kind for cases in board.answer.robots.values()]
+    n_measured, n_all = kinds.count("measured"), len(kinds)
     verb = "is" if n_measured == 1 else "are"
     text = f"{n_measured} of {counted(n_all, 'robot')} {verb} measured"
-    for dataset, cases in board.answer.measured.items():
+    for dataset, cases in board.measured.items():
         scores = {row.name: row.measured[dataset] for row in board.rows if dataset in row.measured}
         if lead.name not in scores:
             continue
@@ -128,7 +129,7 @@ def _ratios(board: Board) -> Table:
             format=RATIO_FORMAT,
             value=partial(_measured, dataset),
         )
-        for dataset in board.answer.measured
+        for dataset in board.measured
     ]
     table = Table.of(
         f"Error over the VJM's, geometric mean over {scope}",

@@ -66,7 +66,7 @@ def study_board_tables(
     tables = plan_board(board, (study.board.protocol, ""), study.board.controls)
     if statuses:
         tables[0] = _with_statuses(tables[0], board, statuses)
-    measured = [case for cases in board.answer.measured.values() for case in cases]
+    measured = [case for cases in board.measured.values() for case in cases]
     if measured:
         tables += dataset_tables(section_of(board.answer.over(measured)))
     if study.board.variants:

@@ -40,7 +40,7 @@ def board_screen(board: Board) -> FirstScreen:
     rows = board.rows
     bounds = [bound for row in rows for bound in (row.mean.low, row.mean.high)]
     axis = Axis.over(bounds)
-    n_measured = len(board.answer.measured)
+    n_measured = len(board.measured)
     return FirstScreen(
         board_headline(board),
         board_sentences(board),
@@ -75,7 +75,7 @@ def _matrix(board: Board) -> MatrixPart:
     """Return ratios: a column for each group, measured data set and number of poses."""
     headings = [
         *(("simulated", group) for group in board.groups),
-        *(("measured", dataset) for dataset in board.answer.measured),
+        *(("measured", dataset) for dataset in board.measured),
         *(("fewer poses", heading) for heading in board.few),
     ]
 

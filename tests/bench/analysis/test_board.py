@@ -111,6 +111,15 @@ def test_measured_robots_stand_beside_and_are_not_averaged(made):
     assert "smallest: fair (0.50)" in sentence(board, "Data")
 
 
+def test_enough_measured_robots_are_the_board_and_have_no_columns_of_their_own(made):
+    add_all(made, kind="measured")
+    add_robot(made, 20, {"good": 5.0, "fair": 5.0})
+    board = board_of(made)
+    assert row_of(board, "good").mean.ratio == pytest.approx(stats.gmean(GOOD))
+    assert not row_of(board, "good").measured
+    assert "7 of 8 robots are measured" in sentence(board, "Data")
+
+
 def test_a_model_without_every_score_is_not_on_the_board_and_is_named(made):
     add_all(made)
     add_robot(made, 20, {"good": 0.3, "fair": 0.7})
