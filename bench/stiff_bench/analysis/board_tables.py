@@ -135,11 +135,12 @@ def _ratios(board: Board) -> Table:
         f"Error over the VJM's, geometric mean over {scope}",
         [
             *_model_columns(),
-            Column("against the VJM", "text", value=_verdict_text),
-            Column("smallest error", value=_won),
+            Column("verdict", "text", value=_verdict_text),
+            Column("won", value=_won),
             Column(
                 "worst robot",
                 format=RATIO_FORMAT,
+                marks_shown=False,
                 value=_worst,
             ),
             *measured,
@@ -148,7 +149,8 @@ def _ratios(board: Board) -> Table:
         board.rows,
         [
             f"{INTERVAL} over robots (Student's t of the logarithms); one vote a robot.",
-            "better, worse: significant over robots (sign flips, Holm); open: not.",
+            "verdict against the VJM: significant over robots (sign flips, Holm), or open; won: "
+            "robots with the smallest error.",
             *_lacking(lacking),
         ],
         about={"table": "board"},
@@ -167,7 +169,7 @@ def _model_columns() -> list[Column]:
 
 def _worst(row: BoardRow) -> Quantity | None:
     is_baseline = row.name == REFERENCE_MODEL
-    return None if is_baseline else Quantity(row.worst, status=row.worst_robot)
+    return None if is_baseline else Quantity(row.worst, mark=row.worst_robot)
 
 
 def _won(row: BoardRow) -> Quantity:
