@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: run test slow-test lint perf docs clean
+.PHONY: run test slow-test lint perf docs leaderboard clean
 
 run: $(READY)
 	$(BIN)/bench run --model ft-mlp
@@ -32,6 +32,9 @@ perf: $(READY)
 
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+leaderboard: $(READY)
+	$(BIN)/bench reproduce leaderboard --write-only --site build/leaderboard
 
 $(READY): pyproject.toml constraints.txt
 	@echo "setting up $(VENV): a minute or more"

@@ -66,24 +66,29 @@ def _how_sure(board: Board, lead: BoardRow) -> str:
 
 
 def _exceptions(board: Board, lead: BoardRow) -> Iterator[str]:
-    """Yield where another model is ahead: robots, and groups of data sets."""
+    """Yield where another model is ahead by more than 5 %: robots, and groups of data sets."""
     ahead = [
         f"{name} on {robot} ({board.robot_ratio(robot, name):{CLOSE_FORMAT}} against "
         f"{board.robot_ratio(robot, lead.name):{CLOSE_FORMAT}})"
         for robot, name in board.winners.items()
-        if name != lead.name
+        if _is_ahead(board.robot_ratio(robot, name), board.robot_ratio(robot, lead.name))
     ]
     if ahead:
-        yield f"Another model has a smaller error: {first_few(ahead, 2)}."
+        yield f"Another model is more than {EQUAL_TEXT} better: {first_few(ahead, 2)}."
     for group in board.groups:
         scores = {row.name: row.groups[group] for row in board.rows if group in row.groups}
         best = min(scores, key=lambda name: scores[name], default=lead.name)
-        if best != lead.name and lead.name in scores:
+        if lead.name in scores and _is_ahead(scores[best], scores[lead.name]):
             yield (
                 f"On the data sets {group!r} {best} is ahead ({scores[best]:{RATIO_FORMAT}} "
                 f"against {scores[lead.name]:{RATIO_FORMAT}})."
             )
     yield f"Its worst robot is {lead.worst_robot} ({lead.worst:{RATIO_FORMAT}})."
+
+
+def _is_ahead(ratio: float, of_leader: float) -> bool:
+    """Say whether a ratio is smaller by more than makes no difference in practice."""
+    return math.log(of_leader / ratio) > MARGIN
 
 
 def _data(board: Board, lead: BoardRow) -> str:

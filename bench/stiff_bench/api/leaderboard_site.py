@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -31,6 +32,7 @@ from stiff_bench.report.board_pages import (
 from stiff_bench.report.html_page import Block, Link, Part, embedded, render_page
 from stiff_bench.store.names import split_word
 from stiff_bench.store.versions import sources
+from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Table, text_columns
 from stiff_bench.tables.units import counted
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -39,6 +41,9 @@ from stiff_protocols.contract.files import make_folder, written_whole
 from stiff_protocols.contract.plugin import ModelInfo
 
 INDEX, MODELS, DATASETS = "index.html", "models", "data"
+FILES = "files"
+"""Folder of the data sets' files, beneath the pages of the data sets."""
+SCORES = "scores.csv"
 TITLE = "stiffbench leaderboard"
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
 
@@ -100,17 +105,22 @@ class LeaderboardSite:
             part = {row.name: self._model_part(row)}
             text = render_page(part, self.command, title=row.name, addresses=from_below, back=up)
             yield _written(folder / models[row.name], text)
-        for name, case in self.datasets.items():
-            part = {name: self._dataset_part(name, case)}
+        for name in self.datasets:
+            files = folder / DATASETS / FILES / file_stem(name)
+            yield from _exported(name, files)
+            part = {name: self._dataset_part(name, files)}
             text = render_page(part, self.command, title=name, addresses=from_below, back=up)
             yield _written(folder / datasets[name], text)
-        part = {self.study.title: self._first_part(models, datasets)}
+        tables = study_board_tables(self.study, self.stored, self.statuses)
+        yield _written(folder / SCORES, render(tables, "csv", self.command))
+        part = {self.study.title: self._first_part(models, datasets, tables)}
         text = render_page(part, self.command, title=TITLE, addresses={**models, **datasets})
         yield _written(folder / INDEX, text)
 
-    def _first_part(self, models: Mapping[str, str], datasets: Mapping[str, str]) -> Part:
+    def _first_part(
+        self, models: Mapping[str, str], datasets: Mapping[str, str], tables: Sequence[Table]
+    ) -> Part:
         board = self.board
-        first, *tables = study_board_tables(self.study, self.stored, self.statuses)
         n_fits = sum(len(case.every) for case in self.stored.cases)
         dates = [run.started[:10] for run in self.stored.runs if run.started]
         counts = {run.run_id: 0 for run in self.stored.runs}
@@ -126,13 +136,14 @@ class LeaderboardSite:
         return Part(
             " · ".join([self.study.title, *([max(dates)] if dates else []), f"{n_fits} fits"]),
             board_screen(board),
-            notes=[*self.study.notes, *first.notes],
+            notes=[*self.study.notes, *tables[0].notes],
             blocks=[
                 Block("Board to sort and filter", tables=[scoped_table(board)]),
                 Block("Cost and number of poses", pictures=pictures),
-                Block("How sure, and other numbers", tables=[first, *tables], is_detail=True),
-                Block("Models", links=[Link(*item) for item in models.items()]),
-                Block("Data sets", links=[Link(*item) for item in datasets.items()]),
+                Block("How sure, and other numbers", tables=tables, is_detail=True),
+                Block("Pages of models", links=[Link(*item) for item in models.items()]),
+                Block("Pages of data sets", links=[Link(*item) for item in datasets.items()]),
+                Block("Downloads", links=[Link(f"{SCORES}: all numbers of this page", SCORES)]),
                 Block("Provenance", texts=[made_by], command=self.command, is_detail=True),
             ],
         )
@@ -160,7 +171,7 @@ class LeaderboardSite:
             headline=row.name,
             sentences=model_sentences(self.board, row),
             blocks=[
-                Block("Model", tables=[facts_table({**facts, **status}, "Model")]),
+                Block("Model", tables=[facts_table({**facts, **status}, "Facts")]),
                 Block("Where it is better and worse", tables=[table]),
                 *([Block("Pictures", pictures=pictures)] if pictures else []),
                 *([] if info is None else [_options_block(info)]),
@@ -178,7 +189,7 @@ class LeaderboardSite:
         ):
             yield _made(partial(make, FigureSource(self.results, (shown,), (name,))))
 
-    def _dataset_part(self, name: str, case: Case) -> Part:
+    def _dataset_part(self, name: str, files: Path) -> Part:
         dataset = load_dataset(name)
         info = dataset.choice.info
         pictures = [
@@ -202,6 +213,13 @@ class LeaderboardSite:
                 Block("Robot, poses and loads", pictures=pictures),
                 Block("Models", tables=[dataset_table(self.board, name)]),
                 Block(
+                    "Files",
+                    links=[
+                        Link(file.name, f"{FILES}/{files.name}/{file.name}")
+                        for file in sorted(files.iterdir())
+                    ],
+                ),
+                Block(
                     "Data",
                     tables=[facts_table(facts, "Facts")],
                     folds=[("Data card", dataset.card)] if dataset.card else [],
@@ -209,6 +227,13 @@ class LeaderboardSite:
                 ),
             ],
         )
+
+
+def _exported(name: str, folder: Path) -> Iterator[Path]:
+    """Write a data set's files anew into a folder of the pages, and yield them."""
+    shutil.rmtree(folder, ignore_errors=True)
+    load_dataset(name).export(folder)
+    yield from sorted(folder.iterdir())
 
 
 def _made(make: Callable[[], Prepared]) -> Prepared | None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from itertools import chain
 
 from stiff_bench.analysis.answer import Answer
 from stiff_bench.analysis.board import Board, without_seeds
+from stiff_bench.analysis.board_tables import board_tables
 from stiff_bench.analysis.collected import Case, StoredResults
 from stiff_bench.analysis.leaderboard import section_of
 from stiff_bench.analysis.leaderboard_tables import dataset_tables, plan_board
@@ -31,7 +33,7 @@ def study_board(study: Study, stored: StoredResults) -> Board:
     columns = study.board
     if columns is None:
         raise ConfigError(f"{study.file}: [board] is missing: it names the protocol of the board")
-    names = _models(stored.cases) - {*columns.extras}
+    names = _models(stored.cases) - {*columns.extras, *columns.variants}
     board = Board(
         _answer(stored, columns.protocol, names),
         {
@@ -67,6 +69,8 @@ def study_board_tables(
     measured = [case for cases in board.answer.measured.values() for case in cases]
     if measured:
         tables += dataset_tables(section_of(board.answer.over(measured)))
+    if study.board.variants:
+        tables += _variants(study, without_seeds(stored), board)
     if study.board.extras:
         tables.append(_extras(study, without_seeds(stored), board))
     return tables
@@ -87,6 +91,24 @@ def _answer(stored: StoredResults, protocol: str, names: Collection[str]) -> Ans
 
 def _models(cases: Collection[Case]) -> set[str]:
     return {name for case in cases for name in case.competitors}
+
+
+def _variants(study: Study, stored: StoredResults, board: Board) -> list[Table]:
+    """Return the board of the variants and what they are compared with, on the first seed."""
+    columns = study.board
+    assert columns is not None
+    variants = {*columns.variants}
+    pairs = [pair for pair in columns.controls.items() if variants.intersection(pair)]
+    names = {*variants, *chain.from_iterable(pairs), REFERENCE_MODEL}
+    answer = _answer(stored, columns.protocol, names)
+    seed = min(case.name.seed for case in answer.cases)
+    first = answer.over([case for case in answer.cases if case.name.seed == seed])
+    few = {heading: _answer(stored, columns.few[heading], names) for heading in board.few}
+    tables = board_tables(Board(first, few, study.groups), dict(pairs))
+    return [
+        replace(table, title=f"Variants, first split: {table.title}", about={"table": "variants"})
+        for table in tables
+    ]
 
 
 def _extras(study: Study, stored: StoredResults, board: Board) -> Table:

@@ -59,12 +59,14 @@ class StudyBoard:
         few: heading -> word of a protocol with fewer poses.
         controls: model -> the physics, teacher or variant that it is compared with.
         extras: models that need more packages; they have a table of their own.
+        variants: models of the first seed only, in a table of their own.
     """
 
     protocol: str
     few: Mapping[str, str] = field(default_factory=dict)
     controls: Mapping[str, str] = field(default_factory=dict)
     extras: Words = ()
+    variants: Words = ()
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)

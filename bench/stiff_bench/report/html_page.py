@@ -140,7 +140,7 @@ def page_table(table: Table) -> dict[str, Any]:
     styles = [
         _style(column, [row[number] for row in rows]) for number, column in enumerate(shown.columns)
     ]
-    by_sign = any(column.by_sign for column in shown.columns)
+    by_sign = all(column.by_sign for column in shown.columns if column.kind == "number")
     return {
         "headings": shown.headings(),
         "styles": styles,

@@ -15,7 +15,9 @@ row of a cell has the SHA-256 of its content, checked when it is read.
 from __future__ import annotations
 
 import hashlib
+import lzma
 import os
+import shutil
 import sqlite3
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
@@ -34,11 +36,13 @@ from stiff_bench.store.cell_rows import (
 )
 from stiff_bench.store.samples import StoredData, data_content, stored_data
 from stiff_protocols.contract.errors import DataError, StoreError
-from stiff_protocols.contract.files import make_folder
+from stiff_protocols.contract.files import make_folder, written_whole
 from stiff_protocols.contract.record import CellResult, RunManifest
 from stiff_protocols.contract.types import BenchmarkData
 
 FILE = "results.sqlite"
+PACKED = f"{FILE}.xz"
+"""The same file as a repository keeps it, a quarter of the size: the first reader unpacks it."""
 FORMAT = 5
 """Of the file, as `PRAGMA user_version` has it."""
 BUSY_S = 60.0
@@ -116,8 +120,21 @@ class ResultStore:
 
 
 def has_results(folder: Path) -> bool:
-    """Say whether there is a file of results."""
-    return (folder / FILE).exists()
+    """Say whether there is a file of results; a packed one is unpacked beside it.
+
+    Raises:
+        StoreError: the packed file is corrupt, or the folder cannot be written.
+    """
+    path, packed = folder / FILE, folder / PACKED
+    if path.exists() or not packed.exists():
+        return path.exists()
+    with sqlite_errors_as_store_error(path, "written"), written_whole(path) as temporary:
+        try:
+            with lzma.open(packed) as content, temporary.open("wb") as file:
+                shutil.copyfileobj(content, file)
+        except (lzma.LZMAError, EOFError) as error:
+            raise _corrupt(packed, str(error)) from error
+    return True
 
 
 def why_no_results(folder: Path) -> str:
@@ -235,6 +252,7 @@ def writing(folder: Path) -> Iterator[sqlite3.Connection]:
         StoreError: the file is corrupt, of another format, or cannot be written.
     """
     path = folder / FILE
+    has_results(folder)  # what is packed is not lost
     with sqlite_errors_as_store_error(path, "written"):
         uri = f"{path.resolve().as_uri()}?mode=rwc"
         with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)) as db:

@@ -112,7 +112,8 @@ def test_both_splits_of_the_leaderboard_are_of_every_model_with_another_pre_trai
         }
         for seed in (0, 1)
     }
-    assert of_seed[0] == of_seed[1]
+    variants = {*find_study("leaderboard").board.variants}
+    assert {place for place in of_seed[0] if place[0] not in variants} == of_seed[1]
     seeds = {
         (plan.seed, model.params.get("pretrain_seed", 0))
         for plan in main

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 import math
 import signal
 import sqlite3
@@ -21,6 +22,7 @@ from helpers.stored_cells import CELL, MANIFEST, failure, result
 from stiff_bench.store.database import (
     FILE,
     FORMAT,
+    PACKED,
     ResultStore,
     mean_seconds,
     read_data,
@@ -303,3 +305,31 @@ def test_another_process_that_holds_the_file_too_long_is_named(tmp_path, monkeyp
         pytest.raises(StoreError, match=r"locked.*network file systems"),
     ):
         ResultStore(tmp_path).write_cells([result()])
+
+
+def packed(folder: Path) -> Path:
+    """Return the packed file of a folder's results, in place of the file itself."""
+    file, target = folder / FILE, folder / PACKED
+    target.write_bytes(lzma.compress(file.read_bytes()))
+    file.unlink()
+    return target
+
+
+def test_packed_results_are_read_and_written_to_as_others(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("vjm", [0.1, 0.2])
+    before = read_results(tmp_path)
+    packed(tmp_path)
+    assert [one.cell.key for one in read_results(tmp_path)] == [one.cell.key for one in before]
+    (tmp_path / FILE).unlink()
+    MadeResults(tmp_path).add("knn", [0.3])
+    assert len(read_results(tmp_path)) == len(before) + 1
+
+
+def test_a_damaged_packed_file_is_refused_and_leaves_no_file(tmp_path):
+    MadeResults(tmp_path).add("vjm", [0.1])
+    file = packed(tmp_path)
+    file.write_bytes(file.read_bytes()[:-40])
+    with pytest.raises(StoreError, match=PACKED):
+        read_results(tmp_path)
+    assert not (tmp_path / FILE).exists()
