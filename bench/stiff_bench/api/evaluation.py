@@ -324,9 +324,9 @@ class Reproduction(Run):
         """
         from stiff_bench.api.leaderboard_site import LeaderboardSite
 
-        return LeaderboardSite(self.study, self.plans[0].output, self.plans[0].command).write(
-            folder
-        )
+        plan = self.plans[0]
+        site = LeaderboardSite(self.study, plan.output, plan.command, self.model_statuses)
+        return site.write(folder)
 
 
 def run_of_study(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -38,6 +38,7 @@ from stiff_bench.tables.units import counted
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.files import make_folder, written_whole
+from stiff_protocols.contract.plugin import ModelInfo
 
 INDEX, MODELS, DATASETS = "index.html", "models", "data"
 FILES = "files"
@@ -64,11 +65,13 @@ class LeaderboardSite:
         study: with a board.
         results: folder of its results.
         command: that writes the pages.
+        statuses: model -> "verified" or "reported"; empty: the board has no such column.
     """
 
     study: Study
     results: Path
     command: str
+    statuses: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def stored(self) -> StoredResults:
@@ -108,7 +111,7 @@ class LeaderboardSite:
             part = {name: self._dataset_part(name, files)}
             text = render_page(part, self.command, title=name, addresses=from_below, back=up)
             yield _written(folder / datasets[name], text)
-        tables = study_board_tables(self.study, self.stored)
+        tables = study_board_tables(self.study, self.stored, self.statuses)
         yield _written(folder / SCORES, render(tables, "csv", self.command))
         part = {self.study.title: self._first_part(models, datasets, tables)}
         text = render_page(part, self.command, title=TITLE, addresses={**models, **datasets})
@@ -147,23 +150,18 @@ class LeaderboardSite:
 
     def _model_part(self, row: BoardRow) -> Part:
         key, _ = split_word(row.name)
-        info = registry().models[key]
-        options = Table(
-            "Options",
-            text_columns("option", "default", "valid", "meaning"),
-            [
-                [option.name, str(option.default), option.type_text, option.description]
-                for option in options_of(info.load()).values()
-            ],
-        )
-        facts = {
-            "model": info.summary,
-            "equation": info.equation,
-            "reference": info.reference,
-            "version": str(info.version),
-            "fit": time_fact(row),
-            "command": f"bench run --model {row.name} --dataset kr10-twin",
-        }
+        info = registry().models.get(key)
+        status = {"status": self.statuses[row.name]} if row.name in self.statuses else {}
+        facts = {"model": "of a submission, see results/submissions", "fit": time_fact(row)}
+        if info is not None:
+            facts = {
+                "model": info.summary,
+                "equation": info.equation,
+                "reference": info.reference,
+                "version": str(info.version),
+                "fit": time_fact(row),
+                "command": f"bench run --model {row.name} --dataset kr10-twin",
+            }
         pictures = [
             embedded(figure, self.command) for figure in self._model_figures(row.name) if figure
         ]
@@ -173,10 +171,10 @@ class LeaderboardSite:
             headline=row.name,
             sentences=model_sentences(self.board, row),
             blocks=[
-                Block("Model", tables=[facts_table(facts, "Facts")]),
+                Block("Model", tables=[facts_table({**facts, **status}, "Facts")]),
                 Block("Where it is better and worse", tables=[table]),
                 *([Block("Pictures", pictures=pictures)] if pictures else []),
-                Block("Options", tables=[options], is_detail=True),
+                *([] if info is None else [_options_block(info)]),
             ],
         )
 
@@ -250,3 +248,13 @@ def _written(path: Path, text: str) -> Path:
     with written_whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
     return path
+
+
+def _options_block(info: ModelInfo) -> Block:
+    """Return the options of a model as a table."""
+    columns = text_columns("option", "default", "valid", "meaning")
+    rows = [
+        [option.name, str(option.default), option.type_text, option.description]
+        for option in options_of(info.load()).values()
+    ]
+    return Block("Options", tables=[Table("Options", columns, rows)], is_detail=True)

@@ -27,7 +27,7 @@ from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.run.machine import prepare
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
-from stiff_bench.store.database import ResultStore, read_results
+from stiff_bench.store.database import FILE, ResultStore, read_results
 from stiff_bench.submissions.published_results import Place, place_of
 from stiff_bench.submissions.submission import Scope
 from stiff_models.io.training_cache import OFF, VARIABLE
@@ -142,7 +142,13 @@ def recompute(request: Request) -> list[CellResult]:
             lines = output.read().decode(errors="replace").splitlines()
         if status != 0:
             raise StiffBenchError(lines[-1] if lines else f"exit status {status}")
-        return read_results(request.output)
+        file = request.output / FILE
+        if file.is_symlink() or not file.is_file():
+            raise StiffBenchError("the code left no results")
+        try:
+            return read_results(request.output)
+        except (KeyError, TypeError, ValueError) as error:  # written by the code itself
+            raise StiffBenchError(f"its results cannot be read: {error}") from error
 
 
 def main(file: Path) -> None:

@@ -16,6 +16,7 @@ from stiff_bench.paper.study_file import Study
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import fit_input, reference_values
+from stiff_bench.store.names import Variant
 from stiff_bench.submissions.card import read_card
 from stiff_bench.submissions.published_results import Place, place_of
 from stiff_bench.submissions.record import Record, record_metrics
@@ -122,6 +123,10 @@ def verify(folder: Path, study: Study, refits: Refits) -> Iterator[Check]:
         )
     except StiffBenchError as error:
         yield Check("failed", "schema", str(error))
+        return
+    key = Variant.of_word(submission.card.model).key
+    if Variant.of_word(manifest.model).key != key:
+        yield Check("failed", "schema", f"the card is of {key}, the manifest of {manifest.model}")
         return
     n_records = counted(len(submission.records), "record")
     yield Check("ok", "schema", f"card and {n_records} are complete")

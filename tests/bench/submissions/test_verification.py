@@ -190,6 +190,14 @@ def test_records_that_do_not_follow_the_schema_are_refused(submission, study_fil
     assert_failed(verified(copy, study_file), "schema", "line 1: metrics.norm_mm = 'low'")
 
 
+def test_the_card_of_another_model_is_refused(submission, study_file, tmp_path):
+    copy = forged(submission, tmp_path, lambda _: None)
+    card = copy / "card.toml"
+    card.write_text(card.read_text().replace('"half-springs"', '"better-springs"'))
+    hash_again(copy)
+    assert_failed(verified(copy, study_file), "schema", "better-springs", "half-springs")
+
+
 def test_an_edited_metric_is_refused(submission, study_file, tmp_path):
     def edit(record):
         record["metrics"]["norm_mm"] *= 0.9
