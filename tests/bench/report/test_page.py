@@ -76,7 +76,15 @@ def made_page(text: str) -> str:
     picture = Picture(text, text, "image/svg+xml", f"<svg>{text}</svg>".encode(), text)
     pictures = [picture, picture._replace(dataset=text, protocol=text)]
     block = Block(text, [text], [table], pictures, [(text, text)], [text], text)
-    part = Part(text, made_screen(text), text, [text], [block, replace(block, is_detail=True)])
+    part = Part(
+        text,
+        made_screen(text),
+        headline=text,
+        sentences=[(text, text)],
+        reason=text,
+        notes=[text],
+        blocks=[block, replace(block, is_detail=True)],
+    )
     return render_page({text: part, "other": Part("other", blocks=[Block("plain")])}, text)
 
 
