@@ -21,6 +21,7 @@ from stiff_bench.report.first_screen import (
 from stiff_bench.report.html_page import (
     MOST_ROWS,
     Block,
+    Link,
     Part,
     Picture,
     page_table,
@@ -220,3 +221,19 @@ def test_a_cell_is_coloured_by_the_sign_of_its_number():
     table = Table("t", [Column("x", by_sign=True)], [[-1], [-0.0], [0], [1e-20], [None]])
     styles = [row[0][2] for row in page_table(table)["rows"]]
     assert styles == ["number worse", "number", "number", "number better", "number"]
+
+
+def test_links_lead_to_other_pages_and_their_texts_are_escaped():
+    text = "<b>model</b>@size=2"
+    table = Table("t", [Column("model", "text"), Column("x")], [[text, 1.0]])
+    block = Block("links", tables=[table], links=[Link(text, "a.html")])
+    page = render_page(
+        {"p": Part("p", blocks=[block])},
+        "bench",
+        title=text,
+        addresses={text: "b.html"},
+        back=Link("up", "../index.html"),
+    )
+    hrefs = [address for address in re.findall(r'<a href="([^"]+)"', page) if address[0] != "#"]
+    assert sorted(hrefs) == ["../index.html", "a.html", "b.html"]
+    assert "<b>model" not in page
