@@ -44,6 +44,12 @@ def opened_browser(profile: Path) -> Iterator[object]:
     opened.quit()
 
 
+def open_anew(browser, page: Path) -> None:
+    """Open a page from the start, also where it is open already with a fragment."""
+    browser.get("about:blank")  # a refresh may come while the page is still loading
+    browser.get(page.as_uri())
+
+
 def unfold(browser):
     browser.execute_script(
         "for (const one of document.querySelectorAll('details')) one.open = true"

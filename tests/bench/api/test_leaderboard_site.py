@@ -17,6 +17,7 @@ from helpers.browser import (
     axe_violations,
     column,
     heading,
+    open_anew,
     opened_browser,
     set_width,
     unfold,
@@ -144,8 +145,7 @@ def test_the_board_is_sorted_by_the_keyboard(browser, site):
 
 def test_a_filter_shows_one_kind_of_data(browser, site):
     set_width(browser, *DESKTOP)
-    browser.get((site / INDEX).as_uri())
-    browser.refresh()
+    open_anew(browser, site / INDEX)
     table = browser.find_element("css selector", "table.widget")
     fields = table.find_elements("css selector", "tr.filters input")
     (field,) = (f for f in fields if f.get_attribute("aria-label") == "Filter data")

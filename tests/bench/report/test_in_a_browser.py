@@ -19,6 +19,7 @@ from helpers.browser import (
     axe_violations,
     column,
     heading,
+    open_anew,
     opened_browser,
     set_width,
     unfold,
@@ -84,8 +85,7 @@ def usual_page(tmp_path_factory) -> Path:
 def usual(browser, usual_page):
     """The browser with the usual page, on a desktop."""
     set_width(browser, *DESKTOP)
-    browser.get(usual_page.as_uri())
-    browser.refresh()  # get() of the same address with another fragment keeps the page
+    open_anew(browser, usual_page)
     return browser
 
 
@@ -100,8 +100,7 @@ def browser(page, tmp_path_factory):
 def errors(browser, page):
     """The first table of the leaderboard, unfolded, as it is before anybody touches it."""
     set_width(browser, *DESKTOP)
-    browser.get(page.as_uri())
-    browser.refresh()
+    open_anew(browser, page)
     unfold(browser)
     return browser.find_element("css selector", "details.block table.widget")
 
