@@ -147,12 +147,13 @@ class Board(BriefFields):
 
     @cached_property
     def incomplete(self) -> dict[str, tuple[int, int]]:
-        """Model without every score -> its scores, and the number of comparisons."""
+        """Model without every score -> its scores, if any, and the number of comparisons."""
         cases = [case for of_robot in self.robots.values() for case in of_robot]
+        counts = {name: sum(name in case.scores for case in cases) for name in self.answer.asked}
         return {
-            name: (sum(name in case.scores for case in cases), len(cases))
-            for name in self.answer.asked
-            if name not in self.logs
+            name: (count, len(cases))
+            for name, count in counts.items()
+            if count and name not in self.logs
         }
 
     def robot_ratio(self, robot: str, name: str) -> float:

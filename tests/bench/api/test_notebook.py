@@ -13,7 +13,10 @@ LARGEST_TEXT, LARGEST_PICTURE = 25_000, 500_000
 """Characters of an output: of its text or HTML, and of a picture in base 64."""
 BARS_AT_ONCE = "from stiff_bench.run import progress; progress.SECONDS_BEFORE_BARS = 0.0"
 
-pytestmark = pytest.mark.xdist_group("notebook")  # it is executed once
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.xdist_group("notebook"),  # it is executed once
+]
 
 
 @pytest.fixture(scope="module")
