@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
 
 from stiff_bench.analysis.collected import Case, StoredResults, of_newest_data
 from stiff_bench.analysis.scored_case import ScoredCase, family_of, scored_case, with_reference
@@ -25,7 +24,7 @@ from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import KNOWN
-from stiff_protocols.scoring.paired import LEVEL
+from stiff_protocols.scoring.over_robots import mean_ratio
 
 FEWEST_ROBOTS = 5
 """Smallest number of robots with an interval over them."""
@@ -266,6 +265,18 @@ class Answer(BriefFields):
             estimate for (estimate,) in estimates(case.errors, [pair], Question(seed=self.seed))
         ]
 
+    def mark(self, model: str, protocol: str = "") -> str:
+        """Return the text that must stand next to a model's name, under one protocol or all."""
+        cases = [one.case for one in self.cases if protocol in ("", one.name.protocol)]
+        marks = [mark_of(c.competitors[model].shown) for c in cases if model in c.competitors]
+        return ", ".join(filter(None, dict.fromkeys(marks)))
+
+    def fit_s(self, model: str, cases: Iterable[ScoredCase]) -> float | None:
+        """Return the median time of a model's fits in comparisons, s; None: not recorded."""
+        costs = [result.cost for case in cases for result in case.results.get(model, ())]
+        times = [cost.fit_s for cost in costs if cost is not None]
+        return float(np.median(times)) if times else None
+
     def noise(self, case: ScoredCase) -> float | None:
         """Return the score of a perfect model, which is the instrument's noise; None: unknown."""
         values = self.key.of_splits(floor) if (floor := case.known(NOISE_FLOOR)) else None
@@ -308,24 +319,21 @@ class Answer(BriefFields):
     def _model(self, name: str) -> ModelAnswer:
         cases = [case for case in self.cases if name in case.scores]
         ratios = [ratio for case in cases if (ratio := self.ratio(name, case)) is not None]
-        costs = [result.cost for case in cases for result in case.results[name]]
-        times = [cost.fit_s for cost in costs if cost is not None]
         logs = [
             math.log(ratio)
             for of_robot in (self.claim_robots or self.robots).values()
             if (ratio := self.mean_ratio(name, of_robot)) is not None
         ]
         low, high = _interval(logs) if self.claim_robots else (None, None)
-        marks = [mark_of(case.case.competitors[name].shown) for case in cases]
         return ModelAnswer(
             name,
-            ", ".join(filter(None, dict.fromkeys(marks))),
+            self.mark(name),
             float(np.median([case.mean(name) for case in cases])),
             math.exp(float(np.mean(logs))) if logs else None,
             *(low, high, min(ratios, default=None), max(ratios, default=None)),
             Counter(verdict for case in cases if (verdict := self.verdict(name, case)) is not None),
             len(cases),
-            float(np.median(times)) if times else None,
+            self.fit_s(name, self.cases),
         )
 
 
@@ -337,6 +345,5 @@ def _interval(logs: Sequence[float]) -> tuple[float, float] | tuple[None, None]:
     """Return the bounds of a geometric mean over robots (Student's t of the logarithms)."""
     if len(logs) < FEWEST_ROBOTS:
         return None, None
-    mean, error = np.mean(logs), stats.sem(logs)
-    half = stats.t.ppf(1.0 - 0.5 * LEVEL, len(logs) - 1) * error
-    return float(np.exp(mean - half)), float(np.exp(mean + half))
+    mean = mean_ratio(logs)
+    return mean.low, mean.high

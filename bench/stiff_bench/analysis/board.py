@@ -22,7 +22,6 @@ from stiff_bench.analysis.scored_case import ScoredCase, family_of
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import Verdict
 from stiff_bench.store.names import grouped, without_options
-from stiff_bench.tables.metric_table import mark_of
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.record import PATH_ERROR, Presentation
@@ -175,19 +174,17 @@ class Board(BriefFields):
         """The models with every score, best first."""
         order = self.logs.mean().sort_values(kind="stable").index
         winners = [*self.winners.values()]
+        cases = [case for of_robot in self.robots.values() for case in of_robot]
         p_values = {name: self._p_values(name) for name in (REFERENCE_MODEL, self.best)}
-        p95 = sort_key("norm-p95", None)
 
         def tail(model: str, case: ScoredCase) -> float | None:
-            values = [p95.of_splits(case.results[name]) for name in (model, REFERENCE_MODEL)]
-            means = [None if value is None else float(value.mean()) for value in values]
-            return _ratio(*means)
+            return _ratio(p95_error(model, case), p95_error(REFERENCE_MODEL, case))
 
         def above_noise(model: str, case: ScoredCase) -> float | None:
             return _ratio(self.answer.error(model, case), self.answer.noise(case))
 
         def left_on_paths(model: str, case: ScoredCase) -> float | None:
-            return _ratio(_path_error(model, case), _path_error(REFERENCE_MODEL, case))
+            return _ratio(path_error(model, case), path_error(REFERENCE_MODEL, case))
 
         extra = {
             "p95": self._logs(tail, self.robots).mean(skipna=False),
@@ -206,7 +203,7 @@ class Board(BriefFields):
         return tuple(
             BoardRow(
                 name,
-                self._mark(name),
+                self.answer.mark(name),
                 mean_ratio(self.logs[name]),
                 winners.count(name),
                 math.exp(self.logs[name].max()),
@@ -219,7 +216,7 @@ class Board(BriefFields):
                 few=_present(few, name),
                 groups=_present(groups, name),
                 measured=self._measured(name),
-                fit_s=self._fit_s(name),
+                fit_s=self.answer.fit_s(name, cases),
             )
             for name in map(str, order)
         )
@@ -274,21 +271,6 @@ class Board(BriefFields):
                 )
         return scores
 
-    def _mark(self, name: str) -> str:
-        of_cases = [case.case.competitors for case in self.answer.cases]
-        marks = [mark_of(models[name].shown) for models in of_cases if name in models]
-        return ", ".join(filter(None, dict.fromkeys(marks)))
-
-    def _fit_s(self, name: str) -> float | None:
-        results = [
-            result
-            for cases in self.robots.values()
-            for case in cases
-            for result in case.results.get(name, ())
-        ]
-        times = [result.cost.fit_s for result in results if result.cost is not None]
-        return float(np.median(times)) if times else None
-
 
 def without_seeds(stored: StoredResults) -> StoredResults:
     """Return stored results that name a model alike whatever the seed of its pre-training."""
@@ -316,7 +298,16 @@ def _mean_log(model: str, cases: Iterable[ScoredCase], ratio: Ratio) -> float:
     return float(np.mean(means)) if means else math.nan
 
 
-def _path_error(model: str, case: ScoredCase) -> float | None:
+P95 = sort_key("norm-p95", None)
+
+
+def p95_error(model: str, case: ScoredCase) -> float | None:
+    """Return the 95th percentile of a model's 3-D error, mean over splits, m; None: unknown."""
+    values = P95.of_splits(case.results[model]) if model in case.results else None
+    return None if values is None else float(values.mean())
+
+
+def path_error(model: str, case: ScoredCase) -> float | None:
     """Return the mean error that corrected commands leave on tool paths, mm."""
     values = [result.diagnostics.get(PATH_ERROR) for result in case.results.get(model, ())]
     numbers = [value for value in values if value is not None]

@@ -29,7 +29,7 @@ def board_headline(board: Board) -> str:
     if lead is None or lead.verdict != "better":
         return f"No model is reliably better than the VJM over {scope}"
     return (
-        f"Use {lead.name}: {_ratio_text(lead.mean)} times the VJM's error "
+        f"Use {lead.name}: {lead.mean.ratio:{RATIO_FORMAT}} times the VJM's error "
         f"({_bounds(lead.mean)}, {INTERVAL} over {scope})"
     )
 
@@ -283,10 +283,6 @@ def _interval(mean: MeanRatio) -> Quantity:
 
 def _number(value: float) -> float | None:
     return None if math.isnan(value) else value
-
-
-def _ratio_text(mean: MeanRatio) -> str:
-    return f"{mean.ratio:{RATIO_FORMAT}}"
 
 
 def _bounds(mean: MeanRatio) -> str:

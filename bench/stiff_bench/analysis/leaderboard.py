@@ -26,7 +26,7 @@ from stiff_bench.analysis.sort_key import SortKey
 from stiff_bench.store.names import CaseName, grouped, labels
 from stiff_bench.store.samples import StoredData
 from stiff_bench.store.versions import sources
-from stiff_bench.tables.metric_table import TRAINING_MARK, mark_of
+from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_protocols.contract.errors import ConfigError
 
 
@@ -70,12 +70,6 @@ class Section:
         """All models: those with every score first, the best of them first."""
         with_scores = [model.name for model in self.answer.models]
         return tuple(dict.fromkeys([*with_scores, *self.missing]))
-
-    def mark_under(self, model: str, protocol: str = "") -> str:
-        """Return what must stand beside a model's numbers, under one protocol or all."""
-        cases = [one.case for one in self.cases if protocol in ("", one.name.protocol)]
-        marks = [mark_of(c.competitors[model].shown) for c in cases if model in c.competitors]
-        return ", ".join(filter(None, dict.fromkeys(marks)))
 
 
 @dataclass(frozen=True)

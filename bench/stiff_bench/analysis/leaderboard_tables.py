@@ -16,7 +16,12 @@ import numpy as np
 
 from stiff_bench.analysis.answer import FEWEST_ROBOTS, Answer
 from stiff_bench.analysis.board import Board
-from stiff_bench.analysis.board_tables import board_headline, board_sentences, board_tables
+from stiff_bench.analysis.board_tables import (
+    VERDICT_MARKS,
+    board_headline,
+    board_sentences,
+    board_tables,
+)
 from stiff_bench.analysis.collected import caveats_of
 from stiff_bench.analysis.leaderboard import Leaderboard, Section, and_more
 from stiff_bench.analysis.scored_case import ScoredCase, correction_text
@@ -32,7 +37,6 @@ from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.scoring.paired import LEVEL
 
 BEST, LIKE_BEST = "*", "≈"
-VERDICT_TEXTS = {"a": "better", "b": "worse", "equivalent": "same", "open": "open"}
 
 
 def leaderboard_tables(board: Leaderboard) -> list[Table]:
@@ -135,7 +139,7 @@ class _ModelInCase:
         if self.name.text == REFERENCE_MODEL:
             return "baseline"
         verdict = self.answer.verdict(self.name.text, self.case)
-        return None if verdict is None else VERDICT_TEXTS[verdict]
+        return None if verdict is None else VERDICT_MARKS[verdict]
 
 
 def _dataset_table(section: Section, answer: Answer) -> Table:
@@ -151,7 +155,7 @@ def _dataset_table(section: Section, answer: Answer) -> Table:
         present.sort(key=lambda name: (name not in case.scores, _signed(key, case, name), name))
         rows += [
             _ModelInCase(
-                Name(name, section.mark_under(name, case.name.protocol)),
+                Name(name, section.answer.mark(name, case.name.protocol)),
                 *(case, answer, None if like is None else frozenset(like)),
             )
             for name in present
@@ -282,7 +286,7 @@ class Model(NamedTuple):
     @property
     def marked(self) -> Name:
         """Name with its mark."""
-        return Name(self.name, self.section.mark_under(self.name))
+        return Name(self.name, self.section.answer.mark(self.name))
 
     @property
     def costs(self) -> list[Cost]:
@@ -364,7 +368,7 @@ def _scores(section: Section, board: Leaderboard) -> Table:
     unit, factor = PRINTED[board.key.metric.unit]
     rows: list[list[Entry]] = [
         [
-            Name(model, section.mark_under(model, case.name.protocol)),
+            Name(model, section.answer.mark(model, case.name.protocol)),
             *astuple(case.name),
             *(len(case.slots), case.left_out),
             factor * case.mean(model)

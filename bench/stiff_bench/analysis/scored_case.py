@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -243,11 +242,6 @@ def with_reference(scored: ScoredCase) -> ScoredCase:
     )
 
 
-def complete_models(cases: Sequence[ScoredCase]) -> tuple[str, ...]:
-    """Return the models that have a score in all of these cases, in the order of their names."""
-    return tuple(sorted(set.intersection(*(set(one.scores) for one in cases))))
-
-
 def _why_missing(
     case: Case, model: str, values: Mapping[str, FloatArray | None], key: SortKey
 ) -> str:
@@ -287,11 +281,3 @@ def correction_text(cases: Sequence[ScoredCase]) -> str:
         return "one pair, p needs no correction"
     number = f"{counts.pop()} " if len(counts) == 1 else ""
     return f"p corrected by Holm for all {number}pairs of models in a comparison"
-
-
-def times_like_best(cases: Sequence[ScoredCase], models: Sequence[str]) -> Counter[str] | None:
-    """Return in how many cases each of the models is like the best; None: see `like_best`."""
-    found = [case.like_best(models) for case in cases]
-    if None in found:
-        return None
-    return Counter(model for like in found if like for model in like)

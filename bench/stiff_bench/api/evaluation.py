@@ -153,11 +153,11 @@ class RunAgainst(Run):
 
     def board(self, results: Results) -> Tables | None:
         """Return the study's board of these results; None: it has none, or too few robots."""
-        from stiff_bench.paper.study_board import study_board_tables
+        from stiff_bench.paper.study_board import StudyResults
 
         stored = StoredResults.of_results(results.folder, results.cells)
         try:
-            tables = study_board_tables(self.study, stored)
+            tables = StudyResults(self.study, stored).board_tables
         except ConfigError:
             return None
         return Tables(tables, self.plans[0].command)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 
-from stiff_bench.analysis.board import Board, BoardRow, without_seeds
+from stiff_bench.analysis.board import Board, BoardRow
 from stiff_bench.analysis.collected import Case, StoredResults
 from stiff_bench.api.data_sets import load_dataset
 from stiff_bench.api.registered import registry
@@ -17,7 +18,7 @@ from stiff_bench.figures import robot_picture, springs, workspace
 from stiff_bench.figures.board_figures import score_against_cost, score_against_poses
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.paper.study_board import study_board, study_board_tables
+from stiff_bench.paper.study_board import StudyResults
 from stiff_bench.paper.study_file import Study
 from stiff_bench.plan.options import options_of
 from stiff_bench.report.board_pages import (
@@ -27,14 +28,13 @@ from stiff_bench.report.board_pages import (
     model_sentences,
     model_table,
     scoped_table,
-    time_fact,
 )
 from stiff_bench.report.html_page import Block, Link, Part, embedded, render_page
 from stiff_bench.store.names import split_word
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Table, text_columns
-from stiff_bench.tables.units import counted
+from stiff_bench.tables.units import counted, duration
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.files import make_folder, written_whole
@@ -74,14 +74,19 @@ class LeaderboardSite:
     statuses: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
+    def content(self) -> StudyResults:
+        """The study with its results."""
+        return StudyResults(self.study, StoredResults.read(self.results), self.statuses)
+
+    @property
     def stored(self) -> StoredResults:
         """The results, with one name for a model whatever its pre-training seed."""
-        return without_seeds(StoredResults.read(self.results))
+        return self.content.merged
 
-    @cached_property
+    @property
     def board(self) -> Board:
         """The board; ConfigError: the study has none, or too few results."""
-        return study_board(self.study, self.stored)
+        return self.content.board
 
     @cached_property
     def datasets(self) -> dict[str, Case]:
@@ -111,7 +116,7 @@ class LeaderboardSite:
             part = {name: self._dataset_part(name, files)}
             text = render_page(part, self.command, title=name, addresses=from_below, back=up)
             yield _written(folder / datasets[name], text)
-        tables = study_board_tables(self.study, self.stored, self.statuses)
+        tables = self.content.board_tables
         yield _written(folder / SCORES, render(tables, "csv", self.command))
         part = {self.study.title: self._first_part(models, datasets, tables)}
         text = render_page(part, self.command, title=TITLE, addresses={**models, **datasets})
@@ -121,12 +126,8 @@ class LeaderboardSite:
         self, models: Mapping[str, str], datasets: Mapping[str, str], tables: Sequence[Table]
     ) -> Part:
         board = self.board
-        n_fits = sum(len(case.every) for case in self.stored.cases)
         dates = [run.started[:10] for run in self.stored.runs if run.started]
-        counts = {run.run_id: 0 for run in self.stored.runs}
-        for case in self.stored.cases:
-            for result in case.every:
-                counts[result.run_id] = counts.get(result.run_id, 0) + 1
+        counts = Counter(one.run_id for case in self.stored.cases for one in case.every)
         pictures = [
             embedded(figure, self.command)
             for make in (score_against_cost, score_against_poses)
@@ -134,7 +135,9 @@ class LeaderboardSite:
         ]
         made_by = sources(self.results, self.stored.runs, counts)
         return Part(
-            " · ".join([self.study.title, *([max(dates)] if dates else []), f"{n_fits} fits"]),
+            " · ".join(
+                [self.study.title, *([max(dates)] if dates else []), f"{counts.total()} fits"]
+            ),
             board_screen(board),
             notes=[*self.study.notes, *tables[0].notes],
             blocks=[
@@ -152,14 +155,14 @@ class LeaderboardSite:
         key, _ = split_word(row.name)
         info = registry().models.get(key)
         status = {"status": self.statuses[row.name]} if row.name in self.statuses else {}
-        facts = {"model": "of a submission, see results/submissions", "fit": time_fact(row)}
+        facts = {"model": "of a submission, see results/submissions", "fit": duration(row.fit_s)}
         if info is not None:
             facts = {
                 "model": info.summary,
                 "equation": info.equation,
                 "reference": info.reference,
                 "version": str(info.version),
-                "fit": time_fact(row),
+                "fit": duration(row.fit_s),
                 "command": f"bench run --model {row.name} --dataset kr10-twin",
             }
         pictures = [

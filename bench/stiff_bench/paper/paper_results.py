@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stiff_bench.analysis.collected import StoredResults
@@ -73,13 +73,7 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class PaperResults(StoredResults):
-    """Results of a folder, by model and protocol of the paper.
-
-    Attributes:
-        statuses: model -> "verified" or "reported"; empty if all are models of stiffbench.
-    """
-
-    statuses: Mapping[str, str] = field(default_factory=dict)
+    """Results of a folder, by model and protocol of the paper."""
 
     @classmethod
     def of(cls, folder: Path) -> PaperResults:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.relative_errors import RelativeErrors, mean_errors
-from stiff_bench.paper.study_board import study_board, study_board_tables
+from stiff_bench.paper.study_board import StudyResults
 from stiff_bench.paper.study_file import Study
 from stiff_bench.store.database import FILE
 from stiff_bench.store.versions import sources
@@ -36,29 +35,31 @@ from stiff_protocols.scoring.metrics import metric
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
-Makers = Mapping[str, Callable[[Study, PaperResults], Any]]
+Makers = Mapping[str, Callable[[StudyResults, PaperResults], Any]]
 """Name in a study's file -> what makes it of the stored results; numbers are the source paper's."""
 
 
-def _leaderboard(study: Study, stored: PaperResults) -> list[Table]:
-    if study.board is not None:
-        return study_board_tables(study, stored, stored.statuses)
+def _leaderboard(results: StudyResults, stored: PaperResults) -> list[Table]:
+    if results.study.board is not None:
+        return results.board_tables
     return leaderboard_tables(build_leaderboard(stored, key=sort_key("norm", None)))
 
 
-def _scores(study: Study, stored: PaperResults) -> list[Table]:
-    return build_tables(newest_results(stored), [metric(key) for key in study.metrics])
+def _scores(results: StudyResults, stored: PaperResults) -> list[Table]:
+    return build_tables(newest_results(stored), [metric(key) for key in results.study.metrics])
 
 
-def _relative(study: Study, stored: PaperResults) -> RelativeErrors:
-    return RelativeErrors(study, mean_errors(stored))
+def _relative(results: StudyResults, stored: PaperResults) -> RelativeErrors:
+    return RelativeErrors(results.study, mean_errors(stored))
 
 
-def _of_paper(make: Callable[[PaperResults], Any], _: Study, stored: PaperResults) -> Any:
+def _of_paper(make: Callable[[PaperResults], Any], _: StudyResults, stored: PaperResults) -> Any:
     return make(stored)
 
 
-def _general(make: Callable[[FigureSource], Prepared], _: Study, stored: PaperResults) -> Prepared:
+def _general(
+    make: Callable[[FigureSource], Prepared], _: StudyResults, stored: PaperResults
+) -> Prepared:
     return make(FigureSource(stored.folder, stored.cases))
 
 
@@ -70,8 +71,8 @@ TABLES: Makers = {
     **{number: partial(_of_paper, make) for number, make in paper_tables.TABLES.items()},
 }
 PICTURES: Makers = {
-    "board-cost": lambda *of: score_against_cost(study_board(*of)),
-    "board-poses": lambda *of: score_against_poses(study_board(*of)),
+    "board-cost": lambda results, _: score_against_cost(results.board),
+    "board-poses": lambda results, _: score_against_poses(results.board),
     "relative-errors": lambda *of: _relative(*of).figure(),
     **{number: partial(_of_paper, make) for number, make in paper_figures.FIGURES.items()},
     **{name: partial(_general, make) for name, make in FIGURES.items()},
@@ -109,13 +110,14 @@ def write_page(
         StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
     """
     folder = output / study.name
-    stored = replace(PaperResults.of(folder / "runs"), statuses=statuses or {})
+    stored = PaperResults.of(folder / "runs")
+    results = StudyResults(study, stored, statuses or {})
     missing = dict[str, str]()
 
     def made(kind: str, names: Iterable[str], makers: Makers) -> Iterator[tuple[str, Any]]:
         for name in names:
             try:
-                yield name, makers[name](study, stored)
+                yield name, makers[name](results, stored)
             except StiffBenchError as error:
                 missing[f"{kind} {name}"] = str(error)
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from stiff_bench.analysis.board import Board, BoardRow
+from stiff_bench.analysis.board import Board, BoardRow, p95_error, path_error
 from stiff_bench.analysis.board_tables import (
     RATIO_FORMAT,
     VERDICT_MARKS,
@@ -14,7 +14,6 @@ from stiff_bench.analysis.board_tables import (
     board_sentences,
 )
 from stiff_bench.analysis.scored_case import ScoredCase
-from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.report.first_screen import (
     FIRST_MODELS,
     Axis,
@@ -25,10 +24,9 @@ from stiff_bench.report.first_screen import (
     ModelRow,
     ratio_style,
 )
-from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table, text_columns
+from stiff_bench.tables.table import Column, Entry, Name, Table, text_columns
 from stiff_bench.tables.units import MM, counted, duration, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.scoring.paired import LEVEL
 
 EVERY = "all"
@@ -165,6 +163,16 @@ class _CaseRow(NamedTuple):
     over_noise: float | None
 
 
+ERROR_COLUMNS = (
+    Column("3-D error", unit="mm", format=".4f", value=lambda row: row.error_mm),
+    Column("error / VJM's", format=RATIO_FORMAT, value=lambda row: row.ratio),
+    Column("95th percentile", unit="mm", format=".4f", value=lambda row: row.p95_mm),
+    Column("left on tool paths", unit="mm", format=".4f", value=lambda row: row.path_mm),
+    Column("error / noise", format=RATIO_FORMAT, value=lambda row: row.over_noise),
+)
+"""Numbers of a model on a data set, made from a `_CaseRow`."""
+
+
 def model_table(board: Board, name: str) -> Table:
     """Return a model's errors on each data set, the best ratio first."""
     group_of = {dataset: group for group, members in board.groups.items() for dataset in members}
@@ -183,11 +191,7 @@ def model_table(board: Board, name: str) -> Table:
             Column("data set", "text", value=lambda row: row.dataset),
             Column("robot", "text", value=lambda row: row.robot),
             Column("physics and plan", "text", value=lambda row: row.group),
-            Column("3-D error", unit="mm", format=".4f", value=lambda row: row.error_mm),
-            Column("error / VJM's", format=RATIO_FORMAT, value=lambda row: row.ratio),
-            Column("95th percentile", unit="mm", format=".4f", value=lambda row: row.p95_mm),
-            Column("left on tool paths", unit="mm", format=".4f", value=lambda row: row.path_mm),
-            Column("error / noise", format=RATIO_FORMAT, value=lambda row: row.over_noise),
+            *ERROR_COLUMNS,
         ],
         rows,
         unit="mm",
@@ -197,16 +201,9 @@ def model_table(board: Board, name: str) -> Table:
 def _case_row(
     board: Board, name: str, dataset: str, cases: Sequence[ScoredCase], group: str
 ) -> _CaseRow:
-    p95 = sort_key("norm-p95", None)
     errors = [case.mean(name) for case in cases]
-    of_splits = [p95.of_splits(case.results[name]) for case in cases]
-    tails = [values.mean() for values in of_splits if values is not None]
-    paths = [
-        value
-        for case in cases
-        for result in case.results[name]
-        if (value := result.diagnostics.get(PATH_ERROR)) is not None
-    ]
+    tails = [error for case in cases if (error := p95_error(name, case)) is not None]
+    paths = [error for case in cases if (error := path_error(name, case)) is not None]
     floors = [floor for case in cases if (floor := board.answer.noise(case))]
     ratios = [ratio for case in cases if (ratio := board.answer.ratio(name, case)) is not None]
     return _CaseRow(
@@ -235,11 +232,7 @@ def dataset_table(board: Board, dataset: str) -> Table:
         "Models on this data set, smallest error first",
         [
             Column("model", "text", value=lambda row: row.dataset),
-            Column("3-D error", unit="mm", format=".4f", value=lambda row: row.error_mm),
-            Column("error / VJM's", format=RATIO_FORMAT, value=lambda row: row.ratio),
-            Column("95th percentile", unit="mm", format=".4f", value=lambda row: row.p95_mm),
-            Column("left on tool paths", unit="mm", format=".4f", value=lambda row: row.path_mm),
-            Column("error / noise", format=RATIO_FORMAT, value=lambda row: row.over_noise),
+            *ERROR_COLUMNS,
         ],
         rows,
         unit="mm",
@@ -280,8 +273,3 @@ def facts_table(facts: Mapping[str, Entry], title: str) -> Table:
         text_columns("fact", "value"),
         [[name, str(value)] for name, value in facts.items() if value not in ("", None)],
     )
-
-
-def time_fact(row: BoardRow) -> str:
-    """Return the median time of a fit."""
-    return Column("", format=lambda fit: duration(fit.value)).text(Quantity(row.fit_s or 0.0))

@@ -26,7 +26,7 @@ def pair_table(section: Section, board: Leaderboard) -> Table:
     numbers = [str(number) for number in range(1, len(models) + 1)]
     rows: list[list[Entry]] = [
         [
-            Name(f"{number} {row}", section.mark_under(row)),
+            Name(f"{number} {row}", section.answer.mark(row)),
             *(_difference(counts.get((row, column))) for column in models),
         ]
         for number, row in zip(numbers, models, strict=True)

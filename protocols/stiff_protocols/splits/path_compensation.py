@@ -47,11 +47,8 @@ DECIMALS_DEG, DECIMALS_M = 4, 8
 
 
 @dataclass(kw_only=True, eq=False)
-class PathCompensation(Holdout):
-    """Tool paths under process loads that a simulated robot follows with corrected commands.
-
-    Models learn from the training side of `holdout`'s divisions of the measured poses; the test
-    side is left out.
+class PathHoldout(Holdout):
+    """`holdout` whose fitted models also correct tool paths.
 
     Attributes:
         hold: joints of a robot with more than six that keep the value of the measured pose along a
@@ -61,7 +58,6 @@ class PathCompensation(Holdout):
     hold: str = ""
 
     added_later = ("hold",)
-    caveat = "errors are path errors that a model's corrections leave; a pose is a whole path."
 
     def held(self, robot: Robot) -> FloatArray:
         """Return (n_joints,) 0 for each joint that is held, NaN for the others.
@@ -80,6 +76,32 @@ class PathCompensation(Holdout):
             )
         return held
 
+    def path_commands(
+        self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
+    ) -> FloatArray:
+        """Return the commands under which points are predicted to lie on their paths.
+
+        A point whose correction does not converge keeps its command, and is warned of.
+        """
+        wanted = robot.forward(q)
+        path = ToolPath(PATH_GROUP, wanted.points[:, -1], wanted.rotation, wrench)
+        found = compensate(predict, robot, path, q, held=self.held(robot))
+        if n_left := int((~found.converged).sum()):
+            why = ", ".join(np.unique(found.problem[~found.converged]))
+            warn(f"{n_left} of {len(q)} path points are left uncorrected: {why}")
+        return found.q
+
+
+@dataclass(kw_only=True, eq=False)
+class PathCompensation(PathHoldout):
+    """Tool paths under process loads that a simulated robot follows with corrected commands.
+
+    Models learn from the training side of `holdout`'s divisions of the measured poses; the test
+    side is left out.
+    """
+
+    caveat = "errors are path errors that a model's corrections leave; a pose is a whole path."
+
     def prepared(self, data: BenchmarkData) -> BenchmarkData:
         """Return the data with the points of 36 paths behind the samples.
 
@@ -96,9 +118,9 @@ class PathCompensation(Holdout):
                 "simulated data sets, such as kr10-twin)"
             )
         held = self.held(data.robot)
-        points = _points(data, held)
         if (data.samples.group == PATH_GROUP).any():
             raise ConfigError(f"its samples have the group {PATH_GROUP!r}, which paths are given")
+        points = _points(data, held)
         samples = Samples.together(data.samples, points)
         found = replace(data, samples=samples, known={})
         rows = np.arange(len(data.samples), len(samples))
@@ -110,17 +132,8 @@ class PathCompensation(Holdout):
     def commanded(
         self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
     ) -> FloatArray:
-        """Return the commands under which points are predicted to lie on their paths.
-
-        A point whose correction does not converge keeps its command, and is warned of.
-        """
-        wanted = robot.forward(q)
-        path = ToolPath(PATH_GROUP, wanted.points[:, -1], wanted.rotation, wrench)
-        found = compensate(predict, robot, path, q, held=self.held(robot))
-        if n_left := int((~found.converged).sum()):
-            why = ", ".join(np.unique(found.problem[~found.converged]))
-            warn(f"{n_left} of {len(q)} path points are left uncorrected: {why}")
-        return found.q
+        """Return `path_commands`: all reported rows are points of paths."""
+        return self.path_commands(predict, robot, q, wrench)
 
     def scored(
         self, predicted: FloatArray, commands: FloatArray, data: BenchmarkData, rows: IntArray
@@ -142,42 +155,17 @@ class PathCompensation(Holdout):
         )
 
 
-@dataclass(kw_only=True, eq=False)
-class HoldoutPaths(PathCompensation):
+class HoldoutPaths(PathHoldout):
     """`holdout`, and the error that the same fits leave on the tool paths of `path-compensation`.
 
     A measured robot cannot be asked how it moves with corrected commands: it has no such error.
     """
 
-    caveat = ""
-
     def prepared(self, data: BenchmarkData) -> BenchmarkData:
-        """Return the data and the points of the paths; errors as the base class."""
+        """Return the data and the points of the paths; errors as `PathCompensation`."""
         if data.under_load is None:
             return data
         return replace(data, paths=_points(data, self.held(data.robot)))
-
-    def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
-        """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed."""
-        return Holdout.splits(self, samples, n_splits=n_splits, seed=seed)
-
-    def commanded(
-        self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
-    ) -> FloatArray:
-        """Return `q`: the test rows are predicted where they were measured."""
-        return q
-
-    def scored(
-        self, predicted: FloatArray, commands: FloatArray, data: BenchmarkData, rows: IntArray
-    ) -> FloatArray:
-        """Return the predictions of the test rows."""
-        return predicted
-
-    def path_commands(
-        self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
-    ) -> FloatArray:
-        """Return the commands under which points are predicted to lie on their paths."""
-        return super().commanded(predict, robot, q, wrench)
 
     def path_errors(self, commands: FloatArray, data: BenchmarkData) -> FloatArray:
         """Return where the robot stands under load with the commands, from the paths' points."""

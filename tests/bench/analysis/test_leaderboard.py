@@ -103,7 +103,7 @@ def test_protocols_that_select_on_the_test_part_stand_apart_and_are_marked(made)
     board = board_of(made)
     fair, unfair = board.sections
     assert order(board, 1) == ["b", "a"]
-    assert (fair.mark_under("b"), unfair.mark_under("b")) == ("", "epoch picked on test part")
+    assert (fair.answer.mark("b"), unfair.answer.mark("b")) == ("", "epoch picked on test part")
     text = text_of(board)
     assert "b [epoch picked on test part]" in text
     assert "not a fair comparison" in text and "it is optimistic" in text
