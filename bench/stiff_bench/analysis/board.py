@@ -141,19 +141,15 @@ class Board(BriefFields):
 
     @cached_property
     def logs(self) -> DataFrame:
-        """(robots, models) logarithms of error / VJM's error; models with every score only."""
+        """(robots, models) logarithms of error / VJM's error; models with a score on all data."""
         return self._logs(self.answer.ratio, self.robots).dropna(axis="columns")
 
     @cached_property
-    def incomplete(self) -> dict[str, tuple[int, int]]:
-        """Model without every score -> its scores, if any, and the number of comparisons."""
+    def n_splits(self) -> dict[str, tuple[int, int]]:
+        """Model with a score -> its comparisons with the robots' data, and all comparisons."""
         cases = [case for of_robot in self.robots.values() for case in of_robot]
         counts = {name: sum(name in case.scores for case in cases) for name in self.answer.asked}
-        return {
-            name: (count, len(cases))
-            for name, count in counts.items()
-            if count and name not in self.logs
-        }
+        return {name: (count, len(cases)) for name, count in counts.items() if count}
 
     def robot_ratio(self, robot: str, name: str) -> float:
         """Return a model's error over the VJM's on one robot."""
@@ -287,12 +283,14 @@ def without_seeds(stored: StoredResults) -> StoredResults:
 
 
 def _mean_log(model: str, cases: Iterable[ScoredCase], ratio: Ratio) -> float:
-    """Return the mean logarithm over data sets, each counted once; NaN: a number is missing."""
+    """Return the mean logarithm over data sets, each counted once; NaN: one has no number.
+
+    A model needs one of the splits of a data set: its error is divided by the VJM's of that split.
+    """
     means = []
     for of_data in grouped(cases, lambda case: family_of(case.name)).values():
-        present = [case for case in of_data if model in case.scores]
-        ratios = [ratio(model, case) for case in present]
-        if len(present) < len(of_data) or any(not value for value in ratios):
+        ratios = [ratio(model, case) for case in of_data if model in case.scores]
+        if not ratios or any(not value for value in ratios):
             return math.nan
         means.append(float(np.mean(np.log(np.array(ratios, dtype=float)))))
     return float(np.mean(means)) if means else math.nan

@@ -9,6 +9,7 @@ from operator import attrgetter
 
 from stiff_bench.analysis.answer_text import Sentence
 from stiff_bench.analysis.board import Board, BoardRow, ControlRow
+from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import counted, duration, first_few, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -122,7 +123,7 @@ def board_tables(board: Board, controls: Mapping[str, str]) -> list[Table]:
 
 
 def _ratios(board: Board) -> Table:
-    scope, lacking = board.answer.claim_scope, board.incomplete
+    scope = board.answer.claim_scope
     measured = [
         Column(
             f"{dataset} (measured)",
@@ -151,7 +152,7 @@ def _ratios(board: Board) -> Table:
             f"{INTERVAL} over robots (Student's t of the logarithms); one vote a robot.",
             "verdict against the VJM: significant over robots (sign flips, Holm), or open; won: "
             "robots with the smallest error.",
-            *_lacking(lacking),
+            *_split_notes(board),
         ],
         about={"table": "board"},
         best_first=True,
@@ -191,9 +192,21 @@ def _measured(dataset: str, row: BoardRow) -> Entry:
     return Quantity(score.ratio, status=VERDICT_MARKS[score.verdict])
 
 
-def _lacking(incomplete: Mapping[str, tuple[int, int]]) -> list[str]:
-    texts = [f"{name} ({there} of {n_all})" for name, (there, n_all) in incomplete.items()]
-    return [f"Not on the board, without every score: {first_few(texts)}."] if texts else []
+def _split_notes(board: Board) -> Iterator[str]:
+    """Yield which models have fewer splits than others, and which have no score on some data."""
+    fewer = {name: counts for name, counts in board.n_splits.items() if counts[0] < counts[1]}
+    for text, is_shown in (
+        ("With fewer splits", True),
+        ("Not on the board, without every score", False),
+    ):
+        groups = grouped(
+            (name for name in fewer if (name in board.logs) == is_shown), lambda name: fewer[name]
+        )
+        of_counts = [
+            f"{first_few(names)} ({there} of {n_all})" for (there, n_all), names in groups.items()
+        ]
+        if of_counts:
+            yield f"{text}: {'; '.join(of_counts)}."
 
 
 def _more(board: Board) -> Table:

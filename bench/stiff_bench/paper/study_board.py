@@ -93,19 +93,29 @@ class StudyResults:
         return Answer.of(self.merged, sort_key("norm", None), cases, names)
 
     def _variants(self) -> list[Table]:
-        """Return the board of the variants and what they are compared with, on the first seed."""
+        """Return the board of the variants and what they are compared with.
+
+        It has the comparisons in which a variant has a score.
+        """
         columns = self.columns
         variants = {*columns.variants}
         pairs = [pair for pair in columns.controls.items() if variants.intersection(pair)]
         names = {*variants, *chain.from_iterable(pairs), REFERENCE_MODEL}
         answer = self._answer(columns.protocol, names)
-        seed = min(case.name.seed for case in answer.cases)
-        first = answer.over([case for case in answer.cases if case.name.seed == seed])
+        shared = answer.over([case for case in answer.cases if variants.intersection(case.scores)])
         few = {heading: self._answer(columns.few[heading], names) for heading in self.board.few}
-        tables = board_tables(Board(first, few, self.study.groups), dict(pairs))
+        datasets = {case.name.dataset for of_robot in shared.robots.values() for case in of_robot}
+        groups = {
+            name: of_group
+            for name, of_group in self.study.groups.items()
+            if datasets.intersection(of_group)
+        }
+        tables = board_tables(Board(shared, few, groups), dict(pairs))
         return [
             replace(
-                table, title=f"Variants, first split: {table.title}", about={"table": "variants"}
+                table,
+                title=f"Variants, on {', '.join(map(repr, groups))}: {table.title}",
+                about={"table": "variants"},
             )
             for table in tables
         ]

@@ -59,7 +59,7 @@ class StudyBoard:
         few: heading -> word of a protocol with fewer poses.
         controls: model -> the physics, teacher or variant that it is compared with.
         extras: models that need more packages; they have a table of their own.
-        variants: models of the first seed only, in a table of their own.
+        variants: models in a table of their own, over the data on which they ran.
     """
 
     protocol: str

@@ -19,6 +19,8 @@ from stiff_protocols.scoring.paired import LEVEL
 
 MARGIN = math.log(1.05)
 """Error ratios from 1/1.05 to 1.05 make no difference in practice: about 5 %."""
+ROUNDING = 1e-12
+"""Largest difference of logarithms that rounding makes."""
 MOST_SIGNS = 2**16
 """Largest number of sign choices that are all counted; of more, this number is drawn."""
 
@@ -84,7 +86,7 @@ def equivalence_p_value(differences: ArrayLike, margin: float = MARGIN) -> float
         DataError: there are fewer than two robots, or a difference is not finite.
     """
     values = _checked(differences)
-    if np.ptp(values) == 0.0:
+    if np.ptp(values) < ROUNDING:
         return 0.0 if abs(values[0]) < margin else 1.0
     above = stats.ttest_1samp(values, -margin, alternative="greater").pvalue
     below = stats.ttest_1samp(values, margin, alternative="less").pvalue

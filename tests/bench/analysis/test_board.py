@@ -127,8 +127,18 @@ def test_a_model_without_every_score_is_not_on_the_board_and_is_named(made):
         add_robot(made, number, {"some": 0.1})
     board = board_of(made)
     assert "some" not in {row.name for row in board.rows}
-    assert board.incomplete == {"some": (2, 8)}
+    assert board.n_splits["some"] == (2, 8)
     assert any("some (2 of 8)" in note for note in board_tables(board, {})[0].notes)
+
+
+def test_one_split_of_each_data_set_is_enough_and_the_vjm_of_that_split_counts(made):
+    for number, ratio in enumerate(GOOD):
+        add_robot(made, number, {"good": ratio, "net": 2.0 * ratio})
+        add_robot(made, number, {"good": ratio}, seed=1)
+    board = board_of(made)
+    assert row_of(board, "net").mean.ratio == pytest.approx(2.0 * stats.gmean(GOOD))
+    (note,) = [text for text in board_tables(board, {})[0].notes if "net (" in text]
+    assert f"{len(GOOD)} of {2 * len(GOOD)}" in note and "fewer" in note
 
 
 def test_seeds_of_a_pre_training_are_one_model(made):
