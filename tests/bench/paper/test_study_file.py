@@ -101,7 +101,7 @@ def test_the_leaderboard_has_every_shipped_model_on_twelve_robots_in_four_ways(p
     assert {name for group in study.groups.values() for name in group} < datasets.keys()
 
 
-def test_every_model_of_the_leaderboard_has_each_data_set_and_its_pre_training_the_splits_seed(
+def test_leaderboard_models_have_each_data_set_and_a_pre_training_with_the_seed_of_the_split(
     plans,
 ):
     study = find_study("leaderboard")
