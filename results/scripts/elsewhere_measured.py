@@ -1,7 +1,7 @@
 """Was the tool measured elsewhere, loaded elsewhere, or does its mount give way?
 
 `python results/scripts/elsewhere_measured.py` prints the table of the FANUC's data card (a quarter
-of a minute); with the word `paths`, those of docs/findings.md: errors of corrected tool paths if
+of a minute); with the word `paths`, errors of corrected tool paths if
 the robot's card is right, and if it names a TCP that is 30 mm from the measured point (minutes).
 """
 

@@ -233,14 +233,10 @@ def reproduce(
     NAME is a file such as my_study.toml, or a study that stiffbench ships (times: on 2 cores):
 
     \b
-    paper           tables and figures of the source paper; 1 h
-    paper-quick     the same with one split and coarse sweeps; 7 min
-    leaderboard     every model on 12 simulated robots and a measured one; 5 h
-    effects         is the ranking robust to other physics? 30 min
-    transfer        what do simulated data add to a few measured poses? 2 h
-    intervals       do prediction intervals cover what they claim?
-    anchored        a network and its teacher
-    anchored-steps  how long to pre-train an anchored network
+    paper        tables and figures of the source paper; 1 h
+    paper-quick  the same with one split and coarse sweeps; 7 min
+    leaderboard  every model on 12 simulated robots and a measured one; 5 h
+    intervals    do prediction intervals cover what they claim?
 
     Results are saved at once; the same command continues an interrupted study.
     """  # noqa: D301  # click keeps the lines below \b

@@ -83,10 +83,6 @@ class Study:
         tables: of the page, by name (`study_page.TABLES`).
         figures: of the page; `bench list figures` shows their names.
         groups: name -> data sets. Runs may name them, and tables have a column for each.
-        sort_by: the group by whose errors "relative-errors" sorts the models.
-        table_notes: under "relative-errors".
-        orders: groups whose orders of the models "order-agreement" compares -> their names there.
-        caption: of figure "relative-errors".
         board: of table "leaderboard"; None: as `bench leaderboard` prints it.
         lite: data sets of the short version of the study (`lite_version`).
         file: that describes it; errors name it.
@@ -101,10 +97,6 @@ class Study:
     tables: Words = ("scores",)
     figures: Words = ()
     groups: Mapping[str, Words] = Field(default_factory=dict)
-    sort_by: str = ""
-    table_notes: Words = ()
-    orders: Mapping[str, str] = Field(default_factory=dict)
-    caption: str = ""
     board: StudyBoard | None = None
     lite: Words = ()
     file: Path = Path()
@@ -249,11 +241,6 @@ def read_study(path: Path) -> Study:
         # an unknown key first: it is why another is missing
         first = min(error.errors(), key=lambda problem: problem["type"] != UNKNOWN_KEY)
         raise ConfigError(f"{path}: {_describe(first)}") from None
-    named: dict[str, Iterable[str]] = {"sort_by": [study.sort_by], "orders": study.orders}
-    for key, names in named.items():
-        for name in filter(None, names):
-            if name not in study.groups:
-                raise ConfigError(f"{path}: {key}: {unknown_name('group', name, study.groups)}")
     datasets = {word for run in study.run for word in study.datasets_of(run)}
     for word in study.lite:
         if word not in datasets:

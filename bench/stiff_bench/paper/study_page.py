@@ -18,7 +18,6 @@ from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.relative_errors import RelativeErrors, mean_errors
 from stiff_bench.paper.study_board import StudyResults
 from stiff_bench.paper.study_file import Study
 from stiff_bench.store.database import FILE
@@ -49,10 +48,6 @@ def _scores(results: StudyResults, stored: PaperResults) -> list[Table]:
     return build_tables(newest_results(stored), [metric(key) for key in results.study.metrics])
 
 
-def _relative(results: StudyResults, stored: PaperResults) -> RelativeErrors:
-    return RelativeErrors(results.study, mean_errors(stored))
-
-
 def _of_paper(make: Callable[[PaperResults], Any], _: StudyResults, stored: PaperResults) -> Any:
     return make(stored)
 
@@ -66,14 +61,11 @@ def _general(
 TABLES: Makers = {
     "scores": _scores,
     "leaderboard": _leaderboard,
-    "relative-errors": lambda *of: [_relative(*of).table()],
-    "order-agreement": lambda *of: [_relative(*of).agreement()],
     **{number: partial(_of_paper, make) for number, make in paper_tables.TABLES.items()},
 }
 PICTURES: Makers = {
     "board-cost": lambda results, _: score_against_cost(results.board),
     "board-poses": lambda results, _: score_against_poses(results.board),
-    "relative-errors": lambda *of: _relative(*of).figure(),
     **{number: partial(_of_paper, make) for number, make in paper_figures.FIGURES.items()},
     **{name: partial(_general, make) for name, make in FIGURES.items()},
 }

@@ -69,7 +69,7 @@ REFUSED = {
     "figure 9 --results none": ["no such folder", "bench reproduce"],
     "report --results folder --output page.pdf": ["page.pdf", ".html or .htm"],
     "report --results folder --output page.html --metric speed": ["speed"],
-    "reproduce efects": ["unknown study 'efects'", "did you mean 'effects'"],
+    "reproduce intervls": ["unknown study 'intervls'", "did you mean 'intervals'"],
     "reproduce mine.toml": ["mine.toml: cannot be read"],
     "run --study mine.toml --splits 3": ["--splits", "--study", "mine.toml"],
     "figure regresion": ["did you mean 'regression'"],

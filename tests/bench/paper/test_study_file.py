@@ -62,7 +62,6 @@ def test_a_run_has_what_stands_at_the_top_of_the_file_but_for_its_own_keys(tmp_p
         (SIMPLE.replace('["vjm"]', '["vjm", 3]'), "run.0.models.1 = 3"),
         ("run = 3\n" + SIMPLE, "run = 3"),
         ("name = '../x'\n" + SIMPLE, "name = '../x'"),
-        ("sort_by = 'one'\n" + SIMPLE, "sort_by: unknown group 'one' (valid: two)"),
     ],
 )
 def test_a_wrong_file_is_refused_by_file_key_and_value(text, said, tmp_path):
@@ -77,8 +76,7 @@ def test_a_wrong_file_is_refused_by_file_key_and_value(text, said, tmp_path):
     ("name", "n_fits", "n_shared"),
     [
         *(("paper", 494, 25), ("paper-quick", 49, 1)),  # of several tables and figures
-        *(("anchored-steps", 180, 0), ("anchored", 260, 0)),
-        *(("effects", 252, 0), ("transfer", 505, 0), ("intervals", 945, 0)),
+        ("intervals", 945, 0),
     ],
 )
 def test_a_shipped_study_asks_for_its_fits_by_valid_names(name, n_fits, n_shared, plans):

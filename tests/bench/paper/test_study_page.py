@@ -20,8 +20,16 @@ def pictures(page):
     return {page.parent / name for name in re.findall(r"!\[.*?\]\((.*?)\)", page.read_text())}
 
 
-def test_a_page_has_its_notes_tables_and_figures_and_says_what_was_not_computed(tmp_path):
-    made = MadeResults(tmp_path / "effects" / "runs")
+@pytest.fixture
+def study(tmp_path):
+    """A small study of the leaderboard's notes, with a table and a figure that cannot be made."""
+    return replace(
+        find_study("leaderboard"), board=None, tables=("leaderboard",), figures=("scores", "losses")
+    )
+
+
+def test_a_page_has_its_notes_tables_and_figures_and_says_what_was_not_computed(study, tmp_path):
+    made = MadeResults(tmp_path / study.name / "runs")
     keys = [
         key
         for dataset in ("kr10-twin-rough", "kr10-twin-beam")
@@ -29,30 +37,28 @@ def test_a_page_has_its_notes_tables_and_figures_and_says_what_was_not_computed(
         for key in made.add(model, [0.1], dataset, protocol="holdout")
     ]
     made.add_run("run-1", keys)
-    study = replace(find_study("effects"), figures=("relative-errors", "losses"))
-    *files, page = write_page(study, tmp_path, "bench reproduce effects", 7)
-    assert page == tmp_path / "effects" / "README.md"
+    *files, page = write_page(study, tmp_path, "bench reproduce mine", 7)
+    assert page == tmp_path / study.name / "README.md"
     assert {file.suffix for file in files} == {".md", ".csv", ".tex", ".png", ".pdf"}
     assert all(file.stat().st_size for file in files)
     text = page.read_text()
-    assert pictures(page) == {tmp_path / "effects/figures/figure_relative_errors.png"}
-    for part in ("| gp ", "Kendall", "`preset=paper`", "made by `bench reproduce effects`"):
+    assert pictures(page) == {page.parent / "figures/figure_scores.png"}
+    for part in ("| gp ", study.notes[0], "made by `bench reproduce mine`"):
         assert part in text
     assert "not finished: 7 fits not computed" in text
     assert re.search(r"## Not made\n\n- Figure losses: .*training curve", text)
 
 
-def test_nothing_stored_is_no_page(tmp_path):
+def test_a_study_without_results_has_no_page(study, tmp_path):
     with pytest.raises(StoreError, match="bench reproduce"):
-        [*write_page(find_study("effects"), tmp_path, "", 0)]
-    assert not (tmp_path / "effects").exists()
+        [*write_page(study, tmp_path, "", 0)]
+    assert not (tmp_path / study.name).exists()
 
 
-@pytest.mark.parametrize("part", ["tables", "figures"])
-def test_a_table_or_figure_that_is_none_is_refused_with_the_valid_names(part):
-    study = replace(find_study("effects"), **{part: ("relative-erors",)})
-    with pytest.raises(ConfigError, match="'relative-erors'; did you mean 'relative-errors'"):
-        check_names(study)
+@pytest.mark.parametrize(("part", "wrong"), [("tables", "leaderbord"), ("figures", "scors")])
+def test_an_unknown_table_or_figure_is_refused_with_the_valid_names(part, wrong, study):
+    with pytest.raises(ConfigError, match=f"'{wrong}'; did you mean"):
+        check_names(replace(study, **{part: (wrong,)}))
 
 
 def test_models_whose_version_was_raised_since_are_named(tmp_path):
