@@ -1,0 +1,91 @@
+"""The README's numbers are what its commands and the committed results give."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+import stiffbench as sb
+from stiff_bench.paper.paper_results import PaperResults
+from stiff_bench.paper.study_board import StudyResults
+from stiff_bench.paper.study_file import find_study
+
+TOP = Path(__file__).parents[1]
+README = (TOP / "README.md").read_text(encoding="utf-8")
+MOST_LINES, MOST_CHARACTERS = 110, 100
+ROBOTS = {"KR10": "kr10_r1100_2", "UR5": "ur5", "GP180": "gp180"}
+POSES = ("20 poses", "60 poses")
+
+
+def table_after(heading: str) -> list[dict[str, str]]:
+    """The first table behind a heading, a dictionary per row; cells without their marks."""
+    lines = README.split(f"## {heading}\n")[1].splitlines()
+    start = next(number for number, line in enumerate(lines) if line.startswith("|"))
+    rows = []
+    for line in lines[start:]:
+        if not line.startswith("|"):
+            break
+        rows.append([cell.strip(" *") for cell in line.strip("|").split("|")])
+    header, _, *body = rows
+    return [dict(zip(header, row, strict=True)) for row in body]
+
+
+def model_of(row: dict[str, str]) -> str:
+    (name,) = re.findall(r"`([^`]+)`", row["model"])
+    return name
+
+
+def test_it_is_short_and_fits_a_terminal():
+    lines = README.splitlines()
+    assert len(lines) <= MOST_LINES
+    assert max(map(len, lines)) <= MOST_CHARACTERS
+
+
+@pytest.mark.slow
+def test_the_first_table_is_what_its_command_gives():
+    rows = {model_of(row): row for row in table_after("Try it")}
+    results = sb.evaluate([*rows], "kr10-twin", protocol="holdout", splits=5)
+    frame = results.frame()
+    lengths = frame[frame["metric"] == "norm"].groupby("model")["value"]
+    errors = {str(model): float(mean) for model, mean in lengths.mean().items()}
+    for model, row in rows.items():
+        assert float(row["3-D error, mm"]) == pytest.approx(errors[model], abs=0.0006)
+        if row["against the VJM"]:
+            change = 100.0 * (errors[model] / errors["vjm"] - 1.0)
+            assert float(row["against the VJM"].rstrip(" %")) == pytest.approx(change, abs=0.6)
+
+
+@pytest.fixture(scope="module")
+def board():
+    stored = PaperResults.of(TOP / "results" / "leaderboard" / "runs")
+    return StudyResults(find_study("leaderboard"), stored).board
+
+
+@pytest.mark.slow
+def test_the_matrix_of_robots_is_that_of_the_committed_leaderboard(board):
+    board_rows = {row.name: row for row in board.rows}
+    for row in table_after("Which model"):
+        name = model_of(row)
+        for heading, robot in ROBOTS.items():
+            assert row[heading] == f"{board.robot_ratio(robot, name):.2f}"
+        score, mean = board_rows[name].measured["fanuc-r2000ic"], board_rows[name].mean
+        suffix = " (not significant)" if score.verdict == "open" else ""
+        assert row["FANUC, measured"] == f"{score.ratio:.2f}{suffix}"
+        text = f"{mean.ratio:.2f} ({mean.low:.2f} to {mean.high:.2f})"
+        assert row[f"{mean.n_robots} simulated robots"] == text
+
+
+@pytest.mark.slow
+def test_the_advice_by_number_of_poses_is_that_of_the_committed_leaderboard(board):
+    (advice,) = re.findall(r"- Use `gp-springs` with.*?(?=\n- \[)", README, re.DOTALL)
+    ratios = re.findall(r"0\.\d\d", advice)
+    expected = [
+        f"{ratio:.2f}"
+        for name in ("gp-springs", "vjm-multisegment", "vjm-full")
+        for row in board.rows
+        if row.name == name
+        for ratio in (*(row.few[poses] for poses in POSES), row.mean.ratio)
+    ]
+    assert ratios == expected
