@@ -299,7 +299,7 @@ def _value(trial: Trial, name: str, values: Sequence[Any] | Range) -> Any:
     """
     if not isinstance(values, Range):
         return values[trial.suggest_categorical(name, range(len(values)))]
-    if values.whole:
+    if values.is_integer:
         return trial.suggest_int(name, int(values.low), int(values.high), log=values.log)
     drawn = trial.suggest_float(name, values.low, values.high, log=values.log)
     return min(max(float(f"{drawn:.3g}"), values.low), values.high)
