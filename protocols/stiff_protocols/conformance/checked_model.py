@@ -36,8 +36,8 @@ class CheckedModel:
 
     Attributes:
         make: function that returns a new model.
-        train, validation, test: disjoint samples of the robot. Those of `test` have random
-            deflections: a model that predicts them has read them here.
+        train, validation, test: disjoint samples of the robot. `test` has random deflections: a
+            model that predicts them has read them here.
         measured: (n, 3) m, measured deflections of the test rows.
         other: as many samples as `train`, mostly different.
         uses_validation: true if the model chooses an epoch.

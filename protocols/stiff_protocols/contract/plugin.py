@@ -157,7 +157,7 @@ class DatasetInfo(PluginInfo):
     Attributes:
         kind: "simulated" or "measured"; printed with every table.
         caveats: printed under every table that contains the data set.
-        published: name of the table in `results/published` that belongs beneath; "" for none.
+        published: name of the table in `results/published` to print below; "" for none.
         card: the data card, a path inside the package `stiff_datasets`; "" for none.
         licence: licence of measured data, such as "MIT"; "" if it is not stated.
     """

@@ -199,7 +199,7 @@ CHANGES = {
     "lengths are in m": lambda content: content["model"]["fitted"]["robot_"]["fields"].update(
         tcp=np.array([1e300, 0.0, 0.0])
     ),
-    "is no rotation": lambda content: content["model"]["fitted"]["robot_"]["fields"].update(
+    "is not a rotation": lambda content: content["model"]["fitted"]["robot_"]["fields"].update(
         flange=np.zeros((4, 4))
     ),
     "posix.getcwd": fitted(a_=FunctionTransformer(func=os.getcwd)),
