@@ -85,18 +85,18 @@ def compensate(
     tolerance_m: float = TOLERANCE_M,
     max_iterations: int = MAX_ITERATIONS,
 ) -> Compensation:
-    """Return the commands under which the loaded tool is predicted to be on the path.
+    """Return the commands with which the predicted loaded tool is on the path.
 
-    The orientation is held; the configuration is that of `q`.
+    Orientation and configuration are the same as for `q`.
 
     Args:
-        predict: deflections of a model.
-        robot: of any number of joints.
-        path: what is wanted, under its loads.
+        predict: function that returns deflections of a model.
+        robot: robot with any number of joints.
+        path: target path with its loads.
         q: (n, n_joints) joint positions at the points of the path, rad or m (`inverse.follow`).
-        held: see `inverse.free_joints`; a held joint stays where `q` has it.
-        tolerance_m: remaining distance to the wanted point at which a row is done, m.
-        max_iterations: predictions of a row at most.
+        held: see `inverse.free_joints`; a held joint keeps its position in `q`.
+        tolerance_m: largest remaining distance to the target point, m.
+        max_iterations: most predictions per row.
 
     Raises:
         DataError: more than six joints move, or `predict` returns another shape or a number that is
@@ -109,8 +109,8 @@ def compensate(
         )
     free = free_joints(robot, held)
     n = len(path)
-    wanted = frozen_array(robot.checked_positions(q), "q", (n, robot.n_joints))
-    command, position = wanted.copy(), path.position.copy()
+    path_q = frozen_array(robot.checked_positions(q), "q", (n, robot.n_joints))
+    command, position = path_q.copy(), path.position.copy()
     deflection, before = np.zeros((n, 3)), np.zeros((n, 3))
     iterations, contraction = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
     step = np.full(n, np.nan)
@@ -139,13 +139,13 @@ def compensate(
         )
         problem[rows[~reached]] = OUT_OF_REACH
         rows = rows[reached]
-    beyond = (command < np.minimum(robot.lower, wanted)) | (
-        command > np.maximum(robot.upper, wanted)
+    beyond = (command < np.minimum(robot.lower, path_q)) | (
+        command > np.maximum(robot.upper, path_q)
     )
     problem[(problem == "") & beyond.any(axis=1)] = BEYOND_LIMITS
-    left = problem != ""
-    position[left], command[left] = path.position[left], wanted[left]
-    deflection[left] = before[left]
+    uncorrected = problem != ""
+    position[uncorrected], command[uncorrected] = path.position[uncorrected], path_q[uncorrected]
+    deflection[uncorrected] = before[uncorrected]
     return Compensation(
         path.position, position, command, deflection, before, iterations, contraction, problem
     )

@@ -43,7 +43,7 @@ class ToolPath(BriefFields):
         turns &= np.linalg.det(self.rotation) > 0.0
         if not turns.all():
             row = int(np.argmin(turns))
-            raise DataError(f"path {self.name!r}: rotation[{row}] is no rotation matrix")
+            raise DataError(f"path {self.name!r}: rotation[{row}] is not a rotation matrix")
 
     def __len__(self) -> int:
         return len(self.position)

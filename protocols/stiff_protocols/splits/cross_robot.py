@@ -39,4 +39,4 @@ class CrossRobot(Holdout):
             foreign = replace(division, condition=f"source {self.source}", source=self.source)
             return replace(division, condition=OWN), foreign
 
-        return super().splits(samples, n_splits=n_splits, seed=seed).each(under_both, 2)
+        return super().splits(samples, n_splits=n_splits, seed=seed).expanded(under_both, 2)

@@ -83,13 +83,13 @@ class PathHoldout(Holdout):
 
         A point whose correction does not converge keeps its command, and is warned of.
         """
-        wanted = robot.forward(q)
-        path = ToolPath(PATH_GROUP, wanted.points[:, -1], wanted.rotation, wrench)
-        found = compensate(predict, robot, path, q, held=self.held(robot))
-        if n_left := int((~found.converged).sum()):
-            why = ", ".join(np.unique(found.problem[~found.converged]))
-            warn(f"{n_left} of {len(q)} path points are left uncorrected: {why}")
-        return found.q
+        target_poses = robot.forward(q)
+        path = ToolPath(PATH_GROUP, target_poses.points[:, -1], target_poses.rotation, wrench)
+        compensation = compensate(predict, robot, path, q, held=self.held(robot))
+        if n_left := int((~compensation.converged).sum()):
+            reasons = ", ".join(np.unique(compensation.problem[~compensation.converged]))
+            warn(f"{n_left} of {len(q)} path points are left uncorrected: {reasons}")
+        return compensation.q
 
 
 @dataclass(kw_only=True, eq=False)
@@ -119,15 +119,17 @@ class PathCompensation(PathHoldout):
             )
         held = self.held(data.robot)
         if (data.samples.group == PATH_GROUP).any():
-            raise ConfigError(f"its samples have the group {PATH_GROUP!r}, which paths are given")
+            raise ConfigError(
+                f"its samples use the group {PATH_GROUP!r}, which is reserved for paths; rename it"
+            )
         points = _points(data, held)
         samples = Samples.together(data.samples, points)
-        found = replace(data, samples=samples, known={})
+        extended = replace(data, samples=samples, known={})
         rows = np.arange(len(data.samples), len(samples))
         oracle = samples.deflection.copy()
         commands = self.commanded(data.under_load, data.robot, points.q, points.wrench)
-        oracle[rows] = self.scored(oracle[rows], commands, found, rows)
-        return replace(found, known={"oracle": oracle, "uncorrected": np.zeros_like(oracle)})
+        oracle[rows] = self.scored(oracle[rows], commands, extended, rows)
+        return replace(extended, known={"oracle": oracle, "uncorrected": np.zeros_like(oracle)})
 
     def commanded(
         self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
@@ -140,7 +142,7 @@ class PathCompensation(PathHoldout):
     ) -> FloatArray:
         """Return the path error without correction less the one that the commands leave.
 
-        The robot answers the commands itself: what was predicted for them plays no part.
+        The simulated robot follows the commands; their predictions are not used.
         """
         points = data.samples.take(rows)
         return np.asarray(points.deflection - _path_errors(commands, points, data))
@@ -150,8 +152,10 @@ class PathCompensation(PathHoldout):
         is_point = samples.group == PATH_GROUP
         measured, points = np.flatnonzero(~is_point), np.flatnonzero(is_point)
         divisions = super().splits(samples.take(measured), n_splits=n_splits, seed=seed)
-        return divisions.each(
-            lambda one: [Split(one.index, measured[one.train], measured[one.validation], points)]
+        return divisions.expanded(
+            lambda split: [
+                Split(split.index, measured[split.train], measured[split.validation], points)
+            ]
         )
 
 

@@ -59,11 +59,11 @@ class WorkspaceExtrapolation(Extrapolation):
                 f"{different} different TCP positions (valid: 2 to as many as there are)"
             )
         clusters = KMeans(self.regions, n_init=STARTS, random_state=START_SEED)
-        found = clusters.fit_predict(position)
-        centres = _mean_of(position, found, self.regions)  # (regions, 3) m
+        region_of_pose = clusters.fit_predict(position)
+        centres = _mean_of(position, region_of_pose, self.regions)  # (regions, 3) m
         for number, region in enumerate(np.lexsort(centres.T[::-1]), start=1):
             x, y, z = (round(1000.0 * value) for value in centres[region].tolist())
-            inside = (found == region)[pose_of_row]
+            inside = (region_of_pose == region)[pose_of_row]
             condition = f"region {number} around ({x}, {y}, {z}) mm"
             yield condition, np.flatnonzero(~inside), np.flatnonzero(inside)
 
