@@ -75,7 +75,7 @@ class Frame:
     axes: Sequence[Vector]
 
     def point(self, offset: Vector) -> Vector:
-        """Return where a point of the frame is, base frame."""
+        """Return the position of a point of the frame, base frame."""
         return _plus(self.origin, _out_of(self.axes, offset))
 
 
@@ -339,7 +339,7 @@ def _dot(a: Sequence[Component], b: Sequence[Component]) -> Component:
 
 
 def _times(a: Component, b: Component) -> Component:
-    """Return a b; a factor that is the plain number 0, 1 or -1 costs no product."""
+    """Return a b; a plain factor of 0, 1 or -1 needs no product."""
     for factor, cofactor in ((a, b), (b, a)):
         if isinstance(factor, float) and abs(factor) in (0.0, 1.0):
             if factor == 0.0:

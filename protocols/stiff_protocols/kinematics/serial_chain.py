@@ -90,7 +90,7 @@ class SerialChain(ChainGeometry):
         return self._computed(Chain.jacobian, q, (6, self.n_joints))[0]
 
     def virtual_jacobian(self, q: FloatArray) -> FloatArray:
-        """Return how the TCP moves with six virtual joints at every joint, base frame.
+        """Return the TCP's motion by six virtual joints at every joint, base frame.
 
         They turn about and slide along the axes x, y, z of the joint's moving frame, after the
         joint's own motion; z is the joint's axis. Where the axis lies along one of the URDF

@@ -113,7 +113,7 @@ class Program:
 
     @classmethod
     def of(cls, tape: Tape, results: Sequence[Symbol | float]) -> Program:
-        """Arrange the steps that lead to `results`; arrays that no later step reads serve again."""
+        """Arrange the steps for `results`; arrays that no later step reads are reused."""
         places: dict[Operand, int] = {number: number for number in range(tape.n_inputs)}
         contents: list[float | None] = []
         unread: list[int] = []

@@ -1,8 +1,8 @@
-"""Commands that correct a path for the deflection that a model predicts.
+"""Commands that correct a path for a model's predicted deflection.
 
-The loaded tool stands at ``p_cmd + d(q(p_cmd), w)``. It shall stand at p: the command is the fixed
-point of ``p_cmd = p - d(q(p_cmd), w)``, iterated for all points at once. A deflection hardly
-changes over its own length, so each step is about a hundredth of the one before.
+The loaded tool is at ``p_cmd + d(q(p_cmd), w)``. Its target is p, so the command is the fixed point
+of ``p_cmd = p - d(q(p_cmd), w)``, iterated for all points at once. A deflection hardly changes over
+its own length, so each step is about a hundredth of the previous step.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NOT_CONVERGED, OUT_OF_REACH, BEYOND_LIMITS = "not converged", "out of reach", "j
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compensation(BriefFields):
-    """A corrected path. A row that was not corrected has its command and deflection from before.
+    """A corrected path; uncorrected rows keep their original commands and deflections.
 
     Attributes:
         wanted: (n, 3) points of the path, base frame, m.
@@ -44,7 +44,7 @@ class Compensation(BriefFields):
         iterations: (n,) predictions of each row.
         contraction: (n,) ratio of the last two steps; below 1 they shrink. NaN where the first one
             was within the tolerance.
-        problem: (n,) why a row was not corrected: one of the words above; "" where it was.
+        problem: (n,) why a row was not corrected: one of the words above; "" if it was.
     """
 
     wanted: FloatArray
@@ -58,20 +58,20 @@ class Compensation(BriefFields):
 
     @property
     def removed(self) -> FloatArray:
-        """(n, 3) predicted deflection that the command takes out, base frame, m."""
+        """(n, 3) predicted deflection that the command removes, base frame, m."""
         return self.wanted - self.position
 
     @property
     def residual(self) -> FloatArray:
-        """(n, 3) from the wanted point to where the loaded tool is predicted, base frame, m.
+        """(n, 3) from the target point to the predicted position of the loaded tool, base frame, m.
 
-        It says how far the iteration converged, and nothing about the robot.
+        It measures the convergence of the iteration, not the robot's accuracy.
         """
         return self.position + self.deflection - self.wanted
 
     @property
     def converged(self) -> BoolArray:
-        """(n,) whether the row was corrected."""
+        """(n,) true for corrected rows."""
         return np.asarray(self.problem == "")
 
 

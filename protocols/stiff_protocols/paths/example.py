@@ -1,4 +1,4 @@
-"""A path in front of a robot that it can drive, to try corrections on."""
+"""An example path in front of a robot, within its reach, to try corrections."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ def drivable_path(
 ) -> ToolPath:
     """Return a horizontal path, the tool pointing down; arguments as `shaped`.
 
-    `held` is as in `free_joints`. Prismatic ones at the base carry the path with the arm.
-    Of four turns of the tool that can be driven, it takes the one that turns the last joint least.
+    `held` is as in `free_joints`. Prismatic joints at the base move the path with the arm. Of the
+    possible turns among four turns of the tool, it uses the turn with the least motion of the last
+    joint.
 
     Raises:
         DataError: no place was found where the robot can drive the path.

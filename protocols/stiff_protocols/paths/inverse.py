@@ -47,7 +47,7 @@ SHORT_TURN = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Joint positions along a path, and where they cannot be driven.
+    """Joint positions along a path, and reasons why rows cannot be driven.
 
     Attributes:
         q: (n, n_joints) rad or m; the nearest that was found where the pose is not reached.
@@ -66,17 +66,17 @@ class Followed:
 
     @property
     def singular(self) -> BoolArray:
-        """(n,) whether the Jacobian is near the loss of its rank."""
+        """(n,) true if the Jacobian is nearly rank-deficient."""
         return self.condition > SINGULAR
 
     @property
     def ok(self) -> BoolArray:
-        """(n,) whether the row can be driven."""
+        """(n,) true if the row can be driven."""
         return self.reached & ~self.beyond.any(axis=1) & ~self.singular & ~self.flips
 
 
 def free_joints(robot: Robot, held: FloatArray | None = None) -> BoolArray:
-    """Return (n_joints,) which joints move along a path, where a pose of the tool determines them.
+    """Return (n_joints,) true for joints that move along a path and that a pose determines.
 
     Args:
         robot: of any number of joints.
@@ -96,7 +96,7 @@ def free_joints(robot: Robot, held: FloatArray | None = None) -> BoolArray:
 
 
 def joint_number(robot: Robot, name: str) -> int:
-    """Return the number, from 0, of a joint that is called by its name or as in J1, q1 or 1.
+    """Return the number, from 0, of a joint by its name or by J1, q1 or 1.
 
     Raises:
         ConfigError: the robot does not have this joint.
@@ -214,9 +214,9 @@ def _even(jacobian: FloatArray) -> FloatArray:
 def _configurations(
     robot: Robot, position: FloatArray, rotation: FloatArray, held: FloatArray
 ) -> FloatArray:
-    """Return (m, n_joints) the different joint positions at which the TCP has one pose.
+    """Return the (m, n_joints) different joint positions with the same pose of the TCP.
 
-    The nearest where none is reached. Turns of 360 deg are not different.
+    If none is reached, return the nearest. Turns of 360 deg are not different.
     """
     q, reached = _from_seeds(
         robot, position[None], rotation[None], _random_seeds(robot, held), held
@@ -236,10 +236,10 @@ def all_configurations(
 ) -> FloatArray:
     """Return the different joint positions at which the TCP has each of n poses.
 
-    Limits of the joints are not looked at, and turns of 360 deg are not different: revolute joints
-    that move are within +-pi. A pose next to a singularity can have fewer configurations than it
-    should. Poses of one neighbourhood share the search: `n_seeds` random seeds for its first pose,
-    whose configurations are the others' seeds.
+    Joint limits are ignored, and turns of 360 deg are not different: revolute joints that move are
+    within +-pi. Near a singularity some configurations may be missing. Poses of a neighbourhood
+    share the search: it uses `n_seeds` random seeds for the first pose, whose configurations are
+    the seeds of the other poses.
 
     Args:
         robot: of at most six joints that move.
@@ -307,7 +307,7 @@ def _from_seeds(
     seeds: FloatArray,
     held: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Return (n_seeds, n, n_joints) where the search from each seed ends, and what is reached."""
+    """Return the (n_seeds, n, n_joints) ends of the searches, and which poses are reached."""
     n = len(position)
     q = np.repeat(seeds[:, None], n, axis=1).reshape(-1, robot.n_joints)
     poses = np.tile(position, (len(seeds), 1)), np.tile(rotation, (len(seeds), 1, 1))
@@ -318,7 +318,7 @@ def _from_seeds(
 def different_positions(
     robot: Robot, q: FloatArray, reached: BoolArray, held: FloatArray
 ) -> FloatArray:
-    """Return (n, m, n_joints) the different ones of (n_seeds, n, n_joints); NaN for the rest."""
+    """Return the (n, m, n_joints) different positions of (n_seeds, n, n_joints); else NaN."""
     turns, free = robot.turns, np.isnan(held)
     q = np.where(turns & free, (q + np.pi) % (2.0 * np.pi) - np.pi, q)
     new = reached.copy()
@@ -393,7 +393,7 @@ def _marched(
 
 
 def _between(place: FloatArray, known_places: FloatArray, q: FloatArray) -> FloatArray:
-    """Return (n, n_joints) at (n,) places, linear between (k, n_joints) `q` at `known` ones."""
+    """Return (n, n_joints) at (n,) places, linear between (k, n_joints) `q` at `known_places`."""
     return np.stack([np.interp(place, known_places, joint) for joint in q.T], axis=1)
 
 

@@ -92,7 +92,7 @@ def resampled_means(errors: PoseErrors, *, seed: int = 0) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _pose_draws(n_poses: int, seed: int) -> FloatArray:
-    """Return (B, p) how often each pose was drawn; read-only, as many calls share it."""
+    """Return the (B, p) counts of drawn poses; read-only, because many calls share them."""
     shares = np.full(n_poses, 1.0 / n_poses)
     draws = np.random.default_rng(seed).multinomial(n_poses, shares, size=RESAMPLES)
     exact = draws.astype(np.float64)  # products of integers are not BLAS's

@@ -66,8 +66,8 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     ) -> Self:
         """Divide `train` by pose, fit a copy of the model to one part, calibrate on the other.
 
-        `validation` is given to the model as it is, never calibrated on; `seed` is of the division
-        and of the model.
+        The model gets `validation` unchanged; it is never used for calibration. `seed` determines
+        the division and the model.
 
         Raises:
             TooFewToCalibrate: `coverage` needs more calibration samples than half of the poses.
@@ -94,10 +94,10 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         return predicted
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return where each deflection lies with probability `coverage`, axis by axis.
+        """Return each deflection's interval of probability `coverage`, axis by axis.
 
-        `coverage` (0..1) may differ from what `fit` was prepared for. Away from what the copy
-        learned from they are wider, as `TrainingRange.widened` says.
+        `coverage` (0..1) may differ from the option. Intervals are wider away from the training
+        samples; see `TrainingRange.widened`.
 
         Raises:
             NotFittedError: `fit` was not called.

@@ -58,7 +58,7 @@ class Metric:
     def values(self, prediction: Prediction, cost: Cost | None = None) -> dict[str, float]:
         """Return axis -> value; an axis without a finite value is left out.
 
-        `cost` is None where it is not known, as for the predictions of several splits together.
+        `cost` is None if unknown, as for the predictions of several splits together.
         """
         computed: FloatArray | float | None = None
         if self.needs_interval and prediction.interval is None:
@@ -73,7 +73,7 @@ class Metric:
         return {axis: value for axis, value in values if np.isfinite(value)}
 
     def of_result(self, result: CellResult) -> dict[str, float]:
-        """Return axis -> value of a cell, in SI units; empty where it has none."""
+        """Return axis -> value of a cell, in SI units; empty without a prediction."""
         prediction = result.prediction
         return {} if prediction is None else self.values(prediction, result.cost)
 
@@ -125,7 +125,7 @@ def _r2(prediction: Prediction) -> FloatArray:
 
 
 def _relative(prediction: Prediction) -> FloatArray | None:
-    """Return a ratio of means: ratios of single samples are ruled by the smallest deflections."""
+    """Return a ratio of means; the smallest deflections would dominate a mean of ratios."""
     size = float(_lengths(prediction.measured).mean())
     return np.asarray(norm_errors(prediction).mean() / size) if size > 0.0 else None
 
@@ -262,7 +262,7 @@ METRICS = {
 
 
 def metric(key: str) -> Metric:
-    """Return the metric of that key; ConfigError where there is none."""
+    """Return the metric of a key; ConfigError if it is unknown."""
     if key not in METRICS:
         raise unknown_name("metric", key, METRICS)
     return METRICS[key]

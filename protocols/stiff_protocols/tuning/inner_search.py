@@ -54,7 +54,7 @@ def fit_to(
     robot: Robot,
     seed: int,
 ) -> None:
-    """Fit; a model that chooses no epoch learns from the validation rows instead."""
+    """Fit a model; without a choice of epoch, it also learns from the validation rows."""
     if validation is not None and not (len(validation) and optional(model, "chooses_epoch")()):
         train, validation = Samples.together(train, validation), None
     model.fit(train, robot=robot, validation=validation, seed=seed)
@@ -68,7 +68,7 @@ MOST_CHECKED = 256
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate's options and inner error, m; infinite where it failed, and why."""
+    """A candidate's options, its inner error, m (infinite if it failed), and the reason."""
 
     params: Mapping[str, Any]
     error: float
@@ -77,19 +77,19 @@ class Tried:
 
 @dataclass(eq=False, repr=False)
 class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
-    """A model with the best of several candidate options; it stands in the model's place.
+    """A model with the best of several candidate options; it replaces the model.
 
     Attributes:
-        model: what is copied, set up and fitted; it is left as it is.
-        grid: options and their candidates; where it is empty the model is fitted as it is.
-        search: "grid" tries every combination, "optuna" some that TPE draws.
-        trials: how many are drawn.
+        model: model to copy, set up and fit; it is not changed.
+        grid: options and their candidates; if empty, the model is fitted with its own options.
+        search: "grid" tries every combination, "optuna" some combinations drawn by TPE.
+        trials: number of drawn combinations.
         folds: inner parts, by pose.
         validation_fraction: of an inner training part's poses, may choose the epoch.
         scores_: every candidate, in the order of the grid, or in which they were drawn.
         best_params_: the chosen options, the first of equally good ones.
         model_: the fitted model with them.
-        diagnostics_: the model's, how many candidates were tried, and the best one's inner error.
+        diagnostics_: the model's diagnostics, the number of candidates, and the best inner error.
     """
 
     model: StiffnessModel
