@@ -73,7 +73,7 @@ def test_a_pickle_within_a_model_file_is_refused_unread(bomb, tmp_path, mark):
     parts = members(path.read_bytes())
     array = next(name for name in parts if name.endswith(".npy"))
     path.write_bytes(archived(parts | {array: bomb}))
-    with pytest.raises(DataError, match=r"model\.stiff: holds no model.*pickled"):
+    with pytest.raises(DataError, match=r"model\.stiff: does not hold a model.*pickled"):
         load(path)
 
 

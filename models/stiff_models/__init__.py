@@ -15,7 +15,7 @@ def load(path: Path | str) -> FittedModel:
     """Return the fitted model that `model.save(path)` or `bench fit` wrote; see `model_file.load`.
 
     Raises:
-        DataError: the file cannot be read, is damaged, or holds what this version does not know.
+        DataError: the file cannot be read, is corrupt, or holds objects unknown to this version.
     """
     from stiff_models.io.model_file import load as load_file
 

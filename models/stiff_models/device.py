@@ -1,6 +1,6 @@
-"""Where a network runs, and how its training multiplies matrices there.
+"""Choose a network's device and the arithmetic of its matrix products.
 
-What a processor says of its matrix products is checked before it is taken.
+The accuracy of a processor's matrix products is measured before they are used.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ class RunsOnDevice:
     device: Device = "auto"
 
     def check_params(self) -> None:
-        """Raise ConfigError where the device is not there."""
+        """Raise ConfigError if the device is not available."""
         torch_device(self.device)
 
 
 def torch_device(device: Device) -> torch.device:
-    """Return the device a network runs on; "auto" takes a GPU where there is one.
+    """Return the device of a network; "auto" takes a GPU if one is available.
 
-    A GPU's matrix products are told to repeat themselves; `arithmetic` sees to the rest.
+    On a GPU, matrix products are set to be repeatable; `arithmetic` sets the other operations.
 
     Raises:
-        ConfigError: "cuda" was asked for and there is none.
+        ConfigError: "cuda" was requested and no CUDA device is available.
     """
     on_gpu = device != "cpu" and torch.cuda.is_available()
     if device == "cuda" and not on_gpu:
-        raise ConfigError("device 'cuda': no CUDA device is available here (valid: auto, cpu)")
+        raise ConfigError("device 'cuda': no CUDA device is available (valid: auto, cpu)")
     if on_gpu:
         os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # cuBLAS reads it as it starts
     return torch.device("cuda" if on_gpu else "cpu")
@@ -53,16 +53,16 @@ def torch_device(device: Device) -> torch.device:
 
 FLOAT32_ERROR = 2.0**-21  # of a product, against the product of its factors' lengths
 BFLOAT16_ERROR = 2.0**-8  # bfloat16 has 8 bits
-FASTER = 1.1  # so many times: half of the time or twice of it are what processors show
+FASTER = 1.1  # least speed-up; processors take about half or twice the time
 
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """How a training multiplies matrices.
+    """Settings of matrix products during a training.
 
     Attributes:
-        float32_route: torch's name. "medium" is oneDNN on a processor, which is faster there; the
-            name allows it to round to bfloat16, and where it does, "highest" is taken.
+        float32_route: torch's name. "medium" is oneDNN on a processor, which is faster there. The
+            name allows rounding to bfloat16; if the processor does so, "highest" is used.
         bfloat16: multiply in bfloat16 while the training is in low precision.
         deterministic: torch's deterministic mode, which a GPU needs to repeat itself.
     """
@@ -73,7 +73,7 @@ class Arithmetic:
 
     @contextmanager
     def in_force(self) -> Iterator[None]:
-        """Take route and mode meanwhile; everybody else's stay as they were."""
+        """Set route and mode inside the `with` block and restore them afterwards."""
         route = torch.get_float32_matmul_precision()
         mode = torch.get_deterministic_debug_mode()
         torch.set_float32_matmul_precision(self.float32_route)
@@ -87,7 +87,7 @@ class Arithmetic:
 
 
 def arithmetic(device: torch.device, *, mixed_precision: bool) -> Arithmetic:
-    """Return the fastest arithmetic of a device that is as accurate as its name says."""
+    """Return the fastest arithmetic of a device with the accuracy of its name."""
     return Arithmetic(
         "medium" if device.type == "cpu" and medium_is_float32() else "highest",
         mixed_precision and has_fast_bfloat16(device),
@@ -97,14 +97,14 @@ def arithmetic(device: torch.device, *, mixed_precision: bool) -> Arithmetic:
 
 @cache
 def medium_is_float32() -> bool:
-    """Say whether the processor's "medium" products have float32's accuracy."""
+    """Return whether the processor's "medium" products have float32's accuracy."""
     with Arithmetic("medium", bfloat16=False).in_force():
         return _relative_error(torch.float32, torch.device("cpu")) <= FLOAT32_ERROR
 
 
 @cache
 def has_fast_bfloat16(device: torch.device) -> bool:
-    """Say whether bfloat16 products run in hardware there, sum in float32 and are faster."""
+    """Return whether bfloat16 products run in hardware, sum in float32 and are faster."""
     if device.type == "cuda":
         in_hardware = torch.cuda.is_bf16_supported(including_emulation=False)
     else:
@@ -118,19 +118,19 @@ def has_fast_bfloat16(device: torch.device) -> bool:
 
 def _seconds(dtype: torch.dtype) -> float:
     """Return the shortest time of a few products of the base network's size."""
-    left, right = (torch.ones(n, 380, dtype=dtype) for n in (1024, 380))
+    left_factor, right_factor = (torch.ones(n, 380, dtype=dtype) for n in (1024, 380))
     with Arithmetic("medium", bfloat16=False).in_force():
-        return min(timeit.repeat(lambda: left @ right, number=1, repeat=10))
+        return min(timeit.repeat(lambda: left_factor @ right_factor, number=1, repeat=10))
 
 
 def _relative_error(dtype: torch.dtype, device: torch.device) -> float:
     """Return the largest error of a product of the base network's size, against float64.
 
-    Each element's is relative to the lengths of the row and the column that it comes from.
+    Each element's error is relative to the lengths of its row and its column.
     """
     generator = torch.Generator().manual_seed(0)
-    left, right = torch.randn(2, 380, 380, generator=generator).to(device, dtype)
-    product = (left @ right).double()
-    left, right = left.double(), right.double()
-    lengths = left.norm(dim=1)[:, None] * right.norm(dim=0)
-    return float((product - left @ right).abs().div(lengths).max())
+    left_factor, right_factor = torch.randn(2, 380, 380, generator=generator).to(device, dtype)
+    computed = (left_factor @ right_factor).double()
+    left_factor, right_factor = left_factor.double(), right_factor.double()
+    lengths = left_factor.norm(dim=1)[:, None] * right_factor.norm(dim=0)
+    return float((computed - left_factor @ right_factor).abs().div(lengths).max())

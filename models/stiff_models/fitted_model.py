@@ -1,4 +1,4 @@
-"""What every built-in family shares: a checked `predict`, `save`, intervals of a normal error."""
+"""Base classes of the built-in families: checked `predict`, `save`, normal intervals."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 
 FOLDS = 5
-"""In which poses are left out, to see how wrong a model is at poses that it did not learn from."""
+"""Number of folds; each leaves out a part of the poses to estimate a model's error there."""
 
 
 def folds_of_poses(samples: Samples, seed: int) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield the rows that are learned from and those that are left out, for a fifth of the poses.
+    """Yield the training rows and the left-out rows of each fifth of the poses.
 
-    Of fewer than `FOLDS` poses, at least two, each one is left out.
+    With fewer than `FOLDS` poses (at least two), each fold leaves out one pose.
     """
     from sklearn.model_selection import GroupKFold  # not every model needs it
 
@@ -43,14 +43,14 @@ def left_out_fifths(samples: Samples, seed: int) -> Iterator[tuple[Samples, Samp
 
 
 class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
-    """Base of the built-in families: a prediction that is checked at both ends, and files.
+    """Base of the built-in families: checks inputs and predictions, and writes model files.
 
-    A family writes `_fit` and `_predict`, and keeps everything that a prediction needs in
-    attributes that end in an underscore: those are what a model file holds.
+    A family implements `_fit` and `_predict`. It keeps everything that a prediction needs in
+    attributes that end in an underscore; a model file holds these attributes.
 
     Attributes:
-        robot_: the robot it was fitted for; predictions are valid for that robot alone.
-        training_range_: joint positions and loads that it learned from.
+        robot_: robot of the fit; predictions are valid only for that robot.
+        training_range_: joint positions and loads of the training samples.
     """
 
     robot_: Robot
@@ -59,10 +59,10 @@ class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
-        """Learn as `StiffnessModel.fit` says; without validation rows the last epoch is kept.
+        """Fit the model as `StiffnessModel.fit`; without validation rows keep the last epoch.
 
         Raises:
-            ConfigError: the options do not fit each other, the samples or the robot.
+            ConfigError: the options contradict each other, the samples or the robot.
             ModelError: these samples identify nothing, or the training diverged.
         """
         self._fit(train, robot, validation, seed)
@@ -82,7 +82,7 @@ class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
 
         Raises:
             NotFittedError: `fit` was not called.
-            ModelError: the shapes are not those of the robot fitted for, or a number is not finite.
+            ModelError: the shapes do not match the fitted robot, or a number is not finite.
         """
         q, wrench = self._checked(q, wrench)
         if not len(q):
@@ -97,11 +97,11 @@ class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
         return predicted
 
     def save(self, path: Path) -> None:
-        """Write the fitted model to one file that `stiff_models.load` reads; see `io.model_file`.
+        """Write the fitted model to one file for `stiff_models.load`; see `io.model_file`.
 
         Raises:
             NotFittedError: `fit` was not called.
-            ModelError: the model is none of stiffbench's own, or holds what no file can.
+            ModelError: the model is not part of stiffbench, or holds objects that cannot be saved.
             StoreError: the file cannot be written.
         """
         model_file.save(self, path)
@@ -109,7 +109,7 @@ class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
     def _empty_module(self, name: str) -> torch.nn.Module:
         """Return an untrained module of the shape of the fitted attribute `name`, for loading.
 
-        Called when every other attribute is restored.
+        It is called after every other attribute was restored.
         """
         raise NotImplementedError(f"{type(self).__name__} holds no module {name!r}")
 
@@ -131,13 +131,13 @@ class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
 
 
 class NormalModel(FittedModel):
-    """Base of the families with standard deviations of their own, before their other bases."""
+    """Base of the families that predict standard deviations; list it before other bases."""
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return the central interval of each axis' predictive normal, its noise included.
+        """Return the central interval of each axis' predictive normal, noise included.
 
-        Arguments and errors as of `predict`; `coverage` (0..1) is of each axis by itself. Beyond
-        the training range it is wider, as `TrainingRange.widened` says.
+        Arguments and errors are the same as for `predict`; `coverage` (0..1) is per axis. Beyond
+        the training range the interval is wider; see `TrainingRange.widened`.
         """
         from scipy.special import ndtri  # not every model needs it
 

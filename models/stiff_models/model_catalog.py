@@ -1,6 +1,6 @@
-"""The model families that stiffbench ships, and why an optional one cannot be used here.
+"""The model families that stiffbench ships, and why an optional family cannot be used here.
 
-Imports nothing heavy, so that lists come at once.
+Imports nothing heavy, so that lists appear at once.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _PHYSICS = {"physics": ("vjm", "vjm-multisegment", "vjm-full")}
 _QUICK_SOURCE = {"width": 16, "pretrain_steps": 20}
 
 REFERENCE_MODEL = "vjm"
-"""What the others' skill is measured against."""
+"""Reference of every other model's skill."""
 
 MODELS = (
     ModelInfo(
@@ -94,7 +94,7 @@ MODELS = (
         key="mlp-pretrained",
         target="stiff_models.transfer.pretrained_mlp:MlpPretrained",
         version=4,
-        summary="4 x 380 network trained on simulated samples alone",
+        summary="4 x 380 network trained only on simulated samples",
         equation="d = net(sin q, cos q, w), trained on a simulated VJM",
         reference="pre-training of the source paper",
         quick=_QUICK_SOURCE,
@@ -277,7 +277,7 @@ FAMILIES = (
 
 
 def model_info(key: str) -> ModelInfo:
-    """Return the line of a shipped model or of a family's member; ConfigError for none."""
+    """Return the entry of a shipped model or of a family's member; ConfigError if unknown."""
     for info in MODELS:
         if info.key == key:
             return info
@@ -288,12 +288,12 @@ def model_info(key: str) -> ModelInfo:
 
 
 def missing_pytabkit() -> str:
-    """Return why `realmlp` and `tabm` cannot be used here; "" where they can."""
+    """Return why `realmlp` and `tabm` cannot be used here; "" if they can."""
     return missing("pytabkit")
 
 
 def missing_tabpfn(model_path: str = "") -> str:
-    """Return why `tabpfn` cannot be used here: no package, or no weights; "" where it can.
+    """Return why `tabpfn` cannot be used here: no package, or no weights; "" if it can.
 
     `model_path` is the file of weights; "": the package's default in its own cache folder.
     """
@@ -301,7 +301,7 @@ def missing_tabpfn(model_path: str = "") -> str:
 
 
 def missing_tabicl(model_path: str = "") -> str:
-    """Return why `tabicl` cannot be used here: no package, or no weights; "" where it can.
+    """Return why `tabicl` cannot be used here: no package, or no weights; "" if it can.
 
     `model_path` is the file of weights; "": the package's default in Hugging Face's cache folder.
     """
@@ -313,8 +313,8 @@ def _missing_weights(key: str, model_path: str, default: Callable[[], Path]) -> 
     if file.is_file():
         return ""
     return (
-        f"needs its weights, {file} is not there (nothing is downloaded at run time): "
-        f"set {key}.model_path to a file of weights of the package's regressor"
+        f"the weights file {file} does not exist (nothing is downloaded at run time): "
+        f"set {key}.model_path to a weights file of the package's regressor"
     )
 
 
@@ -331,5 +331,5 @@ def _tabicl_weights() -> Path:
     from tabicl import TabICLRegressor
 
     name = TabICLRegressor().checkpoint_version
-    cached_file = try_to_load_from_cache("jingang/TabICL", name)  # a path, or why there is none
+    cached_file = try_to_load_from_cache("jingang/TabICL", name)  # a path, or a reason
     return Path(cached_file if isinstance(cached_file, str) else name)

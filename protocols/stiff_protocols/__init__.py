@@ -1,1 +1,1 @@
-"""What a fair comparison of robot stiffness models is: types, splits, metrics, records."""
+"""Definition of a fair comparison of robot stiffness models: types, splits, metrics, records."""

@@ -93,7 +93,7 @@ PROTOCOLS = (
         reasoning=(
             "What is a model worth at the part? It learns as under holdout and corrects 36 paths; "
             "the twin drives them under load. The rows are path errors, not errors of predictions. "
-            "Measured data have no robot that could be asked: simulated data alone."
+            "It requires simulated data: a measured robot cannot be measured again."
         ),
     ),
     ProtocolInfo(
@@ -102,8 +102,8 @@ PROTOCOLS = (
         summary="holdout, and the error that the same fits leave on simulated tool paths",
         reasoning=(
             "Does a small error at test poses make a straight path? One fit answers both: its "
-            "metrics are holdout's, and the error left on 36 paths stands beside them. The "
-            "leaderboard is made so."
+            "metrics are holdout's, and the error left on 36 paths is shown with them. The "
+            "leaderboard uses it."
         ),
     ),
     ProtocolInfo(
@@ -111,7 +111,7 @@ PROTOCOLS = (
         target="stiff_protocols.splits.cross_robot:CrossRobot",
         summary="pre-train on another robot's or specimen's VJM, fine-tune on this one",
         reasoning=(
-            "Must a source domain be made anew for each robot? The same divisions are tested with"
+            "Does each robot need its own source domain? The same divisions are tested with"
             " the target's own source and with the foreign one; models without a source give the "
             "row to beat. All samples of the source are used: none of them is the target's."
         ),
@@ -121,10 +121,9 @@ PROTOCOLS = (
         target="stiff_protocols.tuning.inner_search:Nested",
         summary="holdout with options tuned by cross-validation on the training part",
         reasoning=(
-            "How well does a model do when nobody tunes it by hand? Each split chooses the "
-            "options anew without its test part. An option that you set is not searched; a model "
-            "without a grid is fitted as it is and marked 'not tuned'. Seeds differ from "
-            "holdout's."
+            "How well does a model do without tuning by hand? Each split chooses the options "
+            "without its test part. An option that you set is not searched; a model without a "
+            "grid is fitted with its options and marked 'not tuned'. Seeds differ from holdout's."
         ),
     ),
     ProtocolInfo(

@@ -244,7 +244,7 @@ class ReplacesOurs(Springs):
 
 
 BROKEN = [
-    (ByPosition, "the constructor takes keywords", "scale can be given without a name"),
+    (ByPosition, "the constructor takes keywords", "scale can be passed without a name"),
     (Converts, "the constructor takes keywords", "raised TypeError"),
     (LosesOption, "clone gives", r"get_params names \[\], the constructor \['scale'\]"),
     (ForeignAnnotation, "options can be listed", "raised NameError: name 'NotThere'"),
@@ -259,7 +259,7 @@ BROKEN = [
     (TakesLabels, "predictions come from", "the deflections of the test rows"),
     (ReplacesOurs, "fit and predict touch", r"replaces .*scoring\.metrics\.norm_errors"),
     (Millimetres, "predict returns", "are these mm"),
-    (LooksAtTheBatch, "a prediction", "a row predicted alone differs by up to"),
+    (LooksAtTheBatch, "a prediction", "a row predicted one by one differs by up to"),
     (Noisy, "predicting twice", "the second prediction differs by up to"),
     (WritesIntoWrench, "fit and predict touch", "predict writes into wrench"),
     (IgnoresSeed, "the same seed", "a second model differs by up to"),
@@ -269,8 +269,8 @@ BROKEN = [
     (AnyRobot, "joint angles of another robot", "numbers for 5 joints after a fit to 6"),
     (NaNForAnyRobot, "joint angles of another robot", "numbers for 5 joints after a fit to 6"),
     (NoNumber, "diagnostics", "raised ValueError: could not convert string"),
-    (Narrows, "intervals", "narrower than that of 0.5"),
-    (WidensWithTheBatch, "an interval", "an interval predicted alone differs by up to"),
+    (Narrows, "intervals", "narrower than the interval of 0.5"),
+    (WidensWithTheBatch, "an interval", "an interval predicted one by one differs by up to"),
     (LosesDigits, "save and load", "read from its file differs by up to"),
     (Talks, "fit and predict touch", "printed 'epoch 1'"),
     (SeedsEverybody, "fit and predict touch", "of numpy.random, random"),

@@ -210,5 +210,5 @@ DIVERGING = [
 @pytest.mark.parametrize(("variant", "options", "said"), DIVERGING)
 def test_a_diverging_training_says_so_with_its_learning_rate(variant, options, said, healthy):
     case = replace(healthy, validation=None)
-    rate = re.escape(f"a learning rate of {options['learning_rate']:g} is too high here")
+    rate = re.escape(f"use a learning rate below {options['learning_rate']:g}")
     assert re.search(f"{said}.*{rate}", outcome(tiny_model(variant, **options), case))

@@ -1,10 +1,10 @@
-"""Fitted models as files: what skops writes, with stiffbench's own objects as plain dictionaries.
+"""Read and write fitted models as skops files; stiffbench's objects become plain dictionaries.
 
-A file holds the model's key, its options, its robot and its fitted attributes; `load` gives a
-model with bit-equal predictions on the same machine. Nothing in a file is code: skops builds
-objects of the types in a fixed list alone (no pickle), and a dictionary names models and frozen
-dataclasses of ours alone, whose constructors check what they are given. The file of a plugin's
-model has the hash of the plugin's code, and is read only where the user names the plugin.
+A file holds the model's key, options, robot and fitted attributes. `load` returns a model with
+bit-equal predictions on the same machine. Files contain no code: skops builds only objects of the
+types in a fixed list (no pickle). A dictionary names only models and frozen dataclasses of
+stiffbench, whose constructors check their arguments. The file of a third-party model has the hash
+of the plugin's code, and is read only if the user names the plugin.
 """
 
 from __future__ import annotations
@@ -55,27 +55,28 @@ TRUSTED = (
     "sklearn._loss.loss.HalfTweedieLoss",
     "sklearn._loss.loss.HalfTweedieLossIdentity",
 )
-"""Types that are read beside those that skops trusts."""
+"""Types that are read in addition to the types that skops trusts."""
 
 
 def key_of(model: object) -> str:
-    """Return the catalogue key under which a model is saved; ModelError where it has none."""
+    """Return the catalogue key under which a model is saved; ModelError if it has none."""
     key, cls = _name_of(type(model)), type(model)
     if not _is_own(cls) or key == _full_name(cls):
         raise ModelError(
-            f"{type(model).__name__} is no model that stiffbench ships, and its files hold no "
-            "others; it can be saved by its own means"
+            f"{type(model).__name__} is not a stiffbench model; save it with its own library"
         )
     return key
 
 
 def save(model: Any, path: Path, plugin: Mapping[str, Mapping[str, Any]] | None = None) -> None:
-    """Write a fitted model to one file, whole or not at all; errors as of `FittedModel.save`.
+    """Write a fitted model to one file, completely or not at all.
+
+    Errors are the same as for `FittedModel.save`.
 
     Args:
-        model: one of ours, or a plugin's.
-        path: the file; one that exists is replaced.
-        plugin: key of a plugin's model -> its options; None: the model is ours.
+        model: built-in model, or third-party model of a plugin.
+        path: the file; an existing file is replaced.
+        plugin: key of a third-party model -> its options; None: the model is built in.
     """
     import skops.io  # takes seconds
 
@@ -87,7 +88,7 @@ def save(model: Any, path: Path, plugin: Mapping[str, Mapping[str, Any]] | None 
         content = {"format": FORMAT, "written_by": version("stiffbench"), "model": node}
         data = bytes(skops.io.dumps(content))
         unknown = sorted({*skops.io.get_untrusted_types(data=data)} - {*TRUSTED})
-    except Exception as error:  # whatever a stranger's object does when it is taken apart
+    except Exception as error:  # third-party objects may raise anything
         raise ModelError(f"{key} cannot be saved: {error}") from error
     if unknown:
         raise ModelError(
@@ -102,24 +103,24 @@ def _plugin_node(model: Any, key: str, params: Mapping[str, Any]) -> dict[str, A
     fitted = {name: part for name, part in vars(model).items() if name not in params}
     for name, part in fitted.items():
         if _is_module(part):
-            raise ModelError(f"{name} is a torch module; keep its weights as arrays")
+            raise ModelError(f"{name} is a torch module; store its weights as arrays")
     about = {"key": key, "code": code_of(type(model)), "params": _plain(dict(params))}
     return {_OWN: "plugin", **about, "fitted": _plain(fitted)}
 
 
 def load(path: Path | str, plugins: Mapping[str, type] | None = None) -> Any:
-    """Return the model that a file holds.
+    """Return the model of a file.
 
-    Networks run on the device of the model's options; where that is "cuda" and there is none here,
-    on "auto".
+    Networks run on the device of the model's options. If that is "cuda" and no CUDA device is
+    available, they run on "auto".
 
     Args:
         path: the file.
-        plugins: key -> class of the plugins' models that may be built.
+        plugins: key -> class of the third-party models that may be built.
 
     Raises:
-        DataError: the file cannot be read, is damaged or of another format, or holds a model or an
-            object that this version does not know.
+        DataError: the file cannot be read, is corrupt or of another format, or holds a model or an
+            object unknown to this version.
     """
     try:
         node = _content(Path(path).read_bytes())["model"]
@@ -129,18 +130,18 @@ def load(path: Path | str, plugins: Mapping[str, type] | None = None) -> Any:
         return model
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except Exception as error:  # a crafted or damaged archive can raise anything
-        said = " ".join(str(error).split())  # an array's text has several lines
+    except Exception as error:  # a crafted or corrupt archive can raise anything
+        reason = " ".join(str(error).split())  # an array's text has several lines
         if not isinstance(error, StiffBenchError):
-            said = (
-                f"holds no model that stiffbench {version('stiffbench')} can build: "
-                f"{type(error).__name__}: {said}"
+            reason = (
+                f"does not hold a model that stiffbench {version('stiffbench')} can build: "
+                f"{type(error).__name__}: {reason}"
             )
-        raise DataError(f"{path}: {said}") from error
+        raise DataError(f"{path}: {reason}") from error
 
 
 def _content(data: bytes) -> Mapping[str, Any]:
-    """What `save` gave to skops, seen through for what skops does not look at."""
+    """Return the dictionary that `save` wrote, with the checks that skops omits."""
     import skops.io
 
     _check_archive(data)
@@ -154,23 +155,23 @@ def _content(data: bytes) -> Mapping[str, Any]:
 
 
 def _check_archive(data: bytes) -> None:
-    """See that the bytes are an archive that unpacks to no more than it takes: no zip bomb."""
+    """Raise DataError unless the bytes are an uncompressed archive: a guard against zip bombs."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(member.file_size for member in archive.infolist())
-            known = "schema.json" in archive.namelist()
+            has_schema = "schema.json" in archive.namelist()
     except zipfile.BadZipFile as error:
         raise DataError(
-            "not a model file, or a corrupt one; give a file that `bench fit` wrote"
+            "not a model file, or a corrupt file; give a file that `bench fit` wrote"
         ) from error
-    if not known:
+    if not has_schema:
         raise DataError("not a model file of stiffbench; give a file that `bench fit` wrote")
     if size > len(data):  # `save` compresses nothing
-        raise DataError(f"a file of {len(data)} bytes unpacks to {size}")
+        raise DataError(f"a file of {len(data)} bytes unpacks to {size} bytes; fit the model again")
 
 
 def _plain(value: Any) -> Any:
-    """Return a value with each object of ours as a dictionary; skops knows the rest or refuses."""
+    """Return a value with each stiffbench object as a dictionary; skops handles other objects."""
     if isinstance(value, list):
         return [_plain(item) for item in value]
     if isinstance(value, tuple):
@@ -204,14 +205,14 @@ def _restored(value: Any) -> Any:
         return _model(value)
     cls = _class_of(value["class"])
     if not _is_record(cls):
-        raise DataError(f"holds {value['class']}, which is no frozen dataclass of stiffbench's")
+        raise DataError(f"holds {value['class']}, which is not a frozen dataclass of stiffbench")
     return cls(**_restored(value["fields"]))
 
 
 def _model(node: Mapping[str, Any]) -> BaseEstimator:
     cls = _class_of(node["class"])
     if not issubclass(cls, BaseEstimator):
-        raise DataError(f"holds {node['class']}, which is no model of stiffbench's")
+        raise DataError(f"holds {node['class']}, which is not a stiffbench model")
     params = _restored(node["params"])
     if params.get("device") == "cuda":
         import torch
@@ -222,12 +223,12 @@ def _model(node: Mapping[str, Any]) -> BaseEstimator:
     modules = {}
     for name, value in node["fitted"].items():
         if not _is_fitted(name):
-            raise DataError(f"sets {name!r}, which is no fitted attribute")
+            raise DataError(f"sets {name!r}, which is not a fitted attribute")
         if isinstance(value, dict) and value.get(_OWN) == "module":
             modules[name] = value["state"]
         else:
             setattr(model, name, _restored(value))
-    for name, state in modules.items():  # last: their shape follows from the rest
+    for name, state in modules.items():  # last: their shape depends on the other attributes
         setattr(model, name, _module(model, name, state))
     return model
 
@@ -236,15 +237,15 @@ def _plugin_model(node: Mapping[str, Any], plugins: Mapping[str, type]) -> Any:
     key = str(node["key"])
     if key not in plugins:
         raise DataError(
-            f"holds {key}, a plugin's model; name the plugin's file (--plugin, or `use_plugin`)"
+            f"holds {key}, a third-party model; name its plugin file (--plugin, or `use_plugin`)"
         )
     cls = plugins[key]
     if code_of(cls) != node["code"]:
-        raise DataError(f"holds {key} of other code than the plugin's file has now; fit it again")
+        raise DataError(f"holds {key}, whose plugin file has changed since; fit the model again")
     model = cls(**_restored(node["params"]))
     for name, value in node["fitted"].items():
         if not name.isidentifier() or name.startswith("__"):
-            raise DataError(f"sets {name!r}, which is no fitted attribute")
+            raise DataError(f"sets {name!r}, which is not a fitted attribute")
         setattr(model, name, _restored(value))
     return model
 
@@ -254,7 +255,7 @@ def _module(model: Any, name: str, state: Mapping[str, Any]) -> torch.nn.Module:
 
     from stiff_models.device import torch_device
 
-    with torch.device("meta"):  # shapes alone: a file may promise more than it holds
+    with torch.device("meta"):  # only shapes: the file may state sizes that it does not hold
         module: torch.nn.Module = model._empty_module(name)
     tensors = {key: torch.from_numpy(np.array(array)) for key, array in state.items()}
     module.load_state_dict(tensors, assign=True)
@@ -262,7 +263,7 @@ def _module(model: Any, name: str, state: Mapping[str, Any]) -> torch.nn.Module:
 
 
 def _check_options(cls: type, params: Mapping[str, object]) -> None:
-    """See that options have the values that a user could set: no network has 10**9 layers."""
+    """Raise DataError for values that a user could not set, such as 10**9 layers."""
     owner = cls if dataclasses.is_dataclass(cls) else cls.__init__  # type: ignore[misc]
     hints = get_type_hints(owner, include_extras=True)
     for name, value in params.items():
@@ -279,7 +280,7 @@ def _is_fitted(name: str) -> bool:
 
 
 def _is_module(value: object) -> TypeGuard[torch.nn.Module]:
-    torch = sys.modules.get("torch")  # who holds a module has imported it
+    torch = sys.modules.get("torch")  # imported already if the value is a module
     return torch is not None and isinstance(value, torch.nn.Module)
 
 
@@ -288,7 +289,7 @@ def _is_own(cls: type) -> bool:
 
 
 def _is_record(cls: type) -> bool:
-    """Objects of frozen dataclasses of ours are stored by their fields."""
+    """Return whether a class is a frozen stiffbench dataclass, stored by its fields."""
     parameters = getattr(cls, "__dataclass_params__", None)
     return _is_own(cls) and parameters is not None and bool(parameters.frozen)
 
@@ -298,14 +299,14 @@ def _full_name(cls: type) -> str:
 
 
 def _name_of(cls: type) -> str:
-    """Return the key of a class in the catalogue, which outlives a move; else "module:Name"."""
+    """Return the catalogue key of a class, which survives a move; else "module:Name"."""
     name = _full_name(cls)
     keys = [info.key for info in MODELS if info.target == name]
     return keys[0] if keys else vars(cls).get("key", name)  # `key`: of a class made from a key
 
 
 def _class_of(name: str) -> type:
-    """Return the class of a catalogue key or "module:Name"; only modules of ours are imported."""
+    """Return the class of a catalogue key or "module:Name"; import only stiffbench modules."""
     module_name, _, class_name = name.partition(":")
     if module_name.partition(".")[0] not in _OWN_PACKAGES:
         info = model_info(name)
@@ -318,5 +319,5 @@ def _class_of(name: str) -> type:
     except (ImportError, AttributeError):
         cls = None
     if not isinstance(cls, type) or not _is_own(cls):  # it may have moved since
-        raise DataError(f"holds {name}, which this version of stiffbench lacks")
+        raise DataError(f"holds {name}, which this version of stiffbench does not have")
     return cls

@@ -1,7 +1,7 @@
-"""Trainings that were done before: joblib keeps each one on disk by what shaped it.
+"""Keep finished trainings on disk with joblib, by a hash of their inputs.
 
-An entry is a folder, written beside its place and renamed, so that two processes may use the cache
-at once. Test data never go into a training, and so never into a key.
+An entry is a folder that is written under a temporary name and then renamed, so two processes may
+use the cache at once. Test data never enter a training, so they never enter a key.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def cache_folder() -> Path | None:
-    """Return the folder, which need not exist yet; None where STIFFBENCH_CACHE is "off".
+    """Return the folder, which need not exist yet; None if STIFFBENCH_CACHE is "off".
 
     StoreError: the variable names a user who does not exist.
     """
@@ -44,10 +44,10 @@ def cache_folder() -> Path | None:
 
 
 def usable_folder() -> Path | None:
-    """Return the folder, made if need be; None where it is switched off.
+    """Return the folder, created if needed; None if the cache is switched off.
 
-    StoreError: it cannot be written, or others can put files there: joblib keeps pickles, which run
-    code when they are read.
+    StoreError: it cannot be written, or other users can write files there. Joblib stores pickles,
+    which run code when they are read.
     """
     folder = cache_folder()
     if folder is None:
@@ -60,13 +60,14 @@ def usable_folder() -> Path | None:
     about = folder.stat()
     if hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & _OTHERS_WRITE):
         raise StoreError(
-            f"{folder}: belongs to another user, or others may write there (chmod go-w ends that)"
+            f"{folder}: belongs to another user, or others may write there; run chmod go-w on it, "
+            f"or set {VARIABLE} to a folder of your own"
         )
     return folder
 
 
 def remembered(shaped_by: object, compute: Callable[[], Training]) -> Training:
-    """Return a training from the cache, or compute it and keep it there.
+    """Return a training from the cache, or compute and store it.
 
     Its key is the hash of `shaped_by`: numbers, texts and arrays. If the folder cannot be used or
     the disk is full, the training is computed, with a warning.
@@ -81,22 +82,22 @@ def remembered(shaped_by: object, compute: Callable[[], Training]) -> Training:
 
     try:
         cached = _memory(usable_folder()).cache(_trained, ignore=["compute"])
-        # the hash alone: joblib writes the arguments beside a result, and warns if that takes long
-        kept: Training = cached(joblib.hash(shaped_by), once)
-        return kept
+        # only the hash: joblib writes the arguments next to a result, and warns if that takes long
+        cached_training: Training = cached(joblib.hash(shaped_by), once)
+        return cached_training
     except (StoreError, OSError) as error:
-        warn(f"pre-training is neither kept nor taken from the cache: {error}")
+        warn(f"the pre-training cache is not used: {error}")
         return computed[-1] if computed else compute()
 
 
 def _trained(key: str, compute: Callable[[], Training]) -> Training:
-    """Joblib keeps the result by `key` alone."""
+    """Return the training; joblib stores it only by `key`."""
     return compute()
 
 
 def _memory(folder: Path | None) -> joblib.Memory:
     import joblib
 
-    # a damaged entry is trained again; joblib would print the traceback of reading it
+    # a corrupt entry is trained again; joblib would print the traceback of reading it
     logging.getLogger("joblib").setLevel(logging.ERROR)
     return joblib.Memory(folder, verbose=0)

@@ -1,4 +1,4 @@
-"""What learners see of a sample: encoded, standardised features and deflections."""
+"""Encode and standardise features and deflections for learners."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def encode(
 ) -> FloatArray:
     """Return the features of (n, n_joints) positions, rad or m, and (n, 6) wrenches, N and N m.
 
-    "sincos" gives sin q, cos q and the wrench (18 features for six joints; an angle and the same
-    angle a turn later are one pose), "raw" gives q and the wrench. A prismatic joint's position
-    stays as it is.
+    "sincos" gives sin q, cos q and the wrench: 18 features for six joints. Angles that differ by a
+    full turn are then equal. "raw" gives q and the wrench. Positions of prismatic joints are not
+    changed.
     """
     if angle_encoding == "raw":
         return np.hstack([q, wrench])
@@ -41,18 +41,18 @@ class Scaler:
 
     @classmethod
     def of(cls, values: FloatArray, *, of_constant: float = 1.0) -> Self:
-        """Take those of (n, n_columns) values; a constant column is scaled by `of_constant`."""
+        """Compute statistics of (n, n_columns) values; constant columns get `of_constant`."""
         scale = values.std(axis=0)
-        # sines of half turns differ by 1e-16: what is left of a zero is no scale either
+        # sines of half turns differ by 1e-16: a rounded zero is not a scale either
         constant = scale <= 1e-12 * np.maximum(np.abs(values).max(axis=0), ROUNDED_ZERO)
         return cls(values.mean(axis=0), np.where(constant, of_constant, scale))
 
     @classmethod
     def of_deflection(cls, deflection: FloatArray) -> Self:
-        """Take the statistics of (n, 3) deflections, m.
+        """Compute the statistics of (n, 3) deflections, m.
 
-        A component that does not vary (one sample, one gauge) is scaled by the size of all: in
-        units of 1 m whatever a learner leaves of it would be decimetres.
+        A component that does not vary (one sample, one gauge) is scaled by the size of all
+        components. In units of 1 m, a learner's residual would be decimetres.
         """
         size = float(np.sqrt(np.mean(deflection**2)))
         return cls.of(deflection, of_constant=size or NO_DEFLECTION)
@@ -62,7 +62,7 @@ class Scaler:
         return (values - self.mean) / self.scale
 
     def undo(self, values: FloatArray) -> FloatArray:
-        """Return values in their own unit again."""
+        """Return standardised values in their original unit."""
         return values * self.scale + self.mean
 
 
@@ -74,8 +74,8 @@ StandardisedRows = tuple[FloatArray, FloatArray]
 class EncodedModel(FittedModel):
     """Base of the families that learn from encoded samples.
 
-    Features and deflections are standardised with the training rows' statistics: the defaults of
-    most learners (a kernel's width, a tube of 0.1) mean nothing on deflections of 1e-4 m.
+    Features and deflections are standardised with the training rows' statistics. The defaults of
+    most learners (a kernel's width, a tube of 0.1) do not suit deflections of 1e-4 m.
 
     Attributes:
         angle_encoding: "sincos" (sine and cosine of each angle) or "raw" (the angle).
@@ -90,12 +90,12 @@ class EncodedModel(FittedModel):
         self.output_scaler_ = Scaler.of_deflection(deflection)
 
     def _standardised(self, robot: Robot, samples: Samples) -> StandardisedRows:
-        """Return the rows in the statistics that were taken."""
+        """Return the rows, standardised with the stored statistics."""
         features = self._features(robot, samples.q, samples.wrench)
         return features, self.output_scaler_.apply(samples.deflection)
 
     def _trained_rows(self, robot: Robot, train: Samples) -> StandardisedRows:
-        """Take the training rows' statistics and return the rows in them."""
+        """Store the training rows' statistics and return the standardised rows."""
         self._take_statistics(robot, train.q, train.wrench, train.deflection)
         return self._standardised(robot, train)
 

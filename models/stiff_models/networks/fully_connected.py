@@ -39,7 +39,8 @@ def build_network(
 ) -> torch.nn.Sequential:
     """Return a fully connected network with `layers` hidden layers and linear outputs.
 
-    Weights are torch's default initialisation drawn from `seed`; torch's own random state stays.
+    Weights are torch's default initialisation, drawn from `seed`. Torch's global random state is
+    not changed.
     """
     sizes = [n_inputs, *[width] * layers]
     with torch.random.fork_rng(devices=[]):

@@ -24,7 +24,7 @@ class Mlp(ChoosesEpochs, NetworkModel):
     """MLP from scratch, full-batch Adam on the mean absolute error.
 
     Attributes:
-        epochs: length of the training, or the longest to choose from.
+        epochs: number of epochs, or the most to choose from.
         learning_rate: constant learning rate of Adam.
     """
 
@@ -39,8 +39,8 @@ class Mlp(ChoosesEpochs, NetworkModel):
         if curve.best_step == 0 and len(curve.points):
             warn(
                 f"none of {self.epochs} epochs was better on the validation rows than the "
-                "untrained network, which is kept; is a learning rate of "
-                f"{self.learning_rate:g} too high?"
+                "untrained network, which is used; try a learning rate below "
+                f"{self.learning_rate:g}"
             )
 
 

@@ -1,9 +1,9 @@
-"""Whitened Muon: momentum, orthogonalised where the layer's inputs are white, before each step.
+"""Whitened Muon: orthogonalise each layer's momentum for white inputs before each step.
 
-K. Jordan et al., "Muon: an optimizer for hidden layers in neural networks" (2024), bounds how much
-a step W -> W - lr D changes the outputs of a layer for inputs of any direction alike. Inputs of a
-hidden layer are far from white: with A = E[x x^T] = L L^T we orthogonalise the gradient G L^-T for
-the white inputs L^-1 x, and take D = orth(G L^-T) L^-1. The curvature of the loss in A alone is
+K. Jordan et al., "Muon: an optimizer for hidden layers in neural networks" (2024), bounds the
+change of a layer's outputs by a step W -> W - lr D equally for inputs of any direction. Inputs of a
+hidden layer are far from white. With A = E[x x^T] = L L^T we orthogonalise the gradient G L^-T for
+the white inputs L^-1 x, and use D = orth(G L^-T) L^-1. For the curvature of the loss only in A, see
 F. Benzing, "Gradient descent on neurons" (ICML 2022).
 """
 
@@ -15,13 +15,13 @@ from contextlib import contextmanager
 import torch
 
 MOMENTUM = 0.95
-EVERY = 3  # a matrix moves in every third step, in turn: orthogonalising costs as much as a batch
+EVERY = 3  # each matrix moves in every third step: orthogonalising costs as much as a batch
 ITERATIONS = 3
 _QUINTIC = (3.4445, -4.7750, 2.0315)
 """Newton-Schulz polynomial of the reference: drives all singular values towards 1."""
 
 WHITENED_EVERY = 50  # steps between two estimates of A
-WHITENED_ROWS = 1024  # that an estimate is made of
+WHITENED_ROWS = 1024  # rows of an estimate of A
 DAMPING = 0.1  # added to A's eigenvalues, in units of their mean
 
 
@@ -29,11 +29,11 @@ class Muon(torch.optim.Optimizer):
     """Muon for the weights of hidden layers.
 
     Args:
-        network: that is trained.
-        layers: the layers of it whose weights move.
-        inputs: (n, n_inputs) of the rows that the network learns from, to estimate A from.
+        network: network in training.
+        layers: layers of the network whose weights move.
+        inputs: (n, n_inputs) inputs of the training rows, to estimate A.
         lr: step length: root of the mean square of a weight's change, times the root of the width.
-        low_precision: orthogonalise in bfloat16: the step's direction alone depends on it.
+        low_precision: orthogonalise in bfloat16; it affects only the step's direction.
     """
 
     def __init__(
@@ -54,10 +54,10 @@ class Muon(torch.optim.Optimizer):
 
     @torch.no_grad()
     def step(self, closure: None = None) -> None:  # type: ignore[override]
-        """Take every gradient into its average, and move the weights whose turn it is."""
+        """Update every average gradient, and move every third weight matrix."""
         if self._steps % WHITENED_EVERY == 0:
             inputs = layer_inputs(self._network, self._layers, self._sample)
-            self._whitening = [whitening(each).to(self._dtype) for each in inputs]
+            self._whitening = [whitening(layer_input).to(self._dtype) for layer_input in inputs]
         (group,) = self.param_groups
         for number, (weight, white) in enumerate(
             zip(group["params"], self._whitening, strict=True)
@@ -70,7 +70,7 @@ class Muon(torch.optim.Optimizer):
         self._steps += 1
 
     def _averaged_gradient(self, weight: torch.Tensor) -> torch.Tensor:
-        """Nesterov's."""
+        """Return Nesterov's average."""
         assert weight.grad is not None  # for the type checker; every layer is part of the loss
         average = self.state[weight].setdefault("average", torch.zeros_like(weight))
         average.lerp_(weight.grad, 1.0 - MOMENTUM)
@@ -80,17 +80,17 @@ class Muon(torch.optim.Optimizer):
 def layer_inputs(
     network: torch.nn.Module, layers: Sequence[torch.nn.Module], inputs: torch.Tensor
 ) -> list[torch.Tensor]:
-    """Return what each of the layers is given when the network is given `inputs`."""
-    seen: dict[torch.nn.Module, torch.Tensor] = {}
+    """Return the input of each layer for the network's `inputs`."""
+    input_by_layer: dict[torch.nn.Module, torch.Tensor] = {}
 
-    def note(layer: torch.nn.Module, arguments: tuple[torch.Tensor, ...]) -> None:
-        seen[layer] = arguments[0]
+    def record_input(layer: torch.nn.Module, arguments: tuple[torch.Tensor, ...]) -> None:
+        input_by_layer[layer] = arguments[0]
 
-    handles = [layer.register_forward_pre_hook(note) for layer in layers]
+    handles = [layer.register_forward_pre_hook(record_input) for layer in layers]
     network(inputs)
     for handle in handles:
         handle.remove()
-    return [seen[layer] for layer in layers]
+    return [input_by_layer[layer] for layer in layers]
 
 
 def whitening(inputs: torch.Tensor) -> torch.Tensor:
@@ -99,8 +99,8 @@ def whitening(inputs: torch.Tensor) -> torch.Tensor:
     n = len(moment)
     moment.diagonal().add_(DAMPING * moment.trace() / n + 1e-12)
     eye = torch.eye(n, dtype=moment.dtype, device=moment.device)
-    with _one_thread():  # LAPACK divides the work by their number, and rounds accordingly
-        factor = torch.linalg.cholesky_ex(moment).L  # of NaN it is NaN, which the loss will show
+    with _one_thread():  # LAPACK's rounding depends on the number of threads
+        factor = torch.linalg.cholesky_ex(moment).L  # NaN gives NaN, which the loss will show
         white: torch.Tensor = torch.linalg.solve_triangular(factor, eye, upper=False)
     return white
 
@@ -116,7 +116,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def orthogonalised(matrix: torch.Tensor) -> torch.Tensor:
-    """Return, for an (n, n) matrix, a more nearly orthogonal one with its singular vectors."""
+    """Return a more nearly orthogonal (n, n) matrix with the same singular vectors."""
     a, b, c = _QUINTIC
     x: torch.Tensor = matrix / matrix.norm().clamp_min(1e-12)
     for _ in range(ITERATIONS):

@@ -1,4 +1,4 @@
-"""What all network families share: options, prediction, and how long they are trained.
+"""Base classes of all network families: options, prediction and number of epochs.
 
 The number of epochs is chosen by cross-validation inside the training samples.
 """
@@ -28,29 +28,30 @@ Layers = Annotated[int, Ge(1), Le(20)]
 Width = Annotated[int, Ge(1), Le(4096)]
 
 Selection = Literal["cv", "best", "normal"]
-"""What chooses the number of epochs: cross-validation, the validation rows, or nothing."""
+"""Choice of the number of epochs: by cross-validation, by the validation rows, or fixed."""
 
 LENGTHS = (0, 10, 30, 100, 400)
 """Numbers of epochs to choose from."""
 FOLDS = 5
 
 HeldOutErrors = Callable[[IntArray, IntArray], FloatArray]
-"""Trains on these rows and returns the (n_lengths, n) errors of those rows, after each length."""
+"""Trains on the first rows; returns (n_lengths, n) errors of the second rows by length."""
 
 
 def lengths_up_to(longest: int) -> tuple[int, ...]:
-    """Return the numbers of epochs to choose from where the longest training is given."""
+    """Return the numbers of epochs to choose from, up to the longest training."""
     return (*(length for length in LENGTHS if length < longest), longest)
 
 
 def chosen_epochs(
     samples: Samples, lengths: tuple[int, ...], errors_of: HeldOutErrors, seed: int
 ) -> int:
-    """Return the fewest epochs whose error is no more than a standard error above the least.
+    """Return the fewest epochs whose error is at most a standard error above the least.
 
-    The error is the mean over the poses, in `FOLDS`-fold cross-validation by pose; the standard
-    error is that of the difference from the best length, pose by pose (the one-standard-error rule
-    of Breiman et al. 1984, on paired differences). A single pose cannot be divided: the longest.
+    The error is the mean over the poses, in `FOLDS`-fold cross-validation by pose. The standard
+    error belongs to the difference from the best length, pose by pose (the one-standard-error rule
+    of Breiman et al. 1984, on paired differences). A single pose cannot be divided and gets the
+    longest training.
     """
     poses, pose_of_row = np.unique(samples.pose_id, return_inverse=True)
     if len(poses) < 2:
@@ -77,23 +78,23 @@ class ChoosesEpochs:
 
     Attributes:
         training: "cv" chooses the number of epochs (0, 10, 30, 100, 400, or the longest) by
-            cross-validation and trains on all rows, "best" keeps the best epoch on the validation
-            rows, "normal" the last.
+            cross-validation and trains on all rows. "best" keeps the best epoch on the validation
+            rows, "normal" the last epoch.
     """
 
     training: Selection = "cv"
 
     def chooses_epoch(self) -> bool:
-        """Whether validation rows choose the epoch."""
+        """Return whether validation rows choose the epoch."""
         return self.training == "best"
 
 
-PREDICTED_AT_ONCE = 1024  # rows: what the layers pass on stays in the processor's cache
+PREDICTED_AT_ONCE = 1024  # rows: the layers' outputs stay in the processor's cache
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class EncodedNetworkModel(RunsOnDevice, EncodedModel):
-    """Base of the families with one network on encoded, standardised samples."""
+    """Base of the families with a network on encoded, standardised samples."""
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return self._predicted_by(self.network_, q, wrench)
@@ -114,7 +115,7 @@ class EncodedNetworkModel(RunsOnDevice, EncodedModel):
     def _start(
         self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray, seed: int
     ) -> None:
-        """Take the statistics of the first training data and draw a new network."""
+        """Store the statistics of the first training data and draw a new network."""
         self.robot_ = robot
         self._take_statistics(robot, q, wrench, deflection)
         network = self._new_network(len(self.input_scaler_.mean), seed)
@@ -125,7 +126,7 @@ class EncodedNetworkModel(RunsOnDevice, EncodedModel):
         """Return an untrained network; its output layer comes last in its `state_dict`."""
 
     def _torch_module(self) -> torch.nn.Module:
-        """The fitted prediction as a module, for export; see `onnx_export`."""
+        """Return the fitted prediction as a module, for export; see `onnx_export`."""
         return self._encoded(self.network_, self.output_scaler_)
 
     def _encoded(self, network: torch.nn.Module, output_scaler: Scaler) -> EncodedNetwork:
@@ -169,16 +170,16 @@ class EncodedNetworkModel(RunsOnDevice, EncodedModel):
         return [curve]
 
     def _n_stages(self) -> int:
-        """Return how many stages `_learn` has."""
+        """Return the number of stages of `_learn`."""
         return 1
 
     def _cross_validated(
         self, samples: Samples, rows: Rows, plan: TrainingPlan, seed: int
     ) -> TrainingPlan:
-        """Return the plan with as many epochs, up to its own, as cross-validation chooses.
+        """Return the plan with the cross-validated number of epochs, at most its own.
 
-        `rows` are those of `samples`. The weights that a network starts with come from all of them,
-        which counts for the shorter trainings.
+        `rows` belong to `samples`. The initial weights come from all rows, which matters for the
+        shorter trainings.
         """
         lengths = lengths_up_to(plan.steps)
         scale = torch.as_tensor(self.output_scaler_.scale, dtype=torch.float32).to(rows.inputs)
@@ -211,11 +212,11 @@ class EncodedNetworkModel(RunsOnDevice, EncodedModel):
     def _rows_of_fold(
         self, samples: Samples, rows: Rows, learn: IntArray, held_out: IntArray
     ) -> tuple[Rows, Rows]:
-        """Return the rows that a fold of the cross-validation learns from, and those left out."""
+        """Return the training rows and the left-out rows of a cross-validation fold."""
         return rows.take(learn), rows.take(held_out)
 
     def _inputs(self, q: FloatArray, wrench: FloatArray) -> torch.Tensor:
-        """Return what the network is given for each sample, (n, n_inputs) on the device."""
+        """Return the network's (n, n_inputs) inputs on the device."""
         features = self._features(self.robot_, q, wrench)
         return torch.as_tensor(features, dtype=torch.float32, device=torch_device(self.device))
 
@@ -235,8 +236,8 @@ class NetworkModel(EncodedNetworkModel):
     Attributes:
         layers: hidden layers.
         width: nodes per hidden layer.
-        activation: of the hidden layers; "auto" is "relu", or for a network that is pre-trained on
-            simulated deflections "sharp-gelu".
+        activation: activation of the hidden layers. "auto" is "relu", or "sharp-gelu" for a network
+            that is pre-trained on simulated deflections.
     """
 
     layers: Layers = 4
@@ -245,7 +246,7 @@ class NetworkModel(EncodedNetworkModel):
 
     @property
     def hidden_activation(self) -> Activation:
-        """The activation that the network gets."""
+        """The network's activation."""
         return "relu" if self.activation == "auto" else self.activation
 
     def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> torch.nn.Module:

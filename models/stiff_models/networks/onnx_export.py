@@ -2,8 +2,8 @@
 
 A module maps `q` (n, n_joints), rad or m, and `wrench` (n, 6), N and N m at the TCP, base frame,
 both float64, to the deflection (n, 3), m, base frame, float64; n is free. Encoding,
-standardisation and physics are inside it, in float64; networks run in float32, as in `predict`. A
-family puts its module together in `_torch_module()`; a third party may read the parts as a recipe.
+standardisation and physics are inside it, in float64; networks run in float32, as in `predict`.
+Each family assembles its module in `_torch_module()`.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ class TorchJacobian(torch.nn.Module):
     """Geometric Jacobian at the TCP, base frame, differentiable, in the dtype of its input."""
 
     def __init__(self, robot: Robot, columns: list[int] | None = None) -> None:
-        """Take the constants of `robot`.
+        """Store the constants of `robot`.
 
-        `columns` are numbers of springs among `virtual_jacobian`'s six a joint in a row; None: the
-        joints'.
+        `columns` are numbers of springs among `virtual_jacobian`'s six per joint; None: the joints
+        themselves.
         """
         super().__init__()
         self.chain, self.columns = Chain.of(robot, _cos_sin), columns
@@ -59,8 +59,8 @@ def _cos_sin(angle: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _stacked(components: Sequence[Component], q: torch.Tensor) -> torch.Tensor:
-    """Return components, of which some may be plain numbers, as (n, n_components)."""
-    # a sum, not `expand`: a stride of zero makes torch.export take n for a constant
+    """Return components, some of which may be plain numbers, as (n, n_components)."""
+    # a sum, not `expand`: with a stride of zero, torch.export treats n as a constant
     zero = torch.zeros_like(q[:, 0])
     return torch.stack([zero + component for component in components], dim=1)
 
@@ -72,7 +72,7 @@ def _register(module: torch.nn.Module, **constants: FloatArray) -> None:
 
 
 class EncodedNetwork(torch.nn.Module):
-    """A network with `stiff_models.networks.encoded_model.encode` and the two scalers around it.
+    """A network with its encoding (`encoded_model.encode`) and its two scalers.
 
     Features are computed in float64 and the network, (n, n_features) -> (n, k), runs in float32,
     as in `predict`; the output has the unit of `output_scaler`.
@@ -120,7 +120,7 @@ class Springs(torch.nn.Module):
     """Base of virtual springs whose turns under a load move the TCP."""
 
     def __init__(self, robot: Robot, columns: list[int] | None = None) -> None:
-        """Take the constants of `robot`; `columns` as of `TorchJacobian`."""
+        """Store the constants of `robot`; `columns` as in `TorchJacobian`."""
         super().__init__()
         self.jacobian = TorchJacobian(robot, columns)
 
@@ -144,7 +144,7 @@ class LinearSprings(Springs):
     def __init__(
         self, robot: Robot, compliance: FloatArray, columns: list[int] | None = None
     ) -> None:
-        """Take the springs' compliances."""
+        """Store the springs' compliances."""
         super().__init__(robot, columns)
         _register(self, compliance=compliance)
 
@@ -161,7 +161,7 @@ class SegmentedSprings(Springs):
     widths: torch.Tensor
 
     def __init__(self, fitted: MultiSegmentVjm) -> None:
-        """Take breakpoints and slopes."""
+        """Store breakpoints and slopes."""
         super().__init__(fitted.robot_)
         self.gravity = fitted.gravity
         edges = np.pad(fitted.breakpoints_, ((0, 0), (1, 0)))
@@ -197,7 +197,7 @@ class Difference(torch.nn.Module):
     """Change of a network's outputs by fine-tuning."""
 
     def __init__(self, network: torch.nn.Module, before: torch.nn.Module) -> None:
-        """Store the network, and what it was before."""
+        """Store the network before and after fine-tuning."""
         super().__init__()
         self.network, self.before = network, before
 
@@ -208,7 +208,7 @@ class Difference(torch.nn.Module):
 
 
 class SumOf(torch.nn.Module):
-    """The sum of what its parts predict: physics and a learned residual."""
+    """The sum of its parts' predictions: physics and a learned residual."""
 
     def __init__(self, parts: Iterable[torch.nn.Module]) -> None:
         """Store the parts."""
@@ -221,7 +221,7 @@ class SumOf(torch.nn.Module):
 
 
 class MeanOf(SumOf):
-    """The mean of what its parts predict: an ensemble."""
+    """The mean of its parts' predictions: an ensemble."""
 
     def forward(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
         """Return the deflection."""
@@ -229,12 +229,12 @@ class MeanOf(SumOf):
 
 
 def export_onnx(model: FittedModel, path: Path) -> None:
-    """Write the prediction of a fitted network as an ONNX file, whole or not at all.
+    """Write the prediction of a fitted network as an ONNX file, completely or not at all.
 
-    A file that exists is replaced.
+    An existing file is replaced.
 
     Raises:
-        ConfigError: the family holds no network, or a package of `stiffbench[onnx]` is missing.
+        ConfigError: the family has no network, or a package of `stiffbench[onnx]` is missing.
         NotFittedError: `fit` was not called.
         StoreError: the file cannot be written.
     """
@@ -251,7 +251,7 @@ def export_onnx(model: FittedModel, path: Path) -> None:
     rows = {0: torch.export.Dim("n")}
     example = tuple(torch.ones(3, width, dtype=torch.float64) for width in (robot.n_joints, 6))
     with _quiet_exporter():
-        # a step of its own: the ONNX exporter would fall back to a fixed n without a word
+        # a separate step: the ONNX exporter would silently fall back to a fixed n
         graph = torch.export.export(module, example, dynamic_shapes=(rows, rows))
         program = torch.onnx.export(
             graph,
@@ -261,7 +261,7 @@ def export_onnx(model: FittedModel, path: Path) -> None:
             output_names=["deflection"],
             dynamic_shapes=(rows, rows),
         )
-    assert program is not None  # only the exporter of old returns None
+    assert program is not None  # only the old exporter returns None
     program.model.metadata_props.update(
         {"made_by": f"stiffbench {version('stiffbench')}", "robot": robot.name, "units": _UNITS}
     )
@@ -271,7 +271,7 @@ def export_onnx(model: FittedModel, path: Path) -> None:
 
 @contextmanager
 def _quiet_exporter() -> Iterator[None]:
-    """Keep what the exporter says of its own inside and of packages it can do without."""
+    """Suppress the exporter's messages about its internals and optional packages."""
     level = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:

@@ -1,4 +1,4 @@
-"""The one training loop: pre-training, fine-tuning and training from scratch all run here."""
+"""The training loop of pre-training, fine-tuning and training from scratch."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ Loss = Literal["huber", "mse", "mae"]
 OptimizerName = Literal["muon", "adam", "sgd"]
 
 HUBER_DELTA = 0.02  # standardised outputs
-ADAM_RATE_BESIDE_MUON = 4e-3  # of biases and of the first and last layer
+ADAM_RATE_BESIDE_MUON = 4e-3  # for biases and for the first and last layer
 WARM_UP = 0.1  # share of the steps over which a "linear" schedule rises before it falls
 
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """How a network is trained.
+    """Settings of a network's training.
 
     Attributes:
         steps: number of optimizer steps; with `batch=None` a step is an epoch.
-        learning_rate: at its highest.
-        loss: on standardised outputs; "huber" has a width of 0.02.
-        optimizer: "muon" moves square hidden weights, Adam the rest beside it.
-        batch: samples a step; None: all.
+        learning_rate: highest learning rate of the schedule.
+        loss: loss on standardised outputs; "huber" has a width of 0.02.
+        optimizer: "muon" moves square hidden weights; Adam moves the other weights.
+        batch: samples per step; None: all.
         schedule: "constant"; "linear": 10 % warm-up, then linear decay to zero.
-        keep_best: end with the weights of the step that was best on the validation rows.
-        mixed_precision: use bfloat16 where the device has it in hardware.
+        keep_best: end with the weights of the best step on the validation rows.
+        mixed_precision: use bfloat16 if the device supports it in hardware.
     """
 
     steps: int
@@ -66,22 +66,23 @@ def loss_function(name: Loss) -> Callable[[torch.Tensor, torch.Tensor], torch.Te
 
 
 RISEN = 10.0
-"""So many times both the first loss and that of outputs of zero: the training has diverged."""
-ROWS_LOOKED_AT = 256  # at the end, for signs of divergence
+"""The training has diverged if its last loss exceeds the first loss, and the loss of zero outputs,
+by this factor."""
+ROWS_LOOKED_AT = 256  # rows of the final check for divergence
 
 
 Objective = Callable[[float, torch.Tensor, torch.Tensor], torch.Tensor]
-"""Loss of a batch of inputs (n, n_features) and standardised targets (n, 3), minimised in place of
-the plan's; the first argument is the progress of the training, 0 at its first step, towards 1."""
+"""Loss of a batch of inputs (n, n_features) and standardised targets (n, 3), minimised instead of
+the plan's loss. The first argument is the progress of the training, from 0 up to 1."""
 Visits = Mapping[int, Callable[[], None]]
-"""Number of steps -> what is called then."""
+"""Number of steps -> function to call after them."""
 
 PRETRAINING_VERSION = 2
-"""Part of the name under which a finished training is kept. Raise it with every change after which
-the same network, rows, plan and seed give other weights or other errors on the source: in this
-loop, the optimizers, the losses, the alignments, a network's forward pass, `source_errors`."""
+"""Part of the cache key of a finished training. Raise it with every change after which the same
+network, rows, plan and seed give other weights or other errors on the source. Such changes may be
+in this loop, the optimizers, losses, alignments, a network's forward pass or `source_errors`."""
 
-FULL_PRECISION_END = 0.1  # share of the steps that mixed precision leaves to float32
+FULL_PRECISION_END = 0.1  # share of the last steps, which mixed precision computes in float32
 REPORT_EVERY = 10  # steps
 
 
@@ -104,13 +105,13 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """What happened in a training.
+    """Losses of a training.
 
     Attributes:
         points: (n_points, 3) recorded steps: number, loss before the step, and mean absolute error
             of the validation rows (standardised; NaN: no rows).
-        best_step: the step whose weights were kept (the last one without validation rows).
-        best_loss: its validation loss; NaN where there are no validation rows.
+        best_step: step whose weights were kept (the last step without validation rows).
+        best_loss: validation loss of that step; NaN without validation rows.
     """
 
     points: FloatArray
@@ -130,18 +131,18 @@ def train_network(
     objective: Objective | None = None,
     visits: Visits = MappingProxyType({}),
 ) -> Curve:
-    """Train `network` in place; it is in train mode meanwhile, and in eval mode afterwards.
+    """Train `network` in place; it is in eval mode afterwards.
 
     Args:
-        network: maps (n, n_features) inputs to (n, 3) outputs.
-        rows: what it learns from.
-        plan: how.
-        seed: of the batches' order and of what layers draw.
+        network: network from (n, n_features) inputs to (n, 3) outputs.
+        rows: training rows.
+        plan: settings of the training.
+        seed: seed of the batches' order and of the layers' random numbers.
         phase: name for progress reports.
-        trainable: which parameters move; None: all of the network's.
-        validation: rows that choose the step when the plan keeps the best; never learned from.
-        objective: what is minimised; None: the plan's loss on the network's outputs.
-        visits: what is called after so many steps, from 0, with the network in eval mode.
+        trainable: parameters that move; None: all parameters of the network.
+        validation: rows that choose the step if the plan keeps the best; never used for training.
+        objective: loss to minimise; None: the plan's loss on the network's outputs.
+        visits: functions by number of steps, from 0; they see the network in eval mode.
 
     Raises:
         ModelError: the loss became NaN or infinite.
@@ -153,7 +154,7 @@ def train_network(
     held_out = validation if plan.keep_best else None
     kind = arithmetic(rows.inputs.device, mixed_precision=plan.mixed_precision)
     with kind.in_force(), torch.random.fork_rng():
-        torch.manual_seed(seed)  # what layers draw: dropout
+        torch.manual_seed(seed)  # for random layers: dropout
         run = _Run(network, rows, plan, trainable, held_out, seed, objective, kind.bfloat16)
         curve = run.steps(phase, visits)
     network.eval()
@@ -189,7 +190,7 @@ class _Run:
 
     def steps(self, phase: str, visits: Visits) -> Curve:
         plan, points = self.plan, []
-        too_high = f"a learning rate of {plan.learning_rate:g} is too high here"
+        too_high = f"use a learning rate below {plan.learning_rate:g}"
 
         def finite(loss: torch.Tensor, steps: int) -> float:
             value = loss.item()
@@ -221,7 +222,7 @@ class _Run:
             if last > RISEN * max(first.item(), of_zeros):
                 finding = f"the loss rose from {first.item():.3g} to {last:.3g}"
             elif _varies(inputs) and _varies(targets) and not _varies(outputs):
-                # units that a step too far has pushed below zero for every row stay there for ever
+                # units that a too long step made negative for every row stay so
                 finding = "the network gives every row the same output"
             if finding:
                 warn(f"{phase}: {finding}; {too_high}")
@@ -258,7 +259,7 @@ class _Run:
 
     @torch.no_grad()
     def _predicted(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return the outputs as a prediction has them: dropout off, batch statistics fixed."""
+        """Return the outputs as in a prediction: dropout off, batch statistics fixed."""
         self.network.eval()
         outputs: torch.Tensor = self.network(inputs)
         self.network.train()
@@ -281,7 +282,7 @@ class _Run:
         return self.rows.inputs[chosen], self.rows.targets[chosen]
 
     def _judge(self, step: int, rows: Rows) -> None:
-        """Remember the weights if the validation rows were never predicted better."""
+        """Store the weights if their validation loss is the lowest so far."""
         self.validation_loss = (self._predicted(rows.inputs) - rows.targets).abs().mean().item()
         if self.validation_loss < self.best_loss or not self.best_weights:
             self.best_step, self.best_loss = step, self.validation_loss
@@ -299,24 +300,24 @@ def _optimizers(
 ) -> list[torch.optim.Optimizer]:
     """Return the optimizers of the `trainable` parameters.
 
-    `inputs` are (n, n_inputs) of the rows that `network` learns from; `bfloat16`: low precision is
-    at hand.
+    `inputs` are the (n, n_inputs) training inputs of `network`. `bfloat16`: low precision is
+    available.
     """
     rate = plan.learning_rate
     if plan.optimizer == "sgd":
         return [torch.optim.SGD(trainable, lr=rate)]
     if plan.optimizer == "adam":
         return [torch.optim.Adam(trainable, lr=rate, fused=True)]
-    moving = set(trainable)
+    trainable_set = set(trainable)
     hidden = [
         layer
         for layer in linear_layers(network)[1:-1]
-        if layer.weight in moving and layer.in_features == layer.out_features
+        if layer.weight in trainable_set and layer.in_features == layer.out_features
     ]
     weights = {layer.weight for layer in hidden}
-    rest = [parameter for parameter in trainable if parameter not in weights]
+    other_parameters = [parameter for parameter in trainable if parameter not in weights]
     optimizers: list[torch.optim.Optimizer] = [
-        torch.optim.Adam(rest, lr=ADAM_RATE_BESIDE_MUON, fused=True)
+        torch.optim.Adam(other_parameters, lr=ADAM_RATE_BESIDE_MUON, fused=True)
     ]
     if hidden:
         optimizers.append(Muon(network, hidden, inputs, lr=rate, low_precision=bfloat16))

@@ -1,17 +1,18 @@
-"""Fitted geometry: the point of the tool that was measured, estimated together with the springs.
+"""Estimate the measured point of the tool together with the springs.
 
-A deflection belongs to the point of the tool where the instrument looked, and a force acts at a
-real point. A robot's card may name another TCP. Springs c give a point p of the last link, under a
-force F at the point f, the deflection
+A deflection belongs to the point of the tool that the instrument measured. The force acts at a
+real point, too. A robot's card may name another TCP. With springs c, a point p of the last link
+has, under a force F at the point f, the deflection
 
     d = J_v(p) diag(c) J(f)^T (F, T),    J_v(p) = J_v(t) + J_w x R (p - t)
 
 with the given TCP t, the rotational rows J_w, the last link's orientation R and p, f, t in its
 frame. `tcp=fit` moves both points together, p = f; `lever=fit` moves only f, p = t. For each point
-the least-squares compliances follow (variable projection, Golub and Pereyra 1973), so the search
+the least-squares compliances follow (variable projection, Golub and Pereyra 1973). So the search
 has three coordinates.
 
-The fitted point makes up for what the springs miss. It predicts better; it is not the true TCP.
+The fitted point compensates for errors of the springs. It improves predictions, but it is not the
+true TCP.
 SI: rad, N, N m, m.
 """
 
@@ -41,10 +42,10 @@ the TCP into (n, 3, n_columns) deflections at unit compliance."""
 
 FIT_SIGMA = 0.5
 """m, standard deviation of each coordinate about the given point under "fit": no tool is larger.
-Where samples tell the point it changes nothing; elsewhere the point stays near the given one."""
+If the samples determine the point, it changes nothing; else the point stays near the given one."""
 
 ROUNDS = 3
-"""Searches, each with the noise that the one before leaves."""
+"""Number of searches, each with the residual noise of the previous search."""
 STEP = 1e-5  # m, of the differences
 CURVATURE_STEP = 1e-3  # m, of second differences
 CONVERGED = 1e-7  # relative
@@ -53,11 +54,11 @@ INTERVAL = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A measured point, and the point where the force acts, of the tool.
+    """The measured point of the tool, and the point where the force acts.
 
     Attributes:
-        robot: with the measured point as its TCP.
-        lever: (3,) from there to where the force acts, last joint's frame, m.
+        robot: robot with the measured point as its TCP.
+        lever: (3,) from the measured point to the force's point, last joint's frame, m.
         covariance: (3, 3) of the fitted coordinates, last joint's frame, m².
         given: (3,) TCP of the robot's card, last joint's frame, m.
     """
@@ -73,7 +74,7 @@ class Geometry:
         return np.asarray(self.robot.tcp + self.lever)
 
     def wrench_at_tcp(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return (n, 6) wrenches at the robot's TCP that act as those at the force's point do."""
+        """Return (n, 6) wrenches at the TCP equivalent to wrenches at the force's point."""
         return moved_wrench(wrench, _turned(self.robot, q, self.lever))
 
     def samples_at_tcp(self, samples: Samples) -> Samples:
@@ -90,7 +91,7 @@ class Geometry:
 
     @property
     def point_on_flange(self) -> FloatArray:
-        """(3,) fitted point in the frame of the robot's flange, as `--tcp` has it, m."""
+        """(3,) fitted point in the frame of the robot's flange, as for `--tcp`, m."""
         return replace(self.robot, tcp=self.point).tcp_on_flange
 
     def report(self) -> dict[str, float]:
@@ -109,18 +110,18 @@ class Geometry:
 
 
 def moved_wrench(wrench: FloatArray, lever: FloatArray) -> FloatArray:
-    """Return (n, 6) wrenches that act at a point, at another one.
+    """Return (n, 6) wrenches at a new reference point.
 
-    `lever` (n, 3) leads from the other point to this one, base frame, m.
+    `lever` (n, 3) leads from the new point to the old point, base frame, m.
     """
     force, torque = wrench[:, :3], wrench[:, 3:]
     return np.hstack([force, torque + np.cross(lever, force)])
 
 
 def moved_twists(twists: FloatArray, lever: FloatArray) -> FloatArray:
-    """Return (n, 6, n_springs) twists of a point of the tool, of another one.
+    """Return (n, 6, n_springs) twists of a new point of the tool.
 
-    `lever` (n, 3) leads from the point to the other one, base frame, m.
+    `lever` (n, 3) leads from the old point to the new point, base frame, m.
     """
     move, turn = twists[:, :3], twists[:, 3:]
     return np.concatenate([move + np.cross(turn, lever[:, :, None], axis=1), turn], axis=1)
@@ -137,16 +138,17 @@ def fitted_geometry(
 ) -> Geometry:
     """Estimate the measured point, or the force's point, together with a model's compliances.
 
-    Gauss-Newton steps from the given point minimise the squared residuals of non-negative least
-    squares, over the noise that they leave, and the squared distance from the given point over
-    `sigma`.
+    Gauss-Newton steps from the given point minimise a sum of two squared terms. The first is the
+    residuals of non-negative least squares, in units of their noise. The second is the distance
+    from the given point, in units of `sigma`.
 
     Args:
-        samples: to be learned from.
-        robot: with the given TCP.
+        samples: training samples.
+        robot: robot with the given TCP.
         twists: (n, 6, n_springs) of the given TCP by a unit motion of each spring, base frame.
-        regressor: of the model, linear in its compliances.
-        moves: "tcp" moves the measured point and the force's together, "force" only the latter.
+        regressor: regressor of the model, linear in its compliances.
+        moves: "tcp" moves the measured point and the force's point together; "force" moves only
+            the force's point.
         sigma: standard deviation of each coordinate about the given point, m.
 
     Raises:
@@ -173,7 +175,7 @@ def inverse_curvature(
 ) -> FloatArray:
     """Return the (3, 3) inverse of a loss's second derivatives at (3,) `offset`, m^2.
 
-    Of a negative log-probability it is the covariance of the offset, to first order. No standard
+    For a negative log-probability it is the covariance of the offset, to first order. No standard
     deviation is larger than the prior's `sigma` [m].
     """
     steps = CURVATURE_STEP * np.eye(3)
@@ -198,7 +200,7 @@ class _Problem:
     moves: Moves
 
     def matrix(self, offset: FloatArray) -> FloatArray:
-        """Return (3 n, n_columns) the model's regressor."""
+        """Return the model's (3 n, n_columns) regressor."""
         lever, twists, wrench = self.rotation @ offset, self.twists, self.samples.wrench
         if self.moves == "force":
             wrench = moved_wrench(wrench, lever)
@@ -207,16 +209,16 @@ class _Problem:
         return self.regressor(twists, wrench).reshape(3 * len(wrench), -1)
 
     def fitted(self, offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the regressor, its compliances, and the (3 n,) residuals that they leave."""
+        """Return the regressor, its compliances, and their (3 n,) residuals."""
         matrix, measured = self.matrix(offset), self.samples.deflection.reshape(-1)
         compliance = least_compliance(matrix, measured)
         return matrix, compliance, measured - matrix @ compliance
 
     def slopes(self, offset: FloatArray) -> FloatArray:
-        """Return (3 n, 3) how the residuals change with the offset, the compliances following.
+        """Return the (3 n, 3) derivatives of the residuals by the offset, compliances refitted.
 
-        Of the change at constant compliances, springs that are not rigid take up their part
-        (Kaufman 1975).
+        From the change at constant compliances, the part that non-rigid springs can follow is
+        subtracted (Kaufman 1975).
         """
         matrix, compliance, _ = self.fitted(offset)
         shifted = [self.matrix(offset + STEP * axis) for axis in np.eye(3)]
@@ -227,7 +229,7 @@ class _Problem:
         return np.asarray(change - basis @ (basis.T @ change))
 
     def noise(self, offset: FloatArray) -> float:
-        """Return the standard deviation of the residuals [m], as identification takes it."""
+        """Return the standard deviation of the residuals [m], as in identification."""
         _, compliance, residual = self.fitted(offset)
         measured = self.samples.deflection.reshape(-1)
         free = max(len(measured) - int((compliance > 0.0).sum()) - len(offset), 0)
@@ -235,7 +237,7 @@ class _Problem:
         return float(np.sqrt((residual @ residual + least) / (free + 1)))
 
     def searched(self, start: FloatArray, noise: float, sigma: float) -> FloatArray:
-        """Return the likeliest offset for a noise and a prior's standard deviation, m."""
+        """Return the most probable offset for a noise and a prior's standard deviation, m."""
         if not noise:  # every deflection is zero
             return start
 
@@ -253,7 +255,7 @@ class _Problem:
     def covariance(self, offset: FloatArray, noise: float, sigma: float) -> FloatArray:
         """Return the (3, 3) covariance [m²] of the offset.
 
-        The larger of two: with independent errors, and with one error for all samples of a pose.
+        It is the larger of two: with independent errors, and with a common error per pose.
         """
         prior = np.eye(3) / sigma**2
         if not noise:
@@ -273,12 +275,12 @@ class GeometryModel(FittedModel):
     """Base of the models whose measured point can be fitted.
 
     Attributes:
-        tcp: the measured point, where the force acts too: "given" by the robot's card, "fit"
-            together with the springs, or "prior", fitted with a normal prior about the given one.
-        tcp_sigma_mm: standard deviation of that prior, each coordinate, mm.
-        lever: where the force acts, with tcp="given": there ("given"), or at a point that is fitted
-            ("fit").
-        geometry_: the fitted geometry; None where nothing was fitted.
+        tcp: measured point, where the force acts too: "given" by the robot's card, "fit" together
+            with the springs, or "prior": fitted with a normal prior about the given point.
+        tcp_sigma_mm: standard deviation of that prior, per coordinate, mm.
+        lever: point where the force acts, with tcp="given": the measured point ("given"), or a
+            fitted point ("fit").
+        geometry_: fitted geometry; None if no point was fitted.
     """
 
     tcp: Tcp = "given"
@@ -289,11 +291,11 @@ class GeometryModel(FittedModel):
     geometry_ = cast("Geometry | None", None)
 
     def check_params(self) -> None:
-        """Raise ConfigError where the force's point is asked for and the measured one, too."""
+        """Raise ConfigError if both the force's point and the measured point are to be fitted."""
         if self.lever == "fit" and self.tcp != "given":
             raise ConfigError(
-                f"lever='fit' fits only the force's point, tcp={self.tcp!r} moves it with the "
-                "measured point (valid with lever='fit': tcp='given')"
+                f"lever='fit' fits only the force's point, but tcp={self.tcp!r} moves it with the "
+                "measured point; use tcp='given' with lever='fit'"
             )
 
     @property
@@ -303,7 +305,7 @@ class GeometryModel(FittedModel):
 
     @property
     def moves(self) -> Moves:
-        """Return what moves with the point that is estimated."""
+        """Return "force" if only the force's point is estimated, else "tcp"."""
         return "force" if self.lever == "fit" else "tcp"
 
     @property
@@ -312,11 +314,10 @@ class GeometryModel(FittedModel):
         return 1e-3 * self.tcp_sigma_mm if self.tcp == "prior" else FIT_SIGMA
 
     def predict_at_tcp(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, 3) deflection [m] of the robot's own TCP under wrenches that act there.
+        """Return the (n, 3) deflection [m] of the robot's TCP under wrenches that act there.
 
-        `predict` is of the point that was measured. The springs give the tool's rotation, which
-        carries the deflection from there over to the TCP: for a rigid tool that is the model's
-        equation at the TCP. Arguments and errors as of `predict`.
+        `predict` returns the deflection of the measured point. For a rigid tool, the model's
+        equation at the TCP also holds. Arguments and errors are the same as for `predict`.
         """
         q, wrench = self._checked(q, wrench)
         return self._deflection(self.robot_, q, wrench) if len(q) else np.empty((0, 3))
@@ -338,9 +339,10 @@ class GeometryModel(FittedModel):
         twists_of: Callable[[Robot, FloatArray], FloatArray],
         regressor: Regressor,
     ) -> tuple[Samples, Robot]:
-        """Fit the geometry; return the samples with wrenches at the TCP of the robot returned.
+        """Fit the geometry; return the samples with wrenches at the TCP of the returned robot.
 
-        Arguments as of `fitted_geometry`; `twists_of` gives the twists at joint positions.
+        Arguments are the same as for `fitted_geometry`; `twists_of` returns the twists at joint
+        positions.
         """
         self.check_params()
         self.geometry_ = None
@@ -352,7 +354,7 @@ class GeometryModel(FittedModel):
     def _linear_geometry(
         self, train: Samples, robot: Robot, twists: FloatArray, regressor: Regressor
     ) -> Geometry:
-        """Return the geometry that the options ask for, of a model linear in its compliances."""
+        """Return the geometry by the options, for a model linear in its compliances."""
         return fitted_geometry(train, robot, twists, regressor, moves=self.moves, sigma=self.sigma)
 
     def _geometry_report(self) -> dict[str, float]:
@@ -360,7 +362,7 @@ class GeometryModel(FittedModel):
 
 
 def _turned(robot: Robot, q: FloatArray, offset: FloatArray) -> FloatArray:
-    """Return (n, 3) an offset (3,) of the last joint's frame in the base frame."""
+    """Return an offset (3,) of the last joint's frame in the base frame, (n, 3)."""
     if not offset.any():
         return np.zeros((len(q), 3))
     return np.asarray(robot.forward(q).rotation @ offset)

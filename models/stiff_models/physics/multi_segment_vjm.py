@@ -4,8 +4,8 @@ A joint under the torque tau turns by the odd, piecewise linear
 
     phi(tau) = sgn(tau) [c1 min(|tau|, T1) + c2 (min(|tau|, T2) - T1)+ + c3 (|tau| - T2)+],
 
-as catalogues give strain-wave gears. What is measured is the TCP's place with the load minus its
-place without, and gravity preloads the gear in both:
+as in catalogues of strain-wave gears. The measured deflection is the TCP's position with the load
+minus its position without the load. Gravity preloads the gear in both:
 
     d = J_v [phi(tau_g + J^T w) - phi(tau_g)].
 
@@ -36,37 +36,38 @@ from stiff_protocols.kinematics.serial_chain import joint_torque
 from stiff_protocols.springs.identification import spring_key, typical_joints
 
 MAX_SWEEPS = 20
-WORTH = 1e-9  # relative fall of the residual that a breakpoint is moved for: more than rounding
+WORTH = 1e-9  # least relative fall of the residual to move a breakpoint: more than rounding
 
 
 def search_breakpoints(finest: FloatArray, target: FloatArray, start: IntArray) -> IntArray:
-    """Return the candidates that leave the least residual, moving one breakpoint at a time.
+    """Return the candidates with the least residual, moving one breakpoint at a time.
 
-    A segment is a sum of the finest ones, so the samples are compressed once (QR) and a trial
-    costs the same however many samples there are.
+    A segment is a sum of the finest segments, so the samples are compressed once (QR). The cost of
+    a trial does not depend on the number of samples.
 
     Args:
         finest: (n, 3, n_joints, n_candidates + 1) deflection [m] by each of the segments between
             neighbouring candidates at unit slope.
         target: (n, 3) measured deflection, m.
-        start: (n_joints, n_breakpoints) candidates' numbers to start from, increasing; so are
-            those returned.
+        start: (n_joints, n_breakpoints) candidates' numbers to start from, increasing; the
+            returned numbers are also increasing.
     """
     _, _, n_joints, n_finest = finest.shape
     rows = finest.reshape(-1, n_joints * n_finest)
-    # the target beside them: the last column is what slopes can explain of it, and what they cannot
-    beside = np.column_stack([rows, target.reshape(-1)])
-    compressed = np.asarray(np.linalg.qr(beside, mode="r"))  # numpy's own types lack this mode
-    triangle, seen = compressed[:, :-1], compressed[:, -1]
-    # where each joint's segments begin in the columns: the first at the joint's own first one
-    own, nothing = n_finest * np.arange(n_joints)[:, None], np.zeros(n_joints, dtype=np.int64)
+    # the target is the last column: its explained part, then its unexplained part
+    augmented = np.column_stack([rows, target.reshape(-1)])
+    compressed = np.asarray(np.linalg.qr(augmented, mode="r"))  # numpy's own types lack this mode
+    triangle, projected = compressed[:, :-1], compressed[:, -1]
+    # columns where each joint's segments begin; the first segment begins at the joint's first
+    first_columns = n_finest * np.arange(n_joints)[:, None]
+    zeros = np.zeros(n_joints, dtype=np.int64)
 
     def residual(chosen: IntArray) -> float:
-        first = own + np.column_stack([nothing, chosen + 1])
+        first = first_columns + np.column_stack([zeros, chosen + 1])
         coarse = np.add.reduceat(triangle, first.ravel(), axis=1)
         size = np.linalg.norm(coarse, axis=0)
         size[size == 0.0] = 1.0  # no sample's torque lies in the segment
-        return float(nnls(coarse / size, seen)[1])
+        return float(nnls(coarse / size, projected)[1])
 
     chosen, best = start, residual(start)
     for _ in range(MAX_SWEEPS):
@@ -84,7 +85,7 @@ def search_breakpoints(finest: FloatArray, target: FloatArray, start: IntArray) 
     return chosen
 
 
-FIRST_SHARE = 0.25  # of the training torques lie below the first breakpoint
+FIRST_SHARE = 0.25  # share of the training torques below the first breakpoint
 CANDIDATE_SHARES = np.linspace(0.1, 0.9, 17)  # of the search: each end keeps a tenth of the samples
 
 
@@ -92,23 +93,23 @@ CANDIDATE_SHARES = np.linspace(0.1, 0.9, 17)  # of the search: each end keeps a 
 class MultiSegmentVjm(GeometryModel):
     """The multi-segment VJM as a model.
 
-    The prior takes the segments of a joint for alike. A fitted geometry is found with breakpoints
-    by quantile, unless they are given.
+    The prior assumes similar segments of a joint. Geometry is fitted with breakpoints by quantile,
+    unless they are given.
 
     Attributes:
         segments: stiffness segments per joint.
-        breakpoints: where a segment ends: "quantile" of the training samples' torques (a quarter
-            lies in the first segment, the others share the rest evenly), "search" among such
-            quantiles for the least training residual (with few samples it follows their
-            noise), or "given".
+        breakpoints: end of each segment. "quantile" of the training samples' torques: a quarter
+            lies in the first segment, and the other segments share the remainder evenly. "search"
+            takes the quantiles with the least training residual (with few samples it follows
+            their noise). "given" takes `given_breakpoints`.
         given_breakpoints: torques [N m] (forces [N] at a prismatic joint) for
-            breakpoints="given", increasing: "10,30" for all joints, or a list a joint, base to
+            breakpoints="given", increasing: "10,30" for all joints, or a list per joint, base to
             tip: "10,30;12,35;...".
-        gravity: whether the weights preload the gears; false for a robot that is balanced.
+        gravity: preload of the gears by the weights; false for a balanced robot.
         breakpoints_: (n_joints, segments - 1) N m.
-        springs_: what was identified, by names such as "A2 segment 1".
+        springs_: identified springs, by names such as "A2 segment 1".
         slopes_: (n_joints, segments) compliance of each segment, rad/(N m).
-        diagnostics_: breakpoints, what `IdentifiedSprings` reports, and the fitted geometry, by
+        diagnostics_: breakpoints, the report of `IdentifiedSprings`, and the fitted geometry, by
             name and unit.
     """
 
@@ -118,25 +119,25 @@ class MultiSegmentVjm(GeometryModel):
     gravity: bool = True
 
     def check_params(self) -> None:
-        """Raise ConfigError where options do not fit each other."""
+        """Raise ConfigError if options contradict each other."""
         super().check_params()
         if self.breakpoints == "given":
             _parsed(self.given_breakpoints, self.segments)
         elif self.given_breakpoints:
             raise ConfigError(
-                f"given_breakpoints {self.given_breakpoints!r} would not be used: "
-                f"breakpoints is {self.breakpoints!r}, expected 'given'"
+                f"given_breakpoints {self.given_breakpoints!r} would be ignored: breakpoints is "
+                f"{self.breakpoints!r}; use breakpoints='given'"
             )
 
     def check_robot(self, robot: Robot) -> None:
-        """Raise ConfigError where the given breakpoints hold neither one list nor one a joint."""
+        """Raise ConfigError unless the given breakpoints are one list, or one per joint."""
         self.check_params()
         if self.breakpoints == "given":
             lists = len(_parsed(self.given_breakpoints, self.segments))
             if lists not in (1, robot.n_joints):
                 raise ConfigError(
                     f"given_breakpoints {self.given_breakpoints!r} holds {lists} lists, expected "
-                    f"1 for all joints or {robot.n_joints}, one a joint of {robot.name!r}"
+                    f"1 for all joints or {robot.n_joints}, one per joint of {robot.name!r}"
                 )
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -153,13 +154,13 @@ class MultiSegmentVjm(GeometryModel):
         }
         matrix = loaded.effects(self.breakpoints_)
         typical = np.repeat(typical_joints(robot), self.segments)
-        found = identify_springs(springs, matrix, train.deflection, typical, train.pose_id)
-        self.springs_ = found
-        self.slopes_ = found.compliance.reshape(robot.n_joints, self.segments)
-        springs_report = _named(robot, self.breakpoints_) | found.report()
+        identified = identify_springs(springs, matrix, train.deflection, typical, train.pose_id)
+        self.springs_ = identified
+        self.slopes_ = identified.compliance.reshape(robot.n_joints, self.segments)
+        springs_report = _named(robot, self.breakpoints_) | identified.report()
         self.diagnostics_ = springs_report | self._geometry_report()
-        warn_unidentifiable(found)
-        warn_unexplained(found.compliance, train)
+        warn_unidentifiable(identified)
+        warn_unexplained(identified.compliance, train)
 
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         loaded = _loaded_joints(robot, q, wrench, gravity=self.gravity)
@@ -238,11 +239,11 @@ def _loaded_joints(
 
 
 def _parsed(text: str, segments: int) -> list[list[float]]:
-    """Return the lists of `given_breakpoints`; ConfigError for any that does not fit."""
+    """Return the lists of `given_breakpoints`; ConfigError if a list is not valid."""
     if not text:
-        raise ConfigError("breakpoints=given needs given_breakpoints, in N m")
+        raise ConfigError("breakpoints=given requires given_breakpoints, in N m")
     example = ",".join(str(20 * number) for number in range(1, segments))
-    wanted = (
+    expectation = (
         f"expected {segments - 1} positive, increasing torques for {segments} segments, "
         f"e.g. '{example}' for all joints or '{example};{example};...' joint by joint"
     )
@@ -251,10 +252,10 @@ def _parsed(text: str, segments: int) -> list[list[float]]:
         try:
             torques = [float(word) for word in part.split(",")]
         except ValueError:
-            raise ConfigError(f"given_breakpoints: {part!r}, {wanted}") from None
+            raise ConfigError(f"given_breakpoints: {part!r}, {expectation}") from None
         increasing = all(a < b for a, b in zip([0.0, *torques], torques, strict=False))
         if len(torques) != segments - 1 or not increasing or not all(map(math.isfinite, torques)):
-            raise ConfigError(f"given_breakpoints: {part!r}, {wanted}")
+            raise ConfigError(f"given_breakpoints: {part!r}, {expectation}")
         lists.append(torques)
     return lists
 
@@ -263,6 +264,6 @@ def _named(robot: Robot, breakpoints: FloatArray) -> dict[str, float]:
     units = ("Nm" if kind == "revolute" else "N" for kind in robot.joint_types)
     return {
         spring_key("breakpoint", f"{name} {k}", unit): float(value)
-        for name, unit, own in zip(robot.joint_names, units, breakpoints, strict=True)
-        for k, value in enumerate(own, start=1)
+        for name, unit, torques in zip(robot.joint_names, units, breakpoints, strict=True)
+        for k, value in enumerate(torques, start=1)
     }

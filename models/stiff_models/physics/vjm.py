@@ -1,9 +1,9 @@
-"""The linear virtual joint model (VJM): one torsion spring a joint.
+"""The linear virtual joint model (VJM): one torsion spring per joint.
 
 With the Jacobian J at the TCP and its translational rows J_v, the deflection under a wrench w is
 ``d = J_v K^-1 J^T w = sum_i J_v,i (J_i^T w) c_i``, which is linear in the compliances
-``c_i = 1/k_i``. They are identified by least squares, with a prior for those that the samples
-cannot tell (`stiff_protocols.springs.identification`).
+``c_i = 1/k_i``. They are identified by least squares, with a prior for compliances that the samples
+cannot determine (`stiff_protocols.springs.identification`).
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from stiff_protocols.kinematics.serial_chain import unit_deflections
 from stiff_protocols.springs.identification import IdentifiedSprings, identify, typical_joints
 
 Physics = Literal["vjm", "vjm-multisegment", "vjm-full"]
-"""Keys of the virtual joint models: what other families build on."""
+"""Keys of the virtual joint models that other families build on."""
 
 
 def fitted_physics(name: str, samples: Samples, robot: Robot) -> FittedModel:
-    """Return the model with its default options, identified on the samples; errors as of `fit`.
+    """Return the model with its default options, identified on the samples.
 
-    `name` is its key, of `Physics` or another.
+    `name` is the key of a `Physics` or of another model. Errors are the same as for `fit`.
     """
     fitted: FittedModel = model_info(name).load()().fit(samples, robot=robot)
     return fitted
@@ -49,15 +49,17 @@ def identify_springs(
         matrix: (n, 3, n_springs) deflection [m] by each spring at unit compliance.
         target: (n, 3) measured deflection, m.
         typical: (n_springs,) typical compliances, up to one factor.
-        pose_id: (n,) of the samples.
+        pose_id: (n,) poses of the samples.
 
     Raises:
         ModelError: no spring can be identified.
     """
     pose = np.unique(pose_id, return_inverse=True)[1]
     rows = matrix.reshape(-1, len(springs))
-    found = identify(rows, target.reshape(-1), typical, np.repeat(pose, 3))
-    return IdentifiedSprings(**vars(found), names=tuple(springs), units=tuple(springs.values()))
+    identified = identify(rows, target.reshape(-1), typical, np.repeat(pose, 3))
+    return IdentifiedSprings(
+        **vars(identified), names=tuple(springs), units=tuple(springs.values())
+    )
 
 
 def stiffness_unit(kind: str) -> str:
@@ -83,10 +85,10 @@ class VirtualJointModel(GeometryModel):
     """The linear VJM as a model.
 
     Attributes:
-        springs_: what was identified.
-        diagnostics_: by name and unit: of each joint that the samples identify its stiffness,
-            standard error and the ends of an interval that holds it with 90 % probability; of
-            each other the prior's stiffness; rank and condition number; the fitted geometry.
+        springs_: identified springs.
+        diagnostics_: numbers by name and unit. Identified joints have their stiffness, its standard
+            error and the ends of its 90 % interval; other joints have the prior's stiffness. Rank,
+            condition number and the fitted geometry follow.
     """
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -101,26 +103,26 @@ class VirtualJointModel(GeometryModel):
 
 
 def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training samples") -> None:
-    """Warn which springs these samples cannot identify."""
+    """Warn of springs that these samples cannot identify."""
     if springs.unidentifiable:
         warn(
             f"joint stiffness not identifiable from the {samples}: "
             f"{', '.join(springs.unidentifiable)} (regressor rank {springs.rank} of "
-            f"{len(springs.names)}); predictions use the prior's"
+            f"{len(springs.names)}); predictions use the prior's stiffness"
         )
 
 
 def warn_no_masses(robot: Robot) -> None:
-    """Warn that gears have no preload where the robot's masses are not known."""
+    """Warn that gears have no preload if the robot's masses are unknown."""
     if not robot.masses.any():
         warn(
-            f"robot {robot.name!r} has no masses: its springs are fitted as if nothing but "
-            "the load turned them (gravity preload 0)"
+            f"robot {robot.name!r} has no masses: its springs are fitted without gravity preload; "
+            "add the masses to the robot's description"
         )
 
 
 def warn_unexplained(compliance: FloatArray, samples: Samples) -> None:
-    """Warn where every spring was found rigid."""
+    """Warn if every identified spring is rigid."""
     if not compliance.any():
         warn(why_rigid(samples))
 
@@ -130,16 +132,16 @@ def why_rigid(samples: Samples) -> str:
     if not samples.deflection.any():
         return f"every deflection is zero in all {len(samples)} samples: every joint is rigid"
     return (
-        "no joint spring explains any of the deflections: is the sign or the frame of the "
-        "wrench wrong? `bench data validate` compares them"
+        "no joint spring explains any of the deflections: the sign or the frame of the wrench may "
+        "be wrong; `bench data validate` compares them"
     )
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class OnPhysics:
-    """Mixin before a learner: the learner's samples are the physics' residuals.
+    """Mixin listed before a learner: the learner is trained on the physics' residuals.
 
-    A family is ``class VjmX(OnPhysics, X)``. Validation rows serve the learner alone.
+    A family is ``class VjmX(OnPhysics, X)``. Only the learner uses validation rows.
 
     Attributes:
         physics: model that is identified first, with its default options.
@@ -158,9 +160,9 @@ class OnPhysics:
 
     @property
     def springs_(self) -> IdentifiedSprings:
-        """What was identified of the physics' springs."""
-        found: IdentifiedSprings = self.physics_.springs_
-        return found
+        """The physics' identified springs."""
+        springs: IdentifiedSprings = self.physics_.springs_
+        return springs
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         learner: Any = super()
@@ -169,5 +171,5 @@ class OnPhysics:
         return explained + residual
 
     def _residual(self, samples: Samples) -> Samples:
-        left = samples.deflection - self.physics_.predict(samples.q, samples.wrench)
-        return replace(samples, deflection=left)
+        residual = samples.deflection - self.physics_.predict(samples.q, samples.wrench)
+        return replace(samples, deflection=residual)

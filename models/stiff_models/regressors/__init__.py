@@ -1,1 +1,1 @@
-"""Regressors of tables, alone or on what physics leaves."""
+"""Regressors of tables, on deflections or on the residuals of physics."""

@@ -1,4 +1,4 @@
-"""Intervals of Gaussian processes, calibrated at poses that were left out."""
+"""Calibrate intervals of Gaussian processes at left-out poses."""
 
 from __future__ import annotations
 
@@ -17,30 +17,31 @@ from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
 FEWEST_POSES = 10
-"""Fewer are not divided: two of eight poses hold no standard deviation."""
+"""Fewer poses are not divided: two of eight poses do not give a standard deviation."""
 TRACKER_NOISE = 1e-5
-"""m, standard deviation of a laser tracker's readings: of data whose card states no noise."""
+"""m, standard deviation of a laser tracker's readings, for data whose card states no noise."""
 ONE_DEVIATION = 0.6826894921370859
 """Coverage of a normal interval that reaches one standard deviation to either side."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class CalibratedProcess(NormalModel):
-    """Base of the families with standard deviations of their own, before `FittedModel`'s others.
+    """Base of the families with calibrated standard deviations; list it before other bases.
 
-    The process is fitted again without each fifth of the poses, and its standard deviations are
-    multiplied by the root mean square of the errors there, in units of the deviations there, which
-    are widened beyond the fold's training range. They are never below the instrument's.
+    The process is fitted again without each fifth of the poses. Its standard deviations are
+    multiplied by the root mean square of the left-out errors, in units of the deviations there.
+    Those deviations are widened beyond the fold's training range. Standard deviations are never
+    below the instrument's.
 
     Attributes:
-        instrument_noise_mm: the least standard deviation of a measured deflection an axis, mm, that
-            is looked for; None: what the data card states (`Samples.instrument_noise`), else 0.01,
-            a laser tracker's. Without it the likelihood finds 2e-5 mm in few samples. What
-            repeats differ by is found there.
-        instrument_noise_: m, what was taken.
-        calibration_: (3,) what the standard deviations of each axis are multiplied by.
-        left_out_errors_at_: (n, 3) error [m] at each training sample of the fit without it; NaN
-            where there is none.
+        instrument_noise_mm: least standard deviation of a measured deflection per axis, mm. None:
+            the value of the data card (`Samples.instrument_noise`), else 0.01, a laser tracker's.
+            Without a bound the likelihood finds 2e-5 mm in few samples. The repeats' differences
+            are included.
+        instrument_noise_: used value, m.
+        calibration_: (3,) factors on the standard deviations of each axis.
+        left_out_errors_at_: (n, 3) error [m] at each training sample of the fit without it; NaN if
+            there is none.
     """
 
     instrument_noise_mm: Annotated[float, Gt(0.0)] | None = None
@@ -48,7 +49,7 @@ class CalibratedProcess(NormalModel):
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
-        """Fit as `FittedModel.fit` says, and again without each fifth of the poses."""
+        """Fit as `FittedModel.fit`, and again without each fifth of the poses."""
         given = self.instrument_noise_mm
         stated = train.instrument_noise or TRACKER_NOISE
         self.instrument_noise_ = stated if given is None else given / 1000.0
@@ -62,7 +63,7 @@ class CalibratedProcess(NormalModel):
     def _errors_of_folds(
         self, train: Samples, robot: Robot, validation: Samples | None, seed: int
     ) -> Iterator[FloatArray]:
-        """Yield the (n, 3) errors at poses that were left out, in half widths of one deviation."""
+        """Yield the (n, 3) errors at left-out poses, in half widths of one deviation."""
         n_poses = len(np.unique(train.pose_id))
         if n_poses < FEWEST_POSES:
             return
@@ -71,14 +72,14 @@ class CalibratedProcess(NormalModel):
             copy = self._for_a_fold()
             copy.instrument_noise_ = self.instrument_noise_
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", StiffBenchWarning)  # the whole fit has had its say
+                warnings.simplefilter("ignore", StiffBenchWarning)  # the whole fit already warned
                 try:
                     super(CalibratedProcess, copy).fit(
                         learned, robot=robot, validation=validation, seed=seed
                     )
                 except ModelError:  # too few poses are left for the physics
                     continue
-            # as wide as an interval is there: beyond the fold's training range, too
+            # widened as the intervals are, beyond the fold's training range, too
             copy.calibration_ = np.ones(len(AXES))
             interval = copy.predict_interval(left_out.q, left_out.wrench, ONE_DEVIATION)
             error = (interval.lower + interval.upper) / 2.0 - left_out.deflection
@@ -86,7 +87,7 @@ class CalibratedProcess(NormalModel):
             yield 2.0 * error / (interval.upper - interval.lower)
 
     def _for_a_fold(self) -> Self:
-        """Return an unfitted copy, which may be fitted sooner."""
+        """Return an unfitted copy, which may be faster to fit."""
         copy: Self = clone(self)
         return copy
 
@@ -98,4 +99,4 @@ class CalibratedProcess(NormalModel):
 
     @abstractmethod
     def _uncalibrated(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (n, 3) m twice: the prediction, its standard deviation before calibration."""
+        """Return (n, 3) m twice: the prediction, and its standard deviation before calibration."""

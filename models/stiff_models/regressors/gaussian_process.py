@@ -3,11 +3,11 @@
 The covariance is ``s^2 k(r) + noise``, r the distance of two rows in units of the length scales,
 and k a Matern 5/2, ``(1 + x + x^2/3) exp(-x)`` with ``x = sqrt(5) r``, or a squared exponential,
 ``exp(-r^2/2)``: C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning,
-2006, ch. 2 and 4. The tests hold it against scikit-learn's, whose likelihood takes several times
-as long, and its fit a second factorisation.
+2006, ch. 2 and 4. The tests compare it with scikit-learn's, whose likelihood takes several times
+as long, and whose fit needs a second factorisation.
 
-Shapes: inputs (n, n_features), outputs (n,), and where an unknown multiple of a trend is in the
-outputs, that trend (n,).
+Shapes: inputs (n, n_features), outputs (n,). If the outputs contain an unknown multiple of a trend,
+that trend (n,).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from stiff_protocols.contract.errors import ModelError, warn
 from stiff_protocols.contract.types import FloatArray
 
 # Standardised features and deflections. Wide: a length scale at its upper bound switches an
-# irrelevant feature off, a noise at its lower bound says that the samples carry none.
+# irrelevant feature off; a noise at its lower bound means samples without noise.
 VARIANCE_BOUNDS = (1e-3, 1e5)
 LENGTH_BOUNDS = (1e-2, 1e4)
 NOISE_BOUNDS = (1e-8, 10.0)
@@ -35,11 +35,11 @@ NOISE_BOUNDS = (1e-8, 10.0)
 
 @dataclass(frozen=True)
 class Search:
-    """How hyperparameters are looked for.
+    """Settings of the search for hyperparameters.
 
-    A step takes a time that grows as the cube of the rows, and a thousand rows say nearly what
-    more would of a dozen or so hyperparameters: the search sees at most `rows` of them, drawn at
-    random. `restarts` searches from random starts follow the first; `seed` is of both.
+    The time of a step grows with the cube of the rows. A thousand rows determine about a dozen
+    hyperparameters nearly as well as more rows, so the search uses at most `rows` of them, drawn at
+    random. `restarts` searches from random starts follow the first; both draws use `seed`.
     """
 
     restarts: int
@@ -55,7 +55,7 @@ class Search:
         *,
         least: float = 0.0,
     ) -> Covariance:
-        """Return the likeliest covariance that was found, of the kind of `start`.
+        """Return the most probable covariance of the kind of `start`.
 
         `least` is the least noise that a covariance with noise may have.
         """
@@ -71,7 +71,7 @@ class Search:
         low, high = NOISE_BOUNDS
         noise = [(min(max(low, least), high), high)] if start.noise else []
         bounds = np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(start.lengths), *noise])
-        # legacy numbers: those that scikit-learn's restarts draw
+        # legacy numbers: the same as in scikit-learn's restarts
         drawn = check_random_state(self.seed).uniform(*bounds.T, (self.restarts, len(bounds)))
         return start.with_theta(minimum(loss, [start.theta, *drawn], bounds.tolist()))
 
@@ -112,32 +112,32 @@ def log_likelihood(
 ) -> tuple[float, FloatArray]:
     """Return the log marginal likelihood and its gradient by `Covariance.theta`.
 
-    Minus infinity, and zeros, where rounding leaves the covariance without a Cholesky factor.
+    It is minus infinity, with zeros, if rounding leaves the covariance without a Cholesky factor.
     """
     scaled, n = covariance.scaled(inputs), len(inputs)
-    of_rows, slope = covariance.with_slope(scaled)
+    row_covariance, slope = covariance.with_slope(scaled)
     try:
-        factor = covariance.factor(of_rows)
+        factor = covariance.factor(row_covariance)
     except np.linalg.LinAlgError:
         return -math.inf, np.zeros_like(covariance.theta)
     weights, rho = weights_and_rho(factor, outputs, trend)
-    left = outputs if trend is None else outputs - rho * trend
-    energy = float(left @ weights)
+    centred = outputs if trend is None else outputs - rho * trend
+    energy = float(centred @ weights)
     value = -0.5 * energy - np.log(np.diag(factor)).sum() - 0.5 * n * math.log(2.0 * math.pi)
 
     # with A = weights weights^T - covariance^-1 a derivative is half the trace of A dC
     inverse, _ = dpotri(factor, lower=1, overwrite_c=1)  # its lower triangle, zeros above
     trace = float(weights @ weights - np.trace(inverse))
-    own = (covariance.noise + covariance.jitter) * trace
-    by_variance = 0.5 * (energy - n - own)  # the trace of A C is energy - n
+    by_noise_terms = (covariance.noise + covariance.jitter) * trace
+    by_variance = 0.5 * (energy - n - by_noise_terms)  # the trace of A C is energy - n
 
     # sum_ij A_ij slope_ij (z_i - z_j)^2 / 2; the diagonal adds nothing, so the inverse's lower
-    # triangle is taken twice instead of filling the upper one
+    # triangle is used twice instead of filling the upper triangle
     inverse *= -2.0
     inverse += np.outer(weights, weights)
     inverse *= slope
-    both = inverse.sum(axis=0) + inverse.sum(axis=1)
-    by_lengths = 0.5 * both @ scaled**2 - (scaled * (inverse @ scaled)).sum(axis=0)
+    column_and_row_sums = inverse.sum(axis=0) + inverse.sum(axis=1)
+    by_lengths = 0.5 * column_and_row_sums @ scaled**2 - (scaled * (inverse @ scaled)).sum(axis=0)
     if len(covariance.lengths) == 1:
         by_lengths = by_lengths.sum(keepdims=True)
     by_noise = [0.5 * covariance.noise * trace] if covariance.noise else []
@@ -145,7 +145,7 @@ def log_likelihood(
 
 
 Kernel = Literal["matern", "rbf"]
-"""Names of `CORRELATIONS`: a new kernel is a name here and a function there."""
+"""Names of `CORRELATIONS`: add a new kernel's name here and its function there."""
 
 
 def _matern(squares: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -185,7 +185,7 @@ class Covariance:
         variance: s^2.
         lengths: (n_features,) length scales, or (1,) that all features share.
         noise: variance of each measured output's own error; 0: the process interpolates.
-        jitter: added to the variances of the training rows, which the Cholesky factor needs.
+        jitter: addition to the variances of the training rows, required by the Cholesky factor.
     """
 
     kernel: Kernel
@@ -196,17 +196,20 @@ class Covariance:
 
     @property
     def theta(self) -> FloatArray:
-        """Logarithms of variance, length scales and, where there is one, noise."""
+        """Logarithms of variance, length scales and, if present, noise."""
         noise = [self.noise] if self.noise else []
         return np.asarray(np.log([self.variance, *self.lengths, *noise]))
 
     def with_theta(self, theta: FloatArray) -> Covariance:
-        """The same covariance with other hyperparameters."""
-        variance, *others = np.exp(theta)
+        """Return the same covariance with other hyperparameters."""
+        variance, *lengths_and_noise = np.exp(theta)
         n_lengths = len(self.lengths)
-        noise = float(others[-1]) if self.noise else 0.0
+        noise = float(lengths_and_noise[-1]) if self.noise else 0.0
         return replace(
-            self, variance=float(variance), lengths=np.array(others[:n_lengths]), noise=noise
+            self,
+            variance=float(variance),
+            lengths=np.array(lengths_and_noise[:n_lengths]),
+            noise=noise,
         )
 
     def scaled(self, inputs: FloatArray) -> FloatArray:
@@ -226,28 +229,30 @@ class Covariance:
         correlation, slope = CORRELATIONS[self.kernel](_squares(rows, rows))
         return self.variance * correlation, self.variance * slope
 
-    def factor(self, of_rows: FloatArray) -> FloatArray:
+    def factor(self, row_covariance: FloatArray) -> FloatArray:
         """Return the (n, n) lower Cholesky factor of training outputs' covariance.
 
-        `of_rows` is the (n, n) covariance of the rows without noise; it is written over.
-        LinAlgError: rounding leaves none.
+        `row_covariance` is the (n, n) covariance of the rows without noise; it is overwritten.
+        LinAlgError: rounding leaves no factor.
         """
-        of_rows[np.diag_indices(len(of_rows))] += self.noise + self.jitter
-        return np.asarray(cholesky(of_rows.T, lower=True, overwrite_a=True, check_finite=False))
+        row_covariance[np.diag_indices(len(row_covariance))] += self.noise + self.jitter
+        return np.asarray(
+            cholesky(row_covariance.T, lower=True, overwrite_a=True, check_finite=False)
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class GaussianProcess:
-    """A process of zero mean, or of another process times an unknown scale, given its rows.
+    """A process given its rows; its mean is zero, or another process times an unknown scale.
 
-    Predictions include that other one, of which the scale counts as known.
+    Predictions include that other process, with its scale taken as known.
 
     Attributes:
-        covariance: its hyperparameters.
+        covariance: hyperparameters.
         rows: (n, n_features) training inputs, as `Covariance.scaled` returns them.
         factor: (n, n) lower Cholesky factor of the training outputs' covariance.
         weights: (n,) inverse of that covariance times the outputs less their trend.
-        rho: likeliest scale of the trend; 0 without one.
+        rho: most probable scale of the trend; 0 without a trend.
         trend: the other process; None: the mean is zero.
     """
 
@@ -266,17 +271,17 @@ class GaussianProcess:
         outputs: FloatArray,
         trend: GaussianProcess | None = None,
     ) -> GaussianProcess:
-        """Return the process given these rows; ModelError where they cannot be solved."""
+        """Return the process given these rows; ModelError if they cannot be solved."""
         rows = covariance.scaled(inputs)
         try:
             factor = covariance.factor(covariance.between(rows, rows))
         except np.linalg.LinAlgError as error:
             raise ModelError(
-                f"a Gaussian process of {len(rows)} rows cannot be solved: {error}; are rows "
-                "duplicated?"
+                f"a Gaussian process of {len(rows)} rows cannot be solved: {error}; remove "
+                "duplicated rows"
             ) from error
-        of_trend = None if trend is None else trend.mean(inputs)
-        return cls(covariance, rows, factor, *weights_and_rho(factor, outputs, of_trend), trend)
+        trend_values = None if trend is None else trend.mean(inputs)
+        return cls(covariance, rows, factor, *weights_and_rho(factor, outputs, trend_values), trend)
 
     def mean(self, inputs: FloatArray) -> FloatArray:
         """Return the (n,) predicted outputs."""
@@ -287,24 +292,30 @@ class GaussianProcess:
 
     def deviation(self, inputs: FloatArray) -> FloatArray:
         """Return the (n,) standard deviation of outputs there, noise included."""
-        scaled, known = self.covariance.scaled(inputs), np.empty(len(inputs))
+        scaled, explained = self.covariance.scaled(inputs), np.empty(len(inputs))
         for part in row_blocks(len(scaled), len(self.rows)):
             between = self.covariance.between(scaled[part], self.rows)
             solved = solve_triangular(self.factor, between.T, lower=True, check_finite=False)
-            known[part] = np.einsum("ij,ij->j", solved, solved)
-        variance = self.covariance.variance + self.covariance.noise - known
+            explained[part] = np.einsum("ij,ij->j", solved, solved)
+        variance = self.covariance.variance + self.covariance.noise - explained
         deviation = np.sqrt(np.maximum(variance, 0.0))
         if self.trend is not None:
             deviation = np.hypot(self.rho * self.trend.deviation(inputs), deviation)
         return np.asarray(deviation)
 
-    def between(self, inputs: FloatArray, others: FloatArray) -> FloatArray:
+    def between(self, inputs: FloatArray, other_inputs: FloatArray) -> FloatArray:
         """Return the (n, m) covariance of the process at two sets of inputs, noise excluded."""
         covariance = self.covariance
-        first, second = covariance.scaled(inputs), covariance.scaled(others)
-        known = cho_solve((self.factor, True), covariance.between(self.rows, second))
-        own = covariance.between(first, second) - covariance.between(first, self.rows) @ known
-        return own if self.trend is None else self.rho**2 * self.trend.between(inputs, others) + own
+        first, second = covariance.scaled(inputs), covariance.scaled(other_inputs)
+        solved = cho_solve((self.factor, True), covariance.between(self.rows, second))
+        covariances = (
+            covariance.between(first, second) - covariance.between(first, self.rows) @ solved
+        )
+        return (
+            covariances
+            if self.trend is None
+            else self.rho**2 * self.trend.between(inputs, other_inputs) + covariances
+        )
 
 
 def weights_and_rho(
@@ -312,7 +323,8 @@ def weights_and_rho(
 ) -> tuple[FloatArray, float]:
     """Return the (n,) weights of a process and the generalised least-squares scale of its trend.
 
-    `factor` is the lower Cholesky factor of the outputs' covariance; 0 is the scale of no trend.
+    `factor` is the lower Cholesky factor of the outputs' covariance. Without a trend its scale is
+    0.
     """
     weights = cho_solve((factor, True), outputs, check_finite=False)
     if trend is None:
@@ -326,8 +338,8 @@ def weights_and_rho(
 def _squares(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the (m, n) squared distances of rows.
 
-    Rounding leaves errors of the order of 1e-16 of the rows' squared lengths; correlations are
-    smooth at 0, so theirs are no larger.
+    Rounding leaves errors of the order of 1e-16 of the rows' squared lengths. Correlations are
+    smooth at 0, so their errors are not larger.
     """
     sizes = np.einsum("ij,ij->i", first, first)[:, None] + np.einsum("ij,ij->i", second, second)
     return np.asarray(np.maximum(sizes - 2.0 * first @ second.T, 0.0))

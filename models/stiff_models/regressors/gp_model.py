@@ -17,15 +17,15 @@ from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class GaussianProcessModel(CalibratedProcess, EncodedModel):
-    """Gaussian-process regression, one process an axis.
+    """Gaussian-process regression, one process per axis.
 
     Attributes:
         kernel: covariance function of the standardised samples.
         ard: one length scale per feature; else all features share one.
         restarts: searches for the hyperparameters from random starts, after the first.
-        search_rows: training rows that the search uses at most (drawn at random); the
-            process itself always learns from all of them.
-        processes_: one `GaussianProcess` an axis, or what predicts as it does.
+        search_rows: most training rows of the search (drawn at random); the process itself always
+            uses all rows.
+        processes_: one `GaussianProcess` per axis, or an object with the same methods.
     """
 
     kernel: Kernel = "matern"
@@ -34,7 +34,7 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
     search_rows: Annotated[int, Ge(2)] = 1000
 
     def _for_a_fold(self) -> Self:
-        """Return an unfitted copy that is fitted sooner: one search is enough there."""
+        """Return an unfitted copy that is faster to fit, with one search."""
         copy: Self = super()._for_a_fold().set_params(restarts=0)
         return copy
 
@@ -50,15 +50,15 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
     def covariance(
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:
-        """Return how deflections go together, as `StiffnessModel` says; errors as `predict`."""
+        """Return the covariance of deflections as `StiffnessModel`; errors as in `predict`."""
         first = self._features(self.robot_, *self._checked(q, wrench))
         second = self._features(self.robot_, *self._checked(other_q, other_wrench))
         scale = (self.calibration_ * self.output_scaler_.scale)[:, None, None] ** 2
-        return np.stack([one.between(first, second) for one in self.processes_]) * scale
+        return np.stack([process.between(first, second) for process in self.processes_]) * scale
 
     def noise_variance(self) -> FloatArray:
-        """Return (3,) the variance of a measured deflection's own error, m²."""
-        noise = np.array([one.covariance.noise for one in self.processes_])
+        """Return the (3,) variances of a measured deflection's error, m²."""
+        noise = np.array([process.covariance.noise for process in self.processes_])
         noise *= (self.calibration_ * self.output_scaler_.scale) ** 2
         return np.asarray(np.maximum(noise, self.instrument_noise_**2))
 
@@ -69,8 +69,8 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
 
     def _uncalibrated(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
         inputs = self._features(self.robot_, q, wrench)
-        found = np.stack([process.deviation(inputs) for process in self.processes_], axis=1)
-        return self._predict(q, wrench), np.asarray(found * self.output_scaler_.scale)
+        deviations = np.stack([process.deviation(inputs) for process in self.processes_], axis=1)
+        return self._predict(q, wrench), np.asarray(deviations * self.output_scaler_.scale)
 
     def _noise_in_mm(self) -> dict[str, float]:
         """Return the standard deviation of each axis' noise, by name and unit."""
@@ -89,7 +89,7 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
         return Search(restarts=self.restarts, rows=self.search_rows, seed=seed)
 
     def _start(self, n_features: int, *, noise: bool = True) -> Covariance:
-        """Return where the search starts; without `noise` the process interpolates."""
+        """Return the search's start; without `noise` the process interpolates."""
         return Covariance(
             self.kernel,
             variance=1.0,

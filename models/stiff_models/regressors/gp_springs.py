@@ -1,6 +1,6 @@
 """`gp-springs`: Gaussian processes over the torque-deflection curves of virtual springs.
 
-`spring_process.py` has the covariance and the posterior. Here are its hyperparameters,
+`spring_process.py` has the covariance and the posterior. This file has its hyperparameters,
 with weak priors from the robot's size, and the model. SI: rad, N, N m, m.
 """
 
@@ -41,14 +41,14 @@ from stiff_protocols.kinematics.serial_chain import joint_torque, unit_deflectio
 from stiff_protocols.springs.identification import typical_joints
 
 SPREAD = 3.2
-"""Standard deviation of a hyperparameter's logarithm: the prior allows a factor of 25 either way,
-and only holds what the samples say nothing of."""
+"""Standard deviation of a hyperparameter's logarithm: the prior allows a factor of 25 either way.
+It matters only for hyperparameters that the samples do not determine."""
 SIZE_SPREAD = 1.6
 """The same for the sizes of curves: ln 5, as for the springs that `identification` identifies."""
 LIKELIHOOD_TOLERANCE = 1e-6
-"""Relative: the search ends when a step gains less, a few thousandths of a log-likelihood."""
+"""Least relative gain of a step of the search, a few thousandths of a log-likelihood."""
 ROUNDS = 2
-"""Searches of the point, each followed by one of the hyperparameters."""
+"""Searches of the point, each followed by a search of the hyperparameters."""
 POINT_SCALE = 0.01  # m, of the search for the point
 LOST = ("lost", "lost again")
 AXES_OF_WRENCH = 6
@@ -56,7 +56,7 @@ AXES_OF_WRENCH = 6
 
 @dataclass(frozen=True)
 class Prior:
-    """A prior of a hyperparameter's logarithm, from which its search begins.
+    """A prior of a hyperparameter's logarithm; its mean is the search's start.
 
     Attributes:
         start: the prior's mean, and the first value.
@@ -71,23 +71,23 @@ class Prior:
 
     @classmethod
     def near(cls, start: float) -> Prior:
-        """Return the prior of a curve's size about a value: a factor of 400 either way at most."""
+        """Return the prior of a curve's size about a value, within a factor of 400."""
         return cls(start, start - 6.0, start + 6.0, SIZE_SPREAD)
 
 
 @dataclass(frozen=True, eq=False)
 class Hyperparameters:
-    """Meaning of the logarithms that the search moves.
+    """Names, priors and meaning of the logarithms in the search.
 
     Attributes:
-        priors: by name. "own 0" is ln c of the first joint's own spring; "across" is added to it
-            for the springs across the joint; "bend own", "bend across" are ln n; "length" ln l;
-            "lost", "lost again" ln m and ln m'; "width" ln h; "noise" and "remainder" of a standard
-            deviation [m]; "pose", "load" of the remainder's lengths.
+        priors: priors by name. "own 0" is ln c of the first joint's own spring; "across" is added
+            to it for the springs across the joint; "bend own", "bend across" are ln n; "length" is
+            ln l; "lost", "lost again" are ln m and ln m'; "width" is ln h. "noise" and "remainder"
+            are logarithms of a standard deviation [m]; "pose", "load" of the remainder's lengths.
         joint: (n_springs,) number of each spring's joint.
-        across: (n_springs,) whether it lies across the joint's axis.
+        across: (n_springs,) true for springs across the joint's axis.
         scale: (n_springs,) T_s, N m or N.
-        n_pose_features: what the remainder sees of a pose.
+        n_pose_features: number of the remainder's pose features.
     """
 
     priors: Mapping[str, Prior]
@@ -163,25 +163,24 @@ class Hyperparameters:
 class GpSprings(CalibratedProcess, GeometryModel):
     """Gaussian processes over the curves of virtual springs, plus a small remainder.
 
-    With tcp="fit", tcp="prior" or lever="fit" the point is the most probable one, too.
+    With tcp="fit", tcp="prior" or lever="fit" the point is also the most probable point.
 
     Attributes:
-        springs: 18: three virtual springs per joint (18 of a robot with six), about its axis and
-            the two across it (along them at a prismatic joint); 6: one per joint.
-        lost_motion: whether joints have lost motion, near zero torque and taken up by every load.
-        remainder: whether a process of pose and load takes up what no spring explains.
-        search_rows: training samples that the search for hyperparameters uses at most (drawn at
-            random).
-        most_samples: training samples that the process learns from at most (drawn at random): its
-            memory grows with their square, its time with their cube.
+        springs: 18: three virtual springs per joint (18 for six joints), about its axis and about
+            the two axes across it (along them at a prismatic joint); 6: one per joint.
+        lost_motion: lost motion of the joints, near zero torque and under every load.
+        remainder: an extra process of pose and load for deflections that no spring explains.
+        search_rows: most training samples of the search for hyperparameters (drawn at random).
+        most_samples: most training samples of the process (drawn at random); its memory grows with
+            their square, its time with their cube.
         process_: the process given the training samples.
         theta_: its hyperparameters, logarithms in the order of `Hyperparameters.priors`.
         springs_: stiffness of each joint's own spring at no, half and full torque (the slope over
-            a twentieth of the largest torque), with what the samples say of it.
-        curves_: "spring A2" -> (n, 3) torque on a joint that nothing loads before [N m or N], turn
-            of its spring [rad or m] and the turn's standard deviation.
-        diagnostics_: what `springs_` reports, the lost motion of each joint (full width), noise
-            and remainder.
+            a twentieth of the largest torque), with its standard error.
+        curves_: "spring A2" -> (n, 3) torque on a previously unloaded joint [N m or N], turn of its
+            spring [rad or m] and the turn's standard deviation.
+        diagnostics_: report of `springs_`, lost motion of each joint (full width), noise and
+            remainder.
     """
 
     springs: Literal[6, 18] = 18
@@ -196,14 +195,14 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def fit(
         self, train: Samples, *, robot: Robot, validation: Samples | None = None, seed: int = 0
     ) -> Self:
-        """Fit as `CalibratedProcess.fit` says, and take the curves of the joints' springs."""
+        """Fit as `CalibratedProcess.fit`, and store the curves of the joints' springs."""
         super().fit(train, robot=robot, validation=validation, seed=seed)
         self._report(robot)
         return self
 
     def _for_a_fold(self) -> Self:
         copy = super()._for_a_fold()
-        copy._begin = self  # the searches move on from there
+        copy._begin = self  # the searches continue from this fit
         return copy
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -214,17 +213,17 @@ class GpSprings(CalibratedProcess, GeometryModel):
         self.load_scale_[self.load_scale_ == 0.0] = 1.0
         hyper = self._hyperparameters(train, robot, self._loads(robot, train.q, train.wrench))
         rows = np.random.default_rng(seed).permutation(len(train))[: self.search_rows]
-        seen = train.take(np.sort(rows))
+        search_samples = train.take(np.sort(rows))
         begin = self._begin
         self.theta_: FloatArray = hyper.start if begin is None else begin.theta_
         self.geometry_ = None if begin is None else begin.geometry_
-        self.theta_ = self._likeliest(hyper, seen, robot)
+        self.theta_ = self._likeliest(hyper, search_samples, robot)
         if self.fits_point:
-            self._search_point(hyper, seen, robot, whole=begin is None)
+            self._search_point(hyper, search_samples, robot, full_search=begin is None)
         self.process_ = self._process(hyper.covariance(self.theta_), train, robot, self.geometry_)
 
     def _likeliest(self, hyper: Hyperparameters, samples: Samples, robot: Robot) -> FloatArray:
-        """Return the most probable hyperparameters for the geometry as it is."""
+        """Return the most probable hyperparameters for the current geometry."""
         loads = self._measured_loads(robot, self.geometry_, samples.q, samples.wrench)
 
         def loss(theta: FloatArray) -> tuple[float, FloatArray]:
@@ -236,14 +235,14 @@ class GpSprings(CalibratedProcess, GeometryModel):
         return minimum(loss, [self.theta_], hyper.bounds, LIKELIHOOD_TOLERANCE)
 
     def _search_point(
-        self, hyper: Hyperparameters, samples: Samples, robot: Robot, *, whole: bool
+        self, hyper: Hyperparameters, samples: Samples, robot: Robot, *, full_search: bool
     ) -> None:
         """Set the most probable point and hyperparameters.
 
-        The search begins at the given point and at the one of linear springs; that of a fold
-        (`whole` is false) goes on from where it is.
+        The full search begins at the given point and at the point of linear springs. The search of
+        a fold (`full_search` is false) continues from the current point.
         """
-        if not whole:
+        if not full_search:
             self.geometry_ = self._likeliest_geometry(hyper, samples, robot)
             self.theta_ = self._likeliest(hyper, samples, robot)
             return
@@ -267,7 +266,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def _likeliest_geometry(
         self, hyper: Hyperparameters, samples: Samples, robot: Robot
     ) -> Geometry:
-        """Return the most probable point for the hyperparameters as they are."""
+        """Return the most probable point for the current hyperparameters."""
         loss = self._loss_of_point(hyper, samples, robot)
         start = self._offset(robot)
         options: Any = {"eps": STEP / POINT_SCALE, "ftol": LIKELIHOOD_TOLERANCE}
@@ -275,17 +274,17 @@ class GpSprings(CalibratedProcess, GeometryModel):
         def scaled_loss(steps: FloatArray) -> float:
             return loss(steps * POINT_SCALE)
 
-        found = minimize(scaled_loss, start / POINT_SCALE, method="L-BFGS-B", options=options)
-        return geometry_at(robot, found.x * POINT_SCALE, np.zeros((3, 3)), self.moves)
+        optimum = minimize(scaled_loss, start / POINT_SCALE, method="L-BFGS-B", options=options)
+        return geometry_at(robot, optimum.x * POINT_SCALE, np.zeros((3, 3)), self.moves)
 
     def _offset(self, robot: Robot) -> FloatArray:
-        """Return the point's (3,) offset from the given one as it is, m."""
+        """Return the current point's (3,) offset from the given point, m."""
         return np.zeros(3) if self.geometry_ is None else self.geometry_.point - robot.tcp
 
     def _loss_of_point(
         self, hyper: Hyperparameters, samples: Samples, robot: Robot
     ) -> Callable[[FloatArray], float]:
-        """Return the negative log-probability of the point's (3,) offset [m] from the given one."""
+        """Return the negative log-probability of the point's (3,) offset [m]."""
         covariance, unknown = hyper.covariance(self.theta_), np.zeros((3, 3))
 
         def loss(offset: FloatArray) -> float:
@@ -306,12 +305,12 @@ class GpSprings(CalibratedProcess, GeometryModel):
         return SpringProcess.of(covariance, loads, samples.deflection.T)
 
     def _affordable(self, train: Samples, seed: int) -> Samples:
-        """Return the samples, or as many of them as the process learns from, drawn at random."""
+        """Return the samples, or `most_samples` of them, drawn at random."""
         if len(train) <= self.most_samples:
             return train
         warn(
-            f"the process learns from {self.most_samples:,} of {len(train):,} training samples, "
-            "drawn at random (option most_samples)"
+            f"the process uses {self.most_samples:,} of {len(train):,} training samples, drawn at "
+            "random; raise the option most_samples to use more"
         )
         drawn = np.random.default_rng(seed).permutation(len(train))[: self.most_samples]
         return train.take(np.sort(drawn))
@@ -319,14 +318,14 @@ class GpSprings(CalibratedProcess, GeometryModel):
     def covariance(
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:
-        """Return how deflections go together, as `StiffnessModel` says; errors as `predict`."""
+        """Return the covariance of deflections as `StiffnessModel`; errors as in `predict`."""
         first = self._fitted_loads(*self._checked(q, wrench))
         second = self._fitted_loads(*self._checked(other_q, other_wrench))
         scale = self.calibration_[:, None, None] ** 2
         return np.asarray(self.process_.between(first, second) * scale)
 
     def noise_variance(self) -> FloatArray:
-        """Return (3,) the variance of a measured deflection's own error, m²."""
+        """Return the (3,) variances of a measured deflection's error, m²."""
         noise = self.process_.covariance.noise * self.calibration_**2
         return np.asarray(np.maximum(noise, self.instrument_noise_**2))
 
@@ -337,7 +336,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
         return self.process_.mean_and_deviation(self._fitted_loads(q, wrench))
 
     def _fitted_loads(self, q: FloatArray, wrench: FloatArray) -> SpringLoads:
-        """Return the loads for the robot and the geometry that were fitted."""
+        """Return the loads for the fitted robot and geometry."""
         return self._measured_loads(self.robot_, self.geometry_, q, wrench)
 
     def _measured_loads(
@@ -366,7 +365,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
         return 3 if self.springs == 18 else 1
 
     def _virtual_joints(self, robot: Robot) -> tuple[IntArray, IntArray]:
-        """Return joint and kind (of `virtual_jacobian`'s six) of each spring; 2, 5: its own."""
+        """Return each spring's joint and kind (of `virtual_jacobian`'s six); 2, 5: the joint."""
         return np.divmod(np.array(spring_columns(robot, self._of_joint)), 6)
 
     def _hyperparameters(self, train: Samples, robot: Robot, loads: SpringLoads) -> Hyperparameters:
@@ -397,7 +396,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
         return Hyperparameters(priors, joint, kind % 3 != 2, scale, loads.pose.shape[1])
 
     def _report(self, robot: Robot) -> None:
-        """Take curves, stiffnesses and lost motions of the joints' own springs."""
+        """Store curves, stiffnesses and lost motions of the joints' own springs."""
         _, kind = self._virtual_joints(robot)
         springs = np.flatnonzero(kind % 3 == 2)
         calibration = float(np.sqrt(np.mean(self.calibration_**2)))
@@ -411,7 +410,7 @@ class GpSprings(CalibratedProcess, GeometryModel):
 
 
 def _first_compliance(train: Samples, robot: Robot, size: float) -> FloatArray:
-    """Return where the search begins: each joint's compliance as the VJM identifies it."""
+    """Return the search's start: each joint's compliance as identified by the VJM."""
     compliance = identify_joints(robot, train).compliance
     if compliance.all():
         return compliance

@@ -1,6 +1,6 @@
 """Curve, stiffnesses and lost motion of each joint, by a process over springs.
 
-A curve is of a joint that nothing loads before. SI: rad, N m, N, m.
+A curve belongs to a previously unloaded joint. SI: rad, N m, N, m.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ def joint_curves(
 
     A curve, "spring A2", is (n, 3) torque [N m or N], turn [rad or m], and its standard deviation.
     Stiffnesses are at no, half and full torque: the slope over a twentieth of the largest torque of
-    weight and load in the training samples, with what these say of it. Lost motion is its full
+    weight and load in the training samples, with its standard error. Lost motion is its full
     width and the standard error, by name and unit.
 
     Args:
-        process: of all springs.
-        robot: whose joints they are.
+        process: process of all springs.
+        robot: robot of these joints.
         springs: (n_joints,) number of each joint's own spring.
         calibration: factor on standard deviations.
     """
@@ -96,7 +96,7 @@ def _identified(
     """
     names = [f"{name} at {word} torque" for name in robot.joint_names for word in PLACES]
     units = [stiffness_unit(kind) for kind in robot.joint_types for _ in PLACES]
-    # a slope that may as well be negative has the size of its error
+    # a slope that may also be negative has the size of its error
     least = np.maximum(0.3 * errors, TINY_SLOPE)
     compliance, error = np.maximum(slopes, least).ravel(), errors.ravel()
     log_error = error / compliance

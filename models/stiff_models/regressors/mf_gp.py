@@ -18,34 +18,36 @@ from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 def fit_co_kriging(
     low: Covariance,
     delta: Covariance,
-    cheap: tuple[FloatArray, FloatArray],
-    dear: tuple[FloatArray, FloatArray],
+    simulated: tuple[FloatArray, FloatArray],
+    measured: tuple[FloatArray, FloatArray],
     search: Search,
     *,
     least: float = 0.0,
 ) -> GaussianProcess:
-    """Fit the low fidelity, and the high one with it as its trend; errors as of `GaussianProcess`.
+    """Fit the low fidelity, then the high fidelity with the low one as its trend.
 
-    The search starts from `low`, the covariance of the low fidelity, and from `delta`, that of the
-    difference, whose noise is at least `least`. `cheap` and `dear` are (n, n_features) inputs and
-    (n,) outputs of the low and the high fidelity.
+    The search starts from `low`, the covariance of the low fidelity, and from `delta`, the
+    covariance of the difference, whose noise is at least `least`. `simulated` and `measured` are
+    (n, n_features) inputs and (n,) outputs of the low and the high fidelity. Errors are the same as
+    for `GaussianProcess`.
     """
-    below = GaussianProcess.of(search.likeliest(low, *cheap), *cheap)
-    between = search.likeliest(delta, *dear, below.mean(dear[0]), least=least)
-    return GaussianProcess.of(between, *dear, below)
+    low_process = GaussianProcess.of(search.likeliest(low, *simulated), *simulated)
+    difference = search.likeliest(delta, *measured, low_process.mean(measured[0]), least=least)
+    return GaussianProcess.of(difference, *measured, low_process)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class MultiFidelityGp(SourceModel, GaussianProcessModel):
-    """Two-fidelity co-kriging, one an axis.
+    """Two-fidelity co-kriging, one process per axis.
 
-    Its few simulated samples should lie where the measured ones do, so that the source is a Sobol
-    design over the training samples' ranges unless another is asked for. With another robot's
-    source the low fidelity is that robot's VJM, over its own samples' ranges.
+    Its few simulated samples should lie near the measured samples. So the default source is a Sobol
+    design over the training samples' ranges. With another robot's source the low fidelity is that
+    robot's VJM, over its own samples' ranges.
 
     Attributes:
-        source_samples: drawn at random from the simulated design, one wrench a pose, besides those
-            at the training samples' poses and loads; at most as many as the design has poses.
+        source_samples: number of simulated samples, drawn at random from the simulated design with
+            one wrench per pose, at most the design's number of poses. The training samples' poses
+            and loads are added.
     """
 
     source_poses: PoseDesign = "sobol"
@@ -57,7 +59,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
 
     def _for_a_fold(self) -> Self:
         copy = super()._for_a_fold()
-        # simulated samples of nearly the same springs: the search is over after a few steps
+        # simulated samples of nearly the same springs: the search ends after a few steps
         copy._low_starts = tuple(level.trend.covariance for level in self.processes_)
         return copy
 
@@ -70,7 +72,7 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
             self.source_samples,
             np.random.default_rng(seed),
         )
-        # nested designs: the low fidelity is simulated where the high one was measured too
+        # nested designs: the low fidelity is also simulated at the measured samples
         q, wrench = np.vstack([drawn_q, train.q]), np.vstack([drawn_wrench, train.wrench])
         cheap_inputs = self._features(robot, q, wrench)
         cheap = self.output_scaler_.apply(teacher(q, wrench))
@@ -87,5 +89,5 @@ class MultiFidelityGp(SourceModel, GaussianProcessModel):
             for axis, least in enumerate(self._least_noise())
         )
         self.processes_ = levels
-        rho = {f"rho {a.upper()}": one.rho for a, one in zip(AXES, levels, strict=True)}
+        rho = {f"rho {a.upper()}": level.rho for a, level in zip(AXES, levels, strict=True)}
         self.diagnostics_ = rho | self._noise_in_mm()

@@ -1,6 +1,6 @@
-"""Models that are a scikit-learn-style regressor on encoded samples, and what they share.
+"""Models with a scikit-learn-style regressor on encoded samples, and their base class.
 
-With the reference rows `zero`, `mean` and `knn`.
+They include the reference models `zero`, `mean` and `knn`.
 """
 
 from __future__ import annotations
@@ -38,29 +38,29 @@ class RegressorModel(EncodedModel):
 
     @abstractmethod
     def _regressor(self, seed: int) -> Any:
-        """A new regressor of (n, 3) targets with scikit-learn's `fit` and `predict`."""
+        """Return a new regressor of (n, 3) targets with scikit-learn's `fit` and `predict`."""
 
     def _learn(self, train: StandardisedRows, validation: StandardisedRows | None) -> None:
-        with told_as_ours():
+        with sklearn_warnings_as_stiffbench():
             self.regressor_.fit(*train)
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        with told_as_ours():
+        with sklearn_warnings_as_stiffbench():
             predicted = self.regressor_.predict(self._features(self.robot_, q, wrench))
         return self.output_scaler_.undo(predicted)
 
 
 def for_three_outputs(regressor: Any) -> Any:
-    """Return a regressor of the three axes: one copy an axis where it has one output only."""
+    """Return a regressor of the three axes: one copy per axis if it has only one output."""
     several = get_tags(regressor).target_tags.multi_output
     return regressor if several else MultiOutputRegressor(regressor)
 
 
 @contextmanager
-def told_as_ours() -> Iterator[None]:
-    """Turn what a regressor says of the samples into our warnings, which stand beside a result.
+def sklearn_warnings_as_stiffbench() -> Iterator[None]:
+    """Turn a regressor's warnings about samples into stiffbench warnings, which results store.
 
-    What it says of its code (deprecations, changes to come) stays what it is.
+    Warnings about its code (deprecations, future changes) are not changed.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -70,14 +70,14 @@ def told_as_ours() -> Iterator[None]:
             warnings.warn(text, category, stacklevel=4)
             continue
         finding = " ".join(text.split()).partition(" You might")[0]  # advice on other data
-        if category is RuntimeWarning:  # numpy's, which does not say whose arithmetic it was
+        if category is RuntimeWarning:  # numpy does not name the source of its warnings
             finding = f"the regressor's arithmetic: {finding}"
         warn(finding, stacklevel=4)
 
 
 @contextmanager
 def numpys_seed(seed: int) -> Iterator[None]:
-    """Let what draws from numpy's global state (libsvm does) follow `seed`, and leave no trace."""
+    """Seed numpy's global state (libsvm uses it) inside the block, and restore it afterwards."""
     state = np.random.get_state()  # noqa: NPY002
     np.random.seed(seed % 2**32)  # noqa: NPY002
     try:
@@ -123,15 +123,18 @@ class NearestNeighbours(RegressorModel):
 
     def _learn(self, train: StandardisedRows, validation: StandardisedRows | None) -> None:
         if len(train[0]) < self.neighbours:
-            raise ModelError(f"neighbours {self.neighbours}: only {len(train[0])} training samples")
+            raise ModelError(
+                f"neighbours is {self.neighbours}, but there are only {len(train[0])} training "
+                "samples; use fewer neighbours"
+            )
         super()._learn(train, validation)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class BoostingModel(RegressorModel):
-    """Histogram gradient boosting, squared error, one ensemble an axis.
+    """Histogram gradient boosting, squared error, one ensemble per axis.
 
-    The defaults are for a hundred samples or so. All trees are kept: an early stop would cost
+    The defaults suit about a hundred samples. All trees are kept: an early stop would cost
     training rows.
 
     Attributes:

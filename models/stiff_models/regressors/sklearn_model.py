@@ -1,4 +1,4 @@
-"""`sklearn:module.Class`: any regressor of scikit-learn as a model, its arguments as options."""
+"""`sklearn:module.Class`: any scikit-learn regressor as a model, its arguments as options."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from stiff_protocols.contract.types import FloatArray
 PREFIX = "sklearn:"
 ON_PHYSICS = "vjm+"
 _DOT = "/"
-"""Stands for the dots of a key in its class's qualified name, which pickle would take apart."""
+"""Replaces the dots of a key in its class's qualified name, which pickle would split."""
 
 
 class SklearnModel(RegressorModel):
     """A regressor of scikit-learn on standardised features and deflections.
 
-    A regressor of one output is fitted once an axis. One that has a `random_state` gets the seed of
-    the fit, unless the option is set.
+    A regressor of one output is fitted once per axis. A regressor with a `random_state` gets the
+    seed of the fit, unless the option is set.
     """
 
     key: ClassVar[str]
     estimator_class: ClassVar[type[BaseEstimator]]
 
     def check_params(self) -> None:
-        """Check the options as the regressor itself does in a fit; ConfigError for a wrong one."""
+        """Check the options as the regressor does in a fit; ConfigError if one is not valid."""
         try:
             self._regressor(0)
             self._estimator()._validate_params()
@@ -68,24 +68,26 @@ class SklearnModel(RegressorModel):
         except ValueError as error:  # for example, fewer training samples than neighbours
             raise self._refusal("predict", error) from error
 
-    def _refusal(self, what: str, error: ValueError) -> ModelError:
-        return ModelError(f"{self.key} cannot {what} these samples: {' '.join(str(error).split())}")
+    def _refusal(self, action: str, error: ValueError) -> ModelError:
+        return ModelError(
+            f"{self.key} cannot {action} these samples: {' '.join(str(error).split())}"
+        )
 
 
 def member(key: str) -> ModelInfo:
-    """Return the catalogue line of "sklearn:module.Class" or "vjm+sklearn:module.Class".
+    """Return the catalogue entry of "sklearn:module.Class" or "vjm+sklearn:module.Class".
 
     Raises:
-        ConfigError: the key names no class, or one that is no regressor or needs another one.
+        ConfigError: the key does not name a regressor, or its regressor requires another object.
     """
     model = _model_class(key)
-    what = "the residual of the VJM" if issubclass(model, OnPhysics) else "standardised features"
+    inputs = "the residual of the VJM" if issubclass(model, OnPhysics) else "standardised features"
     return ModelInfo(
         key=key,
         target=model,
         version=1,
         library="scikit-learn",
-        summary=f"scikit-learn's {model.estimator_class.__name__} on {what}",
+        summary=f"scikit-learn's {model.estimator_class.__name__} on {inputs}",
         reference=f"sklearn.{_public_path(model.estimator_class)}",
     )
 
@@ -100,7 +102,10 @@ def _model_class(key: str) -> type[SklearnModel]:
     lines = [f"    {name}: {types.get(name, 'see scikit-learn')}" for name in parameters]
     return make_dataclass(
         ("Vjm" if residual else "") + estimator.__name__,
-        [(name, option, field(default=each.default)) for name, each in parameters.items()],
+        [
+            (name, option, field(default=parameter.default))
+            for name, parameter in parameters.items()
+        ],
         bases=(OnPhysics, SklearnModel) if residual else (SklearnModel,),
         namespace={
             "key": key,
@@ -116,23 +121,23 @@ def _model_class(key: str) -> type[SklearnModel]:
 
 
 def __getattr__(name: str) -> type[SklearnModel]:
-    """Return the class of a key, so that a pickle's reference to it is found in any process."""
+    """Return the class of a key, so that pickles can refer to it in any process."""
     if not name.startswith((PREFIX, ON_PHYSICS + PREFIX)):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return _model_class(name.replace(_DOT, "."))
 
 
 def _documented_types(estimator: type) -> dict[str, str]:
-    """What a class's numpydoc "Parameters" say of each: types, range, default."""
+    """Return types, range and default of each parameter in a class's numpydoc section."""
     text = inspect.cleandoc(estimator.__doc__ or "").partition("Parameters\n---")[2]
-    found = re.findall(r"^(\w+) ?: (.+(?:\n {12,}\S.*)*)", text, re.MULTILINE)
-    return {name: " ".join(kind.split()) for name, kind in reversed(found)}
+    documented = re.findall(r"^(\w+) ?: (.+(?:\n {12,}\S.*)*)", text, re.MULTILINE)
+    return {name: " ".join(kind.split()) for name, kind in reversed(documented)}
 
 
 def literal(value: Any) -> Any:
-    """Return the Python value that a text means: "300", "0.5", "None", "true", "(10, 10)".
+    """Return the Python value of a text: "300", "0.5", "None", "true", "(10, 10)".
 
-    A text that is no Python literal stays a text ("sqrt"); what is no text stays as it is.
+    A text that is not a Python literal stays a text ("sqrt"). Other values are not changed.
     """
     if not isinstance(value, str):
         return value
@@ -148,29 +153,29 @@ def literal(value: Any) -> Any:
 def _regressor_class(key: str, path: str) -> type[BaseEstimator]:
     module, _, name = path.rpartition(".")
     try:
-        found = getattr(importlib.import_module(f"sklearn.{module}"), name) if module else None
+        estimator = getattr(importlib.import_module(f"sklearn.{module}"), name) if module else None
     except (ImportError, AttributeError):
-        found = None
-    if not isinstance(found, type):
+        estimator = None
+    if not isinstance(estimator, type):
         raise _unknown(key, name)
-    if not issubclass(found, RegressorMixin) or not issubclass(found, BaseEstimator):
+    if not issubclass(estimator, RegressorMixin) or not issubclass(estimator, BaseEstimator):
         raise ConfigError(
-            f"{key!r}: sklearn.{path} is no regressor (valid: a class of scikit-learn that "
+            f"{key!r}: sklearn.{path} is not a regressor (valid: a scikit-learn class that "
             f"predicts numbers, for example {PREFIX}ensemble.RandomForestRegressor)"
         )
-    if _public_path(found) != path:
+    if _public_path(estimator) != path:
         raise _unknown(key, name)
-    for parameter in inspect.signature(found).parameters.values():
+    for parameter in inspect.signature(estimator).parameters.values():
         if parameter.default is parameter.empty:
             raise ConfigError(
-                f"{key!r}: sklearn.{path} needs {parameter.name!r}, an object that no option can "
-                "give; write a plugin"
+                f"{key!r}: sklearn.{path} requires {parameter.name!r}, an object that no option "
+                "can set; write a plugin"
             )
-    return found
+    return estimator
 
 
 def _unknown(key: str, name: str) -> ConfigError:
-    """Return the error for a key that names nothing; a class elsewhere is named as it should be."""
+    """Return the error for an unknown key; if the class is in another module, name its key."""
     prefix = (ON_PHYSICS if key.startswith(ON_PHYSICS) else "") + PREFIX
     classes = [cls for _, cls in all_estimators(type_filter="regressor")]
     same = [cls for cls in classes if cls.__name__.lower() == name.lower()]

@@ -5,17 +5,18 @@ deflection is measured loaded minus unloaded:
 
     d(q, w) = sum_s a_s(q) [phi_s(tau_g,s + tau_s) - phi_s(tau_g,s)] + r(q, w) + noise,
 
-a_s the spring's translational column of the Jacobian at the TCP, tau_s the load's torque, tau_g,s
-the weights'. Every curve has the covariance, with the spring's torque scale T_s,
+a_s the spring's translational column of the Jacobian at the TCP, tau_s the torque of the load,
+tau_g,s the torque of the weights. With the spring's torque scale T_s, every curve has the
+covariance
 
     c_s^2 [t t' + n_s^2 T_s^2 k(|t - t'| / (l T_s))],  k(x) = (1 + sqrt(3) x) exp(-sqrt(3) x),
 
 a straight line of unknown slope plus a Matern 3/2 (Rasmussen and Williams 2006, ch. 4). A joint's
-own spring also has lost motion of unknown size, taken up within a width h T_s that all gears
-share: a part c_s m T_s atan(t / (h T_s)) of the curve, and a part 2 c_s m' T_s atan(tau_s /
-(2 h T_s)) that every load takes up again, from wherever the gear stands (hysteresis, Masing's
-rule). The small remainder r is zero without a load: its covariance is the scalar product of two
-scaled loads times a Matern 5/2 of pose and load. It is independent between the axes; these share
+own spring also has lost motion of unknown size, within a width h T_s that all gears share. It has
+two parts: c_s m T_s atan(t / (h T_s)) of the curve, and 2 c_s m' T_s atan(tau_s / (2 h T_s)). The
+second occurs again under every load, from any position of the gear (hysteresis, Masing's rule). The
+small remainder r is zero without a load: its covariance is the scalar product of two scaled loads
+times a Matern 5/2 of pose and load. The remainder is independent between the axes; the axes share
 the curves.
 
 Shapes: a "row" is one axis of one sample; matrices over rows have the order axis, then sample.
@@ -41,14 +42,14 @@ ROOT3 = math.sqrt(3.0)
 
 @dataclass(frozen=True, eq=False)
 class SpringLoads:
-    """Torques of virtual springs at n samples, and what the remainder sees of these.
+    """Torques of virtual springs at n samples, and the remainder's features.
 
     Attributes:
         move: (n_springs, 3, n) a_s, m/rad or m/m.
         unloaded: (n_springs, n) torque of the weights, N m or N.
         loaded: (n_springs, n) torque of the weights and the load.
-        pose: (n, n_features) what the remainder sees of the pose.
-        load: (n, 6) wrenches, each component over its largest of the training samples.
+        pose: (n, n_features) pose features of the remainder.
+        load: (n, 6) wrenches, each component divided by its largest value in the training samples.
     """
 
     move: FloatArray
@@ -63,7 +64,7 @@ class SpringLoads:
 
     @property
     def features(self) -> FloatArray:
-        """(n, n_features + 6) of pose and load."""
+        """(n, n_features + 6) features of pose and load."""
         return np.hstack([self.pose, self.load])
 
     def effects(self, turn: FloatArray) -> FloatArray:
@@ -89,11 +90,11 @@ class SpringCovariance:
         slope: (n_springs,) variance of each curve's slope, c_s^2, (rad/(N m))^2.
         bend: (n_springs,) variance of each curve's Matern part, (c_s n_s T_s)^2, rad^2.
         lost: (2, n_springs) variances of lost motion, (c_s m T_s)^2 and (c_s m' T_s)^2, rad^2; 0:
-            there is none.
+            no lost motion.
         width: h, in units of T_s.
         length: l, length of the Matern part in units of T_s.
         scale: (n_springs,) T_s, N m.
-        noise: variance of a measured deflection's own error, m^2.
+        noise: variance of a measured deflection's error, m^2.
         remainder: covariance of r [m^2] by `SpringLoads.features`; None: no remainder.
     """
 
@@ -122,7 +123,7 @@ class SpringCovariance:
         turned: Callable[[slice], FloatArray],
         left_over: FloatArray | None,
     ) -> FloatArray:
-        """Return `between`, of its parts: `turns` of rows of `first`, and `remainder_between`."""
+        """Return `between` from its parts: `turns` of rows of `first`, and `remainder_between`."""
         matrix = (self.regressor(first).T * self.term_variance) @ self.regressor(second)
         blocks = matrix.reshape(3, len(first), 3, len(second))
         weighed = (first.move * self.bend[:, None, None]).transpose(2, 1, 0)
@@ -144,7 +145,7 @@ class SpringCovariance:
     ) -> FloatArray:
         """Return the (n_parts, n, n_springs, m) correlations of turns, loaded minus unloaded.
 
-        `parts` are functions of distances as `_matern32` is, which stands last: it overwrites them.
+        `parts` are functions of distances. `_matern32` must be the last: it overwrites them.
         """
         n, m, unit = len(first), len(second), ROOT3 / self.unit_length[:, None]
         rows, columns = (
@@ -159,7 +160,7 @@ class SpringCovariance:
         return turned
 
     def remainder_between(self, first: SpringLoads, second: SpringLoads) -> FloatArray:
-        """Return the (n, m) covariance of one axis of the remainder, m^2; there must be one."""
+        """Return the (n, m) covariance of one axis of the remainder, m^2; it must exist."""
         assert self.remainder is not None
         scaled = map(self.remainder.scaled, (first.features, second.features))
         return self.remainder.between(*scaled) * (first.load @ second.load.T)
@@ -176,7 +177,7 @@ class SpringCovariance:
 
     @property
     def term_variance(self) -> FloatArray:
-        """(n_terms,) variance of each of the regressor's terms."""
+        """(n_terms,) variance of each term of the regressor."""
         return np.concatenate([self.slope, self.lost[self.lost > 0.0]])
 
     def lost_motion(self, loads: SpringLoads) -> FloatArray:
@@ -290,8 +291,8 @@ class LikelihoodSlopes:
     """A log marginal likelihood and its derivatives.
 
     Attributes:
-        value: of the likelihood.
-        by_slope, by_bend: (n_springs,) by the variances of those names.
+        value: log marginal likelihood.
+        by_slope, by_bend: (n_springs,) by the variances with these names.
         by_lost: (2, n_springs) by the variances of lost motion.
         by_width, by_length: by ln h and ln l.
         by_noise: by the noise's variance.
@@ -321,7 +322,7 @@ class SpringProcess:
     """The process given its training samples.
 
     Attributes:
-        covariance: its hyperparameters.
+        covariance: hyperparameters.
         loads: torques in the training samples.
         factor: (3 n, 3 n) lower Cholesky factor of the training deflections' covariance.
         weights: (3 n,) inverse of that covariance times the deflections.
@@ -343,7 +344,8 @@ class SpringProcess:
             factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
         except np.linalg.LinAlgError as error:
             raise ModelError(
-                f"the Gaussian process of {len(loads)} samples cannot be solved: {error}"
+                f"the Gaussian process of {len(loads)} samples cannot be solved: {error}; remove "
+                "duplicated samples"
             ) from error
         weights = cho_solve((factor, True), deflection.ravel(), check_finite=False)
         return cls(covariance, loads, factor, weights)
@@ -355,9 +357,9 @@ class SpringProcess:
         return -0.5 * energy - float(np.log(np.diag(self.factor)).sum())
 
     def mean(self, loads: SpringLoads) -> FloatArray:
-        """Return the (n, 3) predicted deflection, m: each curve's mean times what it moves."""
+        """Return the (n, 3) predicted deflection, m: the sum of each curve's mean effect."""
         covariance, training = self.covariance, self.loads
-        # a straight line, lost motion: their means are numbers, one each
+        # straight line and lost motion: the mean of each is a number
         sizes = covariance.term_variance * (covariance.regressor(training) @ self.weights)
         mean = (sizes @ covariance.regressor(loads)).reshape(3, -1)
         shares = np.einsum("skn,kn->sn", training.move, self.weights.reshape(3, -1))
@@ -395,20 +397,20 @@ class SpringProcess:
     def curve(self, spring: int, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the (n,) turn of a spring and its (n, n) covariance, rad and rad^2 (m and m^2).
 
-        `torque` (n,) [N m or N] loads a spring that nothing loads before.
+        `torque` (n,) [N m or N] loads a previously unloaded spring.
         """
         n, (n_springs, _, _) = len(torque), self.loads.move.shape
         move, loaded = np.zeros((n_springs, 3, n)), np.zeros((n_springs, n))
         move[spring, 0], loaded[spring] = 1.0, torque
         pose, load = np.zeros((n, self.loads.pose.shape[1])), np.zeros((n, 6))
-        # neither the other springs nor the remainder, which sees no load, move anything
-        alone = SpringLoads(move, np.zeros_like(loaded), loaded, pose, load)
-        return self.mean(alone)[:, 0], self.between(alone, alone)[0]
+        # the other springs and the remainder, which gets no load, have no effect
+        single_spring = SpringLoads(move, np.zeros_like(loaded), loaded, pose, load)
+        return self.mean(single_spring)[:, 0], self.between(single_spring, single_spring)[0]
 
     def lost_motion(self, springs: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the (n_chosen,) full width of lost motions and its standard deviation, rad or m.
 
-        Both parts together: where all of one sign is taken up, a lost motion of size 1 is pi wide.
+        It is the sum of both parts. A lost motion of size 1 is pi wide in total.
         """
         loads, lost = self.loads, self.covariance.lost
         prior = lost.sum(axis=0)[springs]

@@ -30,18 +30,20 @@ from stiff_protocols.contract.types import FloatArray
 class PytabkitModel(RunsOnDevice, RegressorModel):
     """Base of the pytabkit families.
 
-    Validation rows choose the epoch; without them pytabkit keeps a random fifth of the training
-    rows back for it.
+    Validation rows choose the epoch; without them pytabkit reserves a random fifth of the training
+    rows for it.
 
     Attributes:
-        epochs: length of the training; None: pytabkit's default.
+        epochs: number of epochs; None: pytabkit's default.
     """
 
     epochs: Annotated[int, Ge(1)] | None = None
 
     def save(self, path: Path) -> None:
         """Raise NotSavable: a fitted pytabkit object can only be pickled."""
-        raise NotSavable(f"{type(self).__name__} cannot be saved: pytabkit only pickles")
+        raise NotSavable(
+            f"a {type(self).__name__} cannot be saved: pytabkit's models can only be pickled"
+        )
 
     @abstractmethod
     def _network(self, **settings: Any) -> Any:
@@ -72,7 +74,7 @@ class PytabkitModel(RunsOnDevice, RegressorModel):
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what pytabkit and lightning print and warn of, and the seeds they set, to themselves."""
+    """Suppress output and warnings of pytabkit and lightning, and restore random states."""
     logger = logging.getLogger("pytorch_lightning")
     level = logger.level
     logger.setLevel(logging.ERROR)
@@ -103,7 +105,7 @@ class RealMlp(PytabkitModel):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class TabM(PytabkitModel):
-    """TabM with pytabkit's defaults, one ensemble an axis: it has one output only."""
+    """TabM with pytabkit's defaults, one ensemble per axis because it has only one output."""
 
     def _network(self, **settings: Any) -> Any:
         from pytabkit import TabM_D_Regressor
@@ -126,18 +128,20 @@ class InContextModel(RunsOnDevice, RegressorModel):
 
     @abstractmethod
     def missing(self) -> str:
-        """Return why it cannot be used here: no package, or no weights; "" where it can."""
+        """Return why it cannot be used here: no package, or no weights; "" if it can."""
 
     @abstractmethod
     def _in_context(self, **settings: Any) -> Any:
         """Return the package's regressor with the shared settings."""
 
     def save(self, path: Path) -> None:
-        """Raise NotSavable: the weights are not ours to pass on."""
-        raise NotSavable(f"a {type(self).__name__} cannot be saved: its weights are not ours")
+        """Raise NotSavable: the weights' licence does not allow copies in our files."""
+        raise NotSavable(
+            f"a {type(self).__name__} cannot be saved: its weights may not be redistributed"
+        )
 
     def _regressor(self, seed: int) -> Any:
-        if reason := self.missing():  # the package would go for a download
+        if reason := self.missing():  # the package would start a download
             raise ConfigError(f"{type(self).__name__.lower()}: {reason}")
         regressor = self._in_context(device=torch_device(self.device).type, random_state=seed)
         return for_three_outputs(regressor)
@@ -148,7 +152,7 @@ class TabPfn(InContextModel):
     """TabPFN with the package's defaults."""
 
     def missing(self) -> str:
-        """Return why it cannot be used here: no package, or no weights; "" where it can."""
+        """Return why it cannot be used here: no package, or no weights; "" if it can."""
         return missing_tabpfn(self.model_path)
 
     def _in_context(self, **settings: Any) -> Any:
@@ -162,7 +166,7 @@ class TabIcl(InContextModel):
     """TabICL with the package's defaults."""
 
     def missing(self) -> str:
-        """Return why it cannot be used here: no package, or no weights; "" where it can."""
+        """Return why it cannot be used here: no package, or no weights; "" if it can."""
         return missing_tabicl(self.model_path)
 
     def _in_context(self, **settings: Any) -> Any:

@@ -1,12 +1,12 @@
 """`tradaboost`: two-stage TrAdaBoost.R2, boosting of simulated and measured samples together.
 
-Pardoe and Stone, "Boosting for Regression Transfer", ICML 2010. Step by step the weight of the
-simulated samples falls, most of those that are predicted worst, until in the last step the measured
-ones are alone. In each step AdaBoost.R2 (Drucker 1997) learns with these weights, which for the
-source stay as they are, and cross-validation on the measured samples says which step is the best.
+Pardoe and Stone, "Boosting for Regression Transfer", ICML 2010. The weight of the simulated samples
+falls step by step, fastest for the worst predicted samples. The last step uses only the measured
+samples. In each step AdaBoost.R2 (Drucker 1997) learns with these weights; the source's weights are
+constant within a step. Cross-validation on the measured samples chooses the best step.
 
-Ours: learners take weights in place of drawn samples; the error of the cross-validation is the mean
-absolute one; all rows of a pose are in one fold.
+Differences here: learners use weights instead of drawn samples; the cross-validation uses the mean
+absolute error; all rows of a pose are in one fold.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from stiff_models.transfer.source_model import SourceModel
 from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Robot, Samples, TextArray
 
 LARGEST_EXPONENT = 1e6  # -log of the smallest beta
-HARDLY = 1e-12  # AdaBoost.R2's error of a learner without any, and below that of a useless one
+ERROR_MARGIN = 1e-12  # keeps AdaBoost.R2's error above 0 (perfect) and below 1/2 (useless)
 TREE_DEPTH = 6
 KERNEL_GAMMA = 1 / 3  # times the number of standardised features
 RIDGE = 1e-4
@@ -43,8 +43,8 @@ class Boosted:
     weights: FloatArray
 
     def predict(self, inputs: FloatArray) -> FloatArray:
-        """Return the (n,) weighted medians of what the learners predict."""
-        predicted = np.stack([each.predict(inputs) for each in self.learners], axis=1)
+        """Return the (n,) weighted medians of the learners' predictions."""
+        predicted = np.stack([learner.predict(inputs) for learner in self.learners], axis=1)
         order = np.argsort(predicted, axis=1)
         below = np.cumsum(self.weights[order], axis=1)
         median = (below >= 0.5 * below[:, -1:]).argmax(axis=1)
@@ -54,7 +54,7 @@ class Boosted:
 
 @dataclass(frozen=True, eq=False)
 class Domains:
-    """Samples of both domains: `inputs` (n, n_features), `outputs` (n,), the source's first."""
+    """Samples of both domains: `inputs` (n, n_features), `outputs` (n,), source first."""
 
     inputs: FloatArray
     outputs: FloatArray
@@ -65,21 +65,21 @@ class Domains:
         return len(self.inputs)
 
     def take(self, chosen: IntArray) -> Domains:
-        """Return these rows; the source's must be among them, and first."""
+        """Return these rows; all source rows must come first."""
         return Domains(self.inputs[chosen], self.outputs[chosen], self.n_source)
 
 
 class Reweighting(NamedTuple):
-    """Weights of the rows (n,), whose sum is 1, and the error of `cross_validated` with them."""
+    """Weights of the rows (n,) with the sum 1, and their error by `cross_validated`."""
 
     weights: FloatArray
     error: float
 
 
 def adaboost_r2(learner: Any, rows: Domains, weights: FloatArray, rounds: int) -> Boosted:
-    """Boost a learner `rounds` times, or until its weighted error is 1/2 (or none at all).
+    """Boost a learner `rounds` times, or until its weighted error is 1/2 or zero.
 
-    The (n,) weights of the source's rows stay as they are, and so does the sum of the target's.
+    The weights (n,) of the source's rows are constant, and so is the sum of the target's weights.
     """
     source, total = rows.n_source, weights[rows.n_source :].sum()
     learners: list[Any] = []
@@ -90,7 +90,7 @@ def adaboost_r2(learner: Any, rows: Domains, weights: FloatArray, rounds: int) -
         error = float(weights @ errors)
         if error >= 0.5 and learners:
             break
-        bounded = float(np.clip(error, HARDLY, 0.5 - HARDLY))
+        bounded = float(np.clip(error, ERROR_MARGIN, 0.5 - ERROR_MARGIN))
         beta = bounded / (1.0 - bounded)
         learners.append(fitted)
         votes.append(-np.log(beta))
@@ -102,9 +102,9 @@ def adaboost_r2(learner: Any, rows: Domains, weights: FloatArray, rounds: int) -
 
 
 def learned(learner: Any, rows: Domains, weights: FloatArray) -> Any:
-    """Return a copy of the learner, fitted with weights that are 1 on average.
+    """Return a copy of the learner, fitted with weights of mean 1.
 
-    Rows without weight are left out: a learner may keep every row that it is given.
+    Rows without weight are omitted, because a learner may store every row.
     """
     used = weights > 0.0
     shares = weights[used] / weights[used].mean()
@@ -120,9 +120,9 @@ def relative_errors(fitted: Any, rows: Domains) -> FloatArray:
 def steps_of(
     learner: Any, rows: Domains, groups: TextArray, *, steps: int, rounds: int, folds: int
 ) -> Iterator[Reweighting]:
-    """Yield the steps of the first stage; `groups` (n_target,) are never parted by a fold.
+    """Yield the steps of the first stage; no fold divides a group of `groups` (n_target,).
 
-    The target's share of the weight grows evenly, from its share of the rows to all of it.
+    The target's share of the weight grows evenly, from its share of the rows to 1.
     """
     n_target, n = len(rows) - rows.n_source, len(rows)
     weights = np.full(n, 1.0 / n)
@@ -134,19 +134,21 @@ def steps_of(
 
 
 def reweighted(learner: Any, rows: Domains, weights: FloatArray, share: float) -> FloatArray:
-    """Return (n,) weights of which the target has a larger `share`; the source's rows fade."""
+    """Return (n,) weights in which the target has the larger `share`."""
     errors = relative_errors(learned(learner, rows, weights), rows)
-    of_source, of_target = np.split(weights, [rows.n_source])
-    wanted = of_target.sum() * (1.0 - share) / share
-    changed = np.concatenate([faded(of_source, errors[: rows.n_source], wanted), of_target])
+    source_weights, target_weights = np.split(weights, [rows.n_source])
+    source_total = target_weights.sum() * (1.0 - share) / share
+    changed = np.concatenate(
+        [faded(source_weights, errors[: rows.n_source], source_total), target_weights]
+    )
     return np.asarray(changed / changed.sum())
 
 
 def faded(weights: FloatArray, errors: FloatArray, total: float) -> FloatArray:
     """Return (n,) weights times beta^errors, with the beta (0..1) for which their sum is `total`.
 
-    It is less than their sum now. Where rows without error have more than that, what is left of all
-    is scaled.
+    `total` is less than the current sum. If rows without error have a larger sum, the remaining
+    weights are scaled.
     """
     if total <= 0.0:
         return np.zeros_like(weights)
@@ -154,26 +156,26 @@ def faded(weights: FloatArray, errors: FloatArray, total: float) -> FloatArray:
     def surplus(exponent: float) -> float:
         return float(weights @ np.exp(-exponent * errors)) - total
 
-    endless = surplus(LARGEST_EXPONENT) >= 0.0
-    exponent = LARGEST_EXPONENT if endless else brentq(surplus, 0.0, LARGEST_EXPONENT)
-    left = weights * np.exp(-exponent * errors)
-    return np.asarray(left * (total / left.sum()))
+    at_bound = surplus(LARGEST_EXPONENT) >= 0.0
+    exponent = LARGEST_EXPONENT if at_bound else brentq(surplus, 0.0, LARGEST_EXPONENT)
+    remaining = weights * np.exp(-exponent * errors)
+    return np.asarray(remaining * (total / remaining.sum()))
 
 
 def cross_validated(
     learner: Any, rows: Domains, weights: FloatArray, groups: TextArray, *, rounds: int, folds: int
 ) -> float:
-    """Return the mean absolute error on target rows that the boosted learner did not see.
+    """Return the mean absolute error on left-out target rows of the boosted learner.
 
-    The target's weights of the rows that it sees keep their sum. NaN: there is one group alone.
+    The target's weights in each training part keep their sum. NaN: there is only one group.
     """
     folds = min(folds, len(np.unique(groups)))
     if folds < 2:
         return np.nan
     source = rows.n_source
     errors = np.empty(len(groups))
-    for seen, held_out in GroupKFold(folds).split(groups, groups=groups):
-        chosen = np.concatenate([np.arange(source), source + seen])
+    for learned_rows, held_out in GroupKFold(folds).split(groups, groups=groups):
+        chosen = np.concatenate([np.arange(source), source + learned_rows])
         share = weights[chosen].copy()
         share[source:] *= weights[source:].sum() / share[source:].sum()
         boosted = adaboost_r2(learner, rows.take(chosen), share, rounds)
@@ -184,17 +186,17 @@ def cross_validated(
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class TrAdaBoost(SourceModel, EncodedModel):
-    """Two-stage TrAdaBoost.R2, one an axis.
+    """Two-stage TrAdaBoost.R2, one model per axis.
 
-    As with `mf-gp`, the few simulated samples should lie where the measured ones do.
+    As with `mf-gp`, the few simulated samples should lie near the measured samples.
 
     Attributes:
-        source_samples: drawn at random from the simulated ones; at most all.
+        source_samples: number of simulated samples, drawn at random; at most all.
         learner: "kernel-ridge" (ridge regression with a Gaussian kernel) or "tree" (a decision tree
             of depth 6).
-        steps: in which the weight of the simulated samples falls to zero.
-        rounds: of boosting within a step.
-        folds: of the cross-validation that chooses the step, by pose.
+        steps: number of steps in which the weight of the simulated samples falls to zero.
+        rounds: rounds of boosting within a step.
+        folds: folds of the cross-validation that chooses the step, by pose.
     """
 
     source_poses: PoseDesign = "sobol"
@@ -211,15 +213,15 @@ class TrAdaBoost(SourceModel, EncodedModel):
         domain = self._simulated(origin.samples, origin.robot, seed)
         order = np.random.default_rng(seed).permutation(len(domain))
         drawn = domain.take(order[: self.source_samples])
-        both = np.vstack([self._features(robot, drawn.q, drawn.wrench), inputs])
+        inputs_of_both = np.vstack([self._features(robot, drawn.q, drawn.wrench), inputs])
         outputs = np.vstack([self.output_scaler_.apply(drawn.deflection), targets])
-        learner = self._learner(both.shape[1], seed)
+        learner = self._learner(inputs_of_both.shape[1], seed)
         self.diagnostics_: dict[str, float] = {}
         boosted = []
         for axis, name in enumerate(AXES):
-            rows = Domains(both, outputs[:, axis], len(drawn))
-            how = {"steps": self.steps, "rounds": self.rounds, "folds": self.folds}
-            steps = list(steps_of(learner, rows, train.pose_id, **how))
+            rows = Domains(inputs_of_both, outputs[:, axis], len(drawn))
+            settings = {"steps": self.steps, "rounds": self.rounds, "folds": self.folds}
+            steps = list(steps_of(learner, rows, train.pose_id, **settings))
             best = int(np.nan_to_num([step.error for step in steps], nan=np.inf).argmin())
             weights = steps[best].weights
             boosted.append(adaboost_r2(learner, rows, weights, self.rounds))
@@ -236,5 +238,5 @@ class TrAdaBoost(SourceModel, EncodedModel):
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         inputs = self._features(self.robot_, q, wrench)
-        predicted = np.stack([each.predict(inputs) for each in self.boosted_], axis=1)
+        predicted = np.stack([boosted.predict(inputs) for boosted in self.boosted_], axis=1)
         return self.output_scaler_.undo(predicted)

@@ -3,10 +3,10 @@
 After maximum classifier discrepancy (Saito, Watanabe, Ushiku and Harada, "Maximum Classifier
 Discrepancy for Unsupervised Domain Adaptation", CVPR 2018) with regressors for the classifiers, as
 in Xia et al., "Adversarial Bi-Regressor Network for Domain Adaptive Regression", IJCAI 2022. Both
-regressors learn the simulated source domain. On inputs of the target nothing ties them: they move
-apart, as far as the source lets them, and the extractor gives such inputs features on which they
-agree. Ours are the division of the base network, one step in place of three in turn (the extractor
-gets the reversed gradient), and the schedule of the weight, that of `dt-cnn`.
+regressors learn the simulated source domain. On inputs of the target they are free and move apart,
+as far as the source allows. The extractor learns features of such inputs on which they agree.
+Differences here: the division of the base network; one step instead of three in turn (the extractor
+gets the reversed gradient); and the schedule of the weight, as in `dt-cnn`.
 """
 
 from __future__ import annotations
@@ -26,28 +26,30 @@ from stiff_models.transfer.pretraining import PretrainedModel
 from stiff_protocols.contract.types import Robot, Samples
 
 REGRESSORS_SHARE = 0.05
-"""Of the disagreement's weight: outputs have no bound, as class probabilities have, and regressors
-with the weight of the extractor run away from it."""
+"""The regressors' share of the disagreement's weight. Unlike class probabilities, outputs are
+unbounded, and regressors with the extractor's weight diverge."""
 
-# in more steps, with labels, it learns the few measured samples by heart
+# in more steps, with labels, it overfits the few measured samples
 FAST = replace(PRETRAINING["fast"], steps=150)
 
 
 class TwoRegressors(torch.nn.Module):
     """A feature extractor and two regressors of its features; the output is their mean.
 
-    They are two networks of one shape with the first half of their hidden layers in common, the
-    larger one where their number is odd.
+    The two networks have the same shape and share the first half of their hidden layers (the larger
+    half for an odd number).
     """
 
-    def __init__(self, one: torch.nn.Sequential, other: torch.nn.Sequential) -> None:
-        """Take the common half from `one`."""
+    def __init__(
+        self, first_network: torch.nn.Sequential, second_network: torch.nn.Sequential
+    ) -> None:
+        """Use the first half of `first_network` as the common half."""
         super().__init__()
-        n_hidden = len(one) // 2  # each with its activation, then the outputs
+        n_hidden = len(first_network) // 2  # pairs of layer and activation, then the outputs
         common = 2 * ((n_hidden + 1) // 2)
-        self.extractor = torch.nn.Sequential(*list(one)[:common])
-        self.first = torch.nn.Sequential(*list(one)[common:])
-        self.second = torch.nn.Sequential(*list(other)[common:])
+        self.extractor = torch.nn.Sequential(*list(first_network)[:common])
+        self.first = torch.nn.Sequential(*list(first_network)[common:])
+        self.second = torch.nn.Sequential(*list(second_network)[common:])
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the (n, 3) outputs of (n, n_inputs) inputs."""
@@ -57,17 +59,17 @@ class TwoRegressors(torch.nn.Module):
 
     def disagreement(self, features: torch.Tensor) -> torch.Tensor:
         """Return the mean absolute difference of both regressors on (n, width) features."""
-        apart: torch.Tensor = self.first(features) - self.second(features)
-        return apart.abs().mean()
+        difference: torch.Tensor = self.first(features) - self.second(features)
+        return difference.abs().mean()
 
 
 class AdversarialObjective(TargetObjective):
     """Both regressors' loss - weight * lambda * disagreement.
 
-    The loss is of the source batch, and of measured rows where there are `labels`; the Huber loss
-    is divided by its width, as in `AlignedObjective`. The disagreement is on as many target rows
-    as the batch has, or all of them; its gradient is reversed on the way to the extractor, which
-    so makes small what the regressors make large. lambda is `ramp`.
+    The loss covers the source batch and, with `labels`, measured rows. The Huber loss is divided by
+    its width, as in `AlignedObjective`. The disagreement is computed on as many target rows as the
+    batch has, or on all. Its gradient is reversed on the way to the extractor: the regressors
+    increase the disagreement, and the extractor decreases it. lambda is `ramp`.
     """
 
     def __init__(
@@ -92,13 +94,15 @@ class AdversarialObjective(TargetObjective):
         """Return the loss of a source batch (n, n_inputs) with its (n, 3) standardised outputs."""
         loss = self._learned(self.network.extractor(inputs), targets)
         chosen = self._target_rows(len(inputs))
-        # what two regressors differ by is lost in low precision
+        # the difference of two regressors would be lost in low precision
         with torch.autocast(inputs.device.type, enabled=False):
             features = self.network.extractor(self.target[chosen])
             if self.labels is not None:
                 loss = loss + self._learned(features, self.labels[chosen])
-            apart = self.network.disagreement(reverse_gradient(features, 1.0 / REGRESSORS_SHARE))
-            return loss - REGRESSORS_SHARE * self.weight * ramp(progress) * apart
+            disagreement = self.network.disagreement(
+                reverse_gradient(features, 1.0 / REGRESSORS_SHARE)
+            )
+            return loss - REGRESSORS_SHARE * self.weight * ramp(progress) * disagreement
 
     def _learned(self, features: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
         network = self.network
@@ -110,13 +114,13 @@ class AdversarialObjective(TargetObjective):
 class Adann2R(PretrainedModel, NetworkModel):
     """Two regressors, adversarially trained, in two regimes that cannot be compared.
 
-    With `supervision="none"` the training labels still identify the joint stiffnesses that make the
-    source, as with `dt-cnn`. Of the hidden layers the first half is the extractor, the rest is each
-    regressor's own.
+    With `supervision="none"` the training labels still identify the joint stiffnesses of the
+    source, as with `dt-cnn`. The first half of the hidden layers is the extractor; each regressor
+    has its own second half.
 
     Attributes:
         adversarial_weight: weight of the disagreement on target inputs against the loss on
-            standardised outputs; 0: both regressors learn the source and nothing else.
+            standardised outputs; 0: both regressors learn only the source.
         supervision: "none" (no measured deflection trains the network) or "labels" (both regressors
             also learn the measured training samples, with the weight of the source).
     """
@@ -126,18 +130,18 @@ class Adann2R(PretrainedModel, NetworkModel):
 
     @property
     def regime(self) -> str:
-        """Whether measured deflections train the network."""
+        """Regime of the training; "" if measured deflections train the network."""
         return self._unlabelled() if self.supervision == "none" else ""
 
     @property
     def shares_pretraining(self) -> bool:
-        """Never: the training sees the inputs of the training part."""
+        """False: the training uses the inputs of the training part."""
         return False
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         super()._fit(train, robot, validation, seed)
-        apart = 1000.0 * self._disagreement(self._measured_rows(train))
-        self.diagnostics_["disagreement on the target [mm]"] = apart
+        disagreement_mm = 1000.0 * self._disagreement(self._measured_rows(train))
+        self.diagnostics_["disagreement on the target [mm]"] = disagreement_mm
 
     def _objective(self, train: Samples, loss: Loss, seed: int) -> AdversarialObjective:
         measured = self._measured_rows(train)
@@ -159,11 +163,14 @@ class Adann2R(PretrainedModel, NetworkModel):
         return cast(TwoRegressors, self.network_)
 
     def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> torch.nn.Module:
-        other = int(np.random.default_rng(seed).integers(2**31))
-        one, two = (
-            NetworkModel._new_network(self, n_inputs, each, n_outputs) for each in (seed, other)
+        second_seed = int(np.random.default_rng(seed).integers(2**31))
+        first_network, second_network = (
+            NetworkModel._new_network(self, n_inputs, network_seed, n_outputs)
+            for network_seed in (seed, second_seed)
         )
-        return TwoRegressors(cast(torch.nn.Sequential, one), cast(torch.nn.Sequential, two))
+        return TwoRegressors(
+            cast(torch.nn.Sequential, first_network), cast(torch.nn.Sequential, second_network)
+        )
 
     def _recipe_plan(self) -> TrainingPlan:
         return FAST

@@ -1,6 +1,6 @@
-"""Distances of source and target features, and the objective of `dt-cnn` that is made of them.
+"""Distances of source and target features, and the objective of `dt-cnn` that uses them.
 
-`source` is (n_s, d) and `target` (n_t, d) features, unless a function says otherwise.
+`source` is (n_s, d) and `target` (n_t, d) features, unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ DISCRIMINATOR_DROPOUT = 0.5
 
 
 def reverse_gradient(values: torch.Tensor, strength: float) -> torch.Tensor:
-    """Return `values`; on the way back their gradient is multiplied by -`strength`."""
+    """Return `values`, whose backward gradient is multiplied by -`strength`."""
     passed = values.view_as(values)
     if passed.requires_grad:
         passed.register_hook(lambda grad: -strength * grad)  # type: ignore[no-untyped-call]
@@ -30,7 +30,7 @@ def reverse_gradient(values: torch.Tensor, strength: float) -> torch.Tensor:
 def build_discriminator(n_features: int, *, seed: int) -> torch.nn.Sequential:
     """Return the n_features-1024-1024-1 network of UDTL; its output is a logit, source positive.
 
-    Weights are drawn from `seed`; torch's own random state is left as it was.
+    Weights are drawn from `seed`. Torch's global random state is not changed.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -51,7 +51,7 @@ def domain_loss(
     """Return the discriminator's binary cross-entropy, each domain with half of the weight.
 
     ``-(mean log D(s) + mean log(1 - D(t))) / 2`` with D the probability of the source; `strength`
-    is of the reversed gradient that reaches the features.
+    is the factor of the features' reversed gradient.
     """
     logits = discriminator(reverse_gradient(torch.cat([source, target]), strength))
     softplus = torch.nn.functional.softplus
@@ -72,7 +72,7 @@ def mk_mmd(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     Transferable Features with Deep Adaptation Networks", ICML 2015, in the form of UDTL.
     """
     values = torch.cat([source, target])
-    values = values - values.detach().mean(0)  # distances stay; their rounding errors shrink
+    values = values - values.detach().mean(0)  # the same distances with smaller rounding errors
     n, n_source = len(values), len(source)
     size = values.square().sum(1)
     distance = (size[:, None] + size[None, :] - 2.0 * values @ values.T).clamp_min(0.0)
@@ -88,8 +88,8 @@ def mk_mmd(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
 def coral(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     """Return ``|C_s - C_t|_F^2 / (4 d^2)`` of the features' covariances, with 1/(n-1).
 
-    Sun and Saenko, "Deep CORAL", ECCV Workshops 2016. (UDTL's own variant works on the logits and
-    leaves out 1/(n-1).) Both domains need two rows.
+    Sun and Saenko, "Deep CORAL", ECCV Workshops 2016. (UDTL's variant works on the logits and
+    omits 1/(n-1).) Both domains need two rows.
     """
     difference = _covariance(source) - _covariance(target)
     return difference.square().sum() / (4 * source.shape[1] ** 2)
@@ -106,38 +106,38 @@ SOURCE_ONLY = 1 / 6  # share of the training before alignment starts: UDTL's epo
 
 
 def uses_target(alignment: Alignment) -> bool:
-    """Return whether the training itself sees inputs of the target ("adabn" does after it)."""
+    """Return whether the training uses inputs of the target ("adabn" uses them afterwards)."""
     return alignment not in ("none", "adabn")
 
 
 def ramp(progress: float) -> float:
     """Return lambda, the weight of the alignment: ``2 / (1 + exp(-10 p)) - 1``.
 
-    p goes from 0 to 1 over the part of the training (`progress` 0..1) that follows `SOURCE_ONLY`;
-    before it lambda is 0. Ganin et al. 2016; in the form of UDTL.
+    p goes from 0 to 1 over the part of the training (`progress` 0..1) after `SOURCE_ONLY`; before
+    it lambda is 0. Ganin et al. 2016; in the form of UDTL.
     """
     aligned = max(0.0, (progress - SOURCE_ONLY) / (1.0 - SOURCE_ONLY))
     return 2.0 / (1.0 + math.exp(-10.0 * aligned)) - 1.0
 
 
 class TargetObjective(ABC):
-    """Base of the objectives that see inputs of the target, (n, n_inputs).
+    """Base of the objectives that use inputs of the target, (n, n_inputs).
 
     Attributes:
-        made_of: tensors that it is made of: a part of the training's identity.
-        about: its settings as text: another one.
+        made_of: tensors of the objective, a part of the training's cache key.
+        about: settings as text, another part of the cache key.
     """
 
     made_of: Sequence[torch.Tensor]
     about: str
 
     def __init__(self, target: torch.Tensor, *, seed: int) -> None:
-        """Store them; `seed` is of their batches."""
+        """Store the target inputs; `seed` determines their batches."""
         self.target = target
         self.generator = torch.Generator().manual_seed(seed)
 
     def parameters(self) -> list[torch.nn.Parameter]:
-        """Return what is trained beside the network's own parameters."""
+        """Return trainable parameters in addition to the network's."""
         return []
 
     @abstractmethod
@@ -147,7 +147,7 @@ class TargetObjective(ABC):
         """Return the loss of a source batch (n, n_inputs) with its (n, 3) standardised outputs."""
 
     def _target_rows(self, n: int) -> torch.Tensor:
-        """Draw the numbers of `n` rows of the target, or of all where there are fewer."""
+        """Draw the numbers of `n` rows of the target, or of all if there are fewer."""
         chosen = torch.randperm(len(self.target), generator=self.generator)[:n]
         return chosen.to(self.target.device)
 
@@ -155,10 +155,10 @@ class TargetObjective(ABC):
 class AlignedObjective(TargetObjective):
     """Loss of the source batch + weight * lambda * distance.
 
-    A step takes the source batch and as many target rows, or all of them where there are fewer,
-    in one pass through the network: both domains share the batch statistics, as in UDTL. The Huber
-    loss is divided by its width, so that it tends to the absolute error. "dann" carries lambda in
-    the reversed gradient, and its discriminator always learns at full weight.
+    A step passes the source batch and as many target rows (or all, if there are fewer) through the
+    network at once. Both domains share the batch statistics, as in UDTL. The Huber loss is divided
+    by its width, so that it tends to the absolute error. "dann" applies lambda to the reversed
+    gradient; its discriminator always learns at full weight.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class AlignedObjective(TargetObjective):
         loss: Loss,
         seed: int,
     ) -> None:
-        """Store the parts; `seed` is of the target's batches and of a discriminator."""
+        """Store the parts; `seed` determines the target's batches and the discriminator."""
         super().__init__(target, seed=seed)
         self.network, self.alignment, self.weight = network, alignment, weight
         self.made_of, self.about = (target,), f"{alignment} {weight!r}"
@@ -182,7 +182,7 @@ class AlignedObjective(TargetObjective):
         )
 
     def parameters(self) -> list[torch.nn.Parameter]:
-        """Return those of the discriminator."""
+        """Return the discriminator's parameters."""
         return [] if self.discriminator is None else list(self.discriminator.parameters())
 
     def __call__(
@@ -192,8 +192,8 @@ class AlignedObjective(TargetObjective):
         if progress < SOURCE_ONLY:
             return self.loss(self.network(inputs).float(), targets) / self.unit
         n = len(inputs)
-        both = torch.cat([inputs, self.target[self._target_rows(n)]])
-        features = self.network.bottleneck(both)
+        inputs_of_both = torch.cat([inputs, self.target[self._target_rows(n)]])
+        features = self.network.bottleneck(inputs_of_both)
         outputs = self.network.head(features).float()
         loss = self.loss(outputs[:n], targets) / self.unit
         # distances subtract near equals: never in low precision

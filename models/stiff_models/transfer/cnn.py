@@ -1,9 +1,9 @@
 """The 1x1-convolution network of `dt-cnn`.
 
-Its shape is that of Zhao et al., "Applications of Unsupervised Deep Transfer Learning to
-Intelligent Fault Diagnosis: A Survey and Comparative Study", IEEE TIM 2021 (UDTL,
-`models/cnn_1d.py`), with linear outputs and kernels of width 1: the features of a sample are no
-signal, so their neighbourhood means nothing.
+Its shape follows Zhao et al., "Applications of Unsupervised Deep Transfer Learning to Intelligent
+Fault Diagnosis: A Survey and Comparative Study", IEEE TIM 2021 (UDTL, `models/cnn_1d.py`), with
+linear outputs and kernels of width 1. The features of a sample are not a signal, so their order has
+no meaning.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ Pool = Literal["none", "udtl"]
 
 CHANNELS = (1, 16, 32, 64, 128)
 POOLED_AFTER = 2  # convolutions before the max pooling of pairs
-CELLS = 4  # of the adaptive pooling behind the last convolution
-WIDTH = 256  # of the hidden and the bottleneck layer
+CELLS = 4  # cells of the adaptive pooling after the last convolution
+WIDTH = 256  # width of the hidden and the bottleneck layer
 
 
 class CellMaxPool(torch.nn.Module):
     """Adaptive max pooling of a fixed length to `CELLS` cells.
 
     Cell i of m values covers floor(i m / 4) to ceil((i+1) m / 4), as in torch's
-    AdaptiveMaxPool1d, which ONNX has only where 4 divides m.
+    AdaptiveMaxPool1d, which ONNX supports only if 4 divides m.
     """
 
     def __init__(self, length: int) -> None:
-        """Take the number of values a channel."""
+        """Store the cells for `length` values per channel."""
         super().__init__()
         self.cells = [
             (i * length // CELLS, -(-(i + 1) * length // CELLS))  # floor and ceiling
@@ -44,12 +44,12 @@ class CellMaxPool(torch.nn.Module):
 class Cnn(torch.nn.Module):
     """Four 1x1 convolutions, a hidden layer, a bottleneck layer, linear outputs.
 
-    Each convolution is followed by batch normalisation and ReLU, the two layers of 256 by ReLU
-    and dropout. With `pool="udtl"` the maximum of neighbouring pairs follows the second
-    convolution and adaptive max pooling to 4 cells the fourth. One input channel and kernels of
-    width 1 apply one scalar function to every feature, so a pooled network cannot tell apart two
-    features of a pair: its output stays exactly the same when they are swapped. With
-    `pool="none"` the layer of 256 sees every feature at its own place.
+    Batch normalisation and ReLU follow each convolution; ReLU and dropout follow the two layers of
+    256. With `pool="udtl"` the maximum of neighbouring pairs follows the second convolution, and
+    adaptive max pooling to 4 cells follows the fourth. One input channel and kernels of width 1
+    apply one scalar function to every feature. So a pooled network cannot distinguish the two
+    features of a pair: its output does not change if they are swapped. With `pool="none"` the layer
+    of 256 gets every feature at its own position.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Cnn(torch.nn.Module):
     ) -> None:
         """Draw the weights from torch's random state.
 
-        `dropout` is the share of the values behind both layers of 256 that a training step drops;
+        `dropout` is the share of the outputs of both layers of 256 that a training step drops.
         `per_sample`: the features of each sample are normalised first.
         """
         super().__init__()
@@ -94,7 +94,7 @@ class Cnn(torch.nn.Module):
         return outputs
 
     def train(self, mode: bool = True) -> Cnn:
-        """Set the training mode; frozen batch statistics stay as they are in both modes."""
+        """Set the training mode; frozen batch statistics do not change in either mode."""
         super().train(mode)
         if self.statistics_frozen:
             for module in self.norms():
@@ -102,7 +102,7 @@ class Cnn(torch.nn.Module):
         return self
 
     def freeze_statistics(self) -> None:
-        """Keep the batch statistics from now on, also in training."""
+        """Freeze the batch statistics, also in training."""
         self.statistics_frozen = True
         self.train(self.training)
 
@@ -120,7 +120,7 @@ def build_cnn(
     seed: int,
     n_outputs: int = 3,
 ) -> Cnn:
-    """Return a network with weights drawn from `seed`; torch's own random state stays."""
+    """Return a network with weights from `seed`; torch's global random state is unchanged."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return Cnn(n_inputs, n_outputs, pool=pool, dropout=dropout, per_sample=per_sample)
@@ -128,11 +128,11 @@ def build_cnn(
 
 @torch.no_grad()
 def adapt_statistics(network: Cnn, inputs: torch.Tensor) -> None:
-    """Take the batch statistics anew from (n > 1, n_inputs) `inputs` of the target alone, in place.
+    """Recompute the batch statistics in place from (n > 1, n_inputs) target `inputs`.
 
     AdaBN: Li et al., "Adaptive Batch Normalization for Practical Domain Adaptation", 2018. All
-    rows pass at once, so that every layer sees what the layer before it gives after adaptation.
-    The network is left in evaluation mode.
+    rows pass at once, so that every layer gets the adapted outputs of the previous layer. The
+    network is in evaluation mode afterwards.
     """
     network.eval()
     norms = network.norms()
@@ -140,7 +140,7 @@ def adapt_statistics(network: Cnn, inputs: torch.Tensor) -> None:
     for norm in norms:
         norm.reset_running_stats()
         norm.train()
-        norm.momentum = None  # the plain mean over all batches: here, over the one
+        norm.momentum = None  # the plain mean over all batches: here, a single batch
     network(inputs)
     for norm, momentum in zip(norms, momenta, strict=True):
         norm.momentum = momentum

@@ -2,7 +2,7 @@
 
 ``d = J_v diag(c(q, tau)) tau`` with ``tau = J^T w`` and ``c = c0 softplus(network) / softplus(0)``:
 no load gives no deflection, and the compliance matrix is positive semi-definite at every pose. A
-constant network is the VJM, and that is where training begins.
+constant network is the VJM; training begins there.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ _SOFTPLUS_0 = math.log(2.0)
 
 
 class ComplianceNetwork(torch.nn.Module):
-    """Turns features and the VJM's regressor into deflections.
+    """Network from features and the VJM's regressor to deflections.
 
     `body` maps (n, n_features) to (n, n_joints); its output layer starts at zero.
     """
 
     def __init__(self, body: torch.nn.Module, n_joints: int) -> None:
-        """Keep the body, and let it begin with the constant compliances."""
+        """Store the body, and set its initial outputs to the constant compliances."""
         super().__init__()
         self.body = body
         self.n_joints = n_joints
@@ -43,11 +43,11 @@ class ComplianceNetwork(torch.nn.Module):
         torch.nn.init.zeros_(output.bias)
 
     def compliance(self, features: torch.Tensor) -> torch.Tensor:
-        """Return the (n, n_joints) compliances, in units of the constant ones."""
+        """Return the (n, n_joints) compliances, in units of the constant compliances."""
         return torch.nn.functional.softplus(self.body(features)) / _SOFTPLUS_0
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return (n, 3) deflections of inputs that hold features, then the regressor row by row."""
+        """Return (n, 3) deflections of inputs: features, then the regressor row by row."""
         n_regressor = 3 * self.n_joints
         regressor = inputs[:, -n_regressor:].reshape(-1, 3, self.n_joints)
         compliance = self.compliance(inputs[:, :-n_regressor])
@@ -58,11 +58,11 @@ class ComplianceNetwork(torch.nn.Module):
 class ComplianceNet(FineTunedMlp):
     """Structure-preserving network.
 
-    Its constant case is the teacher of the source domain, so that pre-training on a source with
-    identified stiffnesses has nothing to teach and is left out by default; it has with
-    source_stiffness=nominal. From another robot's source come the compliances that training begins
-    with, and a pre-training in that robot's own kinematics; predictions and fine-tuning are in the
-    kinematics of the robot that is fitted for.
+    Its constant case is the teacher of the source domain. So pre-training on a source with
+    identified stiffnesses has no effect and is off by default; it has an effect with
+    source_stiffness=nominal. Another robot's source supplies the initial compliances, and its
+    pre-training uses that robot's kinematics. Predictions and fine-tuning use the kinematics of the
+    fitted robot.
     """
 
     freeze: str = "full"
@@ -71,11 +71,11 @@ class ComplianceNet(FineTunedMlp):
 
     @property
     def shares_pretraining(self) -> bool:
-        """Its own equation has the compliances of the training part."""
+        """False: the model's equation uses the compliances of the training part."""
         return False
 
     def compliance(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, n_joints) joint compliances, rad/(N m); arguments as of `predict`."""
+        """Return the (n, n_joints) joint compliances, rad/(N m); arguments as in `predict`."""
         features = self._inputs(*self._checked(q, wrench))[:, : -3 * self.robot_.n_joints]
         with torch.no_grad():
             relative = cast(ComplianceNetwork, self.network_).compliance(features)
@@ -83,7 +83,7 @@ class ComplianceNet(FineTunedMlp):
 
     def _simulated(self, samples: Samples, robot: Robot, seed: int) -> SourceDomain:
         compliance = self._source_compliance(samples, robot)
-        # a joint that the VJM found rigid must still be able to give way
+        # a joint that the VJM identified as rigid must still be able to deflect
         typical = np.median(compliance[compliance > 0.0])
         self.reference_compliance_ = np.where(compliance > 0.0, compliance, typical)
         return super()._simulated(samples, robot, seed)
@@ -98,7 +98,7 @@ class ComplianceNet(FineTunedMlp):
         self.output_scaler_ = Scaler(np.zeros(3), np.where(size > 0.0, size, 1.0))
 
     def _new_network(self, n_inputs: int, seed: int, n_outputs: int = 3) -> torch.nn.Module:
-        n_joints = self.robot_.n_joints  # n_outputs: of the body they are the joints
+        n_joints = self.robot_.n_joints  # the body has one output per joint
         body = super()._new_network(n_inputs, seed, n_outputs=n_joints)
         return ComplianceNetwork(body, n_joints)
 
@@ -110,7 +110,7 @@ class ComplianceNet(FineTunedMlp):
         return _NonlinearSprings(self.robot_, self._encoded(compliance, scaler))
 
     def _inputs(self, q: FloatArray, wrench: FloatArray) -> torch.Tensor:
-        """Features of pose and joint torque, then the regressor in the network's units."""
+        """Return features of pose and joint torque, then the regressor in the network's units."""
         translation, torque = _translation_and_torque(self.robot_, q, wrench)
         features = encode(self.robot_, q, torque, self.angle_encoding)
         regressor = translation * (torque * self.reference_compliance_)[:, None, :]
@@ -120,7 +120,7 @@ class ComplianceNet(FineTunedMlp):
 
 
 class _NonlinearSprings(Springs):
-    """Joint springs whose compliance is a module's."""
+    """Joint springs whose compliance is a module's output."""
 
     def __init__(self, robot: Robot, compliance: EncodedNetwork) -> None:
         super().__init__(robot)
@@ -134,6 +134,6 @@ class _NonlinearSprings(Springs):
 def _translation_and_torque(
     robot: Robot, q: FloatArray, wrench: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """J_v (n, 3, n_joints) and J^T w (n, n_joints)."""
+    """Return J_v (n, 3, n_joints) and J^T w (n, n_joints)."""
     rows = robot.jacobian(q)
     return rows[:, :3], joint_torque(rows, wrench)

@@ -1,8 +1,8 @@
 """`dt-cnn`: a 1x1-convolution network pre-trained on simulated samples; alignment on request.
 
 With an `alignment` it is the method of Zhao et al. (UDTL, IEEE TIM 2021;
-github.com/ZhaoZhibin/UDTL) for regression: the network learns the simulated source domain and,
-from one sixth of the training on, also to give unlabelled target inputs the features of the source.
+github.com/ZhaoZhibin/UDTL) for regression: the network learns the simulated source domain. After
+one sixth of the training it also aligns features of unlabelled target inputs with the source's.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ FAST = TrainingPlan(
     mixed_precision=True,
 )
 
-# the rate is its own: ft-mlp's was chosen for ft-mlp
+# a separate learning rate: ft-mlp's was chosen for ft-mlp
 FINE_TUNING = TrainingPlan(steps=400, learning_rate=3e-4, loss="mae", optimizer="adam")
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class DtCnn(PretrainedModel):
-    """Deep-transfer CNN, in two regimes that cannot be compared; a table says in which a row is.
+    """Deep-transfer CNN, in two regimes that cannot be compared; tables state each row's regime.
 
     Even with `supervision="none"`, as in UDTL, the training labels identify the joint stiffnesses
-    that make the source, unless `source_stiffness="nominal"` or the source is another robot's.
+    of the source, unless `source_stiffness="nominal"` or the source is another robot's.
 
     Attributes:
-        preset: "ours" (no dropout, every feature standardised with the source's statistics) or
-            "udtl" (the literal network: pooling, dropout 0.5, every sample normalised on its own)
+        preset: "ours" (no dropout, every feature standardised with the source's statistics),
+            "udtl" (the literal network: pooling, dropout 0.5, every sample normalised separately)
             or "paper" (our network on the source domain of the source paper's Tables 4 and 5).
-        alignment: "none", "adabn" (batch statistics taken anew from target inputs), or the distance
+        alignment: "none", "adabn" (batch statistics recomputed from target inputs), or the distance
             of the features: "mk-mmd", "coral", "dann".
         alignment_weight: weight of the distance against the loss on standardised outputs.
         supervision: "none" (no measured deflection trains the network) or "fine-tune" (all layers
@@ -63,17 +63,17 @@ class DtCnn(PretrainedModel):
 
     @property
     def regime(self) -> str:
-        """Whether measured deflections train the network."""
+        """Regime of the training; "" if measured deflections train the network."""
         return self._unlabelled() if self.supervision == "none" else ""
 
     @property
     def paper_source(self) -> bool:
-        """With the paper's preset."""
+        """True with the paper's preset."""
         return self.preset == "paper"
 
     @property
     def shares_pretraining(self) -> bool:
-        """Whether a pre-training serves all training parts: not where it sees their inputs."""
+        """True if all training parts share a pre-training, which then ignores their inputs."""
         return not uses_target(self.alignment) and super().shares_pretraining
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
@@ -81,7 +81,7 @@ class DtCnn(PretrainedModel):
         if self.alignment == "adabn":
             adapt_statistics(self._cnn(), self._inputs(train.q, train.wrench))
         if self.supervision == "fine-tune":
-            # measured rows are few, and would move the statistics away from what the layers know
+            # the few measured rows would move the statistics away from the layers' training
             self._cnn().freeze_statistics()
             (curve,) = self._learn_measured(train, None, FINE_TUNING, seed, "cv")
             self.curves_["fine-tuning"] = curve.points
@@ -91,7 +91,7 @@ class DtCnn(PretrainedModel):
             return None
         target = self._inputs(train.q, train.wrench)
         if self.alignment == "coral" and len(target) < 2:
-            raise ModelError("alignment 'coral' compares covariances: 2 training samples or more")
+            raise ModelError("alignment 'coral' compares covariances: give 2 samples or more")
         return AlignedObjective(
             self._cnn(),
             target,
@@ -105,7 +105,7 @@ class DtCnn(PretrainedModel):
         self, robot: Robot, q: FloatArray, wrench: FloatArray, deflection: FloatArray
     ) -> None:
         super()._take_statistics(robot, q, wrench, deflection)
-        if self.preset == "udtl":  # the network normalises each sample as it is
+        if self.preset == "udtl":  # the network normalises each sample itself
             n_inputs = len(self.input_scaler_.mean)
             self.input_scaler_ = Scaler(np.zeros(n_inputs), np.ones(n_inputs))
 

@@ -1,11 +1,11 @@
-"""Freeze strategies of fine-tuning: which layers move, and when.
+"""Freeze strategies of fine-tuning: the layers that move in each stage.
 
 Written as in ``freeze=layers:1,2``. Hidden layers count from 1; ``out`` is the output layer.
 
 ========================  ========================================================================
-``layers:1,2``            hidden layers 1 and 2 alone (the source paper's); any set, also ``out``
+``layers:1,2``            only hidden layers 1 and 2 (the source paper's); any set, also ``out``
 ``full``                  every layer
-``head``                  the output layer alone
+``head``                  only the output layer
 ``first:k``, ``last:k``   the first or last k layers; the output layer counts as the last
 ``lp-ft``                 the output layer for half of the epochs, then every layer
 ========================  ========================================================================
@@ -29,10 +29,10 @@ class Stage:
 
 
 def stages(freeze: str, *, hidden_layers: int, epochs: int) -> tuple[Stage, ...]:
-    """Return the stages of a strategy, see above; `epochs` are those of all stages together.
+    """Return the stages of a strategy, see above; `epochs` is the total of all stages.
 
     Raises:
-        ConfigError: there is no such strategy or layer.
+        ConfigError: the strategy or the layer does not exist.
     """
     every = tuple(range(hidden_layers + 1))
     head = every[-1:]
@@ -50,11 +50,11 @@ def stages(freeze: str, *, hidden_layers: int, epochs: int) -> tuple[Stage, ...]
             for word in named
         }
         return (Stage(epochs, tuple(sorted(numbers))),)
-    raise ConfigError(f"freeze={freeze!r}: no such strategy (valid: {VALID})")
+    raise ConfigError(f"freeze={freeze!r}: unknown strategy (valid: {VALID})")
 
 
 def named_layers(freeze: str) -> tuple[str, ...]:
-    """Return the layers that a strategy ``layers:...`` names, as written; () for another one."""
+    """Return the layers of a strategy ``layers:...``, as written; () for other strategies."""
     name, _, argument = freeze.partition(":")
     return tuple(argument.split(",")) if name == "layers" and argument else ()
 
@@ -62,7 +62,7 @@ def named_layers(freeze: str) -> tuple[str, ...]:
 def _number(freeze: str, text: str, largest: int) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= largest:
         raise ConfigError(
-            f"freeze={freeze!r}: {text!r} is no layer of a network with these layers "
+            f"freeze={freeze!r}: the network does not have the layer {text!r} "
             f"(valid here: 1..{largest}{', out' if freeze.startswith('layers') else ''})"
         )
     return int(text)

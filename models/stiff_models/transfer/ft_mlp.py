@@ -2,7 +2,8 @@
 
 The method of the source paper: VJM identified on the training part -> source domain ->
 pre-training -> fine-tuning of the layers that a freeze strategy leaves free, on the mean
-absolute error. Ours is anchored: fine-tuning begins as the best of three VJMs (`anchor.py`).
+absolute error. Ours is anchored: fine-tuning starts from the best of three VJMs; see
+`pretrained_mlp.py`.
 """
 
 from __future__ import annotations
@@ -49,11 +50,11 @@ class FineTunedMlp(ChoosesEpochs, PretrainedMlp):
 
     @property
     def regime(self) -> str:
-        """Nothing to say: the network learns from the measured deflections."""
+        """Empty: the network learns from the measured deflections."""
         return ""
 
     def check_params(self) -> None:
-        """Raise ConfigError where there is no such device, or no such layer to train."""
+        """Raise ConfigError if the device or a layer to train does not exist."""
         super().check_params()
         self._stages(epochs=1)
 
@@ -84,8 +85,8 @@ class FineTunedMlp(ChoosesEpochs, PretrainedMlp):
     ) -> list[Curve]:
         """Train a network in place, stage after stage; `visits` count the steps of each.
 
-        A stage goes on from the weights that the stage before kept: they are among those that
-        `plan.keep_best` chooses from.
+        A stage starts from the weights that the previous stage kept. `plan.keep_best` can also
+        choose these weights.
         """
         strategy, curves = self._stages(plan.steps), []
         for number, stage in enumerate(strategy):
@@ -123,16 +124,16 @@ class FineTunedMlp(ChoosesEpochs, PretrainedMlp):
 class FtMlp(FineTunedMlp, AnchoredMlp):
     """Fine-tuned MLP."""
 
-    def fine_tuned_anew(self, train: Samples, validation: Samples | None, seed: int) -> Self:
+    def fine_tuned_on(self, train: Samples, validation: Samples | None, seed: int) -> Self:
         """Return a copy of this fitted model, fine-tuned from its pre-training on other samples.
 
-        Its teacher is identified on them, too. With training="cv" the number of epochs stays the
-        one that was chosen.
+        Its teacher is also identified on them. With training="cv" the chosen number of epochs is
+        used again.
         """
-        anew, plan, training = copy.copy(self), self._fine_tuning_plan(), self.training
+        copied_model, plan, training = copy.copy(self), self._fine_tuning_plan(), self.training
         if training == "cv":
             plan, training = replace(plan, steps=self.best_params_["epochs"]), "normal"
-        anew.teacher_ = self._teacher_of(train)
-        anew.network_ = copy.deepcopy(self.source_network_)
-        anew._learn_measured(train, validation, plan, seed, training)
-        return anew
+        copied_model.teacher_ = self._teacher_of(train)
+        copied_model.network_ = copy.deepcopy(self.source_network_)
+        copied_model._learn_measured(train, validation, plan, seed, training)
+        return copied_model

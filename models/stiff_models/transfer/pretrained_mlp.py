@@ -1,8 +1,8 @@
 """MLPs that learn the source domain: recipes, anchored transfer, and `mlp-pretrained`.
 
-Anchored transfer: fine-tuning begins as a physical model, the network's teacher,
+Anchored transfer: fine-tuning starts from a physical model, the network's teacher,
 ``d = teacher(q, w) + net(theta)(q, w) - net(theta_0)(q, w)`` with the pre-trained weights theta_0.
-Before fine-tuning this is exactly the teacher, whatever the network learned from simulated data.
+Before fine-tuning this is exactly the teacher, independent of the pre-training.
 The pre-training only shapes the network's features, so one pre-training serves any teacher.
 """
 
@@ -55,9 +55,9 @@ class PretrainedMlp(PretrainedModel, NetworkModel):
 
     Attributes:
         preset: "ours", or "paper": the source domain of the paper's Tables 4 and 5, and ReLU.
-        recipe: "fast" (ours; 2,000 steps: a minute of one core; 300 of an anchored network), "best"
-            (4,000 steps, half of the error on the source) or "paper" (the paper's preset, and its
-            schedule of 100,000 iterations for every training part).
+        recipe: "fast" (ours; 2,000 steps: a minute on one core; 300 for an anchored network),
+            "best" (4,000 steps, half of the error on the source) or "paper" (the paper's preset,
+            and its schedule of 100,000 iterations for every training part).
     """
 
     preset: Literal["ours", "paper"] = "ours"
@@ -65,7 +65,7 @@ class PretrainedMlp(PretrainedModel, NetworkModel):
 
     @property
     def paper_source(self) -> bool:
-        """With the paper's preset or recipe."""
+        """True with the paper's preset or recipe."""
         return "paper" in (self.preset, self.recipe)
 
     @property
@@ -77,7 +77,7 @@ class PretrainedMlp(PretrainedModel, NetworkModel):
     def hidden_activation(self) -> Activation:
         """The option's activation; "auto" is the paper's ReLU with its preset, else sharp GELU.
 
-        It learns the source's smooth deflections several times better.
+        Sharp GELU learns the source's smooth deflections several times better.
         """
         if self.activation == "auto":
             return "relu" if self.paper_source else "sharp-gelu"
@@ -89,9 +89,9 @@ class PretrainedMlp(PretrainedModel, NetworkModel):
 
 Anchor = Literal["auto", "none", "teacher", "vjm", "vjm-multisegment", "vjm-full", "gp-springs"]
 TEACHERS: tuple[Physics, ...] = get_args(Physics)
-"""Models that anchor="teacher" chooses from; a teacher that is only named need not be one."""
+"""Models that anchor="teacher" chooses from; a teacher by name may be another model."""
 ANCHORED_STEPS = 300
-"""Pre-training steps of recipe="fast": an anchored network need not know the teacher by heart."""
+"""Pre-training steps of recipe="fast": an anchored network need not reproduce the teacher."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -99,14 +99,14 @@ class AnchoredMlp(PretrainedMlp):
     """Pre-trained MLP whose prediction before fine-tuning is a teacher's.
 
     The teacher is identified on the training samples, even if the network was pre-trained on
-    another robot's.
+    another robot's samples.
 
     Attributes:
-        anchor: "teacher" (of vjm, vjm-multisegment and vjm-full the one with the least error at
-            training poses that are left out), one of them or gp-springs by name, or "none" (the
-            prediction before fine-tuning is the pre-trained network's: the source paper's method);
-            "auto": "none" with the paper's source, else "teacher".
-        teacher_: the fitted teacher; None without an anchor.
+        anchor: "teacher" (the best of vjm, vjm-multisegment and vjm-full at left-out training
+            poses), one of them or gp-springs by name, or "none" (the source paper's method: before
+            fine-tuning the prediction is the pre-trained network's). "auto": "none" with the
+            paper's source, else "teacher".
+        teacher_: fitted teacher; None without an anchor.
     """
 
     anchor: Anchor = "auto"
@@ -156,7 +156,7 @@ class AnchoredMlp(PretrainedMlp):
         return learned, tested
 
     def _anchored_rows(self, samples: Samples, teacher: FittedModel | None) -> Rows:
-        """Return rows whose targets the network has to reach to predict with a teacher."""
+        """Return rows with the network's targets for its sum with a teacher."""
         if teacher is None:
             return super()._measured_rows(samples)
         residual = samples.deflection - teacher.predict(samples.q, samples.wrench)
@@ -166,7 +166,7 @@ class AnchoredMlp(PretrainedMlp):
     def _teacher_of(self, samples: Samples) -> FittedModel | None:
         """Return the teacher identified on a part of the samples.
 
-        If they identify no spring, it is the teacher of all samples.
+        If this part identifies no spring, return the teacher of all samples.
         """
         if self.teacher_ is None:
             return None
@@ -186,10 +186,10 @@ class AnchoredMlp(PretrainedMlp):
 
 
 def chosen_teacher(samples: Samples, robot: Robot, seed: int) -> Physics:
-    """Return the teacher with the least mean 3-D error at poses that are left out.
+    """Return the teacher with the least mean 3-D error at left-out poses.
 
-    It is identified without each fifth of the poses. A teacher that a part of the samples cannot
-    identify is not chosen. A single pose cannot be divided: the first of `TEACHERS`.
+    Each teacher is identified without each fifth of the poses. A teacher that a part of the samples
+    cannot identify is not chosen. A single pose cannot be divided: return the first of `TEACHERS`.
     """
     if len(np.unique(samples.pose_id)) < 2:
         return TEACHERS[0]
@@ -208,7 +208,7 @@ def chosen_teacher(samples: Samples, robot: Robot, seed: int) -> Physics:
 
 
 def _no_warnings() -> warnings.catch_warnings[None]:
-    """Ignore warnings about a part of the samples: the teacher of all has its own."""
+    """Ignore warnings about a part of the samples: the teacher of all samples warns itself."""
     return warnings.catch_warnings(action="ignore", category=StiffBenchWarning)
 
 
@@ -216,16 +216,16 @@ def _no_warnings() -> warnings.catch_warnings[None]:
 class MlpPretrained(AnchoredMlp):
     """Pre-training on the source domain.
 
-    It sees the measurements only through the VJM that is identified on the training part and
-    supplies the source domain's deflections; with another robot's source it does not see them at
-    all. With an anchor it predicts what its teacher predicts: nothing is fine-tuned.
+    It uses the measurements only through the VJM of the training part, which supplies the source
+    domain's deflections. With another robot's source it does not use them. With an anchor its
+    prediction equals its teacher's, because nothing is fine-tuned.
     """
 
     anchor: Anchor = "none"
 
     @property
     def regime(self) -> str:
-        """No measured deflection trains the network."""
+        """Regime of the training: no measured deflection trains the network."""
         return NO_TARGET_LABELS if self.is_anchored else self._unlabelled()
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:

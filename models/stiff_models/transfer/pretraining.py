@@ -1,10 +1,10 @@
-"""Pre-training on the source domain: once a robot where that can be, else once a training part.
+"""Pre-training on the source domain: once per robot if possible, else once per training part.
 
 The deflection of linear joint springs is a sum over the joints, ``d = sum_i c_i u_i(q, w)``. A
-network with one output a joint and axis learns each joint's deflection at a reference compliance.
-Its outputs, added up with the compliances that a training part identifies, are the usual network
-with three outputs that knows this part's source domain. Reference compliances are powers of four,
-which nearly all training parts of a robot share.
+network with one output per joint and axis learns each joint's deflection at a reference compliance.
+The sum of its outputs, weighted with the compliances of a training part, is the usual network with
+three outputs for this part's source domain. Reference compliances are powers of four, which nearly
+all training parts of a robot share.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray, Robot, Samples
 
 SOURCE_TRAIN_SHARE = 0.7  # source paper: 70 % train, 30 % test, at random
-JUDGED_ROWS = 4096  # of either part of the source, for the errors on it
-CONSTANT = 1e-9  # share of the others' spread below which an axis does not move
+JUDGED_ROWS = 4096  # rows of each part of the source, for the errors on it
+CONSTANT = 1e-9  # an axis with a smaller share of the other axes' spread does not move
 SOURCE_ERRORS = (
     *(f"test MAE {axis.upper()}" for axis in AXES),
     "training MAE",
@@ -53,9 +53,9 @@ SOURCE_ERRORS = (
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """The outcome of a training: the network's state, its curve, and the wall time it took.
+    """The result of a training: the network's state, its curve, and the wall time.
 
-    `judged` is what was measured with the network right after, by name.
+    `judged` holds the numbers computed with the network right after, by name.
     """
 
     weights: dict[str, np.ndarray[Any, Any]]
@@ -74,16 +74,16 @@ def remembered_training(
     actors: Iterable[object],
     about: str,
 ) -> Trained:
-    """Return a training from the cache, or compute it and keep it; none of 0 steps is kept.
+    """Return a training from the cache, or compute and store it (except with 0 steps).
 
     Args:
-        network: with its first weights.
-        plan: how it is trained.
-        seed: of the batches' order.
-        arrays: what it learns from or is made of.
-        compute: trains it.
-        actors: objects that take part, such as the model: third-party code of them and of the
-            network's parts counts.
+        network: network with its initial weights.
+        plan: settings of the training.
+        seed: seed of the batches' order.
+        arrays: training data and constants.
+        compute: function that trains the network.
+        actors: objects that take part, such as the model. Their third-party code, and the code of
+            the network's parts, enters the key.
         about: further settings as text.
     """
     if not plan.steps:
@@ -106,9 +106,9 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
     """Base of the families whose network learns the source domain.
 
     Attributes:
-        pretrain_steps: length of the pre-training; none: the recipe's.
-        pretrain_seed: of everything random in a pre-training that training parts share; where each
-            has one of its own, it is added to the seed of the fit.
+        pretrain_steps: number of pre-training steps; none: the recipe's.
+        pretrain_seed: seed of a pre-training that training parts share. If each part has its own
+            pre-training, it is added to the seed of the fit.
     """
 
     pretrain_steps: Annotated[int, Ge(0)] | None = None
@@ -116,19 +116,19 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
 
     @property
     def shares_pretraining(self) -> bool:
-        """Whether a pre-training serves all training parts of a robot."""
+        """True if all training parts of a robot share a pre-training."""
         return self.source_teacher == "vjm"
 
     @abstractmethod
     def _recipe_plan(self) -> TrainingPlan:
-        """Return how the network learns the source, but for `pretrain_steps`."""
+        """Return the pre-training's plan, before `pretrain_steps` is applied."""
 
     def _pretraining_plan(self) -> TrainingPlan:
         plan = self._recipe_plan()
         return plan if self.pretrain_steps is None else replace(plan, steps=self.pretrain_steps)
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        """Set a network that knows the source domain."""
+        """Set a network that is pre-trained on the source domain."""
         origin = self._origin(train, robot)
         if self.shares_pretraining:
             trained, n_samples, residual = self._learn_parts(origin)
@@ -143,7 +143,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             "pre-training time, also of a cached one [s]": trained.seconds,
             **{f"source {name} [mm]": error for name, error in errors},
         }
-        self.robot_ = robot  # predictions are of the target from here on
+        self.robot_ = robot  # predictions are for the target from here on
 
     def _learn_sum(self, train: Samples, origin: BenchmarkData, seed: int) -> tuple[Trained, int]:
         """Train the network of one training part."""
@@ -178,7 +178,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         return trained, len(domain)
 
     def _objective(self, train: Samples, loss: Loss, seed: int) -> TargetObjective | None:
-        """Return what is minimised on the source in place of its loss; `train` is the target's."""
+        """Return the objective instead of the source's loss; `train` are the target's samples."""
         return None
 
     def _pretrain(
@@ -206,7 +206,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
         return Trained(weights, curve, time.perf_counter() - start, judge())
 
     def _learn_parts(self, origin: BenchmarkData) -> tuple[Trained, int, FloatArray]:
-        """Train an output a joint and axis, or find them trained, and add the joints up."""
+        """Train outputs per joint and axis, or load them from the cache, and add the joints."""
         robot, seed = origin.robot, self.pretrain_seed
         self.robot_ = robot
         compliance = self._source_compliance(origin.samples, robot)
@@ -222,7 +222,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             learn, test = divided(simulate(robot, reference, design), seed)
             self._take_statistics(robot, learn.q, learn.wrench, learn.deflection)
             self.network_ = network
-            scale = self.output_scaler_.scale[:, None]  # of all joints together: what counts
+            scale = self.output_scaler_.scale[:, None]  # for the sum of all joints
             mean = learn.parts.mean(axis=0)  # (3, n_joints)
             targets = ((learn.parts - mean) / scale).reshape(len(learn), -1)
             inputs = self._inputs(learn.q, learn.wrench)
@@ -260,14 +260,14 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
 
     def _add_up(self, trained: Trained, weights: FloatArray) -> None:
         """Set scalers and the network whose outputs are weighted sums of the joints'."""
-        known = trained.judged
-        self.input_scaler_ = Scaler(known["input_mean"], known["input_scale"])
-        spread = np.sqrt(np.einsum("aij,i,j->a", known["covariance"], weights, weights))
-        spread = known["scale"][:, 0] * spread
+        measured = trained.judged
+        self.input_scaler_ = Scaler(measured["input_mean"], measured["input_scale"])
+        spread = np.sqrt(np.einsum("aij,i,j->a", measured["covariance"], weights, weights))
+        spread = measured["scale"][:, 0] * spread
         size = float(np.sqrt(np.mean(spread**2))) or NO_DEFLECTION
         spread = np.where(spread > CONSTANT * size, spread, size)
-        self.output_scaler_ = Scaler(known["mean"] @ weights, spread)
-        factors = known["scale"] / spread[:, None] * weights  # (3, n_joints)
+        self.output_scaler_ = Scaler(measured["mean"] @ weights, spread)
+        factors = measured["scale"] / spread[:, None] * weights  # (3, n_joints)
         weight, bias = list(trained.weights)[-2:]  # of the output layer
         parts = {
             weight: trained.weights[weight].reshape(*factors.shape, -1),
@@ -277,7 +277,7 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             name: np.einsum("ai,aih->ah", factors, layer) for name, layer in parts.items()
         }
         state[bias] = state[bias][:, 0]
-        self.network_ = self._new_network(len(known["input_mean"]), self.pretrain_seed)
+        self.network_ = self._new_network(len(measured["input_mean"]), self.pretrain_seed)
         self.network_.load_state_dict(
             {name: torch.from_numpy(np.array(array)) for name, array in state.items()}
         )
@@ -286,20 +286,20 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
 
 def power_of_four(compliance: FloatArray) -> FloatArray:
     """Return the powers of four nearest to compliances by ratio; 0 for a rigid joint."""
-    some = compliance > 0.0
-    exponent = np.round(np.emath.logn(4.0, np.where(some, compliance, 1.0)))
-    return np.where(some, 4.0**exponent, 0.0)
+    elastic = compliance > 0.0
+    exponent = np.round(np.emath.logn(4.0, np.where(elastic, compliance, 1.0)))
+    return np.where(elastic, 4.0**exponent, 0.0)
 
 
 def divided(domain: SourceDomain, seed: int) -> tuple[SourceDomain, SourceDomain]:
-    """Return a random 70 % of a source domain, to learn from, and the rest, to test on."""
+    """Return a random 70 % of a source domain for training, and the other 30 % for tests."""
     order = np.random.default_rng(seed).permutation(len(domain))
     n_train = round(SOURCE_TRAIN_SHARE * len(domain))
     return domain.take(order[:n_train]), domain.take(order[n_train:])
 
 
 def some_of(learn: SourceDomain, test: SourceDomain) -> tuple[SourceDomain, SourceDomain]:
-    """Return as many samples of both parts, of which the errors on the source are taken."""
+    """Return equally many samples of both parts, for the errors on the source."""
     rows = np.arange(min(len(learn), len(test), JUDGED_ROWS))
     return learn.take(rows), test.take(rows)
 
@@ -307,8 +307,8 @@ def some_of(learn: SourceDomain, test: SourceDomain) -> tuple[SourceDomain, Sour
 def source_errors(residual: FloatArray) -> FloatArray:
     """Return the (7,) errors on the source, m, of (2, n, 3) residuals: training part, test part.
 
-    `SOURCE_ERRORS` names them. Those without an axis are over the samples and axes together, as in
-    the source paper's Tables 6 and 7.
+    `SOURCE_ERRORS` names them. Errors without an axis are over all samples and axes, as in the
+    source paper's Tables 6 and 7.
     """
     learned, tested = np.abs(residual)
     together = [value for errors in (learned, tested) for value in (errors.mean(), errors.std())]

@@ -1,8 +1,8 @@
-"""The simulated source domain: many poses and wrenches whose deflection a VJM supplies.
+"""The simulated source domain: many poses and wrenches with a VJM's deflections.
 
-A design is a set of poses and some wrenches a pose. Where it follows data, it follows the ranges of
-the training samples alone, rounded outwards: so much do different training parts of one data set
-have in common that nearly all of them get one design.
+A design is a set of poses with some wrenches per pose. It depends only on the ranges of the
+training samples, rounded outwards. Different training parts of a data set have so similar ranges
+that nearly all of them get the same design.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ PAPER_WRENCHES = np.array(  # source paper, Table 5: N, N m
 POSE_BUDGET = 21_280  # as many poses as the paper's grid
 WRENCHES_A_POSE = len(PAPER_WRENCHES)
 ANGLE_STEP = np.deg2rad(15.0)
-ROUNDING = 1e-6  # share of a step that a bound may lie beyond it
+ROUNDING = 1e-6  # share of a step by which a bound may exceed it
 FEW_POSES = 20
-"""Fewer miss more than a tenth, 2 / (n + 1), of the range that n of them were drawn from."""
+"""With fewer poses n, their range misses more than a tenth, 2 / (n + 1), of the original range."""
 
 
 @dataclass(frozen=True, eq=False)
 class SourceDesign:
-    """Where the source domain is sampled.
+    """Poses and wrenches of the source domain.
 
     Attributes:
         q: (n_poses, n_joints) rad.
@@ -72,7 +72,7 @@ class SourceDomain:
     Attributes:
         q: (n, n_joints) rad.
         wrench: (n, 6) N and N m.
-        parts: (n, 3, n_parts) m, which add up to the deflection: one a joint spring, or one in all.
+        parts: (n, 3, n_parts) m, parts of the deflection: one per joint spring, or a single part.
     """
 
     q: FloatArray
@@ -85,7 +85,7 @@ class SourceDomain:
 
     @property
     def deflection(self) -> FloatArray:
-        """(n, 3) m."""
+        """(n, 3) sum of the parts, m."""
         return np.asarray(self.parts.sum(axis=2))
 
     def take(self, rows: IntArray) -> SourceDomain:
@@ -96,13 +96,13 @@ class SourceDomain:
 def source_design(
     poses: PoseDesign, wrenches: WrenchDesign, robot: Robot, train: Samples, seed: int
 ) -> SourceDesign:
-    """Return the design of a source domain of at most 21,280 poses and five wrenches a pose.
+    """Return the design of a source domain of at most 21,280 poses and five wrenches per pose.
 
-    `poses` and `wrenches` are options of `SourceModel`; `train` alone, of all data, shapes the
-    design; `seed` is of everything drawn.
+    `poses` and `wrenches` are options of `SourceModel`. Of all data, only `train` determines the
+    design. `seed` determines all random draws.
 
     Raises:
-        ConfigError: the paper's poses were asked for a robot without six joints.
+        ConfigError: the paper's poses were requested for a robot without six joints.
     """
     check_poses(poses, robot)
     rng = np.random.default_rng(seed)
@@ -111,11 +111,11 @@ def source_design(
 
 
 def check_poses(poses: str, robot: Robot) -> None:
-    """Raise ConfigError when the paper's grid is asked for a robot without six joints."""
+    """Raise ConfigError if the paper's grid is requested for a robot without six joints."""
     if poses == "paper" and robot.n_joints != len(_PAPER_GRID_DEG):
         raise ConfigError(
-            f"source_poses=paper: Table 4 has {len(_PAPER_GRID_DEG)} joints, robot "
-            f"{robot.name!r} has {robot.n_joints} (valid: sobol)"
+            f"source_poses=paper: the paper's Table 4 has {len(_PAPER_GRID_DEG)} joints, robot "
+            f"{robot.name!r} has {robot.n_joints}; use source_poses=sobol"
         )
 
 
@@ -129,7 +129,7 @@ def simulate(robot: Robot, compliance: FloatArray, design: SourceDesign) -> Sour
 def joint_ranges(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the (n_joints,) lowest and highest joint positions, rounded outwards.
 
-    Angles are rounded to 15 degrees, slides as loads are.
+    Angles are rounded to 15 degrees; slides are rounded like loads.
     """
     lower, upper = q.min(axis=0), q.max(axis=0)
     slides = ~robot.turns
@@ -143,8 +143,8 @@ def joint_ranges(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 def load_ranges(wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the (6,) lowest and highest components of (n, 6) wrenches, rounded outwards.
 
-    A bound is 0 or 1, 2 or 5 times a power of ten, and not smaller than a tenth of the largest
-    force, or torque.
+    A bound is 0, or 1, 2 or 5 times a power of ten. It is at least a tenth of the largest force, or
+    torque.
     """
     lower, upper = wrench.min(axis=0), wrench.max(axis=0)
     force, torque = (_outwards(lower[part], upper[part]) for part in (slice(3), slice(3, 6)))
@@ -167,7 +167,7 @@ def _outwards(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _one_two_five(value: float, *, up: bool) -> float:
-    """Return the next number 1, 2 or 5 times a power of ten from a positive one."""
+    """Return the next 1, 2 or 5 times a power of ten from a positive number."""
     power = 10.0 ** math.floor(math.log10(value) + ROUNDING)
     factors = (1.0, 2.0, 5.0, 10.0)
     if up:
@@ -178,7 +178,7 @@ def _one_two_five(value: float, *, up: bool) -> float:
 def drawn_from(
     design: SourceDesign, n: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Return `n` poses of a design (at most all of them), rad, and one wrench each, N and N m."""
+    """Return `n` poses of a design (at most all), rad, with one wrench per pose, N and N m."""
     chosen = rng.permutation(len(design.q))[:n]
     wrench = np.broadcast_to(design.wrench, (len(design.q), *design.wrench.shape[1:]))
     which = rng.integers(wrench.shape[1], size=len(chosen))
@@ -203,15 +203,15 @@ def _wrenches(
     lower, upper = load_ranges(_spanned(train.wrench, train))
     if design == "uniform":
         return rng.uniform(lower, upper, size=shape)
-    # in another order than the poses: two Sobol sequences side by side are not independent
+    # in another order than the poses: two parallel Sobol sequences are not independent
     return rng.permutation(_sobol(lower, upper, n_poses * WRENCHES_A_POSE, rng)).reshape(shape)
 
 
 def _spanned(values: FloatArray, train: Samples) -> FloatArray:
-    """Return (2, k) the ends of the range that (n, k) values were probably drawn from.
+    """Return the (2, k) estimated ends of the original range of (n, k) values.
 
-    Those of few poses are moved out to where a uniform distribution's are on average: a network
-    knows nothing beyond its source domain, and most other poses lie beyond five.
+    With few poses, the ends are moved outwards to the mean ends of a uniform distribution. Networks
+    are not reliable beyond their source domain. Most other poses lie outside the range of five.
     """
     lower, upper = values.min(axis=0), values.max(axis=0)
     n_poses = len(np.unique(train.pose_id))
@@ -222,5 +222,5 @@ def _spanned(values: FloatArray, train: Samples) -> FloatArray:
 def _sobol(lower: FloatArray, upper: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
     """Return (n, n_columns) points of a scrambled Sobol sequence between the bounds."""
     sequence = qmc.Sobol(len(lower), rng=rng)
-    unit = sequence.random_base2((n - 1).bit_length())[:n]  # a power of two is drawn evenly
+    unit = sequence.random_base2((n - 1).bit_length())[:n]  # a power of two covers evenly
     return np.asarray(lower + unit * (upper - lower))

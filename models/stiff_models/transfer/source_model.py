@@ -1,4 +1,4 @@
-"""What the families with a source domain share: its options, and how it is made."""
+"""Base of the families with a source domain: its options and its simulation."""
 
 from __future__ import annotations
 
@@ -30,35 +30,34 @@ PAPER_STIFFNESS = (50_900.0, 63_360.0, 50_340.0, 2_270.0, 8_890.0, 1_390.0)
 """Source paper, Table 3: A1..A6, N m/rad."""
 
 FAR_OFF = 100.0
-"""A network says nothing of forces so many times larger or smaller than those it learned from."""
+"""A network is not reliable for forces this many times larger or smaller than in training."""
 
 NO_TARGET_LABELS = "target labels not trained on"
-"""Regime of a model whose weights see the source domain alone: the labels identify the VJM."""
+"""Regime of a model trained only on the source domain, whose VJM the labels identify."""
 
 NO_TARGET_LABELS_AT_ALL = "target labels not used"
-"""The same where another robot's labels identify the VJM."""
+"""The same regime if another robot's labels identify the VJM."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class SourceModel:
-    """Options of the source domain; a mixin of model families, before their base class.
+    """Options of the source domain; a mixin of model families, listed before their base class.
 
-    The samples and the robot of the source are the training samples and their robot, or those that
-    `use_source` was given; "the samples" below are these.
+    The samples and the robot of the source are the training samples and their robot, or the data
+    of `use_source`; "the samples" below are these.
 
     Attributes:
         source_poses: "sobol" (Sobol points in the samples' joint ranges), "paper" (grid of
-            Table 4); "auto": the paper's where its source is asked for, else "sobol". Ranges of
-            samples are rounded outwards.
+            Table 4); "auto": the paper's with its preset, else "sobol". Ranges of samples are
+            rounded outwards.
         source_wrenches: "uniform" or "sobol" (over the range of each component of the samples'
-            wrenches), "paper" (Table 5); "auto": the paper's where its source is asked for, else
-            "uniform".
-        source_teacher: model that is identified on the samples and says how the simulated robot
-            gives way; with its default options.
-        source_stiffness: of the joints in the pre-training simulation: "identified" by the
-            VJM on the samples, or "nominal".
+            wrenches), "paper" (Table 5); "auto": the paper's with its preset, else "uniform".
+        source_teacher: model of the simulated robot's deflection, identified on the samples with
+            its default options.
+        source_stiffness: stiffness of the joints in the pre-training simulation: "identified" by
+            the VJM on the samples, or "nominal".
         nominal_stiffness: values for "nominal", base to tip, N m/rad, as "5e4,6e4,..."; none:
-            the paper's Table 3, where its source is asked for.
+            the paper's Table 3 with its preset.
     """
 
     source_poses: Literal["auto", "sobol", "paper"] = "auto"
@@ -69,11 +68,11 @@ class SourceModel:
     _source: BenchmarkData | None = field(default=None, init=False)
 
     def use_source(self, source: BenchmarkData | None) -> None:
-        """Store whose VJM the next `fit` makes the source domain of.
+        """Store the data whose VJM the next `fit` uses for the source domain.
 
         Args:
-            source: another robot or specimen, with as many joints of the same types as the one
-                that is fitted for; all of its samples are used. None: the training samples.
+            source: another robot or specimen, with as many joints of the same types as the fitted
+                robot; all of its samples are used. None: the training samples.
         """
         self._source = source
 
@@ -86,15 +85,15 @@ class SourceModel:
 
     @property
     def paper_source(self) -> bool:
-        """Whether the options ask for the source paper's Tables 4 and 5."""
+        """True if the options request the source paper's Tables 4 and 5."""
         return False
 
     def check_robot(self, robot: Robot) -> None:
-        """Check that the source can be made for the robot, or of the one that `use_source` gave.
+        """Check that the source can be simulated for the robot, or the robot of `use_source`.
 
         Raises:
-            ConfigError: the paper's poses for a robot without six joints, or nominal stiffnesses
-                that are missing, do not fit it, or would not be used.
+            ConfigError: the paper's poses are used for a robot without six joints, or nominal
+                stiffnesses are missing, not valid for the robot, or would be ignored.
         """
         robot = robot if self._source is None else self._source.robot
         check_poses(self._designs()[0], robot)
@@ -102,18 +101,18 @@ class SourceModel:
             self._nominal(robot)
         elif self.nominal_stiffness is not None:
             raise ConfigError(
-                f"nominal_stiffness={self.nominal_stiffness!r} would not be used: "
-                f"source_stiffness is {self.source_stiffness!r} (valid with it: nominal)"
+                f"nominal_stiffness={self.nominal_stiffness!r} would be ignored: source_stiffness "
+                f"is {self.source_stiffness!r}; use source_stiffness=nominal"
             )
         if self.source_stiffness == "nominal" and self.source_teacher != "vjm":
             raise ConfigError(
-                f"source_teacher={self.source_teacher!r} identifies its own springs: "
-                "source_stiffness=nominal would not be used (valid with it: vjm)"
+                f"source_teacher={self.source_teacher!r} identifies its own springs, so "
+                "source_stiffness=nominal would be ignored; use source_teacher=vjm"
             )
 
     @property
     def source_words(self) -> str:
-        """What the source domain is, in words."""
+        """Description of the source domain."""
         poses, wrenches = self._designs()
         springs = "" if self.source_stiffness == "identified" else " of nominal stiffnesses"
         samples = "training samples" if self._source is None else "source data set's samples"
@@ -133,7 +132,7 @@ class SourceModel:
         return BenchmarkData(train, robot) if self._source is None else self._source
 
     def _designs(self) -> tuple[PoseDesign, WrenchDesign]:
-        """Return what "auto" stands for, or what was asked for."""
+        """Return the designs of the options, with "auto" resolved."""
         poses: PoseDesign = "paper" if self.paper_source else "sobol"
         wrenches: WrenchDesign = "paper" if self.paper_source else "uniform"
         return (
@@ -160,13 +159,13 @@ class SourceModel:
         if measured > 0.0 and not 1.0 / FAR_OFF < simulated / measured < FAR_OFF:
             warn(
                 f"pre-training forces are {simulated:.3g} N, measured forces {measured:.3g} N "
-                "(root mean square): is the file in N? source_wrenches=uniform draws loads in the "
-                "measured ones' range"
+                "(root mean square): check that the file is in N, or use source_wrenches=uniform "
+                "to draw loads in the measured range"
             )
         return design
 
     def _source_compliance(self, samples: Samples, robot: Robot) -> FloatArray:
-        """The (n_joints,) compliance, rad/(N m), of the joints that make the source."""
+        """Return the (n_joints,) compliances of the source's joints, rad/(N m)."""
         if self.source_stiffness == "nominal":
             return np.asarray(1.0 / self._nominal(robot))
         joints = identify_joints(robot, samples)
@@ -182,9 +181,9 @@ class SourceModel:
         if self.nominal_stiffness is None:
             if not self.paper_source:
                 raise ConfigError(
-                    f"source_stiffness=nominal: no stiffnesses were given for robot "
-                    f"{robot.name!r}; give nominal_stiffness={robot.n_joints} values in N m/rad, "
-                    "or use identified"
+                    f"source_stiffness=nominal requires stiffnesses for robot {robot.name!r}; set "
+                    f"nominal_stiffness to {robot.n_joints} values in N m/rad, or use "
+                    "source_stiffness=identified"
                 )
             return np.array(PAPER_STIFFNESS)
         words = self.nominal_stiffness.split(",")
@@ -194,7 +193,7 @@ class SourceModel:
             values = np.array([np.nan])
         if values.shape != (robot.n_joints,) or not (values > 0).all() or np.isinf(values).any():
             raise ConfigError(
-                f"nominal_stiffness={self.nominal_stiffness!r}: valid are {robot.n_joints} "
-                f"positive numbers, base to tip, in N m/rad, separated by commas"
+                f"nominal_stiffness={self.nominal_stiffness!r}: give {robot.n_joints} positive "
+                "numbers, base to tip, in N m/rad, separated by commas"
             )
         return values

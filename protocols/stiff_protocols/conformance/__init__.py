@@ -1,1 +1,1 @@
-"""What a model, a data set and a protocol must do."""
+"""Check the interfaces of models, data sets and protocols."""

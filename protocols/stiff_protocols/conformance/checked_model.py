@@ -1,4 +1,4 @@
-"""A model under check: its rows, its fits (each made once), and its side effects."""
+"""A model under check: its rows, its fits (each computed once), and its side effects."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from stiff_protocols.scoring.sanity import check_prediction
 FEWEST_ROWS, MOST_ROWS = 10, 48
 TRAIN_SHARE, VALIDATION_SHARE = 0.6, 0.2
 SMALLEST = 1e-9  # m; far below what any instrument resolves
-LOUD = 1e3
-"""Factor on labels that are to show in whatever was fitted to them."""
-FROM_SEED = "draw all chance from `seed`: rng = np.random.default_rng(seed)"
+INFLATION = 1e3
+"""Factor on labels whose effect must show in a model fitted to them."""
+FROM_SEED = "draw all random numbers from `seed`: rng = np.random.default_rng(seed)"
 OURS = ("stiff_bench", "stiff_datasets", "stiff_models", "stiff_protocols", "stiffbench")
-"""Packages whose functions no model may replace."""
+"""Packages whose functions must not be replaced by a model."""
 
 
 class CheckedModel:
-    """A model and the rows it is checked on.
+    """A model and its rows for the checks.
 
     Attributes:
-        make: returns a new model.
-        train, validation, test: disjoint samples of the robot; those of `test` have deflections
-            that follow from nothing, so that whoever predicts them has found them here.
-        measured: (n, 3) m, the deflections that the test rows have.
-        other: as many samples as `train`, most of them others.
-        uses_validation: the model is one that chooses an epoch.
-        parts: name -> samples of fits. "own" are the validation rows of the first fit, "loud" the
-            validation rows with deflections that are `LOUD` times as large.
-        save, load: write a fitted model and read it, or None.
-        fit_faults: what fits so far changed of the options, or returned.
-        side_effects: what the model did so far beside fitting and predicting.
+        make: function that returns a new model.
+        train, validation, test: disjoint samples of the robot. `test` has random deflections: a
+            model that predicts them has read them here.
+        measured: (n, 3) m, measured deflections of the test rows.
+        other: as many samples as `train`, mostly different.
+        uses_validation: true if the model chooses an epoch.
+        parts: name -> samples of fits. "own" are the validation rows of the first fit. "loud" are
+            the validation rows with deflections multiplied by `INFLATION`.
+        save, load: functions that write and read a fitted model, or None.
+        fit_faults: options that fits changed so far, or wrong return values.
+        side_effects: effects of the model so far, other than fits and predictions.
     """
 
     def __init__(
@@ -57,11 +57,11 @@ class CheckedModel:
         save: Callable[[StiffnessModel, Path], None] | None,
         load: Callable[[Path], StiffnessModel] | None,
     ) -> None:
-        """Divide the rows; DataError where there are too few."""
+        """Divide the rows; DataError if there are too few."""
         if len(data.samples) < FEWEST_ROWS:
             raise DataError(
-                f"{len(data.samples)} samples are too few to check a model with "
-                f"(valid: {FEWEST_ROWS} or more)"
+                f"{len(data.samples)} samples are too few to check a model; give {FEWEST_ROWS} "
+                "or more"
             )
         self.make, self.save, self.load, self.robot = make, save, load, data.robot
         rows = np.random.default_rng(0).permutation(evenly_spaced(len(data.samples), MOST_ROWS))
@@ -74,7 +74,7 @@ class CheckedModel:
         self.uses_validation = uses_validation
         self.parts: dict[str, Any] = {
             **{"train": self.train, "other": self.other, "none": None, "validation": validation},
-            **{"own": validation if uses_validation else None, "loud": loud(validation)},
+            **{"own": validation if uses_validation else None, "loud": inflated(validation)},
         }
         self.fit_faults: list[Failed] = []
         self.side_effects: list[Failed] = []
@@ -91,7 +91,7 @@ class CheckedModel:
 
     @remembered
     def fitted(self, train: str = "train", validation: str = "own") -> StiffnessModel:
-        """Return a new model fitted to these `parts`; each fit is made once."""
+        """Return a new model fitted to these `parts`; each fit is computed once."""
         model = self.new()
         self.fit(model, self.parts[train], self.parts[validation])
         return model
@@ -102,7 +102,7 @@ class CheckedModel:
         return self.predict_test(self.fitted(train, validation))
 
     def predicted_again(self) -> FloatArray:
-        """Return the (n, 3) prediction [m] of a new model fitted just as the first."""
+        """Return the (n, 3) prediction [m] of a new model with the same fit as the first."""
         return self.predicted("train", "validation" if self.uses_validation else "none")
 
     def fit(
@@ -118,7 +118,7 @@ class CheckedModel:
             if "read-only" not in str(error):  # in NumPy's words for a write to a frozen array
                 raise
             raise Failed(
-                f"fit writes into the samples it was given ({error})",
+                f"fit writes into the samples ({error})",
                 "copy an array before you change it: q = train.q.copy()",
             ) from error
         if returned is not model:
@@ -128,7 +128,7 @@ class CheckedModel:
         for name, value in before.items():
             if after.get(name) != value:
                 wrong = f"fit changes {name} from {value} to {after.get(name, 'nothing')}"
-                advice = "keep what fit makes of an option under another name, one that ends in _"
+                advice = "store a value derived from an option under another name that ends in _"
                 self.fit_faults.append(Failed(wrong, advice))
 
     def predict_test(self, model: StiffnessModel) -> FloatArray:
@@ -142,9 +142,9 @@ class CheckedModel:
         return predicted
 
     def answer(self, model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> object:
-        """Return whatever predict returns for writable copies.
+        """Return the result of predict for writable copies.
 
-        What the model does to them is a side effect.
+        A change of the copies is a side effect.
         """
         before, given = {"q": q, "wrench": wrench}, {"q": q.copy(), "wrench": wrench.copy()}
         answer: object = self._watched(lambda: model.predict(**given))
@@ -163,15 +163,15 @@ class CheckedModel:
         return interval
 
     def replaced_functions(self) -> Iterator[Failed]:
-        """Yield our functions and classes that the model replaced, and put them back."""
+        """Yield stiffbench functions and classes that the model replaced, and restore them."""
         for (module, name), ours in self._ours.items():
             if vars(sys.modules[module]).get(name) is not ours:
                 setattr(sys.modules[module], name, ours)
-                advice = "inherit from a class of ours, or wrap its function"
+                advice = "inherit from a stiffbench class, or wrap its function"
                 yield Failed(f"replaces {module}.{name}", advice)
 
     def _watched(self, work: Callable[[], Any]) -> Any:
-        """Do `work` and note what it prints and which global random states it moves."""
+        """Call `work` and record its output and changed global random states."""
         before, printed = _random_states(), io.StringIO()
         try:
             with redirect_stdout(printed), warnings.catch_warnings():
@@ -188,9 +188,9 @@ class CheckedModel:
                 self.side_effects.append(Failed(effect, FROM_SEED))
 
 
-def loud(samples: Samples) -> Samples:
-    """Return samples with deflections that are `LOUD` times as large."""
-    return replace(samples, deflection=LOUD * samples.deflection)
+def inflated(samples: Samples) -> Samples:
+    """Return samples with deflections multiplied by `INFLATION`."""
+    return replace(samples, deflection=INFLATION * samples.deflection)
 
 
 def _options(model: StiffnessModel) -> dict[str, str]:
@@ -199,7 +199,7 @@ def _options(model: StiffnessModel) -> dict[str, str]:
 
 
 def _our_functions() -> dict[tuple[str, str], object]:
-    """Return the functions and classes that our modules use, by module and name."""
+    """Return the functions and classes in stiffbench modules, by module and name."""
     return {
         (module, name): value
         for module, content in list(sys.modules.items())
@@ -210,10 +210,10 @@ def _our_functions() -> dict[tuple[str, str], object]:
 
 
 def _random_states() -> dict[str, object]:
-    """Return the global random states by name; torch's only where somebody imported it."""
-    kind, keys, *rest = np.random.get_state(legacy=True)  # noqa: NPY002
+    """Return the global random states by name; torch's only if it is imported."""
+    kind, keys, *state_parts = np.random.get_state(legacy=True)  # noqa: NPY002
     states: dict[str, object] = {
-        "numpy.random": (kind, np.asarray(keys).tobytes(), *rest),
+        "numpy.random": (kind, np.asarray(keys).tobytes(), *state_parts),
         "random": random.getstate(),
     }
     torch = sys.modules.get("torch")

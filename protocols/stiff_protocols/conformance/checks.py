@@ -1,8 +1,8 @@
-"""Run checks, and report what was found and how to fix it.
+"""Run checks, and report findings and how to fix them.
 
-The checks of a subject are the public methods of its class, in their order. A method's name is what
-must hold, its docstring how to fix what does not. It returns what there is to report, if anything;
-it raises NotApplicable, Failed, or whatever the checked code raises, which is a failure too.
+The checks of a subject are the public methods of its class, in their order. A method's name states
+the requirement; its docstring states the fix. A method returns a finding to report, or nothing. It
+raises NotApplicable or Failed. Any error of the checked code is also a failure.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Result = TypeVar("Result")
 
 
 class NotApplicable(Exception):
-    """The check does not apply; its message says why."""
+    """The check does not apply; the message is the reason."""
 
 
 class Failed(Exception):
-    """The check failed; `advice` says how to fix it, "" for the docstring of the check."""
+    """The check failed; `advice` is the fix, "" for the docstring of the check."""
 
     def __init__(self, reason: str, advice: str = "") -> None:
         super().__init__(reason)
@@ -37,10 +37,10 @@ class Check:
     """Result of one check.
 
     Attributes:
-        name: what must hold.
+        name: requirement.
         status: "passed", "failed" or "not applicable".
-        reason: what was found; may be "".
-        advice: how to fix a failed check; may be "".
+        reason: finding; may be "".
+        advice: fix of a failed check; may be "".
     """
 
     name: str
@@ -54,9 +54,9 @@ class Check:
 
 
 def remembered(work: Callable[..., Result]) -> Callable[..., Result]:
-    """Compute a method once for each of its arguments; its error is raised again.
+    """Compute a method once per set of arguments; its error is raised again.
 
-    All arguments are given, or none.
+    Give all arguments, or none.
     """
     defaults = getattr(work, "__defaults__", None) or ()
 
@@ -79,9 +79,9 @@ def remembered(work: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def run_checks(subject: object) -> list[Check]:
-    """Run the checks of a subject; what the checked code raises is a failure.
+    """Run the checks of a subject; any error of the checked code is a failure.
 
-    An error that several checks meet is reported by the first; the others are not applicable.
+    The first check reports an error that occurs in several checks; the others are not applicable.
     """
     results = []
     first_check: dict[int, tuple[BaseException, str]] = {}  # by id, of errors that are kept alive
@@ -105,7 +105,7 @@ def run_checks(subject: object) -> list[Check]:
 
 
 def _failed(name: str, error: BaseException, advice: str) -> Check:
-    """Our own errors speak for themselves, others need type and place."""
+    """Return a failed check; errors of other libraries get type and place."""
     if isinstance(error, Failed | StiffBenchError):
         return Check(name, "failed", str(error), getattr(error, "advice", "") or advice)
     place = traceback.extract_tb(error.__traceback__)[-1]

@@ -26,12 +26,12 @@ SMALLEST_DEFLECTION, LARGEST_DEFLECTION = 1e-9, 1.0  # m
 
 
 def check_dataset(make: Callable[[], StiffnessDataset]) -> list[Check]:
-    """Check what a data set loads, twice; `make` returns a new one with its options."""
+    """Check the data of a data set, loaded twice; `make` returns a new data set."""
     return run_checks(DatasetChecks(make))
 
 
 def check_protocol(make: Callable[[], object], data: BenchmarkData) -> list[Check]:
-    """Check how a protocol divides samples; `make` returns a new one with its options."""
+    """Check a protocol's splits of samples; `make` returns a new protocol."""
     return run_checks(ProtocolChecks(make, data))
 
 
@@ -43,45 +43,45 @@ class DatasetChecks:
 
     @remembered
     def _loaded(self, time: str = "first") -> BenchmarkData:
-        """Return what a new data set loads."""
+        """Return the data of a new data set."""
         data = self._make().load()
         if not isinstance(data, BenchmarkData):
             raise Failed(f"load returned {type(data).__name__}, expected BenchmarkData")
         return data
 
     def loading_twice_gives_the_same_samples(self) -> str:
-        """Draw all chance from an option `seed`, and return BenchmarkData(samples, robot)."""
+        """Draw all random numbers from an option `seed`; return BenchmarkData(samples, robot)."""
         first, second = self._loaded(), self._loaded("second")
         if first.sha256 != second.sha256:
             raise Failed(f"sha256 {first.sha256[:12]} and {second.sha256[:12]}")
         return f"{len(first.samples)} samples of {first.robot.name}, sha256 {first.sha256[:12]}"
 
     def values_are_in_rad_N_Nm_and_m(self) -> str:
-        """Convert units where the file is read."""
+        """Convert units when the file is read."""
         samples, turns = self._loaded().samples, self._loaded().robot.turns
         angle, wrench, deflection = (
             float(np.abs(values).max(initial=0.0))
             for values in (samples.q[:, turns], samples.wrench, samples.deflection)
         )
         if angle > LARGEST_ANGLE:
-            raise Failed(f"a joint angle of {angle:g} rad; is it in deg?")
+            raise Failed(f"a joint angle of {angle:g} rad; check that it is not in deg")
         if wrench > LARGEST_WRENCH:
             raise Failed(f"a wrench component of {wrench:g} N or N m")
         if not SMALLEST_DEFLECTION <= deflection <= LARGEST_DEFLECTION:
-            raise Failed(f"the largest deflection is {deflection:g} m; is it in mm?")
+            raise Failed(f"the largest deflection is {deflection:g} m; check that it is not in mm")
         return f"wrench up to {wrench:.3g} N or N m, deflection up to {1e3 * deflection:.3g} mm"
 
     def a_robot_that_answers_new_poses_is_the_one_that_was_measured(self) -> str:
-        """Let under_load(q, wrench) return that robot's (n, 3) deflection [m], always the same."""
+        """Return the same robot's (n, 3) deflection [m] from each under_load(q, wrench)."""
         samples, under_load = self._loaded().samples, self._loaded().under_load
         if under_load is None:
-            raise NotApplicable("answers no new poses")
+            raise NotApplicable("does not measure new poses")
         measured = samples.deflection
         first, second = (np.asarray(under_load(samples.q, samples.wrench)) for _ in range(2))
         if first.shape != measured.shape or not np.isfinite(first).all():
             raise Failed(f"shape {first.shape}, expected {measured.shape} finite numbers")
         if not np.array_equal(first, second):
-            raise Failed("the same poses gave other deflections")
+            raise Failed("the same poses gave different deflections")
         share = float(np.sum((measured - first) ** 2) / np.sum(measured**2))
         if share > MOST_UNEXPLAINED:
             raise Failed(f"{share:.0%} of the squared deflection is not explained by its answers")
@@ -89,14 +89,14 @@ class DatasetChecks:
 
 
 class ProtocolChecks:
-    """The checks of a protocol, in their order, on a small data set that it prepares."""
+    """The checks of a protocol, in their order, on a small data set prepared by it."""
 
     def __init__(self, make: Callable[[], object], data: BenchmarkData) -> None:
         self._data, self._protocol = data, completed(make())
 
     @remembered
     def _samples(self) -> Samples:
-        """Return the samples that are divided, as the protocol prepared them."""
+        """Return the samples to divide, as prepared by the protocol."""
         try:
             return self._protocol.prepared(self._data).samples
         except StiffBenchError as error:
@@ -107,14 +107,14 @@ class ProtocolChecks:
         return self._divide(self._samples())
 
     def _divide(self, samples: Samples) -> Sequence[Split]:
-        """Return the divisions of these samples or others."""
+        """Return the splits of any samples."""
         try:
             return self._protocol.splits(samples, n_splits=None, seed=0)
         except StiffBenchError as error:
             raise _other_data(error, "that it can divide") from error
 
     def _hashes(self, samples: Samples) -> list[tuple[str, str]]:
-        """Return condition and hash of each division of these samples."""
+        """Return condition and hash of each split of these samples."""
         self._splits()
         return [(split.condition, split.sha256) for split in self._divide(samples)]
 
@@ -140,7 +140,7 @@ class ProtocolChecks:
         splits, samples = self._splits(), self._samples()
         points = np.flatnonzero(samples.group == PATH_GROUP)
         if not len(points):
-            raise NotApplicable("adds no tool paths")
+            raise NotApplicable("does not add tool paths")
         for split in splits:
             if not np.array_equal(np.sort(split.reported), points):
                 raise Failed(
@@ -149,21 +149,21 @@ class ProtocolChecks:
         return f"{len(points)} points of {len(np.unique(samples.pose_id[points]))} paths"
 
     def the_same_seed_gives_the_same_splits(self) -> None:
-        """Draw all chance from `seed`."""
+        """Draw all random numbers from `seed`."""
         if self._hashes(self._samples()) != self._hashes(self._samples()):
-            raise Failed("the same seed gave other splits")
+            raise Failed("the same seed gave different splits")
 
     def the_division_does_not_look_at_deflections(self) -> None:
-        """Divide by poses, loads and groups alone."""
+        """Divide only by poses, loads and groups."""
         samples = self._samples()
         turned = replace(samples, deflection=samples.deflection[::-1])
         if self._hashes(samples) != self._hashes(turned):
-            raise Failed("other deflections gave other splits")
+            raise Failed("other deflections gave different splits")
 
     def no_pose_is_parted(self) -> None:
         """Divide by samples.pose_id."""
         self._splits()
-        samples = self._samples()  # named as two loads a pose; points of tool paths keep theirs
+        samples = self._samples()  # renamed to two loads per pose, except points of tool paths
         pairs = np.array([f"P{row // 2}" for row in range(len(samples))])
         pose_id = np.where(samples.group == PATH_GROUP, samples.pose_id, pairs)
         splits = self._divide(replace(samples, pose_id=pose_id))
@@ -176,7 +176,7 @@ class ProtocolChecks:
         if parted:
             raise NotApplicable(
                 f"warning: {parted} of {len(splits)} splits test a pose that was trained on; such "
-                "results are optimistic where a pose has several loads"
+                "results are optimistic if a pose has several loads"
             )
 
 

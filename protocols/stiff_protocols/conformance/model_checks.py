@@ -1,4 +1,4 @@
-"""Checks of a model: what must hold before its row in a table means anything."""
+"""Checks of a model: requirements for a valid row in a table."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError as SklearnNotFittedError
 
-from stiff_protocols.conformance.checked_model import LOUD, SMALLEST, CheckedModel, loud
+from stiff_protocols.conformance.checked_model import INFLATION, SMALLEST, CheckedModel, inflated
 from stiff_protocols.conformance.checks import Check, Failed, NotApplicable, run_checks
 from stiff_protocols.contract.errors import NotFittedError, NotSavable
 from stiff_protocols.contract.stiffness_model import StiffnessModel, offers
@@ -23,9 +23,9 @@ from stiff_protocols.scoring.sanity import check_units
 ROUNDING = 1e-5
 """Share of the largest prediction by which single precision may change with the batch size."""
 NEAR_BAIT = 0.5
-"""A share of their size: no model comes nearer to deflections that follow from nothing."""
+"""Share of their size: no model predicts random deflections with a smaller error."""
 GROWN = 10.0
-"""So many times the size, and large labels have been learned from."""
+"""Factor of growth that shows that a model learned from large labels."""
 COVERAGES = (0.5, 0.95)
 
 
@@ -39,15 +39,15 @@ def check_model(
 ) -> list[Check]:
     """Check a model on a small data set.
 
-    It is fitted four times, five times if it uses validation rows, and once or twice more where
-    fits are the same that should differ, or differ that should be the same.
+    It is fitted four times, or five times if it uses validation rows. One or two more fits follow
+    if fits are unexpectedly equal or different.
 
     Args:
-        make: returns a new model with the options to be checked; the class itself will do.
-        data: at least 10 samples (else a DataError), of which 48 at most are used, and their robot.
+        make: function that returns a new model with the options to check, such as the class.
+        data: at least 10 samples (else a DataError) with their robot; at most 48 are used.
         uses_validation: as in the model's `ModelInfo`.
-        save: writes a fitted model to a file; None: the model's own `save`, if it has one.
-        load: reads a file that was saved so (`stiff_models.load`); None: the round trip is not
+        save: function that writes a fitted model to a file; None: the model's own `save`, if any.
+        load: function that reads such a file (`stiff_models.load`); None: the round trip is not
             checked.
     """
     model = ModelChecks(make, data, uses_validation=uses_validation, save=save, load=load)
@@ -55,7 +55,7 @@ def check_model(
 
 
 class ModelChecks(CheckedModel):
-    """The checks, in their order; the first of them that needs a fit or a prediction reports it."""
+    """The checks, in their order; the first check of a fit or a prediction reports its error."""
 
     def the_constructor_takes_keywords_and_only_stores_them(self) -> None:
         """Leave checks and conversions to fit."""
@@ -64,7 +64,7 @@ class ModelChecks(CheckedModel):
         loose = [p.name for p in parameters if p.kind is not inspect.Parameter.KEYWORD_ONLY]
         if loose:
             raise Failed(
-                f"{', '.join(loose)} can be given without a name",
+                f"{', '.join(loose)} can be passed without a name",
                 "write def __init__(self, *, ...): with a star before the first option",
             )
         given = {name: object() for name in made.get_params(deep=False)}  # only assigned: kept
@@ -72,15 +72,17 @@ class ModelChecks(CheckedModel):
         if changed := [name for name in given if getattr(made, name, None) is not given[name]]:
             raise Failed(f"{', '.join(changed)} not stored as given")
         if early := [name for name in vars(made) if name.endswith("_") and name[0] != "_"]:
-            raise Failed(f"{', '.join(early)} is there before fit")
+            raise Failed(f"{', '.join(early)} exists before fit")
 
     def clone_gives_the_options_back(self) -> None:
         """Inherit sklearn.base.BaseEstimator and store every option under its own name."""
         made = self.new()
         params = made.get_params(deep=False)
-        wanted = set(inspect.signature(type(made)).parameters)
-        if set(params) != wanted:
-            raise Failed(f"get_params names {sorted(params)}, the constructor {sorted(wanted)}")
+        option_names = set(inspect.signature(type(made)).parameters)
+        if set(params) != option_names:
+            raise Failed(
+                f"get_params names {sorted(params)}, the constructor {sorted(option_names)}"
+            )
         if made.set_params(**params) is not made:
             raise Failed("set_params does not return the model")
         copied = clone(made).get_params(deep=False)
@@ -110,7 +112,7 @@ class ModelChecks(CheckedModel):
         raise Failed("returned numbers")
 
     def fit_learns_from_measured_rows_and_returns_the_model(self) -> str:
-        """Find the exception of your fit: call fit in Python to see where it comes from."""
+        """Find the exception of your fit: call fit in Python to see its origin."""
         self.fitted()
         if self.fit_faults:
             raise self.fit_faults[0]
@@ -118,7 +120,7 @@ class ModelChecks(CheckedModel):
         return f"{len(self.train)} training and {n_validation} validation rows"
 
     def predict_returns_finite_numbers_in_metres(self) -> str:
-        """Return a float64 array (n, 3), one row a sample: x, y, z, in m as train.deflection."""
+        """Return a float64 array (n, 3), one row per sample: x, y, z in m, as train.deflection."""
         if self.predicted().dtype.kind != "f":
             raise Failed(f"predict returned {self.predicted().dtype}, expected float64")
         predicted = self.predict(self.fitted(), self.train.q, self.train.wrench)
@@ -126,46 +128,48 @@ class ModelChecks(CheckedModel):
         return f"{len(self.test)} rows"
 
     def predictions_come_from_what_the_model_was_given(self) -> None:
-        """Predict from q, wrench and what fit has learned; a run holds test deflections apart."""
+        """Predict from q, wrench and fitted attributes; a run keeps test deflections separate."""
         predicted, bait, measured = self.predicted(), self.test.deflection, self.measured
         is_bait = _size(predicted - bait) < NEAR_BAIT * _size(bait)
         if is_bait or (measured.any() and np.array_equal(predicted, measured)):
-            raise Failed("predict returns the deflections of the test rows, which it was not given")
+            raise Failed(
+                "predict returns the deflections of the test rows, which are not its input"
+            )
 
     def a_prediction_does_not_depend_on_the_other_rows(self) -> None:
-        """Take means, scales and neighbours in fit from train, never in predict: that is a leak."""
+        """Compute means, scales and neighbours in fit from train; in predict it is a leak."""
         fitted = self.fitted()
         self._see_no_neighbours("a row", lambda q, wrench: self.predict(fitted, q, wrench))
 
     def predicting_twice_gives_the_same_numbers(self) -> None:
-        """Leave chance to fit; switch a network to eval mode."""
+        """Use random numbers only in fit; switch a network to eval mode."""
         _same("the second prediction", self.predicted(), self.predict_test(self.fitted()))
 
     def the_same_seed_gives_the_same_model(self) -> None:
-        """Draw all chance from `seed`: rng = np.random.default_rng(seed)."""
+        """Draw all random numbers from `seed`: rng = np.random.default_rng(seed)."""
         first, again = self.predicted(), self.predicted("train", "validation")
-        if not np.array_equal(first, again):  # is it chance, or validation rows?
+        if not np.array_equal(first, again):  # due to randomness, or to validation rows
             again = self.predicted_again()
         _same("a second model", first, again)
 
     def validation_rows_are_not_learned_from(self) -> str:
-        """Ignore `validation`, or say uses_validation=True in the ModelInfo."""
+        """Ignore `validation`, or set uses_validation=True in the ModelInfo."""
         self.predicted()
         if not self.uses_validation:
-            beside = self.predicted("train", "validation")
-            self._same_unless_by_chance("fitted with validation rows, it", beside)
+            with_validation = self.predicted("train", "validation")
+            self._same_unless_by_chance("fitted with validation rows, it", with_validation)
             return ""
-        first, other = self.fitted(), self.fitted("other", "loud")
-        predicted = self.predict(other, self.other.q, self.other.wrench)
+        first, other_model = self.fitted(), self.fitted("other", "loud")
+        predicted = self.predict(other_model, self.other.q, self.other.wrench)
         times = _size(predicted) / max(_size(self.other.deflection), SMALLEST)
         symptom = f"it predicts its training rows {times:.0f} times too large"
         if times <= GROWN and offers(first, "predict_interval"):
-            times = self._width(other) / max(self._width(first), SMALLEST)
+            times = self._width(other_model) / max(self._width(first), SMALLEST)
             symptom = f"its intervals are {times:.0f} times as wide"
         if times > GROWN:
             raise Failed(
-                f"with validation deflections x {LOUD:g} {symptom}",
-                "let validation rows choose an epoch, and fit every number to train alone",
+                f"with validation deflections x {INFLATION:g} {symptom}",
+                "let validation rows choose an epoch, and fit every number only to train",
             )
         return "they choose an epoch"
 
@@ -175,20 +179,20 @@ class ModelChecks(CheckedModel):
         self.predicted("other", "none")
 
     def a_fit_learns_from_its_own_rows(self) -> None:
-        """Let a fit that is remembered be remembered by its rows too, not by its seed alone."""
+        """Cache a fit by its rows and its seed, not only by its seed."""
         first, elsewhere = self.predicted(), [self.predicted("other", "none")]
-        if self.uses_validation:  # a kept answer may go by whether there are validation rows
+        if self.uses_validation:  # a cached fit may depend on whether there are validation rows
             elsewhere.append(self.predicted("other", "loud"))
-        if not any(np.array_equal(first, other) for other in elsewhere):
+        if not any(np.array_equal(first, other_prediction) for other_prediction in elsewhere):
             return
         large = self.new()
-        self.fit(large, loud(self.other), self.parts["own"], seed=1)
+        self.fit(large, inflated(self.other), self.parts["own"], seed=1)
         if _size(self.predict_test(large)) > GROWN * _size(first):
             raise Failed("a new model that is fitted to other rows gives the numbers of the first")
-        raise NotApplicable("predicts the same whatever rows it is fitted to")
+        raise NotApplicable("predicts the same after a fit to other rows")
 
     def a_second_fit_forgets_the_first(self) -> None:
-        """Compute every attribute that ends in _ anew in fit."""
+        """Compute every attribute that ends in _ again in each fit."""
         self.predicted()
         self.predicted("other", "none")
         refitted = self.fitted("other", "none")
@@ -197,22 +201,22 @@ class ModelChecks(CheckedModel):
         self._same_unless_by_chance(what, self.predict_test(refitted))
 
     def joint_angles_of_another_robot_are_refused(self) -> None:
-        """Keep the number of joints in fit and raise ValueError if q.shape[1] is another."""
+        """Store the number of joints in fit; raise ValueError if q.shape[1] differs."""
         self.predicted()
         q, wrench = self.test.q, self.test.wrench
-        for other in (q[:, :-1], np.hstack([q, q[:, :1]])):
+        for other_q in (q[:, :-1], np.hstack([q, q[:, :1]])):
             try:
-                self.answer(self.fitted(), other, wrench)
+                self.answer(self.fitted(), other_q, wrench)
             except Exception:
                 continue
-            raise Failed(f"numbers for {other.shape[1]} joints after a fit to {q.shape[1]}")
+            raise Failed(f"numbers for {other_q.shape[1]} joints after a fit to {q.shape[1]}")
 
     def no_load_gives_no_deflection(self) -> None:
         """Predict finite numbers."""
         self.predicted()
         unloaded = np.zeros_like(self.test.wrench)
         most = _size(self.predict(self.fitted(), self.test.q, unloaded))
-        if most > SMALLEST:  # so it is in physics; learners need not know it
+        if most > SMALLEST:  # physics requires it, learners need not follow it
             raise NotApplicable(f"predicts up to {1e3 * most:.3g} mm without load")
 
     def diagnostics_can_be_printed(self) -> str:
@@ -224,7 +228,7 @@ class ModelChecks(CheckedModel):
             raise Failed(f"diagnostics_ is a {type(fitted.diagnostics_).__name__}")
         for name, value in fitted.diagnostics_.items():
             if not isinstance(name, str):
-                raise Failed(f"{name!r} is no name")
+                raise Failed(f"{name!r} is not a text")
             float(value)
         return f"{len(fitted.diagnostics_)} numbers"
 
@@ -233,36 +237,34 @@ class ModelChecks(CheckedModel):
         fitted, n = self._with_intervals(), len(self.test)
         widths = []
         for coverage in COVERAGES:
-            found = self.interval(fitted, self.test.q, self.test.wrench, coverage)
-            if found.lower.shape != (n, 3) or found.coverage != coverage:
+            interval = self.interval(fitted, self.test.q, self.test.wrench, coverage)
+            if interval.lower.shape != (n, 3) or interval.coverage != coverage:
                 raise Failed(
-                    f"interval of shape {found.lower.shape} and coverage {found.coverage}, "
+                    f"interval of shape {interval.lower.shape} and coverage {interval.coverage}, "
                     f"expected ({n}, 3) and {coverage}"
                 )
-            widths.append(found.upper - found.lower)
+            widths.append(interval.upper - interval.lower)
         if (widths[1] < widths[0]).any():
-            raise Failed("an interval of coverage 0.95 is narrower than that of 0.5")
+            raise Failed("an interval of coverage 0.95 is narrower than the interval of 0.5")
 
     def an_interval_does_not_depend_on_the_other_rows(self) -> None:
-        """Take scales and quantiles in fit from train; in predict_interval that is a leak."""
+        """Compute scales and quantiles in fit from train; in predict_interval it is a leak."""
         fitted = self._with_intervals()
 
         def around(q: FloatArray, wrench: FloatArray) -> FloatArray:
-            # about the predictions, which are another check's
-            found = self.interval(fitted, q, wrench, COVERAGES[0])
+            # relative to the predictions, which another check covers
+            interval = self.interval(fitted, q, wrench, COVERAGES[0])
             middle = self.predict(fitted, q, wrench)
-            return np.hstack([found.lower - middle, found.upper - middle])
+            return np.hstack([interval.lower - middle, interval.upper - middle])
 
         self._see_no_neighbours("an interval", around)
 
     def save_and_load_give_the_same_numbers(self) -> None:
-        """Keep what predict needs in attributes that end in _."""
+        """Store everything that predict needs in attributes that end in _."""
         fitted = self.fitted()
         save = self.save or (type(fitted).save if offers(fitted, "save") else None)
         if self.load is None or save is None:
-            raise NotApplicable(
-                "not checked here; `bench check` saves and loads as `bench fit` does"
-            )
+            raise NotApplicable("not checked here; `bench check` saves and loads like `bench fit`")
         first = self.predicted()
         with TemporaryDirectory() as folder:
             path = Path(folder) / "model.stiff"
@@ -275,33 +277,35 @@ class ModelChecks(CheckedModel):
 
     def fit_and_predict_touch_nothing_else(self) -> None:
         """Keep changes to the model itself."""
-        self.predicted()  # this check is the last, when there is something to have been seen
+        self.predicted()  # this check is the last, after all fits and predictions
         if effects := [*self.side_effects, *self.replaced_functions()]:
             raise effects[0]
 
-    def _same_unless_by_chance(self, what: str, other: FloatArray) -> None:
-        """See that this is the first fit's prediction, where another like it gives the same."""
+    def _same_unless_by_chance(self, what: str, prediction: FloatArray) -> None:
+        """Compare a prediction with the first fit's, if equal fits give equal predictions."""
         first = self.predicted()
-        if not np.array_equal(first, other) and not np.array_equal(first, self.predicted_again()):
-            raise NotApplicable("no two of its fits are the same")
-        _same(what, first, other)
+        if not np.array_equal(first, prediction) and not np.array_equal(
+            first, self.predicted_again()
+        ):
+            raise NotApplicable("its fits differ from each other")
+        _same(what, first, prediction)
 
     def _see_no_neighbours(
         self, what: str, predict: Callable[[FloatArray, FloatArray], FloatArray]
     ) -> None:
-        """Predict the test rows one by one and in reverse order: a row must not see the others.
+        """Check that predictions one by one and in reverse order are equal.
 
-        `predict` returns (n, k) m of n rows.
+        `predict` returns (n, k) m for n rows.
         """
         self.predicted()
         q, wrench = self.test.q, self.test.wrench
         together = predict(q, wrench)
-        alone = np.concatenate([predict(q[i : i + 1], wrench[i : i + 1]) for i in range(len(q))])
+        single = np.concatenate([predict(q[i : i + 1], wrench[i : i + 1]) for i in range(len(q))])
         backwards = predict(q[::-1], wrench[::-1])[::-1]
-        for how, other in (("alone", alone), ("in reverse order", backwards)):
-            far = _size(other - together)
+        for order, prediction in (("one by one", single), ("in reverse order", backwards)):
+            far = _size(prediction - together)
             if far > SMALLEST + ROUNDING * _size(together):
-                raise Failed(f"{what} predicted {how} differs by up to {1e3 * far:.3g} mm")
+                raise Failed(f"{what} predicted {order} differs by up to {1e3 * far:.3g} mm")
 
     def _with_intervals(self) -> StiffnessModel:
         fitted = self.fitted()
@@ -311,8 +315,8 @@ class ModelChecks(CheckedModel):
         return fitted
 
     def _width(self, fitted: StiffnessModel) -> float:
-        found = self.interval(fitted, self.test.q, self.test.wrench, 0.9)
-        return float(np.median(found.upper - found.lower))
+        interval = self.interval(fitted, self.test.q, self.test.wrench, 0.9)
+        return float(np.median(interval.upper - interval.lower))
 
 
 def _same(what: str, first: FloatArray, second: FloatArray) -> None:

@@ -1,1 +1,1 @@
-"""What the packages agree on: types, errors, interfaces, records."""
+"""Common types, errors, interfaces and records of the packages."""

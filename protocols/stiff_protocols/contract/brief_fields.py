@@ -1,4 +1,4 @@
-"""Dataclasses that show their fields in a line, arrays by their shape."""
+"""Print dataclasses in one line, with arrays as shapes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class _Brief(reprlib.Repr):
 
 
 class BriefFields:
-    """Show the fields of a dataclass (with `repr=False`) in a line, arrays by their shape."""
+    """Mixin: print a dataclass (with `repr=False`) in one line, with arrays as shapes."""
 
     def __repr__(self) -> str:
         brief = _Brief()

@@ -1,8 +1,8 @@
 """Joint angles and frames of a robot's controller, and of its description (URDF).
 
-A controller counts joints from other zeros or with other signs than a URDF, FANUC's counts J3 from
-the ground, and its world and flange frames may be turned or shifted. A program holds the
-controller's numbers, a model the description's.
+A controller may use other zeros or signs of joints than a URDF. FANUC's controllers count J3 from
+the ground. World and flange frames may be turned or shifted. Programs use the controller's numbers,
+models the description's.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Controller(BriefFields):
         if (np.abs(self.signs) != 1.0).any():
             raise DataError(f"controller: signs are {self.signs.tolist()} (valid: 1 and -1)")
         if self.j3_from_ground and len(self.signs) < 3:
-            raise DataError("controller: j3_from_ground needs at least three joints")
+            raise DataError("controller: j3_from_ground requires at least three joints")
         for name in ("world", "flange"):
             turn = getattr(self, name)[:3, :3]
             if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0.0:
@@ -48,7 +48,7 @@ class Controller(BriefFields):
 
     @classmethod
     def same_as_description(cls, n_joints: int) -> Controller:
-        """Return the mapping of a controller that counts as the description does."""
+        """Return the mapping of a controller with the description's numbers."""
         return cls(np.ones(n_joints), np.zeros(n_joints), np.eye(4), np.eye(4))
 
     def to_description(self, angles: FloatArray) -> FloatArray:

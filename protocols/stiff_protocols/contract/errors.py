@@ -1,4 +1,4 @@
-"""The one root of every error that stiffbench raises on purpose, and its few children."""
+"""The base class of all errors that stiffbench raises on purpose, and its subclasses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class StiffBenchError(Exception):
     """Something the user can fix; the message names the thing, its value and what is valid.
 
     Attributes:
-        argument: that is wrong, "" for none: the text begins with it, and on the command line with
+        argument: wrong argument, or "". The text begins with it; on the command line it begins with
             the option of this name.
     """
 
@@ -33,11 +33,11 @@ class ConfigError(StiffBenchError):
 
 
 class DataError(StiffBenchError):
-    """A file of samples, a robot description or an array cannot be what it claims to be."""
+    """A file of samples, a robot description or an array is not valid."""
 
 
 class ModelError(StiffBenchError):
-    """A model cannot be fitted or returned something that is no prediction."""
+    """A model cannot be fitted, or its prediction is not valid."""
 
 
 class NotFittedError(ModelError):
@@ -45,7 +45,7 @@ class NotFittedError(ModelError):
 
 
 class TooFewToCalibrate(ModelError):
-    """The training side is too small for intervals of the coverage that was asked for."""
+    """The training side is too small for intervals of the requested coverage."""
 
 
 class StoreError(StiffBenchError):
@@ -53,20 +53,20 @@ class StoreError(StiffBenchError):
 
 
 class NotSavable(StoreError):
-    """The model has no form that can be written without pickle or another's licence."""
+    """The model cannot be written without pickle or a third-party licence."""
 
 
 class StiffBenchWarning(UserWarning):
-    """A finding that does not stop a run but must stand beside its result."""
+    """A finding that does not stop a run but must be shown with its result."""
 
 
 def warn(finding: str, stacklevel: int = 2) -> None:
-    """Warn the user, with `StiffBenchWarning`; `stacklevel` counts as of `warnings.warn`."""
+    """Warn the user with `StiffBenchWarning`; `stacklevel` counts as in `warnings.warn`."""
     warnings.warn(finding, StiffBenchWarning, stacklevel=stacklevel + 1)
 
 
 def said_by(error: BaseException) -> str:
-    """Return an error's type and message, whatever a stranger's class does when it is asked."""
+    """Return an error's type and message, even if a third-party class fails to give it."""
     try:
         return f"{type(error).__name__}: {error}"
     except Exception:
@@ -74,20 +74,20 @@ def said_by(error: BaseException) -> str:
 
 
 def unsupported_extension(path: PurePath, valid: Iterable[str], argument: str = "") -> ConfigError:
-    """Return the error for a file to write whose extension names no valid format."""
+    """Return the error for an output file with an unsupported extension."""
     extension = path.suffix or "none"
     text = f"{path}: unsupported extension {extension} (use {' or '.join(valid)})"
     return ConfigError(text, argument)
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str], listed: str = "") -> ConfigError:
-    """Return the error for a name that is not registered, with the nearest valid one.
+    """Return the error for an unregistered name, with the nearest valid name.
 
-    `kind` is what the name should have been, e.g. "model"; `valid` all names that would do.
-    `listed` is the text for them where they are too many for a message.
+    `kind` is the kind of the name, e.g. "model"; `valid` are all valid names. `listed` replaces
+    their list in the message if they are too many.
     """
     names = sorted(valid)
-    lower = {one.lower(): one for one in names}
+    lower = {valid_name.lower(): valid_name for valid_name in names}
     near = difflib.get_close_matches(name.lower(), lower, n=1)
     hint = f"; did you mean {lower[near[0]]!r}?" if near else ""
     text = listed or ", ".join(names) or "none"

@@ -1,4 +1,4 @@
-"""What passes between a protocol and the engine: a division, as model and scorer see it."""
+"""Data between a protocol and the engine: a split, as input of model and scorer."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ MakeProtocol = Callable[[], EvaluationProtocol]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FitInput:
-    """Everything that a fit sees and is asked: no deflection that it is scored on.
+    """Input of a fit and its prediction, without deflections of scored rows.
 
     Attributes:
         train, validation: samples to learn from, and samples that may choose an epoch.
-        robot: the robot that was measured.
-        q, wrench: (n, n_joints) rad or m and (n, 6) N and N m of the reported rows, as the model
-            is told.
-        seed: of the model.
+        robot: measured robot.
+        q, wrench: (n, n_joints) rad or m and (n, 6) N and N m of the reported rows, as given to the
+            model.
+        seed: seed of the model.
         coverage: nominal coverage of its intervals; None: no intervals.
-        source: data of another robot or specimen that it may learn from; None: no such data.
-        make_protocol: makes the protocol. A new object serves the fit: what an older one
-            remembers of the data is not for the model.
-        path_q, path_wrench: points of tool paths whose commands the model corrects beside, as `q`
-            and `wrench`; None: it corrects none.
+        source: data of another robot or specimen to learn from; None: no such data.
+        make_protocol: function that makes the protocol. The fit uses a new object, because an older
+            object may store data that the model must not use.
+        path_q, path_wrench: points of tool paths whose commands the model also corrects, like `q`
+            and `wrench`; None: no tool paths.
     """
 
     train: Samples
@@ -56,14 +56,14 @@ class FitInput:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Evaluation:
-    """One division of a data set under a protocol. It holds the truth: no model's process has it.
+    """A split of a data set under a protocol, with the truth. Models' processes never get it.
 
     Attributes:
-        make_protocol: makes the protocol with its options; it can be pickled.
-        data: the whole data set, as the protocol prepared it.
-        split: row numbers of the division.
-        source: data of the other robot or specimen that simulated source domains come from; None:
-            the training rows.
+        make_protocol: function that makes the protocol with its options; it can be pickled.
+        data: whole data set, as prepared by the protocol.
+        split: row numbers of the split.
+        source: data of another robot or specimen for simulated source domains; None: the training
+            rows.
     """
 
     make_protocol: MakeProtocol
@@ -78,11 +78,11 @@ class Evaluation:
 
     @property
     def training_rows(self) -> IntArray:
-        """Rows of the training side, with those that choose an epoch unless they are test rows."""
+        """Rows of the training side, with validation rows unless they are test rows."""
         return _training_rows(self.split, self.protocol.selects_on_test)
 
     def fit_input(self, *, chooses_epoch: bool, seed: int, coverage: float | None) -> FitInput:
-        """Return what the fit of a model sees and is asked."""
+        """Return the input of a model's fit."""
         samples, paths = self.data.samples, self.data.paths
         train, validation = training_side(
             samples,
@@ -119,12 +119,12 @@ class Evaluation:
         interval: Interval | None,
         reference: FloatArray | None,
     ) -> Prediction:
-        """Return what is scored, with the measured deflections: they are looked at last.
+        """Return the scored values with the measured deflections, which are read last.
 
         Args:
             predicted: (n, 3) m, at the (n, n_joints) commands.
             commands: (n, n_joints) rad or m, as `EvaluationProtocol.commanded` returned them.
-            interval: of the predictions; it moves with them.
+            interval: interval of the predictions; it moves with them.
             reference: (n, 3) m, scored values of the reference model; None: it cannot be fitted.
         """
         rows, samples = self.split.reported, self.data.samples
@@ -133,10 +133,14 @@ class Evaluation:
         if interval is not None and values is not predicted:
             shift = values - predicted
             interval = Interval(interval.lower + shift, interval.upper + shift, interval.coverage)
-        # a simulation knows nothing of loads that it never had
+        # a simulation has no true values for other loads
         as_measured = np.array_equal(self.split.told_wrench(samples), samples.wrench[rows])
-        known = {name: one[rows] for name, one in self.data.known.items()} if as_measured else {}
-        return Prediction(rows, values, measured, interval, reference, known)
+        known_deflections = (
+            {name: deflection[rows] for name, deflection in self.data.known.items()}
+            if as_measured
+            else {}
+        )
+        return Prediction(rows, values, measured, interval, reference, known_deflections)
 
 
 def training_side(
@@ -144,8 +148,8 @@ def training_side(
 ) -> tuple[Samples, Samples | None]:
     """Return training and validation samples of a model.
 
-    A model that chooses no epoch has no use for validation rows: it learns from the whole training
-    side instead. Validation rows that are test rows (`selects_on_test`) are never learned from.
+    A model that does not choose an epoch learns from the whole training side, with validation rows.
+    Validation rows that are test rows (`selects_on_test`) are never used for training.
     """
     if not chooses_epoch:
         return samples.take(_training_rows(split, selects_on_test)), None

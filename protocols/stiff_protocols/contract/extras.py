@@ -1,4 +1,4 @@
-"""Packages that only one optional feature needs: which extra of stiffbench installs each."""
+"""Optional packages, and the extra of stiffbench that installs each."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ EXTRAS = {
 
 
 def missing(*packages: str) -> str:
-    """Return why what needs these packages cannot be used; "" where they are installed.
+    """Return the reason why a feature with these packages cannot be used; "" if installed.
 
-    They are import names in `EXTRAS`. Nothing is imported, so that lists come at once.
+    They are import names in `EXTRAS`. Nothing is imported, so that lists appear at once.
     """
     absent = [name for name in packages if importlib.util.find_spec(name) is None]
     if not absent:
@@ -35,6 +35,6 @@ def missing(*packages: str) -> str:
 
 
 def require(feature: str, *packages: str) -> None:
-    """Raise ConfigError, which names the extra, where a package of the feature is missing."""
+    """Raise ConfigError with the missing extra if a package of the feature is missing."""
     if reason := missing(*packages):
         raise ConfigError(f"{feature} {reason}")

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Write files completely or not at all, and read settings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stiff_protocols.contract.errors import DataError, StiffBenchError, StoreErr
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder for output, with its parents; StoreError where that cannot be done."""
+    """Create an output folder with its parents; StoreError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -22,26 +22,24 @@ def make_folder(folder: Path) -> None:
 
 
 def check_new_file(path: Path) -> None:
-    """See that a file of data is a new one in a folder that is there, before the work is done.
-
-    Raises:
-        StoreError: it exists, or its folder does not.
-    """
+    """Raise StoreError, before the work, if a data file exists or its folder does not."""
     if path.exists():
         raise StoreError(
             f"{path}: exists and is not overwritten; give another name, or delete it first"
         )
     if not path.parent.is_dir():
-        raise StoreError(f"{path}: cannot be written: there is no folder {path.parent}")
+        raise StoreError(
+            f"{path}: cannot be written: the folder {path.parent} does not exist; create it first"
+        )
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Give the path of a temporary file beside `path`; rename it to `path` at the end.
+    """Yield the path of a temporary file next to `path`; rename it to `path` at the end.
 
-    Readers see the old file or the new one, never a part, after a power cut too. After an error or
-    an exception that stops the program, the old one stands and nothing else is left. StoreError:
-    the file cannot be written.
+    Readers see the old file or the new file, never a part, even after a power cut. After an error
+    or an exception that stops the program, only the old file is left. StoreError: the file cannot
+    be written.
     """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
     try:
@@ -57,7 +55,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 LARGEST = 2**16
-"""Bytes; `tomllib` takes the square of a long dotted key's parts."""
+"""Bytes; the time of `tomllib` grows with the square of a dotted key's parts."""
 
 
 def read_toml(
@@ -66,9 +64,9 @@ def read_toml(
     """Read a TOML file.
 
     Args:
-        path: of the file.
-        named: how the error names it; "": by its path.
-        error: that is raised where it cannot be read, or is no TOML, or larger than any settings.
+        path: path of the file.
+        named: name of the file in the error; "": its path.
+        error: error to raise if the file cannot be read, is not TOML, or is too large.
     """
     try:
         with path.open("rb") as file:

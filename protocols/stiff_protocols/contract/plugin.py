@@ -1,4 +1,4 @@
-"""The catalogue line of a model, a data set or a protocol.
+"""The catalogue entry of a model, a data set or a protocol.
 
 The target is "module:Class", imported only when the entry is used, or the class itself.
 """
@@ -13,12 +13,12 @@ from typing import Any
 from stiff_protocols.contract.errors import ConfigError
 
 DEFAULT_GRID = "default"
-"""Name of the grid that is searched where no other is asked for."""
+"""Name of the grid that is searched by default."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """All numbers from `low` to `high`, both included, whole ones where both are.
+    """All numbers from `low` to `high`, both included; integers if both are integers.
 
     With `log` they are drawn evenly on a logarithmic scale.
     """
@@ -28,8 +28,8 @@ class Range:
     log: bool = False
 
     @property
-    def whole(self) -> bool:
-        """Whether the option takes whole numbers."""
+    def is_integer(self) -> bool:
+        """True if the option takes integers."""
         return isinstance(self.low, int) and isinstance(self.high, int)
 
 
@@ -38,19 +38,19 @@ Grid = Mapping[str, Sequence[Any] | Range]
 
 
 def in_words(params: Mapping[str, Any]) -> str:
-    """Return options with their values for people."""
+    """Return options with their values as readable text."""
     return ", ".join(f"{name}={value}" for name, value in params.items())
 
 
 @dataclass(frozen=True, kw_only=True)
 class PluginInfo:
-    """What is common to every catalogue line.
+    """Common fields of every catalogue entry.
 
     Attributes:
-        key: the word used on the command line.
+        key: name on the command line.
         target: "module:Class", imported when it is used, or the class.
         summary: one line for `bench list`.
-        reference: where the definition comes from.
+        reference: source of the definition.
         missing_because: "module:function" that returns why the entry cannot be used here yet (data
             not fetched, an optional package not installed), or "".
     """
@@ -62,15 +62,18 @@ class PluginInfo:
     missing_because: str = ""
 
     def missing(self) -> str:
-        """Return why the entry cannot be used yet; "" where it can."""
+        """Return why the entry cannot be used yet; "" if it can."""
         return str(_imported(self.key, self.missing_because)()) if self.missing_because else ""
 
     def load(self) -> Any:
-        """Import and return the class; ConfigError where that fails."""
+        """Import and return the class; ConfigError if that fails."""
         if isinstance(self.target, type):
             return self.target
         if not isinstance(self.target, str):
-            raise ConfigError(f"{self.key!r}: {self.target!r} is no class and no module:Class")
+            raise ConfigError(
+                f"{self.key!r}: the target {self.target!r} is not valid (give a class or a text "
+                "module:Class)"
+            )
         return _imported(self.key, self.target)
 
 
@@ -78,7 +81,7 @@ def _imported(key: str, target: str) -> Any:
     module, _, name = target.partition(":")
     try:
         return getattr(importlib.import_module(module), name)
-    except (Exception, SystemExit) as error:  # whatever a stranger's module does on import
+    except (Exception, SystemExit) as error:  # third-party modules may raise anything on import
         raise ConfigError(
             f"{key!r}: cannot import {target!r}: {type(error).__name__}: {error}"
         ) from error
@@ -89,19 +92,19 @@ class ModelInfo(PluginInfo):
     """A model family.
 
     Attributes:
-        uses_validation: the model needs rows that choose an epoch. Where it does not, a
-            protocol's inner validation rows are given to it as training rows.
+        uses_validation: the model needs rows that choose an epoch. If not, it gets a protocol's
+            inner validation rows as training rows.
         quick: option values with which a fit takes seconds, for the conformance suite.
-        grids: name -> option -> candidates, for protocols that tune; "default" is searched where
-            no other is asked for.
-        version: raised by a change that changes the model's numbers; part of a cell's identity. A
-            plugin need not raise it: its own files are part of the identity too.
-        library: a distribution whose installed version belongs to the identity, because it is the
-            model; "" for none.
-        equation: of the predicted deflection d, in plain text; "" for none.
+        grids: name -> option -> candidates, for protocols that tune; "default" is searched by
+            default.
+        version: part of a cell's identity. Raise it with each change of the model's numbers. A
+            plugin need not raise it: its files are also part of the identity.
+        library: a distribution whose installed version belongs to the identity, because it
+            implements the model; "" for none.
+        equation: equation of the predicted deflection d, in plain text; "" for none.
 
     Raises:
-        ConfigError: `version` is no positive integer, or `library` no text.
+        ConfigError: `version` is not a positive integer, or `library` is not a text.
     """
 
     uses_validation: bool = False
@@ -114,24 +117,24 @@ class ModelInfo(PluginInfo):
     def __post_init__(self) -> None:
         if type(self.version) is not int or self.version < 1:
             raise ConfigError(
-                f"{self.key!r}: version {self.version!r} is no positive integer (valid: 1, 2, ...)"
+                f"{self.key!r}: version {self.version!r} is not valid (use 1, 2, ...)"
             )
         if not isinstance(self.library, str):
             raise ConfigError(
-                f"{self.key!r}: library {self.library!r} is no text (valid: the name of a "
+                f"{self.key!r}: library {self.library!r} is not a text (use the name of a "
                 "distribution, such as 'scikit-learn')"
             )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelFamily:
-    """A catalogue line for models without number whose keys have one beginning.
+    """A catalogue entry for any number of models whose keys have the same prefix.
 
     Attributes:
-        prefix: how the keys begin, e.g. "sklearn:".
+        prefix: beginning of the keys, e.g. "sklearn:".
         target: "module:function"; the function turns a key into its ModelInfo and raises
-            ConfigError for a key that names nothing.
-        example: a whole key.
+            ConfigError for an unknown key.
+        example: a complete key.
         summary: one line for `bench list`.
     """
 
@@ -141,9 +144,9 @@ class ModelFamily:
     summary: str
 
     def member(self, key: str) -> ModelInfo:
-        """Return the catalogue line of a key with this prefix; ConfigError where there is none."""
+        """Return the catalogue entry of a key with this prefix; ConfigError if unknown."""
         line = _imported(self.prefix, self.target)(key)
-        assert isinstance(line, ModelInfo)  # ours to keep: families are not plugins
+        assert isinstance(line, ModelInfo)  # families are built in, not plugins
         return line
 
 
@@ -154,9 +157,9 @@ class DatasetInfo(PluginInfo):
     Attributes:
         kind: "simulated" or "measured"; printed with every table.
         caveats: printed under every table that contains the data set.
-        published: name of the table in `results/published` that belongs beneath; "" for none.
+        published: name of the table in `results/published` to print below; "" for none.
         card: the data card, a path inside the package `stiff_datasets`; "" for none.
-        licence: of measured data, such as "MIT"; "" where it is not stated.
+        licence: licence of measured data, such as "MIT"; "" if it is not stated.
     """
 
     kind: str
@@ -171,7 +174,7 @@ class ProtocolInfo(PluginInfo):
     """A protocol.
 
     Attributes:
-        reasoning: which question it answers, and why it divides so; for `bench show`.
+        reasoning: its question, and the reason for its division; for `bench show`.
         warning: printed above every table made under it; "" for none.
     """
 

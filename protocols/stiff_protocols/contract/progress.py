@@ -1,4 +1,4 @@
-"""How long work tells whoever listens what it does now, without knowing who that is."""
+"""Report the progress of long work to a listener."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Progress:
-    """One report: `step` of `total` in `phase`, with the newest training loss if any."""
+    """A report: `step` of `total` in `phase`, with the newest training loss if any."""
 
     phase: str
     step: int
@@ -23,7 +23,7 @@ _listener: ContextVar[Listener | None] = ContextVar("stiffbench_progress", defau
 
 
 def report(phase: str, step: int, total: int, loss: float | None = None) -> None:
-    """Tell the listener, if there is one. Cheap enough for every few training steps."""
+    """Send a report to the listener, if any. Cheap enough for every few training steps."""
     listener = _listener.get()
     if listener is not None:
         listener(Progress(phase, step, total, loss))

@@ -1,4 +1,4 @@
-"""The base class of protocols: `splits`, and what a protocol may do besides."""
+"""The base class of protocols: `splits`, and optional methods."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from stiff_protocols.contract.types import (
 )
 
 ParseOption = Callable[[str, ModelInfo, str, str], Any]
-"""(what the user set, model, option, text) -> value of the option's type; ConfigError: neither."""
+"""(set options, model, option, text) -> value of the option's type; ConfigError if not valid."""
 
 
 class EvaluationProtocol:
-    """Divides a data set, and says what fitted models are asked and scored on.
+    """Divides a data set, and defines the predictions and scores of fitted models.
 
-    Only `splits` is needed. The other methods have a default: override what the protocol changes.
-    A class need not inherit: `completed` adds the defaults to any object with `splits`.
+    Only `splits` is required. The other methods have a default; override those that the protocol
+    changes. A class need not inherit: `completed` adds the defaults to any object with `splits`.
 
     Attributes:
         selects_on_test: the validation rows are the test rows, so results are optimistic.
@@ -32,7 +32,7 @@ class EvaluationProtocol:
             Such results are marked everywhere, and neither ranked nor compared.
         pooled: the metrics are computed once over the predictions of all splits (as in
             leave-one-out), not once per split.
-        caveat: what the errors are if they are not errors of predicted deflections; printed under
+        caveat: meaning of the errors if they are not errors of predicted deflections; printed under
             every table.
     """
 
@@ -45,37 +45,37 @@ class EvaluationProtocol:
         """Return the splits; the same arguments give the same splits.
 
         Args:
-            samples: to be divided; a fair division does not look at their deflections.
-            n_splits: how many draws, in each condition; None: the protocol's own number.
-            seed: of the draws.
+            samples: samples to divide; a fair division does not use their deflections.
+            n_splits: number of draws in each condition; None: the protocol's own number.
+            seed: seed of the draws.
         """
         raise NotImplementedError
 
     def prepared(self, data: BenchmarkData) -> BenchmarkData:
-        """Return the data that is divided; called once before `splits`.
+        """Return the data to divide; called once before `splits`.
 
-        A protocol may remember the robot here, or add samples after those of the data set. Its
-        results are then of another data set: `Presentation.measured_sha256` links the two.
-        ConfigError: the data do not serve the protocol.
+        A protocol may store the robot here, or append samples to the data set. Its results then
+        belong to another data set: `Presentation.measured_sha256` links the two. ConfigError: the
+        protocol cannot use the data.
         """
         return data
 
     def source_datasets(self) -> Sequence[str]:
-        """Return every word that its splits have as `source`, such as kr10-twin@specimen=9."""
+        """Return every `source` of its splits, such as kr10-twin@specimen=9."""
         return ()
 
     def grids(self, models: Sequence[ModelInfo], parse: ParseOption) -> Mapping[str, Grid] | None:
-        """Return the candidates of options by model key; None: options stay as they are set.
+        """Return the candidates of options by model key; None: options are not tuned.
 
-        ConfigError: there are no such candidates.
+        ConfigError: the candidates do not exist.
         """
         return None
 
     def tuned(self, model: Any, grid: Grid) -> Any:
-        """Return what is fitted in place of an unfitted model, and chooses from `grid` in its fit.
+        """Return a model that chooses from `grid` in its fit, instead of an unfitted model.
 
-        Called if `grids` returns candidates; `grid` is empty for a model without any, and lacks
-        the options that the user set.
+        Called if `grids` returns candidates. `grid` is empty for a model without candidates, and
+        does not contain options that the user set.
         """
         return model
 
@@ -84,9 +84,9 @@ class EvaluationProtocol:
     ) -> FloatArray:
         """Return (n, n_joints) joint positions [rad or m] at which deflections are predicted.
 
-        They are the reported rows' own `q` (n, n_joints), unless the protocol corrects commands
-        with predictions; `wrench` (n, 6) are their loads. A new object is asked, in the process
-        of the model: it has no deflections.
+        They are the reported rows' `q` (n, n_joints), unless the protocol corrects commands with
+        predictions; `wrench` (n, 6) are their loads. It is called on a new object, without
+        deflections, in the model's process.
         """
         return q
 
@@ -95,23 +95,23 @@ class EvaluationProtocol:
     ) -> FloatArray:
         """Return the (n, 3) values [m] that are compared with the deflections of the rows.
 
-        `predicted` (n, 3) m are a model's predictions at the (n, n_joints) commands. Asked in the
-        run's own process.
+        `predicted` (n, 3) m are a model's predictions at the (n, n_joints) commands. It is called
+        in the run's process.
         """
         return predicted
 
     def path_commands(
         self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
     ) -> FloatArray:
-        """Return (n, n_joints) commands [rad or m] with which `BenchmarkData.paths` are driven.
+        """Return the (n, n_joints) commands [rad or m] that follow `BenchmarkData.paths`.
 
-        They put the points at (n, n_joints) `q` under (n, 6) `wrench` back on their paths. Asked
-        like `commanded`, of data whose protocol added paths to them.
+        They move the points at (n, n_joints) `q` under (n, 6) `wrench` back to their paths. It is
+        called like `commanded`, for data with paths from the protocol.
         """
         return q
 
     def path_errors(self, commands: FloatArray, data: BenchmarkData) -> FloatArray:
-        """Return the (n, 3) errors [m] that the commands leave on `data.paths`."""
+        """Return the (n, 3) remaining errors [m] of the commands on `data.paths`."""
         raise NotImplementedError
 
 
@@ -119,11 +119,11 @@ _MEMBERS = [name for name in vars(EvaluationProtocol) if not name.startswith("_"
 
 
 class _Completed(EvaluationProtocol):
-    """An object with `splits`, with the defaults for what it has not."""
+    """An object with `splits`, completed with the defaults."""
 
     def __init__(self, protocol: object) -> None:
-        own = {name: getattr(protocol, name) for name in _MEMBERS if hasattr(protocol, name)}
-        self.__dict__.update(own)
+        members = {name: getattr(protocol, name) for name in _MEMBERS if hasattr(protocol, name)}
+        self.__dict__.update(members)
 
 
 def completed(protocol: object) -> EvaluationProtocol:

@@ -1,4 +1,4 @@
-"""What is stored: the identity of a cell, its result, and where a run came from."""
+"""Stored records: the identity of a cell, its result, and the origin of a run."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from stiff_protocols.contract.types import Prediction
 
 
 class Cost(NamedTuple):
-    """Wall times and memory; they differ from run to run and are no part of a result's identity.
+    """Wall times and memory; they differ between runs and do not affect a result's identity.
 
     Attributes:
-        fit_s: of the fit, s. A pre-training that was taken from the cache costs nothing.
-        predict_s: of predicting the test rows together, s.
-        latency_s: of predicting one row alone, median of several, s.
-        throughput_per_s: rows predicted a second in one large call.
-        memory_bytes: how far the fit and the prediction of the test rows raised the process's
-            resident memory above what it was; None where the system does not tell.
+        fit_s: time of the fit, s. A pre-training from the cache costs nothing.
+        predict_s: time to predict the test rows together, s.
+        latency_s: time to predict a single row, median of several, s.
+        throughput_per_s: rows predicted per second in a large call.
+        memory_bytes: increase of the process's resident memory by the fit and the prediction of
+            the test rows; None if the system does not report it.
     """
 
     fit_s: float
@@ -34,33 +34,33 @@ class Cost(NamedTuple):
 
 
 INTERVAL_VERSION = 3
-"""Of how intervals are made: a change of their numbers raises it, so that cells with intervals are
-computed again. tests/protocols/scoring/test_golden_scoring.py notices such a change."""
+"""Version of the intervals' method. Raise it with each change of their numbers, so that cells with
+intervals are computed again. tests/protocols/scoring/test_golden_scoring.py fails on a change."""
 
 
 PATH_ERROR = "error left on tool paths [mm]"
-"""Diagnostic: mean 3-D error of the paths that a fit corrects beside its test."""
+"""Diagnostic: mean 3-D error of the paths that a fit corrects in addition to its test."""
 READING_OPTION = "read_on"
-"""Option of protocols that says which rows are reported: the fit and its seed are the same."""
+"""Option of protocols for the reported rows; it does not change the fit or its seed."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One model on one split: what is computed, stored and compared.
+    """A model on a split: the unit that is computed, stored and compared.
 
     Attributes:
-        model, model_params: key and the options that were set.
+        model, model_params: key and set options.
         dataset, dataset_params, data_sha256: key, options, and hash of the numbers.
         protocol, protocol_params: key and options.
-        split_index, split_sha256: which split, and the hash of its rows.
+        split_index, split_sha256: number of the split, and the hash of its rows.
         seed: the run's seed.
-        coverage: nominal coverage of the intervals that are computed too; None: none are.
-        condition: which of its protocol's; "" where that has but one.
-        rows_sha256: hash of training, validation and test rows alone, where sensor errors or more
-            reported rows are in the other; else "".
-        source_sha256: of the other robot's data that the source domain comes from; else "".
-        model_version: of a built-in model its `ModelInfo.version`, with the version of the library
-            that it wraps; of a plugin's the hash of its files; "" where it is not known.
+        coverage: nominal coverage of the intervals; None: no intervals.
+        condition: condition of its protocol; "" if there is only one.
+        rows_sha256: hash of only training, validation and test rows, if `split_sha256` also covers
+            sensor errors or more reported rows; else "".
+        source_sha256: hash of another robot's data for the source domain; else "".
+        model_version: `ModelInfo.version` of a built-in model, with the version of its library; for
+            a plugin's model the hash of its files; "" if unknown.
         interval_version: the `INTERVAL_VERSION` of a cell with intervals; else 0.
     """
 
@@ -85,18 +85,18 @@ class Cell:
     def key(self) -> str:
         """Name of the cell: a hash that does not depend on the order of options."""
         identity = self._identity()
-        for name in _OPTIONAL:  # what does not apply leaves the key as it was without it
+        for name in _OPTIONAL:  # empty fields do not change the key
             if not identity[name]:
                 del identity[name]
         return _hash(identity)[:24]
 
     @property
     def model_seed(self) -> int:
-        """Seed given to the model: from data, protocol, split and the run's seed alone.
+        """Seed of the model, only from data, protocol, split and the run's seed.
 
-        Common random numbers: what differs between two models on one split is the models, and
-        variants that begin with the same pre-training can share it. Two conditions, or two
-        readings (`READING_OPTION`), with the same rows give the same fit.
+        Random numbers are common: two models on a split differ only in the models. Variants with
+        the same pre-training can share it. Two conditions, or two readings (`READING_OPTION`),
+        with the same rows give the same fit.
         """
         identity = self._identity()
         identity["protocol_params"] = {
@@ -124,23 +124,23 @@ def _hash(identity: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Presentation:
-    """What must stand beside a cell's numbers wherever they are shown.
+    """Facts that must always be shown with a cell's numbers.
 
     Attributes:
         model, dataset, protocol: keys with the options that differ from their defaults, e.g.
             "ft-mlp@freeze=full".
-        kind: of the data, e.g. "simulated".
-        regime: how the model used training labels; "" for nothing to say.
-        source: what the model's simulated source domain is; "" where it has none.
+        kind: kind of the data, e.g. "simulated".
+        regime: use of training labels by the model; "" for the usual use.
+        source: description of the model's simulated source domain; "" if it has none.
         picked_on_test: the model chose its epoch on the test part.
-        selects_on_test: the protocol lets models do so.
-        reports_training: training rows are among those that the metrics are computed on.
-        measured_sha256: hash of the data set without the points of tool paths that the protocol
-            added to it, whose errors the metrics then are of; "" where it added none.
+        selects_on_test: the protocol allows models to do so.
+        reports_training: the metrics also cover training rows.
+        measured_sha256: hash of the data set without points of tool paths, if the protocol added
+            them; the metrics then are their errors. Else "".
         pooled: the protocol's metrics are computed over the predictions of all splits together.
-        caveats: of the data.
-        published: name of the published table that belongs beneath; "" for none.
-        warning: of the protocol; "" for none.
+        caveats: caveats of the data.
+        published: name of the published table to show below; "" for none.
+        warning: warning of the protocol; "" for none.
     """
 
     model: str
@@ -161,31 +161,31 @@ class Presentation:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CellResult(BriefFields):
-    """Everything known about a computed cell; metrics are computed from it when it is read.
+    """Result of a computed cell; metrics are computed from it when it is read.
 
     Attributes:
-        cell: what was computed.
-        shown: what must stand beside its numbers.
-        run_id: the run that computed it.
+        cell: identity of the result.
+        shown: facts to show with its numbers.
+        run_id: run that computed it.
         status: "ok", "failed", or "skipped": the model cannot be used on this machine.
-        prediction: predicted and measured reported rows; None where it is not ok.
-        cost: time and memory, without what split-conformal intervals cost; None where it is not ok.
-        diagnostics: numbers the model reported, by name and unit, and `PATH_ERROR` where tool paths
-            were corrected.
-        warnings: what was warned of during fit and prediction.
+        prediction: predicted and measured reported rows; None unless "ok".
+        cost: time and memory, without the cost of split-conformal intervals; None unless "ok".
+        diagnostics: numbers that the model reported, by name and unit, and `PATH_ERROR` if tool
+            paths were corrected.
+        warnings: warnings during fit and prediction.
         failure: why it failed or was skipped; "" otherwise.
-        cause: of a failure, in a word or two that count it: "ValueError", "SIGKILL", "timed out".
-        log: the last lines that a failed cell's own process printed.
-        calibration_samples: that the split-conformal intervals come from; 0 where the model gave
-            its own, and where there are none.
-        n_train: rows of the training side, with those that choose an epoch; 0 where it is not ok.
-        n_labels: rows of the training side that the model was fitted to: without those that choose
-            an epoch; 0 where it is not known.
-        n_poses: measured poses of the training side; 0 where it is not known.
-        chosen: option -> value, as text, that the fit chose itself; empty where it chose none.
-        n_splits: how many splits its run was asked for in its condition; 0 where it is not known.
+        cause: short cause of a failure, used to count it: "ValueError", "SIGKILL", "timed out".
+        log: last printed lines of a failed cell's process.
+        calibration_samples: number of samples for split-conformal intervals; 0 if the model has its
+            own intervals, or none.
+        n_train: rows of the training side, with validation rows; 0 unless "ok".
+        n_labels: rows of the training side that the model was fitted to, without validation rows; 0
+            if unknown.
+        n_poses: measured poses of the training side; 0 if unknown.
+        chosen: option -> value, as text, that the fit chose itself; empty if none.
+        n_splits: number of splits of its run in its condition; 0 if unknown.
         curves: name of each training -> (n_points, 3) of step, training loss and validation loss
-            (NaN: none), in the network's own units; empty where nothing was trained so.
+            (NaN: none), in the network's own units; empty without such a training.
     """
 
     cell: Cell
@@ -215,7 +215,7 @@ class CellResult(BriefFields):
 
 @dataclass(frozen=True)
 class RunManifest:
-    """Provenance of a run: everything beside the cells that can change a result.
+    """Provenance of a run: everything except the cells that can change a result.
 
     Attributes:
         run_id: name of the run.
@@ -223,10 +223,10 @@ class RunManifest:
         started: UTC, ISO 8601.
         status: "running", "finished" or "interrupted".
         environment: versions, processor, threads, commit and whether the tree was dirty.
-        cells: keys of the cells it asked for.
-        wall_s: seconds in all; 0 while running.
-        peak_memory_bytes: of the process; 0 while running.
-        machines: environments of the other machines that took part, by their addresses.
+        cells: keys of the requested cells.
+        wall_s: total wall time, s; 0 while running.
+        peak_memory_bytes: peak memory of the process; 0 while running.
+        machines: environments of other machines in the run, by their addresses.
     """
 
     run_id: str

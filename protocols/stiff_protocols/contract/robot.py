@@ -14,10 +14,10 @@ from stiff_protocols.kinematics.chain_formulas import JointType
 from stiff_protocols.kinematics.serial_chain import SerialChain
 
 STANDARD_GRAVITY = 9.81
-"""m/s2, rounded as Pinocchio's default is."""
+"""m/s2, rounded like Pinocchio's default."""
 
 LONGEST_M = 100.0
-"""m between two joints of a robot at most; a larger number was written in mm."""
+"""Largest distance between two joints of a robot, m; a larger number is in mm."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,18 +29,18 @@ class Robot(Shown, SerialChain):
     Attributes:
         name: name of the robot.
         joint_names: names from the base to the tip.
-        joint_types: "revolute" or "prismatic", one a joint.
+        joint_types: "revolute" or "prismatic", one per joint.
         placements: (n_joints, 4, 4) pose of each joint frame in the previous joint's
             frame (the base for the first) at zero joint position; lengths in m.
         axes: (n_joints, 3) unit axis of each joint in its own frame.
-        lower, upper: (n_joints,) joint limits, rad or m; infinite where there are none.
-        masses: (n_joints,) mass of what each joint carries up to the next one, kg.
+        lower, upper: (n_joints,) joint limits, rad or m; infinite without limits.
+        masses: (n_joints,) mass between each joint and the next joint, kg.
         centres_of_mass: (n_joints, 3) its centre of mass in the joint's frame, m.
         tcp: (3,) tool centre point in the last joint's frame, m.
         gravity: (3,) acceleration of gravity in the base frame, m/s2.
         flange: (4, 4) pose of the robot description's last link in the last joint's frame, m: the
-            frame in which people give a TCP. No number depends on it.
-        controller: how its controller counts joints and frames; None: as the description does.
+            usual frame for a TCP. No number depends on it.
+        controller: joint angles and frames of its controller; None: the same as the description's.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Robot(Shown, SerialChain):
             raise DataError(f"robot {self.name!r}: {n} joint names, {len(self.joint_types)} types")
         freeze(self, placements=(n, 4, 4), axes=(n, 3), masses=(n,), centres_of_mass=(n, 3))
         freeze(self, tcp=(3,), gravity=(3,), flange=(4, 4))
-        for name in ("lower", "upper"):  # limits alone may be infinite
+        for name in ("lower", "upper"):  # only limits may be infinite
             limits = np.array(getattr(self, name), dtype=np.float64)
             if limits.shape != (n,) or np.isnan(limits).any():
                 raise DataError(f"robot {self.name!r}: {name} limits are {limits}, expected {n}")
@@ -97,7 +97,7 @@ class Robot(Shown, SerialChain):
                     f"expected at most {LONGEST_M:g}; lengths are in m, not mm"
                 )
             if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0.0:
-                raise DataError(f"robot {self.name!r}: the placement of {name} is no rotation")
+                raise DataError(f"robot {self.name!r}: the placement of {name} is not a rotation")
         if max(np.abs(self.tcp).max(), np.abs(self.centres_of_mass).max()) > LONGEST_M:
             raise DataError(
                 f"robot {self.name!r}: the TCP or a centre of mass is farther than {LONGEST_M:g} m "
@@ -106,7 +106,7 @@ class Robot(Shown, SerialChain):
 
     @property
     def turns(self) -> BoolArray:
-        """(n_joints,) whether each joint is revolute."""
+        """(n_joints,) true for revolute joints."""
         return np.array([kind == "revolute" for kind in self.joint_types])
 
     @property
@@ -115,9 +115,9 @@ class Robot(Shown, SerialChain):
         return int(np.argmax([*self.turns, True]))
 
     def arm_base(self, points: FloatArray) -> FloatArray:
-        """Return the (n, 3) places to which the `n_slides` joints carry the arm, base frame, m.
+        """Return the (n, 3) positions of the arm on its `n_slides` joints, base frame, m.
 
-        Without such joints they are the base frame's origin. Args: `points` as of `ChainPoses`.
+        Without such joints they are the base frame's origin. Args: `points` as in `ChainPoses`.
         """
         return points[:, self.n_slides - 1] if self.n_slides else np.zeros((len(points), 3))
 
@@ -125,7 +125,7 @@ class Robot(Shown, SerialChain):
     def tcp_on_flange(self) -> FloatArray:
         """(3,) tool centre point in the frame of the robot description's last link, m.
 
-        As `--tcp` has it: rounded to 1 nm, so that a rotation leaves no digits behind.
+        The format of `--tcp`: rounded to 1 nm, to remove rounding errors of a rotation.
         """
         lever = self.tcp - self.flange[:3, 3]
         return np.asarray((lever @ self.flange[:3, :3]).round(9) + 0.0)

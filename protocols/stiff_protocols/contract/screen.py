@@ -9,19 +9,19 @@ from dataclasses import dataclass
 from html import escape
 
 WIDTH = 100
-"""Characters of a line of text at most."""
+"""Most characters of a line of text."""
 CELL_WIDTHS = (40, 30, 20, 12)
-"""Characters of a heading or a cell of text: the first with which the table fits the width."""
+"""Characters of a heading or a cell of text; the first value that fits the width is used."""
 MOST_ROWS = 8
-"""Rows of a table at most; the last line counts the others."""
+"""Most rows of a table; the last line counts the others."""
 _NO_FORMULAS = "tex2jax_ignore mathjax_ignore"
-"""Classes of HTML in which a notebook reads no `$` as a formula."""
+"""Classes of HTML in which a notebook does not read `$` as a formula."""
 
 
 def printable(text: str) -> str:
     """Return a text with all but its printable characters, line breaks and tabs escaped.
 
-    Names in third-party files may hold what moves a terminal's cursor, or turns the text around.
+    Names in third-party files may hold characters that move a terminal's cursor or reverse text.
     """
     if text.isprintable():
         return text
@@ -31,7 +31,7 @@ def printable(text: str) -> str:
 
 
 def one_line(text: str) -> str:
-    """Return a text as `printable` has it, its line breaks as spaces."""
+    """Return a `printable` text with spaces instead of line breaks."""
     return printable(" ".join(text.splitlines()))
 
 
@@ -43,7 +43,7 @@ class Screen:
         title: first line.
         facts: names with values and their units.
         columns: headings of the table; none: without a table.
-        rows: texts of the table's cells, a row each.
+        rows: texts of the table's cells, row by row.
         notes: sentences below.
         in_text: False: the table is shown in a notebook only.
     """
@@ -94,7 +94,7 @@ def _table(
     most: int | None = None,
 ) -> list[str]:
     """Return the lines of a table in a format of tabulate's, which escapes HTML."""
-    from tabulate import tabulate  # 50 ms, which a command's help does without
+    from tabulate import tabulate  # 50 ms, which a command's help does not need
 
     limits = [most if alignment == "left" else None for alignment in alignments]
     cells = [
@@ -120,8 +120,8 @@ def _fits(lines: Sequence[str]) -> bool:
 
 
 def html_block(content: str) -> str:
-    """Return HTML whose texts stand left, and in which a notebook reads no `$` as a formula."""
-    for tag in ("th", "td"):  # a notebook's own style is right
+    """Return HTML with left-aligned text, in which a notebook does not read `$` as a formula."""
+    for tag in ("th", "td"):  # a notebook aligns them right
         content = content.replace(f"<{tag}>", f'<{tag} style="text-align: left;">')
     return f'<div class="{_NO_FORMULAS}">\n{content}\n</div>'
 
@@ -143,7 +143,7 @@ def _alignment(cells: Sequence[str]) -> str:
 
 
 class Shown:
-    """An object with a `Screen`, which a terminal and a notebook show."""
+    """Mixin of objects with a `Screen` for terminals and notebooks."""
 
     @abstractmethod
     def view(self) -> Screen:

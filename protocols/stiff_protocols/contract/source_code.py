@@ -1,6 +1,6 @@
-"""Which code a plugin's model runs: hashes of its files, so that other code is another result.
+"""Hash the files of a plugin's model, so that changed code gives another result.
 
-Built-in models have a version instead (`ModelInfo.version`), which a golden test keeps honest.
+Built-in models have a version instead (`ModelInfo.version`), which a golden test checks.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ _NO_FILES_OF = {
     *("builtins", "abc", "typing", "numpy", "scipy", "sklearn", "torch"),
     *("stiff_bench", "stiff_datasets", "stiff_models", "stiff_protocols"),
 }
-"""Top-level names of classes' bases whose files are not read: libraries', and ours."""
+"""Top-level packages whose files are not read: libraries and stiffbench."""
 
 
 def code_of(*classes: type) -> str:
-    """Return a hash of the files that a plugin's classes come from; "" for none but ours.
+    """Return a hash of the files of a plugin's classes; "" for built-in classes.
 
-    It covers the whole package of each class and of each of its bases (where it is in none, its
-    file and those of the same folder that it imports): an editable install keeps its version while
-    its code changes. It depends on nothing else that the process did before.
+    It covers the whole package of each class and of each of its bases. Without a package it covers
+    the file, with the files of the same folder that it imports. An editable install keeps its
+    version while its code changes. The hash does not depend on the process's history.
     """
     modules = {base.__module__ for cls in classes for base in cls.__mro__}
     roots: set[Path] = set()
@@ -36,7 +36,7 @@ def code_of(*classes: type) -> str:
 
 
 def code_below(root: Path) -> str:
-    """Return a hash of a file, or of every Python file of a folder with its place in there."""
+    """Return a hash of a file, or of every Python file of a folder with its relative path."""
     if root.is_file():
         return file_code(root)
     files = sorted(
@@ -62,12 +62,12 @@ def file_code(path: Path) -> str:
 
 @cache
 def _code_of_state(path: Path, _mtime_ns: int, _size: int) -> str:
-    """It is read anew where it was changed."""
+    """Return the hash of a file; the file is read again if it was changed."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _root(file: Path) -> Path:
-    """Return the outermost package that a file is in; the file itself where it is in none."""
+    """Return the outermost package of a file; the file itself without a package."""
     root = file
     while (root.parent / "__init__.py").is_file():
         root = root.parent

@@ -1,4 +1,4 @@
-"""What the engine asks of a model: two methods, and optional ones that have defaults.
+"""The interface of a model: two required methods, and optional methods with defaults.
 
 A model has scikit-learn *semantics*: a constructor with keyword-only arguments that only stores
 them, `fit` that computes, fitted attributes that end in an underscore, `get_params` and
@@ -30,13 +30,13 @@ class StiffnessModel:
 
     Attributes:
         diagnostics_: numbers such as stiffnesses, name with unit -> value; printed with a result.
-        springs_: a `stiff_protocols.springs.identification.IdentifiedSprings`: what the samples
-            say of each spring.
+        springs_: a `stiff_protocols.springs.identification.IdentifiedSprings` with each spring's
+            stiffness and error.
         curves_: name of each training -> (n_points, 3) array of step, training loss and validation
             loss (NaN: none), in the network's own units. "spring " and a joint's name -> torque on
-            a joint that nothing loads before [N m or N], its turn [rad or m] and the turn's
-            standard deviation.
-        best_params_: option -> value that was chosen in the fit.
+            a previously unloaded joint [N m or N], its turn [rad or m] and the turn's standard
+            deviation.
+        best_params_: option -> value chosen in the fit.
     """
 
     diagnostics_: dict[str, float]
@@ -50,10 +50,10 @@ class StiffnessModel:
         """Learn from `train`.
 
         Args:
-            train: the only samples the parameters may be fitted to.
-            robot: kinematics of the robot that was measured.
-            validation: samples that may choose an epoch, never fit a parameter; None: none.
-            seed: seed of everything random; the same seed gives the same model.
+            train: the only samples for fitting parameters.
+            robot: kinematics of the measured robot.
+            validation: samples that may choose an epoch but not fit a parameter; None: none.
+            seed: seed of all random numbers; the same seed gives the same model.
         """
         raise NotImplementedError
 
@@ -70,13 +70,13 @@ class StiffnessModel:
         raise NotImplementedError
 
     def check_params(self) -> None:
-        """Raise ConfigError for options that do not fit together, before anything is computed.
+        """Raise ConfigError for options that contradict each other, before any computation.
 
-        It names the option, its value and what is valid.
+        The message names the option, its value and the valid values.
         """
 
     def check_robot(self, robot: Robot) -> None:
-        """Raise ConfigError for a robot that the options cannot serve, as `check_params`."""
+        """Raise ConfigError for a robot that the options do not support, as `check_params`."""
 
     def missing(self) -> str:
         """Return what is missing on this machine (a package, weights); "" for nothing."""
@@ -85,60 +85,59 @@ class StiffnessModel:
     def chooses_epoch(self) -> bool:
         """Return False if the last epoch is kept: validation rows are then training rows.
 
-        Only a model with `uses_validation` is asked.
+        It is called only for a model with `uses_validation`.
         """
         return True
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return where each deflection lies with probability `coverage` (0..1), axis by axis.
+        """Return each deflection's interval of probability `coverage` (0..1), axis by axis.
 
         Models without it get split-conformal intervals.
         """
         raise NotImplementedError
 
     def predict_at_tcp(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, 3) deflection [m] of the robot's own TCP under wrenches that act there.
+        """Return the (n, 3) deflection [m] of the robot's TCP under wrenches that act there.
 
-        For a model whose `predict` is of another measured point. Tool paths are corrected for the
-        TCP, which the commands move.
+        It is for a model whose `predict` refers to another measured point. Tool paths are corrected
+        for the TCP, which the commands move.
         """
         return self.predict(q, wrench)
 
     def covariance(
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:
-        """Return (3, n, m) the covariance [m²] at n and m poses and loads, axis by axis.
+        """Return the (3, n, m) covariance [m²] at n and m poses and loads, axis by axis.
 
-        It is that of the deflections without a measurement's noise, given the training samples.
-        With it the next poses are chosen: a measurement lowers the variance elsewhere by what it
-        has in common with it.
+        It is the covariance of deflections without measurement noise, given the training samples.
+        It serves to choose the next poses: a measurement lowers the variance at correlated poses.
         """
         raise NotImplementedError
 
     def noise_variance(self) -> FloatArray:
-        """Return (3,) the variance [m²] of a measured deflection's own error; see `covariance`."""
+        """Return the (3,) variances [m²] of a measured deflection's error; see `covariance`."""
         raise NotImplementedError
 
     @property
     def regime(self) -> str:
-        """How training labels are used, as a row must say; "" for the usual way.
+        """Use of training labels, to be stated in a row; "" for the usual use.
 
-        It follows from the options and from `use_source` alone. Transfer without target labels and
-        transfer with them cannot be compared.
+        It depends only on the options and on `use_source`. Transfer without target labels and
+        transfer with target labels cannot be compared.
         """
         return ""
 
     @property
     def source_words(self) -> str:
-        """What the simulated source domain is, by the options and `use_source`; "" for none."""
+        """Description of the simulated source domain by options and `use_source`; "" for none."""
         return ""
 
     def use_source(self, source: BenchmarkData | None) -> None:
-        """Store what the next `fit` makes its source domain of; None: the training samples.
+        """Store the data for the source domain of the next `fit`; None: the training samples.
 
         The other robot or specimen has as many joints of the same types; all of its samples may be
-        learned from. A copy by `sklearn.base.clone` must keep the source (write
-        `__sklearn_clone__`): intervals come from copies.
+        used. A copy by `sklearn.base.clone` must keep the source (implement `__sklearn_clone__`),
+        because intervals come from copies.
         """
         raise NotImplementedError
 
@@ -148,16 +147,16 @@ class StiffnessModel:
 
 
 def offers(model: object, method: str) -> bool:
-    """Say whether a model, or its class, has an optional method of its own."""
-    own = getattr(model, method, None)
+    """Return whether a model, or its class, overrides an optional method."""
+    member = getattr(model, method, None)
     default = getattr(StiffnessModel, method)
-    return own is not None and getattr(own, "__func__", own) is not default
+    return member is not None and getattr(member, "__func__", member) is not default
 
 
 def optional(model: object, method: str) -> Any:
     """Return an optional method of a model; `StiffnessModel`'s if it has none."""
-    own = getattr(model, method, None)
-    return partial(getattr(StiffnessModel, method), model) if own is None else own
+    member = getattr(model, method, None)
+    return partial(getattr(StiffnessModel, method), model) if member is None else member
 
 
 def interval_at_tcp(
@@ -165,7 +164,7 @@ def interval_at_tcp(
 ) -> Interval:
     """Return an interval about a model's `predict`, moved to its prediction of the robot's TCP.
 
-    Its width stays: how wrong the tool's rotation is over the distance is not in it.
+    Its width does not change: it ignores the error of the tool's rotation over the distance.
     """
     if not offers(model, "predict_at_tcp"):
         return interval

@@ -1,4 +1,4 @@
-"""The range of a model's training samples: predictions far from it are a guess, and are marked."""
+"""The range of a model's training samples; predictions far from it are marked as guesses."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 MARGIN = 0.1
-"""Part of a quantity's training range that still counts as inside beyond its ends: a robot at work
-never repeats them to the digit."""
+"""Share of a quantity's training range by which its ends are extended: a robot at work never
+repeats them exactly."""
 LEAST_MARGIN, LEAST_FORCE, LEAST_TORQUE = 0.01, 0.1, 0.01
-"""The least margin, rad or m, N, N m: for a joint that hardly moved and a load that was none."""
+"""Least margin, rad or m, N, N m: for a joint that hardly moved, and for zero load."""
 
 USUAL_SHARE = 0.9
-"""Share of the training poses (or loads) that have another one within the usual distance."""
+"""Share of the training poses (or loads) with another pose (or load) in the usual distance."""
 FAR = 2.0
 """A pose or load is far from training beyond this many usual distances."""
 LEAST_FAR_POSE, LEAST_FAR_LOAD = 0.2, 0.25
 """The least distance that counts as far: rad or m of a pose; share of the largest load."""
 POSE_RATE, LOAD_RATE = 2.0, 0.5
-"""What an interval grows by, in units of its width: for each rad or m of `pose_distance`, and for
-each unit of `load_distance`. With them intervals of four models held between the poses of the KR10
-twin's plan, and needed none on arms measured all over (docs/models.md)."""
+"""Growth of an interval, in units of its width, per rad or m of `pose_distance` and per unit of
+`load_distance`. With it, intervals of four models were valid between the poses of the KR10 twin's
+plan. Arms with measurements everywhere did not need it (docs/models.md)."""
 MOST_NEIGHBOURS = 2000
-"""Training poses and loads that are kept, evenly chosen: a file of 100,000 samples stays small."""
+"""Most training poses and loads that are stored, evenly chosen, so that large files stay small."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainingRange(BriefFields):
-    """Joint positions and loads of the samples that a model learned from.
+    """Joint positions and loads of a model's training samples.
 
     Attributes:
         lower: (n_joints,) smallest joint positions, rad or m.
-        upper: (n_joints,) largest ones.
-        force: the largest one, N.
-        torque: the largest one about the TCP, N m.
+        upper: (n_joints,) largest joint positions.
+        force: largest force, N.
+        torque: largest torque about the TCP, N m.
         poses: (n_poses, n_joints) joint positions, rad or m; at most `MOST_NEIGHBOURS`.
-        directions: (n_loads, 6) unit vectors of the loads that are not zero, a torque of 1 N m
-            counting as a force of 1 N; at most `MOST_NEIGHBOURS`.
+        directions: (n_loads, 6) unit vectors of the nonzero loads, where a torque of 1 N m counts
+            as a force of 1 N; at most `MOST_NEIGHBOURS`.
     """
 
     lower: FloatArray
@@ -93,18 +93,18 @@ class TrainingRange(BriefFields):
         return _Neighbours(self.directions)
 
     def pose_distance(self, q: FloatArray) -> FloatArray:
-        """Return (n,) the distances of (n, n_joints) `q` from the nearest training pose, rad or m.
+        """Return the (n,) distances of `q` (n, n_joints) from the nearest training pose, rad or m.
 
-        Euclidean, over all joints.
+        They are Euclidean, over all joints.
         """
         return self._near_poses.distance(q)
 
     def load_distance(self, wrench: FloatArray) -> FloatArray:
-        """Return (n,) how far the (n, 6) loads are from the nearest training load.
+        """Return the (n,) distances of the (n, 6) loads from the nearest training load.
 
-        The size |F| + |T| / 1 m of a load as a share of the largest in training (at most 1), times
-        the distance of its direction from the nearest direction in training, of two unit vectors.
-        Along a training load it is 0, whatever the size.
+        A distance is the product of two factors. The first is the size |F| + |T| / 1 m of a load as
+        a share of the largest training load (at most 1). The second is the distance of its unit
+        vector from the nearest training direction. Along a training load the distance is 0.
         """
         loaded, share = wrench.any(axis=1), np.minimum(self._load_share(wrench), 1.0)
         distance = np.zeros(len(wrench))
@@ -112,11 +112,11 @@ class TrainingRange(BriefFields):
         return np.asarray(distance * share)
 
     def stretch(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return (n,) how many times as wide an interval is there as near the training samples.
+        """Return the (n,) factors on an interval's width near the training samples.
 
-        It grows by `POSE_RATE` for each rad or m by which the pose lies beyond the range or, if
-        that is more, by which its nearest training pose is farther than is usual among these; and
-        by `LOAD_RATE` for each unit by which the nearest training load is. Arguments as of
+        The factor grows by `POSE_RATE` per rad or m beyond the range, or beyond the usual distance
+        from the nearest training pose, whichever is more. It grows by `LOAD_RATE` per unit beyond
+        the usual distance from the nearest training load. Arguments are the same as for
         `quantities`.
         """
         outside = np.maximum(self.lower - q, q - self.upper).max(axis=1, initial=0.0)
@@ -140,7 +140,7 @@ class TrainingRange(BriefFields):
         return np.hstack([q, _lengths(wrench)])
 
     def are_beyond(self, values: FloatArray) -> BoolArray:
-        """Return (n, n_joints + 2) which `quantities` lie beyond, by the rule of `extrapolates`."""
+        """Return (n, n_joints + 2) true for `quantities` beyond the range; see `extrapolates`."""
         lower, upper = self.ends
         least = np.r_[np.full(len(self.lower), LEAST_MARGIN), LEAST_FORCE, LEAST_TORQUE]
         room = np.maximum(MARGIN * (upper - lower), least)
@@ -154,12 +154,12 @@ class TrainingRange(BriefFields):
     ) -> Interval:
         """Return intervals around predictions, wider away from the training samples.
 
-        Under r times the training load the prediction at the same pose under a load r times as
-        small is known. Deflections grow as loads do, so r times that interval holds as often as
-        it does itself; the interval returned reaches as far. It is `stretch` times as wide.
+        For r times the training load, the interval at the same pose under the load divided by r is
+        known. Deflections are proportional to loads, so r times that interval has the same
+        coverage. The returned interval reaches as far, and is then `stretch` times as wide.
 
         Args:
-            within: the interval of (n, n_joints) q and (n, 6) wrench, its middle the prediction.
+            within: interval of (n, n_joints) q and (n, 6) wrench, centred at the prediction.
             q: (n, n_joints) rad or m.
             wrench: (n, 6) N and N m at the TCP, base frame.
         """
@@ -176,26 +176,26 @@ class TrainingRange(BriefFields):
         return Interval(middle - half, middle + half, interval.coverage)
 
     def _load_share(self, wrench: FloatArray) -> FloatArray:
-        """Return (n,) the sizes of loads as shares of the largest; 1 N m counts as 1 N."""
+        """Return the (n,) sizes of loads as shares of the largest; 1 N m counts as 1 N."""
         largest = max(self.force + self.torque, 1e-9)
         return np.asarray(_lengths(wrench).sum(axis=1) / largest)
 
     @property
     def usual_distances(self) -> tuple[float, float]:
-        """Largest distance of nine in ten training poses (rad or m) and loads from another one."""
+        """Distance from the nearest other pose (rad or m) and load for nine in ten in training."""
         return self._near_poses.usual, self._near_directions.usual
 
     def extrapolates(self, q: FloatArray, wrench: FloatArray) -> list[str]:
-        """Say for each row what is unlike the training samples; "" where nothing is.
+        """Return for each row how it differs from the training samples; "" if it does not.
 
         "joints": a joint is beyond its training positions by more than `MARGIN` of their span.
-        "pose-gap": none is, but the nearest training pose is more than `FAR` times as far away as
-        `usual_distances` says. "load" and "load-gap": the same of the lengths of force and torque,
-        and of `load_distance`. Each has a least margin or distance.
+        "pose-gap": no joint is, but the nearest training pose is farther than `FAR` times the
+        distance in `usual_distances`. "load" and "load-gap": the same for the lengths of force and
+        torque, and for `load_distance`. Each has a least margin or distance.
 
-        A row can have a word of each pair. Angles count as they stand: 350 deg is not -10 deg,
-        since not every model is periodic. Arguments as of `quantities`; DataError: `q` has another
-        number of joints.
+        A row can have a word of each pair. Angles are not periodic: 350 deg is not -10 deg, since
+        not every model is periodic. Arguments are the same as for `quantities`. DataError: `q` has
+        another number of joints.
         """
         if q.shape[1] != len(self.lower):
             raise DataError(f"a training range of {len(self.lower)} joints, q has {q.shape[1]}")
@@ -215,10 +215,11 @@ class TrainingRange(BriefFields):
 
 
 class _Neighbours:
-    """Nearest rows of a set of them, and how far these usually are from each other.
+    """Nearest rows of a set of rows, and their usual distance.
 
     Attributes:
-        usual: distance within which `USUAL_SHARE` of the rows have another one; 0 of less than two.
+        usual: distance within which `USUAL_SHARE` of the rows have another row; 0 for less than two
+            rows.
     """
 
     def __init__(self, rows: FloatArray) -> None:
@@ -231,7 +232,7 @@ class _Neighbours:
             self.usual = float(np.quantile(distances, USUAL_SHARE))
 
     def distance(self, rows: FloatArray) -> FloatArray:
-        """Return (n,) the distances of rows from the nearest one; 2, where there is none."""
+        """Return the (n,) distances of rows from the nearest row; 2 if there is none."""
         if self._tree is None:
             return np.full(len(rows), 2.0)  # two unit vectors are never farther apart
         return np.asarray(self._tree.query(rows)[0])

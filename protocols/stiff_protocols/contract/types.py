@@ -30,20 +30,20 @@ AXES = ("x", "y", "z")
 """Names of the three components of a deflection, robot base frame."""
 
 KNOWN = {"oracle": "oracle", "noise": "instrument noise", "uncorrected": "no correction"}
-"""What a simulation knows -> its name in tables. Oracle: what the robot's own physics predict from
-the recorded joint angles and wrenches. Noise: the deflection before the tracker's noise.
-Uncorrected: none of a path's error removed."""
+"""Deflections that only a simulation knows -> their names in tables. Oracle: prediction of the
+robot's own physics from the recorded joint angles and wrenches. Noise: deflection before the
+tracker's noise. Uncorrected: a path's whole error."""
 
 PATH_GROUP = "tool path"
-"""Group of the samples that a protocol adds for a robot that is asked again: points of tool paths,
-which no model learns from."""
+"""Group of the samples that a protocol adds for a simulated robot: points of tool paths, which are
+never used for training."""
 
 Deflection = Callable[[FloatArray, FloatArray], FloatArray]
 """(n, n_joints) joint positions [rad, m] and (n, 6) wrenches [N, N m] -> (n, 3) deflections [m]."""
 
 
 SHOWN_ROWS = 5
-"""Samples that a short view of them has."""
+"""Number of samples in a short view."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,11 +54,11 @@ class Samples(Shown):
         q: (n, n_joints) joint angles, rad (m for prismatic joints).
         wrench: (n, 6) load at the TCP, force [N] then torque [N m], base frame.
         deflection: (n, 3) displacement of the TCP under the load, m, base frame.
-        pose_id: (n,) name of the robot pose; a fair split never parts the rows of one pose.
+        pose_id: (n,) name of the robot pose; a fair split never divides the rows of a pose.
         load_id: (n,) name of the load at that pose.
         group: (n,) name of the part of the measurement plan the pose belongs to.
-        instrument_noise: standard deviation of a measured deflection's error, m, of each axis, as
-            the data card states it; 0 where none does.
+        instrument_noise: standard deviation of a measured deflection's error, m, per axis, as
+            stated by the data card; 0 if not stated.
     """
 
     q: FloatArray
@@ -88,7 +88,7 @@ class Samples(Shown):
 
     @property
     def facts(self) -> list[tuple[str, str]]:
-        """Counts, and the ranges of loads and deflections, for people."""
+        """Counts, and the ranges of loads and deflections, as readable text."""
         n_poses = len(np.unique(self.pose_id))
         force, torque = self.wrench[:, :3], self.wrench[:, 3:]
         return [
@@ -112,17 +112,17 @@ class Samples(Shown):
 
     @classmethod
     def together(cls, *parts: Samples) -> Self:
-        """Return the samples of all parts, in their order, with the largest of their noises."""
+        """Return the samples of all parts, in their order, with their largest noise."""
         columns = {name: np.concatenate([getattr(p, name) for p in parts]) for name in COLUMNS}
         return cls(**columns, instrument_noise=max(part.instrument_noise for part in parts))
 
 
 COLUMNS = tuple(item.name for item in fields(Samples) if item.name != "instrument_noise")
-"""What `Samples` have a row of for each sample."""
+"""Fields of `Samples` with a row per sample."""
 
 
 def _range(vectors: FloatArray) -> str:
-    """Return the smallest and the largest length of (n, 3) vectors, one where they are equal."""
+    """Return the smallest and the largest length of (n, 3) vectors as text."""
     lengths = np.linalg.norm(vectors, axis=1)
     ends = (lengths.min(), lengths.max()) if len(lengths) else ()
     return " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends)) or "-"
@@ -130,22 +130,22 @@ def _range(vectors: FloatArray) -> str:
 
 @dataclass(frozen=True, repr=False)
 class Split(BriefFields):
-    """Row numbers of one division of a data set, and under which condition it is tested.
+    """Row numbers of a division of a data set, and its condition.
 
     Attributes:
         index: number of the split in its condition, from 0.
-        train: rows a model learns from.
-        validation: rows that choose an epoch; empty where the protocol gives none.
+        train: training rows.
+        validation: rows that choose an epoch; empty if the protocol has none.
         test: rows that no parameter is fitted to.
-        condition: what a protocol varies beside the rows' draw ("n = 20", "joint-space ->
-            cartesian"); results of different conditions are never averaged. "" where it varies
-            nothing.
-        wrench_error: (n, 6) N and N m, base frame, what the force sensor adds to the wrenches of
-            the reported rows; None for nothing.
-        source: word of the data set of another robot or specimen that simulated source domains
-            come from; "" for the training rows.
-        also_reported: rows of the training side that the metrics are computed on beside the test
-            rows; empty unless the protocol declares `reports_training`.
+        condition: the protocol's condition, other than the rows' draw ("n = 20", "joint-space ->
+            cartesian"). Results of different conditions are never averaged. "" for a single
+            condition.
+        wrench_error: (n, 6) N and N m, base frame, error of the force sensor at the reported rows;
+            None for no error.
+        source: name of another robot's or specimen's data set for simulated source domains; "" for
+            the training rows.
+        also_reported: rows of the training side that the metrics also cover; empty unless the
+            protocol declares `reports_training`.
     """
 
     index: int
@@ -166,7 +166,7 @@ class Split(BriefFields):
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of all that is reported: rows of different splits never meet in one table."""
+        """Hash of all reported rows, so that a table never mixes different splits."""
         if self.wrench_error is None and not len(self.also_reported):
             return self.rows_sha256
         digest = hashlib.sha256(self.rows_sha256.encode())
@@ -185,18 +185,18 @@ class Split(BriefFields):
         return digest.hexdigest()
 
     def told_wrench(self, samples: Samples) -> FloatArray:
-        """Return the (n, 6) wrenches [N, N m] that a model is told of the reported rows."""
+        """Return the (n, 6) wrenches [N, N m] of the reported rows, as given to a model."""
         wrench = samples.wrench[self.reported]
         return wrench if self.wrench_error is None else wrench + self.wrench_error
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Interval(BriefFields):
-    """Where a model says that each deflection lies with a stated probability, axis by axis.
+    """Prediction interval of each deflection with a stated probability, axis by axis.
 
     Attributes:
         lower, upper: (n, 3) m, base frame; lower <= upper.
-        coverage: the probability, of each axis alone.
+        coverage: probability per axis.
     """
 
     lower: FloatArray
@@ -210,27 +210,23 @@ class Interval(BriefFields):
 
 
 def check_coverage(coverage: float) -> None:
-    """See that a nominal coverage is a probability that an interval can have.
-
-    Raises:
-        ConfigError: it is not between 0 and 1.
-    """
+    """Raise ConfigError unless a nominal coverage is between 0 and 1."""
     if not 0.0 < coverage < 1.0:
         raise ConfigError(f"{coverage:g}: must lie between 0 and 1", "coverage")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(BriefFields):
-    """What a model said about the reported rows of one split, beside what was measured.
+    """Predicted and measured deflections of a split's reported rows.
 
     Attributes:
         rows: (n,) row numbers in the data set.
         predicted: (n, 3) predicted deflection, m, base frame.
         measured: (n, 3) deflection of the data set, m, base frame.
-        interval: of the same rows; None where none was asked for.
-        reference: (n, 3) m, base frame, what the reference model (the VJM) predicts that learned
-            from the same rows; None where it cannot be had.
-        known: name of `KNOWN` -> (n, 3) m, base frame, of simulated data.
+        interval: intervals of the same rows; None if not requested.
+        reference: (n, 3) m, base frame, prediction of the reference model (the VJM) with the same
+            training rows; None if not available.
+        known: name of `KNOWN` -> (n, 3) m, base frame, for simulated data.
     """
 
     rows: IntArray
@@ -250,9 +246,9 @@ class Prediction(BriefFields):
 
     @classmethod
     def of_stored(cls, **arrays: Any) -> Self:
-        """Return a prediction that was checked before it was stored, with its arrays as they are.
+        """Return a stored prediction without checking its arrays again.
 
-        Checking 35,000 of them again takes longer than a leaderboard does.
+        Checking 35,000 predictions takes longer than a leaderboard.
         """
         made = object.__new__(cls)
         vars(made).update(arrays)
@@ -261,22 +257,21 @@ class Prediction(BriefFields):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BenchmarkData(Shown):
-    """What a data set gives the engine: samples, and the robot they belong to.
+    """Data of a data set: samples, and their robot.
 
     Attributes:
-        samples: of one robot.
-        robot: as the models are told that it is.
-        known: (n, 3) deflections [m] that only a simulation knows, a row a sample, beside which a
-            model's errors are read: see `KNOWN`. No model sees them, and they are no part of
-            the data's hash.
-        under_load: true deflection of the robot that was measured at poses and loads that it was
-            not measured at, without noise, in the order in which it goes there; None where it
-            cannot be asked again. It can be pickled. Only the scorer calls it: no model sees it,
-            and it is no part of the hash.
+        samples: samples of a robot.
+        robot: robot as given to the models.
+        known: (n, 3) deflections [m] that only a simulation knows, a row per sample, for comparison
+            with a model's errors: see `KNOWN`. Models never get them, and the hash excludes them.
+        under_load: true deflection of the measured robot at new poses and loads, without noise, in
+            the order of the motion; None if the robot cannot be measured again. It can be pickled.
+            Only the scorer calls it; models never get it, and the hash excludes it.
         joint_turn: true turn [rad or m] of joints by (n, n_joints) torques [N m or N], which only
-            a simulation knows: for figures. No model sees it, and the hash does not contain it.
-        paths: points of tool paths that a protocol has corrected beside its test; None: none are.
-            Their deflection is the true one without correction. No part of the hash.
+            a simulation knows, for figures. Models never get it, and the hash excludes it.
+        paths: points of tool paths that a protocol corrects in addition to its test; None: no
+            paths. Their deflection is the true deflection without correction. The hash excludes
+            them.
     """
 
     samples: Samples
@@ -312,7 +307,7 @@ class BenchmarkData(Shown):
         return Screen("Samples and their robot", self.facts)
 
     def without_truth(self) -> BenchmarkData:
-        """Return the same samples and robot, without what only a simulation knows."""
+        """Return the same samples and robot, without data that only a simulation knows."""
         return BenchmarkData(self.samples, self.robot)
 
     @cached_property
@@ -332,7 +327,7 @@ class BenchmarkData(Shown):
 
 def _canonical_bytes(value: Any) -> bytes:
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-        # -0.0 and 0.0 are one number to every model
+        # -0.0 and 0.0 are the same number for every model
         return np.ascontiguousarray(value + 0.0, dtype="<f8").tobytes()
     if isinstance(value, np.ndarray):
         value = value.tolist()

@@ -1,1 +1,1 @@
-"""Kinematics of a serial chain: formulas, the programs they become, and methods on arrays."""
+"""Kinematics of a serial chain: formulas, their programs, and methods on arrays."""

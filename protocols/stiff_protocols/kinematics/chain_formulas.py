@@ -20,7 +20,7 @@ from stiff_protocols.contract.arrays import FloatArray
 JointType = Literal["revolute", "prismatic"]
 
 Component = Any
-"""A plain float, a torch tensor, or a symbol; those of one computation broadcast together."""
+"""A plain float, a torch tensor, or a symbol; components of a computation broadcast together."""
 
 Vector = Sequence[Component]
 """Components along x, y, z."""
@@ -48,14 +48,14 @@ class ChainGeometry:
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """What lies between one joint's z-aligned frame and the next one's.
+    """Geometry and mass between a joint's z-aligned frame and the next joint's.
 
     Attributes:
-        axes: x, y and z axis of the joint's frame, in the frame before.
-        own_axes: x, y and z axis of the joint's frame as the robot has it, in this frame.
-        offset: origin of the joint's frame, in the frame before, m.
-        prismatic: whether the joint slides.
-        mass: of what the joint carries up to the next one, kg.
+        axes: x, y and z axis of the joint's frame, in the previous frame.
+        own_axes: x, y and z axis of the robot's joint frame, in this frame.
+        offset: origin of the joint's frame, in the previous frame, m.
+        prismatic: true if the joint slides.
+        mass: mass between the joint and the next joint, kg.
         centre: its centre of mass in the joint's moved frame, m.
     """
 
@@ -75,7 +75,7 @@ class Frame:
     axes: Sequence[Vector]
 
     def point(self, offset: Vector) -> Vector:
-        """Return where a point of the frame is, base frame."""
+        """Return the position of a point of the frame, base frame."""
         return _plus(self.origin, _out_of(self.axes, offset))
 
 
@@ -170,12 +170,12 @@ class Chain:
 
     def _columns(self, q: Sequence[Component]) -> list[Column]:
         return [
-            own[5 if link.prismatic else 2]  # along or about z
-            for link, own in zip(self.links, self._virtual_columns(q), strict=True)
+            columns[5 if link.prismatic else 2]  # along or about z
+            for link, columns in zip(self.links, self._virtual_columns(q), strict=True)
         ]
 
     def _virtual_columns(self, q: Sequence[Component]) -> list[list[Column]]:
-        """Return, joint by joint, those of turns about and slides along the moved frame's axes."""
+        """Return each joint's columns: turns about, then slides along, the moved frame's axes."""
         frames = list(self.frames(q))
         tcp = frames[-1].point(self.tcp)
         return [
@@ -339,12 +339,12 @@ def _dot(a: Sequence[Component], b: Sequence[Component]) -> Component:
 
 
 def _times(a: Component, b: Component) -> Component:
-    """Return a b; a factor that is the plain number 0, 1 or -1 costs no product."""
-    for factor, other in ((a, b), (b, a)):
+    """Return a b; a plain factor of 0, 1 or -1 needs no product."""
+    for factor, cofactor in ((a, b), (b, a)):
         if isinstance(factor, float) and abs(factor) in (0.0, 1.0):
             if factor == 0.0:
                 return 0.0
-            return other if factor == 1.0 else -other
+            return cofactor if factor == 1.0 else -cofactor
     return a * b
 
 

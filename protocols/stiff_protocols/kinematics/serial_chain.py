@@ -1,7 +1,7 @@
 """Kinematics of a serial chain in NumPy, for many joint positions at once.
 
-The closed forms of `chain_formulas.py` are written once a chain as a straight-line program; there
-is no loop over samples.
+The closed forms of `chain_formulas.py` are written once per chain as a straight-line program,
+without a loop over samples.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from stiff_protocols.kinematics.straight_line import Program, half_angle, tape_w
 
 Formula = Callable[..., Sequence[Component]]
 """A method of `Chain`."""
-PROGRAMS_KEPT = 160  # one a formula and chain; a few hundred steps each
+PROGRAMS_KEPT = 160  # one per formula and chain; a few hundred steps each
 
 REACHED_M, REACHED_RAD = 1e-8, 1e-8
-"""How near inverse kinematics comes to the pose that was asked for."""
+"""Tolerance of inverse kinematics at the target pose."""
 STEPS = 40
-"""Newton's steps at most; in reach and away from singularities it takes three to five."""
+"""Most Newton steps; within reach and away from singularities it takes three to five."""
 PATIENCE = 8
-"""A point whose error has not halved in so many steps is given up."""
+"""Number of steps in which the error must halve; else the point is given up."""
 LARGEST_TURN = 0.3
 """rad or m, of a joint in one Newton step."""
 LENGTH = 0.5
@@ -90,7 +90,7 @@ class SerialChain(ChainGeometry):
         return self._computed(Chain.jacobian, q, (6, self.n_joints))[0]
 
     def virtual_jacobian(self, q: FloatArray) -> FloatArray:
-        """Return how the TCP moves with six virtual joints at every joint, base frame.
+        """Return the TCP's motion by six virtual joints at every joint, base frame.
 
         They turn about and slide along the axes x, y, z of the joint's moving frame, after the
         joint's own motion; z is the joint's axis. Where the axis lies along one of the URDF
@@ -148,8 +148,8 @@ class SerialChain(ChainGeometry):
         """Return joint positions at which the TCP has each pose, and whether it reaches it.
 
         Newton's method for n poses at once, with the damping of Sugihara (IEEE Trans. Robotics 27,
-        2011), which shrinks with the remaining error. Limits of the joints are not looked at. A
-        pose that is not reached gets the positions where its search ended.
+        2011), which shrinks with the remaining error. Joint limits are ignored. A pose that is not
+        reached gets the last positions of its search.
 
         Args:
             position: (n, 3) of the TCP, base frame, m.
@@ -166,7 +166,7 @@ class SerialChain(ChainGeometry):
         rotation = frozen_array(rotation, "rotation", (len(seed), 3, 3))
         free = np.ones(self.n_joints, dtype=bool) if free is None else free
         q, reached = np.array(seed, dtype=np.float64), np.zeros(len(seed), dtype=bool)
-        rows, left = np.arange(len(q)), np.full((STEPS, len(q)), np.inf)
+        rows, remaining_error = np.arange(len(q)), np.full((STEPS, len(q)), np.inf)
         for step in range(STEPS):
             tcp, turned, jacobian = self._computed(
                 Chain.tool, q[rows], (3,), (3, 3), (6, self.n_joints)
@@ -176,10 +176,10 @@ class SerialChain(ChainGeometry):
             near = np.linalg.norm(error.reshape(-1, 2, 3), axis=2) <= (REACHED_M, REACHED_RAD)
             reached[rows[near.all(axis=1)]] = True
             error[:, :3] /= LENGTH
-            left[step, rows] = np.linalg.norm(error, axis=1)
+            remaining_error[step, rows] = np.linalg.norm(error, axis=1)
             on = ~near.all(axis=1)
             if step >= PATIENCE:
-                on &= left[step, rows] < 0.5 * left[step - PATIENCE, rows]
+                on &= remaining_error[step, rows] < 0.5 * remaining_error[step - PATIENCE, rows]
             rows, error = rows[on], error[on]
             if not len(rows):
                 break
@@ -224,7 +224,7 @@ def joint_torque(rows: FloatArray, wrench: FloatArray) -> FloatArray:
 
 
 def unit_deflections(rows: FloatArray, wrench: FloatArray) -> FloatArray:
-    """Return the deflection by each spring alone at unit compliance: J_v,s (J_s^T w).
+    """Return the deflection by each single spring at unit compliance: J_v,s (J_s^T w).
 
     `rows` (n, 6, n_springs) is the twist of the TCP by a unit turn (or slide) of each spring; the
     result (n, 3, n_springs) is in m for a compliance of 1 rad/(N m), or m/N for a slide.

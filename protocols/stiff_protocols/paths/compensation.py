@@ -1,8 +1,8 @@
-"""Commands that correct a path for the deflection that a model predicts.
+"""Commands that correct a path for a model's predicted deflection.
 
-The loaded tool stands at ``p_cmd + d(q(p_cmd), w)``. It shall stand at p: the command is the fixed
-point of ``p_cmd = p - d(q(p_cmd), w)``, iterated for all points at once. A deflection hardly
-changes over its own length, so each step is about a hundredth of the one before.
+The loaded tool is at ``p_cmd + d(q(p_cmd), w)``. Its target is p, so the command is the fixed point
+of ``p_cmd = p - d(q(p_cmd), w)``, iterated for all points at once. A deflection hardly changes over
+its own length, so each step is about a hundredth of the previous step.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NOT_CONVERGED, OUT_OF_REACH, BEYOND_LIMITS = "not converged", "out of reach", "j
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compensation(BriefFields):
-    """A corrected path. A row that was not corrected has its command and deflection from before.
+    """A corrected path; uncorrected rows keep their original commands and deflections.
 
     Attributes:
         wanted: (n, 3) points of the path, base frame, m.
@@ -44,7 +44,7 @@ class Compensation(BriefFields):
         iterations: (n,) predictions of each row.
         contraction: (n,) ratio of the last two steps; below 1 they shrink. NaN where the first one
             was within the tolerance.
-        problem: (n,) why a row was not corrected: one of the words above; "" where it was.
+        problem: (n,) why a row was not corrected: one of the words above; "" if it was.
     """
 
     wanted: FloatArray
@@ -58,20 +58,20 @@ class Compensation(BriefFields):
 
     @property
     def removed(self) -> FloatArray:
-        """(n, 3) predicted deflection that the command takes out, base frame, m."""
+        """(n, 3) predicted deflection that the command removes, base frame, m."""
         return self.wanted - self.position
 
     @property
     def residual(self) -> FloatArray:
-        """(n, 3) from the wanted point to where the loaded tool is predicted, base frame, m.
+        """(n, 3) from the target point to the predicted position of the loaded tool, base frame, m.
 
-        It says how far the iteration converged, and nothing about the robot.
+        It measures the convergence of the iteration, not the robot's accuracy.
         """
         return self.position + self.deflection - self.wanted
 
     @property
     def converged(self) -> BoolArray:
-        """(n,) whether the row was corrected."""
+        """(n,) true for corrected rows."""
         return np.asarray(self.problem == "")
 
 
@@ -85,18 +85,18 @@ def compensate(
     tolerance_m: float = TOLERANCE_M,
     max_iterations: int = MAX_ITERATIONS,
 ) -> Compensation:
-    """Return the commands under which the loaded tool is predicted to be on the path.
+    """Return the commands with which the predicted loaded tool is on the path.
 
-    The orientation is held; the configuration is that of `q`.
+    Orientation and configuration are the same as for `q`.
 
     Args:
-        predict: deflections of a model.
-        robot: of any number of joints.
-        path: what is wanted, under its loads.
+        predict: function that returns deflections of a model.
+        robot: robot with any number of joints.
+        path: target path with its loads.
         q: (n, n_joints) joint positions at the points of the path, rad or m (`inverse.follow`).
-        held: see `inverse.free_joints`; a held joint stays where `q` has it.
-        tolerance_m: remaining distance to the wanted point at which a row is done, m.
-        max_iterations: predictions of a row at most.
+        held: see `inverse.free_joints`; a held joint keeps its position in `q`.
+        tolerance_m: largest remaining distance to the target point, m.
+        max_iterations: most predictions per row.
 
     Raises:
         DataError: more than six joints move, or `predict` returns another shape or a number that is
@@ -109,8 +109,8 @@ def compensate(
         )
     free = free_joints(robot, held)
     n = len(path)
-    wanted = frozen_array(robot.checked_positions(q), "q", (n, robot.n_joints))
-    command, position = wanted.copy(), path.position.copy()
+    path_q = frozen_array(robot.checked_positions(q), "q", (n, robot.n_joints))
+    command, position = path_q.copy(), path.position.copy()
     deflection, before = np.zeros((n, 3)), np.zeros((n, 3))
     iterations, contraction = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
     step = np.full(n, np.nan)
@@ -139,13 +139,13 @@ def compensate(
         )
         problem[rows[~reached]] = OUT_OF_REACH
         rows = rows[reached]
-    beyond = (command < np.minimum(robot.lower, wanted)) | (
-        command > np.maximum(robot.upper, wanted)
+    beyond = (command < np.minimum(robot.lower, path_q)) | (
+        command > np.maximum(robot.upper, path_q)
     )
     problem[(problem == "") & beyond.any(axis=1)] = BEYOND_LIMITS
-    left = problem != ""
-    position[left], command[left] = path.position[left], wanted[left]
-    deflection[left] = before[left]
+    uncorrected = problem != ""
+    position[uncorrected], command[uncorrected] = path.position[uncorrected], path_q[uncorrected]
+    deflection[uncorrected] = before[uncorrected]
     return Compensation(
         path.position, position, command, deflection, before, iterations, contraction, problem
     )

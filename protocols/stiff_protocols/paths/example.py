@@ -1,4 +1,4 @@
-"""A path in front of a robot that it can drive, to try corrections on."""
+"""An example path in front of a robot, within its reach, to try corrections."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ def drivable_path(
 ) -> ToolPath:
     """Return a horizontal path, the tool pointing down; arguments as `shaped`.
 
-    `held` is as in `free_joints`. Prismatic ones at the base carry the path with the arm.
-    Of four turns of the tool that can be driven, it takes the one that turns the last joint least.
+    `held` is as in `free_joints`. Prismatic joints at the base move the path with the arm. Of the
+    possible turns among four turns of the tool, it uses the turn with the least motion of the last
+    joint.
 
     Raises:
         DataError: no place was found where the robot can drive the path.
@@ -38,19 +39,21 @@ def drivable_path(
     (base,) = robot.arm_base(stands.points)
     outwards = robot.axes[-1] * (-1.0 if robot.axes[-1] @ robot.tcp < 0.0 else 1.0)
     down, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [outwards])  # where the last joint points
-    some = evenly_spaced(n_points)
+    sample_rows = evenly_spaced(n_points)
     for x, z in PLACES:
         driven: list[tuple[float, ToolPath]] = []
         for angle in (0.0, 90.0, 180.0, 270.0):
             turned = (Rotation.from_euler("z", angle, degrees=True) * down).as_matrix()
             centre = base + reach * np.array([x, 0.0, z])
             path = shaped(shape, centre, size, n_points, rotation=turned, wrench=wrench)
-            found = follow(robot, path.position[some], path.rotation[some], held=held)
-            if found.ok.all():
-                driven.append((float(np.abs(found.q[:, -1]).max()), path))
+            followed = follow(
+                robot, path.position[sample_rows], path.rotation[sample_rows], held=held
+            )
+            if followed.ok.all():
+                driven.append((float(np.abs(followed.q[:, -1]).max()), path))
         if driven:
-            return min(driven, key=lambda one: one[0])[1]
+            return min(driven, key=lambda distance_and_path: distance_and_path[0])[1]
     raise DataError(
-        f"{robot.name} cannot drive a {shape} of {1000.0 * size:g} mm in front of it; try a "
+        f"{robot.name} cannot drive a {shape} of {1000.0 * size:g} mm in front of it; use a "
         "smaller size, or other values of held joints"
     )

@@ -1,8 +1,8 @@
 """Joint positions along a path of the tool: inverse kinematics of all points at once.
 
-`Robot.inverse` is Newton's method, for n poses from n seeds. `follow` finds the seeds: it marches
-along the path in steps that are so short that the arm cannot leave its configuration, and
-interpolates the joint positions between them.
+`Robot.inverse` is Newton's method, for n poses from n seeds. `follow` computes the seeds: it moves
+along the path in steps too short for the arm to leave its configuration, and interpolates the joint
+positions between them.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from stiff_protocols.contract.robot import Robot
 from stiff_protocols.kinematics.serial_chain import LENGTH
 
 STRIDE_M, STRIDE_RAD = 0.05, 0.2
-"""One step along the path is so long at most."""
+"""Longest step along the path."""
 SHORTEST = 1 / 128
-"""Part of it that a step is shortened to where a joint moves far."""
+"""Share of the longest step to which a step is shortened if a joint moves far."""
 NEIGHBOURS = 1 / 8
-"""Part of it between points that are solved first, to begin the others from."""
+"""Share of the longest step between the points that are solved first, as seeds of the others."""
 JUMP = 0.5
 """rad or m: a joint that moves further in the shortest step has changed the configuration."""
 
@@ -47,7 +47,7 @@ SHORT_TURN = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Joint positions along a path, and where they cannot be driven.
+    """Joint positions along a path, and reasons why rows cannot be driven.
 
     Attributes:
         q: (n, n_joints) rad or m; the nearest that was found where the pose is not reached.
@@ -66,17 +66,17 @@ class Followed:
 
     @property
     def singular(self) -> BoolArray:
-        """(n,) whether the Jacobian is near the loss of its rank."""
+        """(n,) true if the Jacobian is nearly rank-deficient."""
         return self.condition > SINGULAR
 
     @property
     def ok(self) -> BoolArray:
-        """(n,) whether the row can be driven."""
+        """(n,) true if the row can be driven."""
         return self.reached & ~self.beyond.any(axis=1) & ~self.singular & ~self.flips
 
 
 def free_joints(robot: Robot, held: FloatArray | None = None) -> BoolArray:
-    """Return (n_joints,) which joints move along a path, where a pose of the tool determines them.
+    """Return (n_joints,) true for joints that move along a path and that a pose determines.
 
     Args:
         robot: of any number of joints.
@@ -96,7 +96,7 @@ def free_joints(robot: Robot, held: FloatArray | None = None) -> BoolArray:
 
 
 def joint_number(robot: Robot, name: str) -> int:
-    """Return the number, from 0, of a joint that is called by its name or as in J1, q1 or 1.
+    """Return the number, from 0, of a joint by its name or by J1, q1 or 1.
 
     Raises:
         ConfigError: the robot does not have this joint.
@@ -110,30 +110,30 @@ def joint_number(robot: Robot, name: str) -> int:
 
 
 def is_singular(robot: Robot, q: FloatArray, free: BoolArray) -> BoolArray:
-    """Return (n,) whether the Jacobian of the `free` joints is near the loss of its rank."""
+    """Return (n,) true if the Jacobian of the `free` joints is nearly rank-deficient."""
     return np.asarray(np.linalg.cond(_even(robot.jacobian(q)[:, :, free])) > SINGULAR)
 
 
 def judged(robot: Robot, q: FloatArray, held: FloatArray | None = None) -> Followed:
-    """Return what can be said of joint positions (n, n_joints) that are given, rad or m.
+    """Return the properties of given joint positions (n, n_joints), rad or m.
 
-    Between two rows the joints move in proportion. Where that passes a singularity, a part of the
-    arm flips, even where two parts flip at once, which the sign of the determinant does not show.
+    Between two rows the joints move in proportion. If this motion passes a singularity, a part of
+    the arm flips. If two parts flip at once, the sign of the determinant does not change.
     """
     free = free_joints(robot, held)
-    found = _described(robot, q, np.ones(len(q), dtype=bool), free)
-    flips, clear = found.flips.copy(), ~found.singular
+    followed = _described(robot, q, np.ones(len(q), dtype=bool), free)
+    flips, clear = followed.flips.copy(), ~followed.singular
     far = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > JUMP
     for row in np.flatnonzero(far & clear[1:] & clear[:-1]):
         turn = q[row + 1] - q[row]
         n = int(np.abs(turn).max() / SHORT_TURN) + 1
         between = q[row] + np.arange(1, 2 * n)[:, None] / (2 * n) * turn  # the middle is one
         flips[row + 1] |= is_singular(robot, between, free).any()
-    return replace(found, flips=flips)
+    return replace(followed, flips=flips)
 
 
 def _described(robot: Robot, q: FloatArray, reached: BoolArray, free: BoolArray) -> Followed:
-    """Return what joint positions (n, n_joints) say by themselves."""
+    """Return the properties of single joint positions (n, n_joints)."""
     jacobian = _even(robot.jacobian(q)[:, :, free])
     flips = np.zeros(len(q), dtype=bool)
     if free.sum() == 6:  # the sign is that of shoulder, elbow and wrist together
@@ -186,22 +186,22 @@ def follow(
             near=near if start is None else None,
         )
 
-    some = evenly_spaced(len(position))
+    compared_rows = evenly_spaced(len(position))
 
     def cost(branch: int) -> tuple[float, ...]:
-        found = driven(branch, some)
-        away = np.linalg.norm(found.q.mean(axis=0) - near)
-        return float((~found.ok).sum()), float(breaks[branch].sum()), float(away)
+        followed = driven(branch, compared_rows)
+        away = np.linalg.norm(followed.q.mean(axis=0) - near)
+        return float((~followed.ok).sum()), float(breaks[branch].sum()), float(away)
 
     best = min(range(len(starts)), key=cost) if len(starts) > 1 else 0
     return driven(best, np.arange(len(position)))
 
 
 def evenly_spaced(n: int, most: int = COMPARED_AT) -> IntArray:
-    """Return at most so many of n rows, first and last among them.
+    """Return at most `most` of n rows, including the first and the last.
 
-    By default those at which configurations are compared. Rounding instead of truncating would
-    compare others, and change results that are stored.
+    By default these are the rows at which configurations are compared. Rounding instead of
+    truncating would compare other rows, and change stored results.
     """
     return np.unique(np.linspace(0, n - 1, most).astype(np.int64))
 
@@ -214,9 +214,9 @@ def _even(jacobian: FloatArray) -> FloatArray:
 def _configurations(
     robot: Robot, position: FloatArray, rotation: FloatArray, held: FloatArray
 ) -> FloatArray:
-    """Return (m, n_joints) the different joint positions at which the TCP has one pose.
+    """Return the (m, n_joints) different joint positions with the same pose of the TCP.
 
-    The nearest where none is reached. Turns of 360 deg are not different.
+    If none is reached, return the nearest. Turns of 360 deg are not different.
     """
     q, reached = _from_seeds(
         robot, position[None], rotation[None], _random_seeds(robot, held), held
@@ -236,10 +236,10 @@ def all_configurations(
 ) -> FloatArray:
     """Return the different joint positions at which the TCP has each of n poses.
 
-    Limits of the joints are not looked at, and turns of 360 deg are not different: revolute joints
-    that move are within +-pi. A pose next to a singularity can have fewer configurations than it
-    should. Poses of one neighbourhood share the search: `n_seeds` random seeds for its first pose,
-    whose configurations are the others' seeds.
+    Joint limits are ignored, and turns of 360 deg are not different: revolute joints that move are
+    within +-pi. Near a singularity some configurations may be missing. Poses of a neighbourhood
+    share the search: it uses `n_seeds` random seeds for the first pose, whose configurations are
+    the seeds of the other poses.
 
     Args:
         robot: of at most six joints that move.
@@ -307,7 +307,7 @@ def _from_seeds(
     seeds: FloatArray,
     held: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Return (n_seeds, n, n_joints) where the search from each seed ends, and what is reached."""
+    """Return the (n_seeds, n, n_joints) ends of the searches, and which poses are reached."""
     n = len(position)
     q = np.repeat(seeds[:, None], n, axis=1).reshape(-1, robot.n_joints)
     poses = np.tile(position, (len(seeds), 1)), np.tile(rotation, (len(seeds), 1, 1))
@@ -318,7 +318,7 @@ def _from_seeds(
 def different_positions(
     robot: Robot, q: FloatArray, reached: BoolArray, held: FloatArray
 ) -> FloatArray:
-    """Return (n, m, n_joints) the different ones of (n_seeds, n, n_joints); NaN for the rest."""
+    """Return the (n, m, n_joints) different positions of (n_seeds, n, n_joints); else NaN."""
     turns, free = robot.turns, np.isnan(held)
     q = np.where(turns & free, (q + np.pi) % (2.0 * np.pi) - np.pi, q)
     new = reached.copy()
@@ -379,18 +379,22 @@ def _marched(
         here, stride = there, min(1.0, 2.0 * stride)
     seeds = [_between(place, np.array(places), along) for along in np.stack(branch, axis=1)]
     regular = np.r_[np.arange(0.0, place[-1], NEIGHBOURS), place[-1]]
-    some = np.unique(np.searchsorted(place, regular))
-    if 2 * len(some) < len(place):
+    regular_rows = np.unique(np.searchsorted(place, regular))
+    if 2 * len(regular_rows) < len(place):
         for i, along in enumerate(seeds):
-            q, reached = robot.inverse(position[some], rotation[some], along[some], free)
-            kept = reached & (np.abs(q - along[some]).max(axis=1) < JUMP)
-            seeds[i] = _between(place, place[some], np.where(kept[:, None], q, along[some]))
+            q, reached = robot.inverse(
+                position[regular_rows], rotation[regular_rows], along[regular_rows], free
+            )
+            is_close = reached & (np.abs(q - along[regular_rows]).max(axis=1) < JUMP)
+            seeds[i] = _between(
+                place, place[regular_rows], np.where(is_close[:, None], q, along[regular_rows])
+            )
     return np.array(seeds), breaks
 
 
-def _between(place: FloatArray, known: FloatArray, q: FloatArray) -> FloatArray:
-    """Return (n, n_joints) at (n,) places, linear between (k, n_joints) `q` at `known` ones."""
-    return np.stack([np.interp(place, known, joint) for joint in q.T], axis=1)
+def _between(place: FloatArray, known_places: FloatArray, q: FloatArray) -> FloatArray:
+    """Return (n, n_joints) at (n,) places, linear between (k, n_joints) `q` at `known_places`."""
+    return np.stack([np.interp(place, known_places, joint) for joint in q.T], axis=1)
 
 
 def _driven(
@@ -409,8 +413,8 @@ def _driven(
     flips = breaks | np.r_[False, away & reached[1:] & reached[:-1]]
     if near is not None:
         q = q + np.where(free, turns_to(near, robot, q), 0.0)
-    found = _described(robot, q, reached, free)
-    return replace(found, flips=flips | found.flips)
+    followed = _described(robot, q, reached, free)
+    return replace(followed, flips=flips | followed.flips)
 
 
 def _middle(robot: Robot) -> FloatArray:
@@ -433,7 +437,7 @@ def turns_to(near: FloatArray, robot: Robot, q: FloatArray) -> FloatArray:
         (..., n_joints) rad; 0 for a joint that slides.
     """
     low, high = q.min(axis=0), q.max(axis=0)
-    whole = np.rint((near - 0.5 * (low + high)) / (2.0 * np.pi))
-    whole += (low + 2.0 * np.pi * whole < robot.lower - LIMIT_SLACK).astype(float)
-    whole -= high + 2.0 * np.pi * whole > robot.upper + LIMIT_SLACK
-    return np.asarray(2.0 * np.pi * np.where(robot.turns, whole, 0.0))
+    n_turns = np.rint((near - 0.5 * (low + high)) / (2.0 * np.pi))
+    n_turns += (low + 2.0 * np.pi * n_turns < robot.lower - LIMIT_SLACK).astype(float)
+    n_turns -= high + 2.0 * np.pi * n_turns > robot.upper + LIMIT_SLACK
+    return np.asarray(2.0 * np.pi * np.where(robot.turns, n_turns, 0.0))

@@ -1,4 +1,4 @@
-"""A path inside the training range of a model, where its predictions are not a guess."""
+"""A path inside the training range of a model, where its predictions are reliable."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class TrainedPath:
 
     Attributes:
         path: poses and loads.
-        extrapolates: (n,) words for what of a point is beyond the training range, "" for nothing.
+        extrapolates: (n,) words of `TrainingRange.extrapolates`; "" inside the training range.
     """
 
     path: ToolPath
@@ -44,7 +44,7 @@ class TrainedPath:
 
 
 def training_load(training_range: TrainingRange) -> FloatArray | None:
-    """Return (6,) the training load that pulls downwards most, at half of the largest force.
+    """Return the (6,) training load with the largest downward share, at half the largest force.
 
     N and N m at the TCP, base frame; None: the training samples have no load.
     """
@@ -132,7 +132,7 @@ def _most_promising(
     wrench: ArrayLike,
     moves: BoolArray,
 ) -> list[int]:
-    """Return the numbers of the poses about which a few points of the path lie best."""
+    """Return the numbers of the poses with the best few points of a path about them."""
     outwards = robot.axes[-1] * (-1.0 if robot.axes[-1] @ robot.tcp < 0.0 else 1.0)
 
     def costs() -> Iterator[tuple[float, float, int]]:

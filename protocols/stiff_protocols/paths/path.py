@@ -1,4 +1,4 @@
-"""A path of the tool under its process load, and the shapes that tests of accuracy drive."""
+"""A path of the tool under its process load, and shapes for tests of accuracy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SAME_ROTATION = 1e-6
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToolPath(BriefFields):
-    """Poses of the tool in the order in which it takes them, each under its load.
+    """Poses of the tool in their order, each with its load.
 
     Attributes:
         name: of the path.
@@ -43,7 +43,7 @@ class ToolPath(BriefFields):
         turns &= np.linalg.det(self.rotation) > 0.0
         if not turns.all():
             row = int(np.argmin(turns))
-            raise DataError(f"path {self.name!r}: rotation[{row}] is no rotation matrix")
+            raise DataError(f"path {self.name!r}: rotation[{row}] is not a rotation matrix")
 
     def __len__(self) -> int:
         return len(self.position)

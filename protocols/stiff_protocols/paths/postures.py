@@ -1,4 +1,4 @@
-"""Postures at the points of a task whose tool may turn about its axis, and the best of them.
+"""Postures at the points of a task with a tool that may turn about its axis; the best postures.
 
 At each point there are some turns about the axis, and at each turn up to eight configurations of a
 six-axis arm: its *branches*, which singularities separate. A motion keeps its branch. Dynamic
@@ -48,8 +48,8 @@ class Postures(BriefFields):
 
     Attributes:
         q: (n, m, 8, n_joints) rad or m, inside the limits, away from singularities.
-        n_reached: (n,) configurations in reach, before limits and singularities are looked at.
-        n_inside: (n,) the same inside the limits of the joints.
+        n_reached: (n,) configurations in reach, without the checks of limits and singularities.
+        n_inside: (n,) configurations in reach and inside the limits of the joints.
     """
 
     q: FloatArray
@@ -288,7 +288,7 @@ def _continuous(robot: Robot, q: FloatArray, near: FloatArray) -> FloatArray:
 
 
 def _whole_turns(robot: Robot, low: FloatArray, high: FloatArray, near: FloatArray) -> FloatArray:
-    """Return how often joints must turn so that low..high is inside the limits; NaN: it cannot.
+    """Return the whole turns of joints that move low..high inside the limits; NaN: impossible.
 
     Arguments and result have the shape (.., n_joints).
     """

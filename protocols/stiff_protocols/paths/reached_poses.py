@@ -1,4 +1,4 @@
-"""Joint positions over a grid of points: one configuration per point, or why there is none.
+"""Joint positions over a grid of points: one configuration per point, or the reason for none.
 
 Along a path the arm keeps one configuration (`inverse.follow`). Points of a map have no order, so
 each has the configuration that is nearest to a training pose of the model.

@@ -75,15 +75,16 @@ def reachable_region(
     region: FloatArray,
     is_reached: Callable[[FloatArray], BoolArray],
 ) -> FloatArray:
-    """Return (3, 2) the part of a region that a coarse grid reaches, and one of its cells around.
+    """Return the (3, 2) part of a region that a coarse grid reaches, with a margin of one cell.
 
-    The region itself where nothing is reached.
+    If nothing is reached, return the region itself.
 
     Args:
         plane: see `plane_grid`.
         levels: see `plane_grid`.
         region: see `plane_grid`.
-        is_reached: says of (n_rows, n_columns, 3) points, base frame, m, whether each is reached.
+        is_reached: returns whether each of (n_rows, n_columns, 3) points, base frame, m, is
+            reached.
     """
     points = plane_grid(plane, levels, region, COARSE_POINTS)
     reached = np.concatenate([grid[is_reached(grid)] for grid in points])

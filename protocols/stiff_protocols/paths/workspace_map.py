@@ -102,7 +102,7 @@ class WorkspaceTask:
         return reached_poses(self.robot, points, rotation, self.training_range, self.held)
 
     def are_reached(self, points: FloatArray, turns: Sequence[float]) -> BoolArray:
-        """Return (n_rows, n_columns) whether each point is reached with any turn of the tool."""
+        """Return (n_rows, n_columns) true for points reached with any turn of the tool."""
         reached = [self.reached(points, turn).reached for turn in turns]
         return np.asarray(np.any(reached, axis=0).reshape(points.shape[:2]))
 
@@ -177,7 +177,7 @@ def _mapped(task: WorkspaceTask, points: FloatArray, turn: float) -> MappedPoint
 
 
 def _better(first: MappedPoints, second: MappedPoints) -> MappedPoints:
-    """Return at each point the one with the smaller value; a blank point is never better."""
+    """Return at each point the prediction with the smaller value; blank points are never better."""
     sizes = [
         np.where(points.blank == "", np.abs(points.values), np.inf) for points in (first, second)
     ]

@@ -1,11 +1,11 @@
-"""How far would the mean absolute error move with other poses? The cluster bootstrap over poses.
+"""Cluster bootstrap over poses: the variation of the mean absolute error with other poses.
 
-Rows of one pose are alike, so whole poses are drawn, each with all of its rows (several loads,
+Rows of a pose are similar, so whole poses are drawn, each with all of its rows (several loads,
 several splits). The mean error is then a ratio, sum of errors / number of rows, and both parts are
 drawn together.
 
-The fitted models are held fixed. The intervals cover other poses of the same kind; that another
-training set would have given other models is not in them (`paired.corrected_t` is for that).
+The fitted models are fixed. The intervals cover other poses of the same kind. They do not cover
+other training sets, which would give other models (see `paired.corrected_t`).
 """
 
 from __future__ import annotations
@@ -58,11 +58,11 @@ def pose_errors(pose_id: ArrayLike, errors: ArrayLike, rows: ArrayLike | None = 
 
     Args:
         pose_id: (N,) pose of each row of the data set, in any order.
-        errors: (n, k) errors of the rows that were tested.
-        rows: (n,) their numbers, a row that was tested twice stands there twice; None: all rows.
+        errors: (n, k) errors of the tested rows.
+        rows: (n,) their numbers, with repetitions for rows tested twice; None: all rows.
 
     Raises:
-        DataError: there are no errors, the lengths differ, or an error is no finite number.
+        DataError: `errors` is empty, the lengths differ, or an error is not a finite number.
     """
     absolute = np.abs(frozen_array(errors, "errors", (None, None)))  # (n, k) m
     poses, pose_of_row = np.unique(np.asarray(pose_id, dtype=np.str_), return_inverse=True)
@@ -72,7 +72,7 @@ def pose_errors(pose_id: ArrayLike, errors: ArrayLike, rows: ArrayLike | None = 
             f"pose_id has shape {tested.shape}, expected one pose for each of the "
             f"{len(absolute)} rows of errors, and at least 1 row"
         )
-    totals = [np.bincount(tested, weights=one, minlength=len(poses)) for one in absolute.T]
+    totals = [np.bincount(tested, weights=column, minlength=len(poses)) for column in absolute.T]
     counts = np.bincount(tested, minlength=len(poses))
     return PoseErrors(poses, np.column_stack(totals), counts)
 
@@ -92,7 +92,7 @@ def resampled_means(errors: PoseErrors, *, seed: int = 0) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _pose_draws(n_poses: int, seed: int) -> FloatArray:
-    """Return (B, p) how often each pose was drawn; read-only, as many calls share it."""
+    """Return the (B, p) counts of drawn poses; read-only, because many calls share them."""
     shares = np.full(n_poses, 1.0 / n_poses)
     draws = np.random.default_rng(seed).multinomial(n_poses, shares, size=RESAMPLES)
     exact = draws.astype(np.float64)  # products of integers are not BLAS's

@@ -1,15 +1,15 @@
-"""Split-conformal intervals for any model: how wrong is it on poses that it did not learn from?
+"""Split-conformal intervals for any model, from its errors at left-out poses.
 
-The training side is divided by pose. A copy of the model is fitted to one part; the absolute
-errors s_1 .. s_n on the other part give, for each axis alone, the half width of the interval: with
+The training side is divided by pose. A copy of the model is fitted to one part. The absolute errors
+s_1 .. s_n on the other part give the half width of the interval per axis: with
 ``k = ceil(c (n + 1))`` the k-th smallest of them. A new pose then lies inside with a probability
-of c to c + 1/(n + 1), whatever the model (Lei et al. 2018, Distribution-free predictive inference
-for regression, theorem 2.2). Each error counts in units of `TrainingRange.stretch`: a pose far
-from those that were learned may err more, and its interval is as many times as wide.
+of c to c + 1/(n + 1), for any model (Lei et al. 2018, Distribution-free predictive inference for
+regression, theorem 2.2). Each error counts in units of `TrainingRange.stretch`: errors may be
+larger far from training poses, and intervals there are wider by this factor.
 
-That holds for exchangeable errors. The rows of one pose are not: so each calibration pose gives one
-row, drawn at random (Dunn, Wasserman and Ramdas 2023, Distribution-free prediction sets for
-two-layer hierarchical models, "subsampling once").
+This requires exchangeable errors. The rows of a pose are not exchangeable, so each calibration pose
+gives one row, drawn at random (Dunn, Wasserman and Ramdas 2023, Distribution-free prediction sets
+for two-layer hierarchical models, "subsampling once").
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.generators import inner_validation
 
 SHARE = 0.25
-"""Of the training poses that are calibrated on; more where the coverage needs more, up to half."""
+"""Share of the training poses for calibration; more if the coverage requires it, up to half."""
 ROUNDING = 1e-12
 """1 - 0.9 is a little less than 0.1 in floating point, which would cost a calibration sample."""
 
@@ -50,8 +50,8 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     """A model with split-conformal intervals.
 
     Attributes:
-        model: what is copied and fitted; it is left as it is.
-        coverage: probability (0..1) that an interval is to have, of each axis alone.
+        model: model to copy and fit; it is not changed.
+        coverage: probability (0..1) of an interval, per axis.
         model_: the copy, fitted to the other poses.
         residuals_: (n, 3) m, absolute errors on one row of each calibration pose, over
             `TrainingRange.stretch`.
@@ -66,8 +66,8 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
     ) -> Self:
         """Divide `train` by pose, fit a copy of the model to one part, calibrate on the other.
 
-        `validation` is given to the model as it is, never calibrated on; `seed` is of the division
-        and of the model.
+        The model gets `validation` unchanged; it is never used for calibration. `seed` determines
+        the division and the model.
 
         Raises:
             TooFewToCalibrate: `coverage` needs more calibration samples than half of the poses.
@@ -94,10 +94,10 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         return predicted
 
     def predict_interval(self, q: FloatArray, wrench: FloatArray, coverage: float) -> Interval:
-        """Return where each deflection lies with probability `coverage`, axis by axis.
+        """Return each deflection's interval of probability `coverage`, axis by axis.
 
-        `coverage` (0..1) may differ from what `fit` was prepared for. Away from what the copy
-        learned from they are wider, as `TrainingRange.widened` says.
+        `coverage` (0..1) may differ from the option. Intervals are wider away from the training
+        samples; see `TrainingRange.widened`.
 
         Raises:
             NotFittedError: `fit` was not called.

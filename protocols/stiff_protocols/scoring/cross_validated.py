@@ -1,4 +1,4 @@
-"""Error of a fit at poses that it did not learn from, in few numbers that a model file keeps."""
+"""Summarise a fit's error at left-out poses in a few numbers for a model file."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Measures of a cell: errors of its predictions, its intervals, and what it cost.
+"""Measures of a cell: errors of its predictions, its intervals, and its cost.
 
-They are computed from what a cell stores when it is read: a new entry of `METRICS` has values of
-every folder of results.
+They are computed when a stored cell is read, so a new entry of `METRICS` has values for every
+folder of results.
 
 With e_i the ABSOLUTE error of sample i in one direction, the source paper defines
 MAE = mean(e), STDE = sqrt(mean((e - mean(e))^2)), the population standard deviation of the
@@ -25,7 +25,7 @@ from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, Prediction
 
 WHOLE = ("",)
-"""The axes of a metric that has one value in all."""
+"""The axes of a metric with a single value."""
 Unit = Literal["m", "1", "share", "s", "B", "1/s"]
 
 
@@ -34,14 +34,14 @@ class Metric:
     """A column of a table.
 
     Attributes:
-        key: the word used on the command line.
+        key: name on the command line.
         label: column heading.
-        unit: of the value; "share" is printed in per cent, "1" as it is.
+        unit: unit of the value; "share" is printed in per cent, "1" as it is.
         meaning: one line for `bench list metrics`.
-        of_prediction: predictions -> one value an axis, or None where they do not tell.
-        of_cost: cost -> one value, or None where it is not known.
-        direction: whether a smaller, a larger, or the nominal value is best.
-        axes: of the values: x, y, z, or one value in all.
+        of_prediction: predictions -> one value per axis, or None if they do not determine it.
+        of_cost: cost -> one value, or None if unknown.
+        direction: best value: the smaller, the larger, or the nominal.
+        axes: axes of the values: x, y, z, or a single value.
         needs_interval: it is computed from the predictions' intervals, and has no value without.
     """
 
@@ -58,22 +58,22 @@ class Metric:
     def values(self, prediction: Prediction, cost: Cost | None = None) -> dict[str, float]:
         """Return axis -> value; an axis without a finite value is left out.
 
-        `cost` is None where it is not known, as for the predictions of several splits together.
+        `cost` is None if unknown, as for the predictions of several splits together.
         """
-        found: FloatArray | float | None = None
+        computed: FloatArray | float | None = None
         if self.needs_interval and prediction.interval is None:
             return {}
         if self.of_prediction is not None:
-            found = self.of_prediction(prediction)
+            computed = self.of_prediction(prediction)
         elif self.of_cost is not None and cost is not None:
-            found = self.of_cost(cost)
-        if found is None:
+            computed = self.of_cost(cost)
+        if computed is None:
             return {}
-        values = zip(self.axes, np.atleast_1d(found).tolist(), strict=True)
+        values = zip(self.axes, np.atleast_1d(computed).tolist(), strict=True)
         return {axis: value for axis, value in values if np.isfinite(value)}
 
     def of_result(self, result: CellResult) -> dict[str, float]:
-        """Return axis -> value of a cell, in SI units; empty where it has none."""
+        """Return axis -> value of a cell, in SI units; empty without a prediction."""
         prediction = result.prediction
         return {} if prediction is None else self.values(prediction, result.cost)
 
@@ -95,12 +95,12 @@ def _lengths(vectors: FloatArray) -> FloatArray:
 
 
 def _of_axes(reduced: Callable[..., Any]) -> Callable[[Prediction], FloatArray]:
-    """Return what computes such a number of the absolute errors, m, axis by axis."""
+    """Return a function that reduces the absolute errors, m, axis by axis."""
     return lambda prediction: np.asarray(reduced(absolute_errors(prediction), axis=0))
 
 
 def _of_norm(reduced: Callable[..., Any]) -> Callable[[Prediction], FloatArray]:
-    """Return what computes such a number of the lengths of the errors, m."""
+    """Return a function that reduces the lengths of the errors, m."""
     return lambda prediction: np.asarray(reduced(norm_errors(prediction)))
 
 
@@ -115,21 +115,24 @@ def _r2(prediction: Prediction) -> FloatArray:
     """Return 1 - SSE/SST; NaN on an axis along which the test rows do not differ."""
     measured = prediction.measured
     total = ((measured - measured.mean(axis=0)) ** 2).sum(axis=0)
-    left = ((measured - prediction.predicted) ** 2).sum(axis=0)
+    squared_errors = ((measured - prediction.predicted) ** 2).sum(axis=0)
     return np.asarray(
-        1.0 - np.divide(left, total, out=np.full_like(left, np.nan), where=total > 0.0)
+        1.0
+        - np.divide(
+            squared_errors, total, out=np.full_like(squared_errors, np.nan), where=total > 0.0
+        )
     )
 
 
 def _relative(prediction: Prediction) -> FloatArray | None:
-    """Return a ratio of means: ratios of single samples are ruled by the smallest deflections."""
+    """Return a ratio of means; the smallest deflections would dominate a mean of ratios."""
     size = float(_lengths(prediction.measured).mean())
     return np.asarray(norm_errors(prediction).mean() / size) if size > 0.0 else None
 
 
 def _removed(prediction: Prediction) -> FloatArray | None:
-    left = _relative(prediction)
-    return None if left is None else np.asarray(1.0 - left)
+    relative_error = _relative(prediction)
+    return None if relative_error is None else np.asarray(1.0 - relative_error)
 
 
 def _skill(prediction: Prediction) -> FloatArray | None:
@@ -140,7 +143,7 @@ def _skill(prediction: Prediction) -> FloatArray | None:
 
 
 def _inside(prediction: Prediction) -> BoolArray:
-    """Return (n, 3) whether each deflection lies in its interval, bounds included."""
+    """Return (n, 3) true for deflections in their intervals, bounds included."""
     interval, measured = prediction.interval, prediction.measured
     assert interval is not None  # else the metric has no value
     return (interval.lower <= measured) & (measured <= interval.upper)
@@ -160,7 +163,7 @@ def _width(prediction: Prediction) -> FloatArray:
     return np.asarray((interval.upper - interval.lower).mean(axis=0))
 
 
-_whole = partial(Metric, axes=WHOLE)
+_single_value = partial(Metric, axes=WHOLE)
 _of_interval = partial(Metric, needs_interval=True)
 
 METRICS = {
@@ -173,25 +176,25 @@ METRICS = {
         Metric("median", "median", "m", "median absolute error", _of_axes(np.median)),
         Metric("p95", "P95", "m", "95th percentile of the absolute error", _of_axes(_P95)),
         Metric("r2", "R2", "1", "1 - squared errors / squared deviations", _r2, direction="larger"),
-        _whole(
+        _single_value(
             "norm",
             "3-D error",
             "m",
             "mean 3-D error, the length of the error vector",
             _of_norm(np.mean),
         ),
-        _whole(
+        _single_value(
             "norm-p95", "3-D error P95", "m", "95th percentile of the 3-D error", _of_norm(_P95)
         ),
-        _whole("norm-max", "3-D error max", "m", "largest 3-D error", _of_norm(np.max)),
-        _whole(
+        _single_value("norm-max", "3-D error max", "m", "largest 3-D error", _of_norm(np.max)),
+        _single_value(
             "relative",
             "relative",
             "share",
             "mean 3-D error / mean length of the deflection",
             _relative,
         ),
-        _whole(
+        _single_value(
             "removed",
             "removed",
             "share",
@@ -199,11 +202,11 @@ METRICS = {
             _removed,
             direction="larger",
         ),
-        _whole(
+        _single_value(
             "skill",
             "skill",
             "share",
-            "1 - 3-D error / that of a VJM identified on the same rows with the same wrenches",
+            "1 - 3-D error / 3-D error of a VJM identified on the same rows with the same wrenches",
             _skill,
             direction="larger",
         ),
@@ -225,21 +228,21 @@ METRICS = {
             axes=WHOLE,
         ),
         _of_interval("width", "width", "m", "mean width of the intervals", _width),
-        _whole(
+        _single_value(
             "fit-time",
             "fit time",
             "s",
             "wall time of a fit; a run's first one loads libraries, cached pre-training is free",
             of_cost=lambda cost: cost.fit_s,
         ),
-        _whole(
+        _single_value(
             "latency",
             "latency",
             "s",
             "wall time of predicting one sample",
             of_cost=lambda cost: cost.latency_s,
         ),
-        _whole(
+        _single_value(
             "throughput",
             "throughput",
             "1/s",
@@ -247,7 +250,7 @@ METRICS = {
             of_cost=lambda cost: cost.throughput_per_s,
             direction="larger",
         ),
-        _whole(
+        _single_value(
             "memory",
             "memory",
             "B",
@@ -259,7 +262,7 @@ METRICS = {
 
 
 def metric(key: str) -> Metric:
-    """Return the metric of that key; ConfigError where there is none."""
+    """Return the metric of a key; ConfigError if it is unknown."""
     if key not in METRICS:
         raise unknown_name("metric", key, METRICS)
     return METRICS[key]

@@ -1,7 +1,8 @@
-"""Tests over robots, one vote each: does a difference hold for the next robot?
+"""Tests over robots with equal weights, for conclusions about the next robot.
 
 A robot's number is the logarithm of an error ratio, such as ln(error of A / error of B), averaged
-over all data of the robot. Specimens of one type, plans, splits and seeds are no robots.
+over all data of the robot. Specimens of the same type, plans, splits and seeds do not count as
+robots.
 """
 
 from __future__ import annotations

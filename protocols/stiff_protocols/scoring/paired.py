@@ -23,7 +23,7 @@ ROPE_M = 1e-5
 LEVEL = 0.05
 """Probability of a false positive that a test allows."""
 MOST_EXACT = 50
-"""Up to so many differences the signed-rank test's p-value is counted: 2^50 signs are exact."""
+"""Most differences for which the signed-rank test's p-value is exact: 2^50 signs."""
 
 
 def check_share(name: str, value: float) -> None:
@@ -72,9 +72,9 @@ class CorrectedT:
     def p_value(self) -> float:
         """Two-sided p-value of "the mean difference is zero".
 
-        It is 0 where all differences are equal and not zero, be they only two: equal splits have no
-        spread to judge by. Models that ignore their training set, on splits that test the same
-        rows, are such a case. A verdict needs the interval over poses beside it.
+        It is 0 if all differences are equal and not zero, because equal splits have no spread. An
+        example is models that ignore their training set, on splits with the same test rows. A
+        verdict also needs the interval over poses.
         """
         if self.scale == 0.0:
             return 1.0 if self.mean == 0.0 else 0.0
@@ -87,10 +87,10 @@ class CorrectedT:
         return float(special.stdtr(self.df, (value - self.mean) / self.scale))
 
     def posterior(self, rope: float = ROPE_M) -> Posterior:
-        """Return the probabilities that A is better, that it makes no difference, that B is.
+        """Return the probabilities that A is better, that both are equal, that B is better.
 
-        `rope` is the largest difference that is negligible in practice, m; ConfigError where it is
-        negative or no number.
+        `rope` is the largest difference that is negligible in practice, m; ConfigError if it is
+        negative or not a number.
         """
         if not rope >= 0.0:
             raise ConfigError(f"equivalence region is {rope:g} m, expected 0 or more")
@@ -101,13 +101,13 @@ class CorrectedT:
 
 
 def corrected_t(differences: ArrayLike, test_share: float) -> CorrectedT:
-    """Return the corrected t of the (J,) differences [m] that repeated splits of one data set gave.
+    """Return the corrected t of (J,) differences [m] of repeated splits of a data set.
 
     The variance of their mean is (1/J + n_test/n_train) s^2 for J splits (Nadeau and Bengio 2003,
     equation 19 and below), with n_test/n_train = test_share / (1 - test_share).
 
     Raises:
-        DataError: there are fewer than two differences, or one is no finite number.
+        DataError: there are fewer than two differences, or one is not a finite number.
         ConfigError: `test_share` does not lie between 0 and 1.
     """
     values = frozen_array(differences, "differences", (None,))  # (J,) m
@@ -144,13 +144,13 @@ def corrected_t_p_values(differences: FloatArray, test_share: float) -> FloatArr
 def wilcoxon_signed_rank(differences: ArrayLike) -> float:
     """Return the two-sided p-value that (p,) differences [m] are symmetric about zero.
 
-    They must be independent: one a pose (`bootstrap.pose_differences`), never one a row or one a
-    split. As the fitted models are held fixed, it says nothing about other training sets. Zeros are
-    left out (Wilcoxon 1945), equal sizes share their mean rank. Up to `MOST_EXACT` others the
-    p-value is counted over all signs that they could have, beyond it is the normal approximation.
+    They must be independent: one per pose (`bootstrap.pose_differences`), never one per row or per
+    split. The fitted models are fixed, so the result does not cover other training sets. Zeros are
+    omitted (Wilcoxon 1945), and equal sizes share their mean rank. Up to `MOST_EXACT` nonzero
+    differences the p-value is exact, over all possible signs; else it is the normal approximation.
 
     Raises:
-        DataError: there is none, or one is no finite number.
+        DataError: `differences` is empty, or contains a number that is not finite.
     """
     values = frozen_array(differences, "differences", (None,))
     if not len(values):
@@ -169,9 +169,9 @@ def wilcoxon_signed_rank(differences: ArrayLike) -> float:
 
 @lru_cache
 def _ways_to_sum(ranks: tuple[int, ...]) -> FloatArray:
-    """Return how many of the 2^n choices of signs give each sum of positive ranks, from 0 on.
+    """Return the number of the 2^n choices of signs for each sum of positive ranks, from 0 on.
 
-    scipy counts without ties alone. Many pairs of models have the same ranks.
+    scipy counts only without ties. Many pairs of models have the same ranks.
     """
     ways = np.zeros(sum(ranks) + 1)
     ways[0] = 1.0

@@ -1,6 +1,6 @@
-"""What a prediction must be before it is scored, and what training rows cannot teach any model.
+"""Check predictions before they are scored, and warn of uninformative training rows.
 
-A stranger's model may predict mm. Nobody sees that in a table of its own, so it is an error.
+A third-party model may predict mm. A table of its own would not show that, so it is an error.
 """
 
 from __future__ import annotations
@@ -13,63 +13,63 @@ from stiff_protocols.contract.errors import ModelError, warn
 from stiff_protocols.contract.types import FloatArray, Samples
 
 FAR_OFF = 100.0
-"""A root mean square so many times the measured one, or so small a part of it, is suspect."""
+"""Factor between a predicted and the measured root mean square from which it is suspect."""
 UNIT_FACTORS = (300.0, 3000.0)
-"""Factors that a mistake between m and mm leaves, for a model that is not perfect either."""
+"""Range of factors by a mistake between m and mm, for an imperfect model."""
 OUT_OF_HAND = 1e5
-"""So many times too large, and mm are not to blame."""
+"""Factor above which mm cannot be the cause."""
 EXPLAINED = 0.5
 """Share of the measured squares that small predictions must explain once they are scaled up."""
 FEWEST = 3
-"""Training samples; in fewer, whatever differs may be what the deflection comes from."""
+"""Training samples; with fewer, any difference may cause the deflection."""
 FORCES = (1e-2, 1e5)
-"""N; forces that are smaller bend no robot, and larger ones break it."""
+"""N; smaller forces do not bend a robot, and larger forces break it."""
 DEFLECTIONS = (1e-7, 0.1)
-"""m; what is smaller no instrument resolves on a robot, and what is larger is none."""
+"""m; instruments do not resolve smaller deflections, and larger values are not deflections."""
 
 
 def check_prediction(predicted: FloatArray, n: int) -> None:
     """Raise ModelError unless `predicted` is (n, 3) finite real numbers."""
     array = np.asarray(predicted)
-    wanted = f"expected ({n}, 3) finite numbers"
+    expectation = f"expected ({n}, 3) finite numbers"
     if predicted is None or array.dtype.kind not in "fiu":
         what = "None" if predicted is None else f"{array.dtype} values"
-        raise ModelError(f"predict returned {what}, {wanted}")
+        raise ModelError(f"predict returned {what}, {expectation}")
     if array.shape != (n, 3):
-        raise ModelError(f"predict returned shape {array.shape}, {wanted}")
+        raise ModelError(f"predict returned shape {array.shape}, {expectation}")
     if not np.isfinite(array).all():
         n_bad = int((~np.isfinite(array)).sum())
-        raise ModelError(f"predict returned {n_bad} values that are not finite, {wanted}")
+        raise ModelError(f"predict returned {n_bad} values that are not finite, {expectation}")
 
 
 def check_units(predicted: FloatArray, measured: FloatArray) -> None:
-    """See that predictions of the rows a model was fitted to are not in mm or the like.
+    """Check that predictions of a model's training rows are not in mm or similar units.
 
-    Predictions that are merely small are left alone (zero is a legitimate model) unless they
-    become right when multiplied by about 1000. Both arrays are (n, 3) m.
+    Small predictions are accepted (zero is a valid model) unless they become right when multiplied
+    by about 1000. Both arrays are (n, 3) m.
 
     Raises:
         ModelError: they are off by about the factor between m and mm.
     """
-    size, wanted = _root_mean_square(predicted), _root_mean_square(measured)
-    if size == 0.0 or wanted == 0.0:
+    size, measured_size = _root_mean_square(predicted), _root_mean_square(measured)
+    if size == 0.0 or measured_size == 0.0:
         return
-    if size > FAR_OFF * wanted:
+    if size > FAR_OFF * measured_size:
         cause = (
             "expected m, are these mm?"
-            if size < OUT_OF_HAND * wanted
+            if size < OUT_OF_HAND * measured_size
             else "has the model diverged (a learning rate too high), or is its unit another one?"
         )
         raise ModelError(
-            f"predictions are about {_rough(size / wanted)} times larger than the training "
+            f"predictions are about {_rough(size / measured_size)} times larger than the training "
             f"deflections: {cause}"
         )
     # both divided by their size first: the squares of tiny numbers would underflow
-    unit, target = predicted / size, measured / wanted
-    aligned = float(np.mean(unit * target)) * wanted / size  # the least-squares factor
+    unit, target = predicted / size, measured / measured_size
+    aligned = float(np.mean(unit * target)) * measured_size / size  # the least-squares factor
     factor = float(np.clip(aligned, *UNIT_FACTORS))
-    explained = 1.0 - float(np.mean((target - factor * (size / wanted) * unit) ** 2))
-    if size < wanted / FAR_OFF and explained > EXPLAINED:
+    explained = 1.0 - float(np.mean((target - factor * (size / measured_size) * unit) ** 2))
+    if size < measured_size / FAR_OFF and explained > EXPLAINED:
         raise ModelError(
             f"predictions are about {_rough(factor)} times smaller than the training deflections, "
             "and right when multiplied by that: expected m"
@@ -77,7 +77,7 @@ def check_units(predicted: FloatArray, measured: FloatArray) -> None:
 
 
 def warn_of_rows(train: Samples) -> None:
-    """Warn of what these training rows cannot teach a model, whichever it is."""
+    """Warn of effects that no model can learn from these training rows."""
     for finding in _findings(train):
         warn(finding)
 
@@ -108,7 +108,7 @@ def _findings(train: Samples) -> Iterator[str]:
 
 
 def _rough(factor: float) -> str:
-    """Return one digit of it: the splits of a run then share one message."""
+    """Return the factor with one digit, so that the splits of a run share a message."""
     return f"{float(f'{factor:.0e}'):g}"
 
 

@@ -1,4 +1,4 @@
-"""What a split must be before a model is fitted to it, whoever wrote the protocol."""
+"""Check splits of any protocol before a model is fitted to them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Sam
 
 
 def named(split: Split) -> str:
-    """Return condition and number of a split for people."""
+    """Return condition and number of a split as readable text."""
     return " | ".join(filter(None, (split.condition, f"split {split.index}")))
 
 
@@ -23,13 +23,13 @@ def first_fault(
     selects_on_test: bool,
     reports_training: bool = False,
 ) -> str:
-    """Return the first fault of a protocol's splits; "" where there is none.
+    """Return the first fault of a protocol's splits; "" if there is none.
 
     Args:
-        splits: looked at once, one by one.
+        splits: splits, read once.
         n_samples: number of samples that they divide.
-        selects_on_test: the protocol says that the validation rows are test rows.
-        reports_training: the protocol says that rows beside the test rows are reported.
+        selects_on_test: the protocol declares that the validation rows are test rows.
+        reports_training: the protocol declares that it also reports other rows than test rows.
     """
     numbers: dict[str, list[int]] = {}
     for split in splits:
@@ -46,9 +46,9 @@ def first_fault(
 
 
 def _faults_of_rows(split: Split, n_samples: int) -> Iterator[str]:
-    """Yield what is wrong with the row numbers of a split and with its sensor errors.
+    """Yield faults of a split's row numbers and of its sensor errors.
 
-    Negative numbers would count rows from the end, and pass for rows that they are not.
+    Negative numbers would count rows from the end.
     """
     parts = {
         **{"training": split.train, "validation": split.validation, "test": split.test},
@@ -56,7 +56,7 @@ def _faults_of_rows(split: Split, n_samples: int) -> Iterator[str]:
     }
     for name, rows in parts.items():
         if not isinstance(rows, np.ndarray) or rows.ndim != 1 or rows.dtype.kind not in "iu":
-            yield f"has {name} rows that are no one-dimensional integer array"
+            yield f"has {name} rows that are not a one-dimensional integer array"
         if name in ("training", "test") and not len(rows):
             yield f"has no {name} rows"
         if len(rows) and (rows.min() < 0 or rows.max() >= n_samples):
@@ -65,16 +65,16 @@ def _faults_of_rows(split: Split, n_samples: int) -> Iterator[str]:
             yield f"has {name} rows that occur twice"
     if len(twice := np.intersect1d(split.test, split.also_reported)):
         yield f"has {len(twice)} test rows among the also reported ones"
-    error, wanted = split.wrench_error, (len(split.reported), 6)
-    if error is not None and (np.shape(error) != wanted or not np.isfinite(error).all()):
+    error, error_shape = split.wrench_error, (len(split.reported), 6)
+    if error is not None and (np.shape(error) != error_shape or not np.isfinite(error).all()):
         yield (
-            f"has sensor errors of shape {np.shape(error)} for {wanted[0]} test rows, or some "
+            f"has sensor errors of shape {np.shape(error)} for {error_shape[0]} test rows, or some "
             "that are not finite"
         )
 
 
 def _leaks(split: Split, selects_on_test: bool, reports_training: bool) -> Iterator[str]:
-    """Yield how rows of a split are learned from and tested, other than the protocol declares."""
+    """Yield leaks: rows for training and test that the protocol does not declare."""
     learned = np.intersect1d(split.train, np.concatenate([split.validation, split.test]))
     if len(learned):
         yield f"trains on {len(learned)} rows of its other parts"
@@ -86,8 +86,8 @@ def _leaks(split: Split, selects_on_test: bool, reports_training: bool) -> Itera
         )
     if len(split.also_reported) and not reports_training:
         yield (
-            f"reports {len(split.also_reported)} rows that are no test rows, and the protocol does "
-            "not declare reports_training"
+            f"reports {len(split.also_reported)} rows that are not test rows, and the protocol "
+            "does not declare reports_training"
         )
 
 

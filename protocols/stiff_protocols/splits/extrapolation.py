@@ -31,26 +31,26 @@ _NEEDS_GROUPS = "it needs at least two groups of poses, such as joint-space and 
 def _part(samples: Samples, rows: IntArray, fraction: float, rng: np.random.Generator) -> IntArray:
     """Return the rows of a random part of their poses, at least one."""
     poses = np.unique(samples.pose_id[rows])
-    kept = rng.permutation(poses)[: max(1, round(fraction * len(poses)))]
-    return rows[np.isin(samples.pose_id[rows], kept)]
+    kept_poses = rng.permutation(poses)[: max(1, round(fraction * len(poses)))]
+    return rows[np.isin(samples.pose_id[rows], kept_poses)]
 
 
 @dataclass(kw_only=True, eq=False)
 class Extrapolation(EvaluationProtocol):
-    """What the protocols of this kind share: each division is drawn once or several times.
+    """Base of the extrapolation protocols: each division is drawn once or several times.
 
-    The two are different conditions: they train on different numbers of poses.
+    Both are different conditions: they train on different numbers of poses.
 
     Attributes:
-        train_fraction: of the training poses, drawn anew in each of several splits.
-        validation_fraction: of the training poses, may choose the epoch.
+        train_fraction: share of the training poses, drawn again for each of several splits.
+        validation_fraction: share of the training poses that may choose the epoch.
     """
 
     train_fraction: Fraction = 0.8
     validation_fraction: Fraction = 0.2
 
     def divisions(self, samples: Samples, seed: int) -> Iterable[Division]:
-        """Return every condition with its rows; ConfigError where there is none."""
+        """Return every condition with its rows; ConfigError if there is none."""
         raise NotImplementedError
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
@@ -89,13 +89,13 @@ class SpaceTransfer(Extrapolation):
             )
         divisions = []
         for group in groups:
-            others = " + ".join(other for other in groups if other != group)
+            other_groups = " + ".join(other_group for other_group in groups if other_group != group)
             inside = samples.group == group
             # a pose that two groups share is left out of the training part
             shared = np.isin(samples.pose_id, samples.pose_id[~inside])
             train = np.flatnonzero(inside & ~shared)
             if len(train):
-                divisions.append((f"{group} -> {others}", train, np.flatnonzero(~inside)))
+                divisions.append((f"{group} -> {other_groups}", train, np.flatnonzero(~inside)))
         if not divisions:
             raise ConfigError(
                 f"space-transfer: every pose stands in several of the groups {', '.join(groups)}; "
@@ -119,9 +119,9 @@ class LoadExtrapolation(Extrapolation):
     test_fraction: Fraction = 0.3
 
     def divisions(self, samples: Samples, seed: int) -> Iterator[Division]:
-        """Yield one condition or both; ConfigError where the samples' loads do not differ.
+        """Yield one condition or both; ConfigError if the samples' loads do not differ.
 
-        A pose with loads on both sides keeps those of one side, which is drawn.
+        A pose with loads on both sides keeps the loads of one side, which is drawn.
         """
         force = samples.wrench[:, :3]
         if self.by != "direction":
@@ -139,8 +139,8 @@ class LoadExtrapolation(Extrapolation):
         different = np.unique(measure)
         if len(different) < 2:
             raise ConfigError(
-                f"load-extrapolation: {condition}: the samples' loads do not differ (by=size and "
-                "by=direction ask for one condition alone)"
+                f"load-extrapolation: {condition}: the samples' loads do not differ (use by=size "
+                "or by=direction for only one condition)"
             )
         beyond = measure > min(np.quantile(measure, 1.0 - self.test_fraction), different[-2])
         torn = np.intersect1d(samples.pose_id[beyond], samples.pose_id[~beyond])

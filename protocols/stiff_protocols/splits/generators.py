@@ -17,14 +17,13 @@ NO_ROWS: IntArray = np.empty(0, dtype=np.int64)
 
 
 class LazySplits(Sequence[Split]):
-    """Splits that are computed while they are looked at: any number of them takes no memory.
+    """Splits that are computed during iteration, without memory for all of them.
 
-    `make` gives all `n` of them, the same ones at every call; ConfigError: the first cannot be
-    made.
+    `make` returns all `n` splits, the same at every call; ConfigError: the first cannot be made.
     """
 
     def __init__(self, make: Callable[[], Iterator[Split]], n: int) -> None:
-        """Store how they are made, and see that the data can be divided."""
+        """Store the function, and check that the data can be divided."""
         self._make, self._n = make, n
         next(make())
 
@@ -39,13 +38,13 @@ class LazySplits(Sequence[Split]):
     @overload
     def __getitem__(self, index: slice) -> list[Split]: ...
     def __getitem__(self, index: int | slice) -> Split | list[Split]:
-        """Compute all up to the wanted ones: to look at many of them, iterate."""
+        """Return splits by number; all previous splits are computed, so iterate for many."""
         if isinstance(index, slice):
             return list(self)[index]
         return next(islice(self, range(self._n)[index], None))
 
-    def each(self, made_of: Callable[[Split], Iterable[Split]], times: int = 1) -> LazySplits:
-        """Return `times` as many: what `made_of` makes of each split."""
+    def expanded(self, made_of: Callable[[Split], Iterable[Split]], times: int = 1) -> LazySplits:
+        """Return `times` as many splits: the results of `made_of` for each split."""
         return LazySplits(lambda: chain.from_iterable(map(made_of, self)), times * len(self))
 
 
@@ -55,21 +54,21 @@ Number = TypeVar("Number", int, float)
 def numbers_in(option: str, text: str, kind: type[Number], *, fewest: int) -> list[Number]:
     """Return the numbers of an option such as "0,1,5"; ConfigError for none from `fewest`."""
     try:
-        asked = [kind(word) for word in text.split(",")]
+        numbers = [kind(word) for word in text.split(",")]
     except ValueError:
-        asked = [kind(fewest - 1)]
-    if not all(math.isfinite(number) and number >= fewest for number in asked):
-        whole = "whole " if kind is int else ""
+        numbers = [kind(fewest - 1)]
+    if not all(math.isfinite(number) and number >= fewest for number in numbers):
+        kind_word = "whole " if kind is int else ""
         raise ConfigError(
-            f"{option}={text!r}: valid are {whole}numbers from {fewest}, separated by commas"
+            f"{option}={text!r}: valid are {kind_word}numbers from {fewest}, separated by commas"
         )
-    return asked
+    return numbers
 
 
 def inner_validation(samples: Samples, train: IntArray, fraction: float, seed: int) -> Split:
     """Divide training rows by pose into a fitting and a validation part (test stays empty).
 
-    A single pose cannot be divided; there is no validation part then.
+    A single pose cannot be divided; then the validation part is empty.
 
     Raises:
         ConfigError: the fraction leaves no pose to fit to.
@@ -88,10 +87,10 @@ def inner_validation(samples: Samples, train: IntArray, fraction: float, seed: i
     return Split(0, np.sort(train[fitted_to]), np.sort(train[validates]), NO_ROWS)
 
 
-def indivisible(samples: Samples, why: str) -> ConfigError:
+def indivisible(samples: Samples, reason: str) -> ConfigError:
     """Return the error for samples that cannot be divided, with an option and what is valid."""
     n_poses = len(np.unique(samples.pose_id))
-    return ConfigError(f"{len(samples)} samples of {n_poses} poses cannot be divided: {why}")
+    return ConfigError(f"{len(samples)} samples of {n_poses} poses cannot be divided: {reason}")
 
 
 def divided_inside(

@@ -1,4 +1,4 @@
-"""`path-compensation`: how far off is a tool path after a model has corrected its commands?"""
+"""`path-compensation`: error of tool paths after a model has corrected their commands."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ class PathHoldout(Holdout):
     added_later = ("hold",)
 
     def held(self, robot: Robot) -> FloatArray:
-        """Return (n_joints,) 0 for each joint that is held, NaN for the others.
+        """Return (n_joints,) 0 for each joint that is held, NaN for the other joints.
 
         Raises:
-            ConfigError: other than six joints are left, or a name is unknown.
+            ConfigError: not exactly six joints move, or a name is unknown.
         """
         names = [name.strip() for name in self.hold.split(",") if name.strip()]
         held = np.full(robot.n_joints, np.nan)
@@ -79,17 +79,17 @@ class PathHoldout(Holdout):
     def path_commands(
         self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
     ) -> FloatArray:
-        """Return the commands under which points are predicted to lie on their paths.
+        """Return the commands with which the predicted points lie on their paths.
 
-        A point whose correction does not converge keeps its command, and is warned of.
+        A point whose correction does not converge keeps its command, with a warning.
         """
-        wanted = robot.forward(q)
-        path = ToolPath(PATH_GROUP, wanted.points[:, -1], wanted.rotation, wrench)
-        found = compensate(predict, robot, path, q, held=self.held(robot))
-        if n_left := int((~found.converged).sum()):
-            why = ", ".join(np.unique(found.problem[~found.converged]))
-            warn(f"{n_left} of {len(q)} path points are left uncorrected: {why}")
-        return found.q
+        target_poses = robot.forward(q)
+        path = ToolPath(PATH_GROUP, target_poses.points[:, -1], target_poses.rotation, wrench)
+        compensation = compensate(predict, robot, path, q, held=self.held(robot))
+        if n_left := int((~compensation.converged).sum()):
+            reasons = ", ".join(np.unique(compensation.problem[~compensation.converged]))
+            warn(f"{n_left} of {len(q)} path points are left uncorrected: {reasons}")
+        return compensation.q
 
 
 @dataclass(kw_only=True, eq=False)
@@ -114,20 +114,22 @@ class PathCompensation(PathHoldout):
         """
         if data.under_load is None:
             raise ConfigError(
-                "a measured robot cannot be asked how it moves with corrected commands (valid: "
-                "simulated data sets, such as kr10-twin)"
+                "a measured robot cannot be moved with corrected commands; use a simulated data "
+                "set, such as kr10-twin"
             )
         held = self.held(data.robot)
         if (data.samples.group == PATH_GROUP).any():
-            raise ConfigError(f"its samples have the group {PATH_GROUP!r}, which paths are given")
+            raise ConfigError(
+                f"its samples use the group {PATH_GROUP!r}, which is reserved for paths; rename it"
+            )
         points = _points(data, held)
         samples = Samples.together(data.samples, points)
-        found = replace(data, samples=samples, known={})
+        extended = replace(data, samples=samples, known={})
         rows = np.arange(len(data.samples), len(samples))
         oracle = samples.deflection.copy()
         commands = self.commanded(data.under_load, data.robot, points.q, points.wrench)
-        oracle[rows] = self.scored(oracle[rows], commands, found, rows)
-        return replace(found, known={"oracle": oracle, "uncorrected": np.zeros_like(oracle)})
+        oracle[rows] = self.scored(oracle[rows], commands, extended, rows)
+        return replace(extended, known={"oracle": oracle, "uncorrected": np.zeros_like(oracle)})
 
     def commanded(
         self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray
@@ -138,9 +140,9 @@ class PathCompensation(PathHoldout):
     def scored(
         self, predicted: FloatArray, commands: FloatArray, data: BenchmarkData, rows: IntArray
     ) -> FloatArray:
-        """Return the path error without correction less the one that the commands leave.
+        """Return the path error without correction minus the error with the commands.
 
-        The robot answers the commands itself: what was predicted for them plays no part.
+        The simulated robot follows the commands; their predictions are not used.
         """
         points = data.samples.take(rows)
         return np.asarray(points.deflection - _path_errors(commands, points, data))
@@ -150,15 +152,17 @@ class PathCompensation(PathHoldout):
         is_point = samples.group == PATH_GROUP
         measured, points = np.flatnonzero(~is_point), np.flatnonzero(is_point)
         divisions = super().splits(samples.take(measured), n_splits=n_splits, seed=seed)
-        return divisions.each(
-            lambda one: [Split(one.index, measured[one.train], measured[one.validation], points)]
+        return divisions.expanded(
+            lambda split: [
+                Split(split.index, measured[split.train], measured[split.validation], points)
+            ]
         )
 
 
 class HoldoutPaths(PathHoldout):
     """`holdout`, and the error that the same fits leave on the tool paths of `path-compensation`.
 
-    A measured robot cannot be asked how it moves with corrected commands: it has no such error.
+    A measured robot cannot be moved with corrected commands, so it does not have this error.
     """
 
     def prepared(self, data: BenchmarkData) -> BenchmarkData:
@@ -168,13 +172,13 @@ class HoldoutPaths(PathHoldout):
         return replace(data, paths=_points(data, self.held(data.robot)))
 
     def path_errors(self, commands: FloatArray, data: BenchmarkData) -> FloatArray:
-        """Return where the robot stands under load with the commands, from the paths' points."""
+        """Return the loaded robot's offset from the paths' points with the commands."""
         assert data.paths is not None
         return _path_errors(commands, data.paths, data)
 
 
 def _path_errors(commands: FloatArray, points: Samples, data: BenchmarkData) -> FloatArray:
-    """Return the (n, 3) path errors [m] that commands leave at points of paths under load."""
+    """Return the (n, 3) remaining path errors [m] of commands at points of paths under load."""
     assert data.under_load is not None  # else it has no paths
     stands = data.robot.tcp_position(commands) + data.under_load(commands, points.wrench)
     return np.asarray(stands - data.robot.tcp_position(points.q))

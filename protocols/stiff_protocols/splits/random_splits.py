@@ -67,17 +67,17 @@ class KFold(EvaluationProtocol):
     validation_fraction: Fraction = 0.2
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
-        """Return one division a part; ConfigError for another number or too few poses."""
+        """Return one division per part; ConfigError for another number or too few poses."""
         if n_splits not in (None, self.folds):
             raise ConfigError(
-                f"{n_splits}: kfold has {self.folds} splits, one a fold; leave it out, "
+                f"{n_splits}: kfold has {self.folds} splits, one per fold; omit this option, "
                 f"or use kfold@folds={n_splits}",
                 "splits",
             )
         n_poses = len(np.unique(samples.pose_id))
         if self.folds > n_poses:
-            why = f"(valid: 2 to {n_poses})" if n_poses > 1 else "needs as many poses"
-            raise indivisible(samples, f"folds={self.folds} {why}")
+            reason = f"(valid: 2 to {n_poses})" if n_poses > 1 else "needs as many poses"
+            raise indivisible(samples, f"folds={self.folds} {reason}")
         splitter = GroupKFold(self.folds, shuffle=True, random_state=seed)
         return _divided_by(splitter, samples, samples.pose_id, self.validation_fraction, seed)
 
@@ -88,9 +88,9 @@ class PaperHoldout(EvaluationProtocol):
 
     Attributes:
         test_fraction: of all poses.
-        read_on: rows that are reported: "test", or "all" for those of the same fits on all samples,
-            four fifths of which they were trained on, as the source paper's Table 10 most likely
-            is: no test.
+        read_on: reported rows: "test", or "all" for the same fits on all samples, as most likely in
+            the source paper's Table 10. Four fifths of these are training samples, so "all" is not
+            a test.
     """
 
     selects_on_test = True
@@ -101,7 +101,7 @@ class PaperHoldout(EvaluationProtocol):
 
     @property
     def reports_training(self) -> bool:  # type: ignore[override]  # read only
-        """Whether training rows are reported with the test rows."""
+        """True if training rows are reported with the test rows."""
         return self.read_on == "all"
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
@@ -109,7 +109,7 @@ class PaperHoldout(EvaluationProtocol):
         divisions = _shuffled(samples, n_splits, self.test_fraction, None, seed)
         if not self.reports_training:
             return divisions
-        return divisions.each(lambda one: [replace(one, also_reported=one.train)])
+        return divisions.expanded(lambda split: [replace(split, also_reported=split.train)])
 
 
 @dataclass(kw_only=True, eq=False)
@@ -125,15 +125,14 @@ class LeaveOneOut(EvaluationProtocol):
     validation_fraction: Fraction = 0.2
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
-        """Return one division a pose, in the order of the poses' first rows.
+        """Return one division per pose, in the order of the poses' first rows.
 
         Raises:
-            ConfigError: a number of splits was asked for, which the poses give, or there are too
-                few poses.
+            ConfigError: a number of splits was given, or there are too few poses.
         """
         if n_splits is not None:
             raise ConfigError(
-                f"{n_splits}: leave-one-out has one split a pose; leave it out", "splits"
+                f"{n_splits}: leave-one-out has one split per pose; omit this option", "splits"
             )
         _, first_rows, pose = np.unique(samples.pose_id, return_index=True, return_inverse=True)
         if len(first_rows) < 2:
@@ -152,9 +151,9 @@ def _shuffled(
     """Return `n_splits` (default 1) random divisions; ConfigError for too few poses."""
     n_poses = len(np.unique(samples.pose_id))
     if math.ceil(test_fraction * n_poses) >= n_poses:
-        why = f"leaves no pose to learn from (valid: at most {n_poses - 1}/{n_poses})"
-        why = why if n_poses > 1 else "needs two poses"
-        raise indivisible(samples, f"test_fraction={test_fraction:g} {why}")
+        reason = f"leaves no pose to learn from (valid: at most {n_poses - 1}/{n_poses})"
+        reason = reason if n_poses > 1 else "needs two poses"
+        raise indivisible(samples, f"test_fraction={test_fraction:g} {reason}")
     splitter = GroupShuffleSplit(n_splits or 1, test_size=test_fraction, random_state=seed)
     return _divided_by(splitter, samples, samples.pose_id, validation_fraction, seed)
 

@@ -14,7 +14,7 @@ from stiff_protocols.splits.random_splits import Fraction
 
 
 def condition_of(n_poses: int) -> str:
-    """Return the condition of splits that give a model so many measured poses."""
+    """Return the condition of splits with this number of measured poses."""
     return f"n = {n_poses}"
 
 
@@ -39,7 +39,7 @@ class SampleEfficiency(EvaluationProtocol):
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> Sequence[Split]:
         """Return `n_splits` (default 1) draws of every size.
 
-        ConfigError: `sizes` are no numbers, or there are too few poses.
+        ConfigError: `sizes` are not numbers, or there are too few poses.
         """
         poses = np.unique(samples.pose_id)
         n_test = int(self.test_fraction * len(poses))
@@ -49,8 +49,8 @@ class SampleEfficiency(EvaluationProtocol):
                 f"test_fraction={self.test_fraction:g} of the poses, rounded down, must leave one "
                 "to test and two to learn from",
             )
-        asked = numbers_in("sample-efficiency.sizes", self.sizes, int, fewest=1)
-        sizes = sorted({min(size, len(poses) - n_test) for size in asked})
+        requested_sizes = numbers_in("sample-efficiency.sizes", self.sizes, int, fewest=1)
+        sizes = sorted({min(size, len(poses) - n_test) for size in requested_sizes})
 
         def divided() -> Iterator[Split]:
             for index in range(n_splits or 1):

@@ -21,20 +21,20 @@ NonNegative = Annotated[float, Ge(0.0)]
 
 @dataclass(kw_only=True, eq=False)
 class SensorNoise(Holdout):
-    """`holdout` whose test wrenches are read off a force sensor with noise and bias.
+    """`holdout` with test wrenches of a force sensor with noise and bias.
 
-    Models learn from clean wrenches and are asked with wrong ones; the deflections are those of
-    the true wrenches. A level is a multiple of the sensor's figures, 0.04 N and 0.002 N m, which
-    are taken as standard deviations of the noise, Gaussian and independent from sample to sample,
-    and of the bias, one draw a split. All levels of a split have the same draws, and so the same
-    fit and paired results. The errors are isotropic, so the sensor's frame does not matter; that
-    they act at the TCP and not at the flange is a simplification: there a force error would be a
-    torque error at the TCP too.
+    Models learn from clean wrenches and predict with wrong wrenches; the measured deflections
+    belong to the true wrenches. A level is a multiple of the sensor's figures, 0.04 N and
+    0.002 N m. These are standard deviations of the noise (Gaussian, independent between samples)
+    and of the bias (one draw per split). All levels of a split have the same draws, and so the same
+    fit and paired results. The errors are isotropic, so the sensor's frame does not matter. They
+    act at the TCP, not at the flange, which is a simplification: a force error at the flange would
+    also be a torque error at the TCP.
 
     Attributes:
         levels: multiples of the sensor's figures, separated by commas.
-        noise: factor on the noise; 0: bias alone.
-        bias: factor on the bias; 0: noise alone.
+        noise: factor on the noise; 0: only bias.
+        bias: factor on the bias; 0: only noise.
     """
 
     levels: str = "0,1,5,20"
@@ -43,8 +43,8 @@ class SensorNoise(Holdout):
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, at every level."""
-        asked = numbers_in("sensor-noise.levels", self.levels, float, fewest=0)
-        levels = sorted({level + 0.0 for level in asked})  # -0.0 is 0.0
+        requested_levels = numbers_in("sensor-noise.levels", self.levels, float, fewest=0)
+        levels = sorted({level + 0.0 for level in requested_levels})  # -0.0 is 0.0
 
         def at_all_levels(split: Split) -> Iterator[Split]:
             rng = np.random.default_rng([seed, split.index])
@@ -61,4 +61,4 @@ class SensorNoise(Holdout):
                 )
 
         divisions = super().splits(samples, n_splits=n_splits, seed=seed)
-        return divisions.each(at_all_levels, len(levels))
+        return divisions.expanded(at_all_levels, len(levels))

@@ -1,4 +1,4 @@
-"""`workspace-extrapolation`: does a model hold in a region of the workspace that it never saw?"""
+"""`workspace-extrapolation`: accuracy of a model in a region without training poses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DECIMALS = 6  # m: positions that differ by less than a micrometre are one
 
 @dataclass(kw_only=True, eq=False)
 class WorkspaceExtrapolation(Extrapolation):
-    """Parts the poses by where the TCP is, and tests each region by models of the others.
+    """Divides the poses by the TCP's position, and tests each region with models of the others.
 
     The regions are the clusters that k-means finds in the TCP's positions, numbered along x of the
     base frame; a condition is named after its region's mean position. They belong to the data set
@@ -34,7 +34,7 @@ class WorkspaceExtrapolation(Extrapolation):
     _robot: Robot | None = field(default=None, init=False)
 
     def prepared(self, data: BenchmarkData) -> BenchmarkData:
-        """Remember whose TCP it is."""
+        """Store the robot, whose TCP positions divide the poses."""
         self._robot = data.robot
         return data
 
@@ -59,11 +59,11 @@ class WorkspaceExtrapolation(Extrapolation):
                 f"{different} different TCP positions (valid: 2 to as many as there are)"
             )
         clusters = KMeans(self.regions, n_init=STARTS, random_state=START_SEED)
-        found = clusters.fit_predict(position)
-        centres = _mean_of(position, found, self.regions)  # (regions, 3) m
+        region_of_pose = clusters.fit_predict(position)
+        centres = _mean_of(position, region_of_pose, self.regions)  # (regions, 3) m
         for number, region in enumerate(np.lexsort(centres.T[::-1]), start=1):
             x, y, z = (round(1000.0 * value) for value in centres[region].tolist())
-            inside = (found == region)[pose_of_row]
+            inside = (region_of_pose == region)[pose_of_row]
             condition = f"region {number} around ({x}, {y}, {z}) mm"
             yield condition, np.flatnonzero(~inside), np.flatnonzero(inside)
 

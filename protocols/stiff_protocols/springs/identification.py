@@ -1,17 +1,16 @@
-"""Springs from measured deflections: what the data say of each, and a prior for the rest.
+"""Identify springs from measured deflections, with a prior for springs that data do not determine.
 
 A deflection that is linear in the compliances is ``target = matrix @ compliance``. Least squares
-hand the deflection of well-known springs to those that the samples can hardly tell apart, so that a
-stiffness comes out 10,000 times too small beside another that is infinite. Here the logarithms x of
-the compliances have the posterior
+assign deflections of well-determined springs to springs that the samples can hardly distinguish. A
+stiffness may then be 10,000 times too small, and another infinite. Here the logarithms x of the
+compliances have the posterior
 
     |matrix @ exp(x) - target|^2 / sigma^2 + |(x - x_0) - mean(x - x_0)|^2 / s^2 -> min.
 
 sigma is the noise that the residuals of non-negative least squares show, and x_0 - mean(x_0) a
-law of size: `typical_compliance`. The law's overall factor is free, the data determine it, so
-robots of any size have one prior. A spring is identifiable where the data bring nine tenths of what
-is known of it. It gets its least-squares value, without the prior's pull; the others keep the
-posterior's.
+law of size: `typical_compliance`. The data determine the law's overall factor, so robots of any
+size have the same prior. A spring is identifiable if the data contribute nine tenths of its
+information. It gets its least-squares value without the prior; other springs keep the posterior's.
 """
 
 from __future__ import annotations
@@ -35,15 +34,15 @@ column-scaled regressor: far above rounding, far below what instruments resolve.
 
 PRIOR_SPREAD = float(np.log(5.0))
 """s, of ln compliance about the law: three times the scatter of the KR10 (source paper), the
-FANUC and the simulated arms about it, 0.25 to 0.5. With ln 30, noise alone gave a spring 1/500 of
-its stiffness where two of seven joints moved."""
+FANUC and the simulated arms about it, 0.25 to 0.5. With ln 30, mere noise gave a spring 1/500 of
+its stiffness if two of seven joints moved."""
 
 PRIOR_SHARE = 0.1
-"""Largest share of the prior's variance that an identifiable spring keeps: the data bring nine
-tenths of what is known of it, its stiffness is known to a factor of 1.7 (standard deviation)."""
+"""Largest share of the prior's variance that an identifiable spring keeps: the data contribute nine
+tenths of its information. Its stiffness is known to a factor of 1.7 (standard deviation)."""
 
 LARGEST_ERROR = float(np.sqrt(PRIOR_SHARE)) * PRIOR_SPREAD
-"""Of ln compliance of an identifiable spring."""
+"""Largest standard deviation of ln compliance of an identifiable spring."""
 
 LEVER_EXPONENT = 1.0
 """Stiffness grows with the largest lever to this power: 1.28 fits the six joints of the KR10, 0.90
@@ -67,8 +66,8 @@ class Identified(BriefFields):
 
     Attributes:
         compliance: (n_columns,) rad/(N m) or m/N; above 0, unless no spring explains anything.
-        known: (n_columns,) whether the data identify the spring; else its compliance is the
-            prior's, moved by what the data say.
+        known: (n_columns,) true if the data identify the spring; else its compliance is the
+            prior's, corrected by the data.
         log_error: (n_columns,) standard deviation of ln compliance, the larger of two: of
             the posterior, and of the same where the samples of one pose err together.
         rank: how many combinations of springs the data identify.
@@ -95,9 +94,9 @@ class Identified(BriefFields):
         return np.asarray(stiffness * self.log_error)
 
     def interval(self, coverage: float = 0.9) -> FloatArray:
-        """Return (n_columns, 2) stiffnesses that hold the true one with this probability.
+        """Return the (n_columns, 2) intervals of the true stiffnesses with this probability.
 
-        Those of springs that are not identifiable are the prior's, narrowed by the data.
+        Intervals of springs that are not identifiable are the prior's, narrowed by the data.
         """
         reach = float(ndtri(0.5 + coverage / 2.0)) * self.log_error
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -110,7 +109,7 @@ SPRING_CURVE = "spring "
 
 
 def spring_key(word: str, name: str, unit: str) -> str:
-    """Return under which name a fit reports a number of a spring.
+    """Return the name of a spring's number in a fit's report.
 
     >>> spring_key("stiffness", "A2", "Nm/rad")
     'stiffness A2 [Nm/rad]'
@@ -133,19 +132,29 @@ class IdentifiedSprings(Identified):
     @property
     def unidentifiable(self) -> tuple[str, ...]:
         """Names of the springs that the data cannot identify."""
-        return tuple(name for name, known in zip(self.names, self.known, strict=True) if not known)
+        return tuple(
+            name for name, is_known in zip(self.names, self.known, strict=True) if not is_known
+        )
 
     def report(self) -> dict[str, float]:
         """Return stiffnesses, standard errors, 90 % intervals or the prior's, rank, condition."""
         numbers: dict[str, float] = {}
         interval = self.interval(0.9)
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            own = {"stiffness": self.stiffness[i], "standard error": self.standard_error[i]}
+            spring_numbers = {
+                "stiffness": self.stiffness[i],
+                "standard error": self.standard_error[i],
+            }
             if self.known[i]:
-                own["90 % interval from"], own["90 % interval to"] = interval[i]
+                spring_numbers["90 % interval from"], spring_numbers["90 % interval to"] = interval[
+                    i
+                ]
             else:
-                own["prior stiffness"] = 1.0 / self.compliance[i]
-            numbers |= {spring_key(word, name, unit): float(one) for word, one in own.items()}
+                spring_numbers["prior stiffness"] = 1.0 / self.compliance[i]
+            numbers |= {
+                spring_key(word, name, unit): float(number)
+                for word, number in spring_numbers.items()
+            }
         return numbers | {"rank": float(self.rank), "condition number": self.condition}
 
 
@@ -169,10 +178,10 @@ def spread_positions(robot: Robot) -> FloatArray:
 
 
 def typical_compliance(move: FloatArray, turns: BoolArray) -> FloatArray:
-    """Return what compliances of robots are like, up to one factor, (n_springs,).
+    """Return typical compliances of robots, up to one factor, (n_springs,).
 
-    The stiffness of joints grows with their largest lever. A slide gives way at the TCP as much
-    as the turn with the largest lever.
+    The stiffness of joints grows with their largest lever. A slide deflects the TCP as much as the
+    turn with the largest lever.
 
     Args:
         move: (n, 3, n_springs) how springs move the TCP at poses all over the joint limits, m/rad
@@ -204,10 +213,10 @@ def identify(
     if not size.any():
         raise ModelError("no joint spring can be identified: no wrench turns any joint")
     fitted = least_compliance(matrix, target)
-    if not fitted.any():  # no prior stands against a wrench of the wrong sign
-        nothing = np.full(len(fitted), np.nan)
-        known = size > RANK_TOLERANCE * size.max()
-        return Identified(fitted, known, nothing, int(known.sum()), np.nan)
+    if not fitted.any():  # a prior does not help against a wrench of the wrong sign
+        no_errors = np.full(len(fitted), np.nan)
+        is_known = size > RANK_TOLERANCE * size.max()
+        return Identified(fitted, is_known, no_errors, int(is_known.sum()), np.nan)
     residual = target - matrix @ fitted
     free = max(len(target) - int((fitted > 0.0).sum()), 0)
     least = LEAST_NOISE**2 * float(target @ target) / len(target)
@@ -225,13 +234,13 @@ def identify(
     scaled = information * softer * softer[:, None]
     shared = np.linalg.inv(scaled + spread.T @ spread)
     error = np.maximum(error, np.sqrt(np.diag(shared)))
-    known = error <= LARGEST_ERROR
-    if known.all():
+    is_known = error <= LARGEST_ERROR
+    if is_known.all():
         compliance = fitted if fitted.all() else compliance
-    elif known.any():
-        rest = target - matrix[:, ~known] @ compliance[~known]
-        own = least_compliance(matrix[:, known], rest)
-        compliance[known] = own if own.all() else compliance[known]
+    elif is_known.any():
+        remaining_target = target - matrix[:, ~is_known] @ compliance[~is_known]
+        refitted = least_compliance(matrix[:, is_known], remaining_target)
+        compliance[is_known] = refitted if refitted.all() else compliance[is_known]
     residual = (target - matrix @ compliance) / noise
     scores = np.zeros((int(pose.max()) + 1, len(compliance)))
     np.add.at(scores, pose, matrix * compliance / noise * residual[:, None])
@@ -240,10 +249,12 @@ def identify(
     needed = (1.0 / PRIOR_SHARE - 1.0) / PRIOR_SPREAD**2
     return Identified(
         compliance=compliance,
-        known=known,
+        known=is_known,
         log_error=error,
         rank=int((np.linalg.eigvalsh(information) >= needed).sum()),
-        condition=float(np.linalg.cond(matrix[:, known] / size[known])) if known.any() else np.nan,
+        condition=float(np.linalg.cond(matrix[:, is_known] / size[is_known]))
+        if is_known.any()
+        else np.nan,
     )
 
 
@@ -274,7 +285,7 @@ def _most_probable(
     def derivative(x: FloatArray) -> FloatArray:
         return np.concatenate([matrix * compliance(x), spread])
 
-    found = least_squares(
+    optimum = least_squares(
         residuals,
         np.zeros(n),
         jac=derivative,
@@ -283,7 +294,7 @@ def _most_probable(
         xtol=CONVERGED,
         gtol=CONVERGED,
     )
-    return compliance(found.x), np.asarray(spread)
+    return compliance(optimum.x), np.asarray(spread)
 
 
 Solver = Callable[[FloatArray, FloatArray], FloatArray]

@@ -31,12 +31,12 @@ def read_grids(
     Args:
         name: name of a grid of the catalogue lines, or a path that ends in .toml.
         option: what the user set, for messages.
-        models: the models of the run; the result lacks those without candidates.
-        parse: turns the text of a value into one of the option's type.
+        models: models of the run; the result omits models without candidates.
+        parse: function that turns the text of a value into the option's type.
 
     Raises:
-        ConfigError: there is no candidate for any model, the file cannot be read, an option is
-            unknown, or a value is wrong.
+        ConfigError: no model has candidates, the file cannot be read, an option is unknown, or a
+            value is not valid.
     """
     keys = {model.key: model for model in models}
     if name.endswith(FILE_ENDING):
@@ -44,8 +44,8 @@ def read_grids(
     else:
         written = {model.key: model.grids[name] for model in models if name in model.grids}
         if not written and name != DEFAULT_GRID:
-            known = {grid for model in models for grid in model.grids}
-            unknown = unknown_name("grid of these models", name, known | {DEFAULT_GRID})
+            grid_names = {grid for model in models for grid in model.grids}
+            unknown = unknown_name("grid of these models", name, grid_names | {DEFAULT_GRID})
             raise ConfigError(f"{option}: {unknown}; a file's name ends in {FILE_ENDING}")
     return {
         key: {
@@ -71,23 +71,23 @@ def _tables_of(path: Path, option: str, keys: set[str]) -> Mapping[str, Mapping[
 
 
 def _candidates(
-    said: str, model: ModelInfo, name: str, written: Any, parse: ParseOption
+    option_name: str, model: ModelInfo, name: str, written: Any, parse: ParseOption
 ) -> tuple[Any, ...] | Range:
     """Return the values, or the range whose ends have the option's type."""
     if isinstance(written, Range):
         written = asdict(written)
     if isinstance(written, list | tuple) and written:
-        return tuple(parse(said, model, name, str(value)) for value in written)
-    wrong = ConfigError(f"{said} is {written!r} (valid: {VALID})")
+        return tuple(parse(option_name, model, name, str(value)) for value in written)
+    wrong = ConfigError(f"{option_name} is {written!r} (valid: {VALID})")
     ends = {"low", "high"}
     if not (isinstance(written, Mapping) and ends <= written.keys() <= ends | {"log"}):
         raise wrong
-    low, high = (parse(said, model, name, str(written[end])) for end in ("low", "high"))
+    low, high = (parse(option_name, model, name, str(written[end])) for end in ("low", "high"))
     log = written.get("log", False)
     if {type(low), type(high)} - {int, float} or type(log) is not bool:
         raise wrong
     if not low < high:
-        raise ConfigError(f"{said}: low {low:g} must lie below high {high:g}")
+        raise ConfigError(f"{option_name}: low {low:g} must lie below high {high:g}")
     if log and low <= 0:
-        raise ConfigError(f"{said}: low {low:g} has no logarithm (valid with log: above 0)")
+        raise ConfigError(f"{option_name}: low {low:g} has no logarithm (valid with log: above 0)")
     return Range(low, high, log)

@@ -1,9 +1,9 @@
 """`nested`: a model's options are chosen in its own fit, by cross-validation on the training side.
 
-Whoever tries ten settings and reports the best test error has tuned on the test part. Here the
-training side is divided once more by pose: every candidate is fitted to the inner training parts
-and scored on the inner test parts, and the best one is fitted anew. Nothing outside `fit`'s
-arguments is seen, so the outer test part stays untouched.
+Trying ten settings and reporting the best test error is tuning on the test part. Here the training
+side is divided again by pose. Every candidate is fitted to the inner training parts and scored on
+the inner test parts, and the best candidate is fitted again. Only the arguments of `fit` are used,
+so the outer test part is not touched.
 See G. C. Cawley and N. L. C. Talbot, On over-fitting in model selection, JMLR 11, 2010.
 
 Candidates are every combination of a grid, or some that TPE draws (Bergstra, Bardenet, Bengio and
@@ -54,7 +54,7 @@ def fit_to(
     robot: Robot,
     seed: int,
 ) -> None:
-    """Fit; a model that chooses no epoch learns from the validation rows instead."""
+    """Fit a model; without a choice of epoch, it also learns from the validation rows."""
     if validation is not None and not (len(validation) and optional(model, "chooses_epoch")()):
         train, validation = Samples.together(train, validation), None
     model.fit(train, robot=robot, validation=validation, seed=seed)
@@ -63,12 +63,12 @@ def fit_to(
 NOT_TUNED = "not tuned"
 
 MOST_CHECKED = 256
-"""So many combinations of a drawn search are checked before anything is computed."""
+"""Number of combinations of a drawn search that are checked before any computation."""
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate's options and inner error, m; infinite where it failed, and why."""
+    """A candidate's options, its inner error, m (infinite if it failed), and the reason."""
 
     params: Mapping[str, Any]
     error: float
@@ -77,19 +77,19 @@ class Tried:
 
 @dataclass(eq=False, repr=False)
 class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
-    """A model with the best of several candidate options; it stands in the model's place.
+    """A model with the best of several candidate options; it replaces the model.
 
     Attributes:
-        model: what is copied, set up and fitted; it is left as it is.
-        grid: options and their candidates; where it is empty the model is fitted as it is.
-        search: "grid" tries every combination, "optuna" some that TPE draws.
-        trials: how many are drawn.
+        model: model to copy, set up and fit; it is not changed.
+        grid: options and their candidates; if empty, the model is fitted with its own options.
+        search: "grid" tries every combination, "optuna" some combinations drawn by TPE.
+        trials: number of drawn combinations.
         folds: inner parts, by pose.
         validation_fraction: of an inner training part's poses, may choose the epoch.
         scores_: every candidate, in the order of the grid, or in which they were drawn.
         best_params_: the chosen options, the first of equally good ones.
         model_: the fitted model with them.
-        diagnostics_: the model's, how many candidates were tried, and the best one's inner error.
+        diagnostics_: the model's diagnostics, the number of candidates, and the best inner error.
     """
 
     model: StiffnessModel
@@ -136,16 +136,16 @@ class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
             )
 
     def check_robot(self, robot: Robot) -> None:
-        """Raise ConfigError where a candidate cannot serve the robot."""
+        """Raise ConfigError if a candidate does not support the robot."""
         for _, model in self._candidates():
             optional(model, "check_robot")(robot)
 
     def chooses_epoch(self) -> bool:
-        """Whether validation rows choose the epoch of any candidate."""
+        """Return whether validation rows choose the epoch of any candidate."""
         return any(optional(model, "chooses_epoch")() for _, model in self._candidates())
 
     def missing(self) -> str:
-        """Return what a candidate lacks on this machine; "" for nothing."""
+        """Return what is missing on this machine for a candidate; "" for nothing."""
         for _, model in self._candidates():
             if reason := optional(model, "missing")():
                 return str(reason)
@@ -156,13 +156,13 @@ class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
     ) -> Self:
         """Choose the options on training and validation rows together, then fit the model.
 
-        Rows are divided by pose. Where validation rows are given, every inner training part gives
-        some of its own to a candidate that chooses an epoch; the last fit gets those given. `seed`
-        is of the divisions, of the search, and of every fit.
+        Rows are divided by pose. If validation rows are given, every inner training part gives
+        some of its own rows to a candidate that chooses an epoch; the last fit gets the given rows.
+        `seed` determines the divisions, the search, and every fit.
 
         Raises:
             ConfigError: there are too few poses for the inner parts.
-            ModelError: no candidate can be fitted, or the best one cannot be fitted anew.
+            ModelError: no candidate can be fitted, or the best candidate cannot be fitted again.
         """
         self.best_params_: Mapping[str, Any] = {}
         self.scores_: tuple[Tried, ...] = ()
@@ -179,8 +179,8 @@ class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
             }
         self.model_ = self._with(self.best_params_)
         fit_to(self.model_, train, validation, robot=robot, seed=seed)
-        own = getattr(self.model_, "diagnostics_", {})
-        self.diagnostics_ = {**own, **report}
+        model_diagnostics = getattr(self.model_, "diagnostics_", {})
+        self.diagnostics_ = {**model_diagnostics, **report}
         return self
 
     def predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -217,31 +217,33 @@ class InnerSearch(BaseEstimator, StiffnessModel):  # type: ignore[misc]
     def _searched(
         self, train: Samples, robot: Robot, validation: Samples | None, seed: int
     ) -> tuple[Tried, ...]:
-        """Return every candidate's inner error; one that fails is left out, with a warning."""
+        """Return every candidate's inner error; failed candidates are omitted with a warning."""
         rows = train if validation is None else Samples.together(train, validation)
         parts = KFold(folds=self.folds, validation_fraction=self.validation_fraction).splits(
             rows,
             n_splits=None,
             seed=int(np.random.default_rng(seed).integers(2**31)),  # `seed` has all of 32 bits
         )
-        found: dict[str, Tried] = {}  # a drawn candidate may come again
+        tried_candidates: dict[str, Tried] = {}  # a candidate may be drawn again
 
         def error_of(params: Mapping[str, Any]) -> float:
             words = in_words(params)
-            if words not in found:
-                found[words] = self._tried(params, rows, parts, robot, validation is None, seed)
-            return found[words].error
+            if words not in tried_candidates:
+                tried_candidates[words] = self._tried(
+                    params, rows, parts, robot, validation is None, seed
+                )
+            return tried_candidates[words].error
 
         if self.search == "optuna":
             self._draw(error_of, seed)
         else:
             for params, _ in self._candidates():
                 error_of(params)
-        for words, score in found.items():
+        for words, score in tried_candidates.items():
             if score.failure:
                 left_out = f"candidate {words} left out: {score.failure}"
                 warn(left_out, stacklevel=1)
-        return tuple(found.values())
+        return tuple(tried_candidates.values())
 
     def _tried(
         self,
@@ -299,7 +301,7 @@ def _value(trial: Trial, name: str, values: Sequence[Any] | Range) -> Any:
     """
     if not isinstance(values, Range):
         return values[trial.suggest_categorical(name, range(len(values)))]
-    if values.whole:
+    if values.is_integer:
         return trial.suggest_int(name, int(values.low), int(values.high), log=values.log)
     drawn = trial.suggest_float(name, values.low, values.high, log=values.log)
     return min(max(float(f"{drawn:.3g}"), values.low), values.high)

@@ -154,10 +154,7 @@ def test_a_good_line_beside_a_taken_one_is_there_and_passes_the_conformance_suit
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        *(
-            ("version", v, "no positive integer (valid: 1, 2")
-            for v in (0, -1, 1.0, "1", True, None)
-        ),
+        *(("version", v, "is not valid (use 1, 2") for v in (0, -1, 1.0, "1", True, None)),
         ("library", None, "no text"),
     ],
 )

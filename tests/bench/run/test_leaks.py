@@ -252,7 +252,7 @@ def test_a_protocol_that_reports_training_rows_and_does_not_say_so_is_refused(ta
 
     monkeypatch.setattr(Holdout, "splits", honest_words_only)
     monkeypatch.setattr(Holdout, "selects_on_test", True)
-    with pytest.raises(ConfigError, match="reports 34 rows that are no test rows, and the prot"):
+    with pytest.raises(ConfigError, match="reports 34 rows that are not test rows, and the prot"):
         tasks("vjm", "holdout")
 
 

@@ -132,7 +132,7 @@ def test_values_of_a_file_get_their_options_types(grid_file):
         forest: {"max_features": ("sqrt", 0.5), "bootstrap": (True, False)},
     }
     assert type(found["ft-mlp"]["learning_rate"].high) is float
-    assert found["knn"]["neighbours"].whole and not found["ft-mlp"]["learning_rate"].whole
+    assert found["knn"]["neighbours"].is_integer and not found["ft-mlp"]["learning_rate"].is_integer
 
 
 @pytest.mark.parametrize(

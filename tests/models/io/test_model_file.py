@@ -123,7 +123,7 @@ def test_what_is_not_fitted_not_ours_or_has_no_folder_is_refused(tmp_path):
     stranger.robot_ = twin_data().robot
     for model, path, error, message in (
         (Mlp(), "model", NotFittedError, "call fit before save"),
-        (stranger, "model", ModelError, r"Stranger is no model that stiffbench.*own means"),
+        (stranger, "model", ModelError, r"Stranger is not a stiffbench model.*own library"),
         (quick_model("vjm"), "none/model", StoreError, "cannot be written"),
     ):
         with pytest.raises(error, match=message):
@@ -147,10 +147,10 @@ def test_files_that_are_none_or_damaged_are_refused_in_one_line(tmp_path):
     flipped[-5] ^= 1
     bomb = {"schema.json": bytes(2**20)}
     for content, said in (
-        (b"no model at all", "not a model file, or a corrupt one"),
-        (b"", "not a model file, or a corrupt one"),
-        (whole[:-100], "not a model file, or a corrupt one"),
-        (whole[:50], "not a model file, or a corrupt one"),
+        (b"no model at all", "not a model file, or a corrupt file"),
+        (b"", "not a model file, or a corrupt file"),
+        (whole[:-100], "not a model file, or a corrupt file"),
+        (whole[:50], "not a model file, or a corrupt file"),
         (bytes(flipped), ""),
         (archived({"weight.npy": bytes(3)}), "not a model file of stiffbench"),
         (archived(bomb, zipfile.ZIP_DEFLATED), r"file of \d+ bytes unpacks to 1048576"),
@@ -184,8 +184,10 @@ CHANGES = {
     "holds stiff_models.io.model_file:Path,": object_of(
         "record", "stiff_models.io.model_file:Path", fields={}
     ),
-    "which is no frozen dataclass": object_of("record", "stiff_models.networks.mlp:Mlp", fields={}),
-    "which is no model": object_of(
+    "which is not a frozen dataclass": object_of(
+        "record", "stiff_models.networks.mlp:Mlp", fields={}
+    ),
+    "which is not a stiffbench model": object_of(
         "model", "stiff_models.networks.encoded_model:Scaler", params={}, fitted={}
     ),
     "sets 'predict'": fitted(predict=0),
@@ -197,7 +199,7 @@ CHANGES = {
     "lengths are in m": lambda content: content["model"]["fitted"]["robot_"]["fields"].update(
         tcp=np.array([1e300, 0.0, 0.0])
     ),
-    "is no rotation": lambda content: content["model"]["fitted"]["robot_"]["fields"].update(
+    "is not a rotation": lambda content: content["model"]["fitted"]["robot_"]["fields"].update(
         flange=np.zeros((4, 4))
     ),
     "posix.getcwd": fitted(a_=FunctionTransformer(func=os.getcwd)),

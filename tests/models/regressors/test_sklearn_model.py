@@ -111,9 +111,9 @@ def test_a_key_that_names_nothing_is_refused_with_the_nearest_one(key, hint):
 @pytest.mark.parametrize(
     "key, reason",
     [
-        ("sklearn:ensemble.RandomForestClassifier", "is no regressor"),
-        ("sklearn:preprocessing.StandardScaler", "is no regressor"),
-        ("sklearn:multioutput.MultiOutputRegressor", "needs 'estimator'"),
+        ("sklearn:ensemble.RandomForestClassifier", "is not a regressor"),
+        ("sklearn:preprocessing.StandardScaler", "is not a regressor"),
+        ("sklearn:multioutput.MultiOutputRegressor", "requires 'estimator'"),
         ("sklearn:", "unknown model"),
         ("sklearn:ensemble", "unknown model"),
     ],

@@ -85,7 +85,7 @@ def model_with(**options):
 @pytest.mark.parametrize(
     ("text", "refused"),
     [
-        (None, r"nominal_stiffness=6 values in N m/rad"),
+        (None, r"nominal_stiffness to 6 values in N m/rad"),
         *((text, "6 positive numbers") for text in ("1,2", "1,2,3,4,5,0", "1,2,3,4,5,x")),
         ("1,2,3,4,5,inf", "6 positive numbers"),
     ],
@@ -96,7 +96,7 @@ def test_nominal_stiffnesses_of_another_robot_must_be_given_one_a_joint(text, re
         model_with(source_stiffness="nominal", nominal_stiffness=text).check_robot(robot)
     given = model_with(source_stiffness="nominal", nominal_stiffness="1e6,2e6,2e6,3e5,4e5,2e5")
     given.check_robot(robot)
-    with pytest.raises(ConfigError, match="would not be used: source_stiffness is 'identified'"):
+    with pytest.raises(ConfigError, match="would be ignored: source_stiffness is 'identified'"):
         model_with(nominal_stiffness="1,2,3,4,5,6").check_robot(robot)
 
 

@@ -72,7 +72,7 @@ LICENSED = broken("Licensed", save=not_ours)
     ("cls", "name", "reason"),
     [
         (OFFSET, "no load gives no deflection", "predicts up to 0.1 mm without load"),
-        (NOMINAL, "a fit learns from its own rows", "predicts the same whatever rows it is fitted"),
+        (NOMINAL, "a fit learns from its own rows", "predicts the same after a fit to other rows"),
         (LICENSED, "save and load give the same numbers", "its weights are not ours"),
     ],
 )

@@ -75,8 +75,13 @@ ACCEPTED = "splits are those that a run accepts"
         (careless, ACCEPTED, "failed", "trains on 10 rows of its other"),
         (lambda _: [], ACCEPTED, "failed", "made no split"),
         (lambda samples: 2 * by_row(samples), ACCEPTED, "failed", "splits of index [0, 0]"),
-        (careless, "the same seed gives the same splits", "failed", "the same seed gave other"),
-        (by_deflection, "the division does not look at deflections", "failed", "gave other splits"),
+        (careless, "the same seed gives the same splits", "failed", "the same seed gave different"),
+        (
+            by_deflection,
+            "the division does not look at deflections",
+            "failed",
+            "gave different splits",
+        ),
         (by_row, "no pose is parted", "not applicable", "warning: 1 of 1 splits test a pose"),
     ],
 )
@@ -105,7 +110,7 @@ def test_a_data_set_in_mm_or_of_chance_fails(fanuc):
     assert answers.status == "not applicable"
     chance, units, _ = check_dataset(Loads)
     assert (chance.status, units.status) == ("failed", "passed")
-    assert "is it in mm?" in check_dataset(InMillimetres)[1].reason
+    assert "check that it is not in mm" in check_dataset(InMillimetres)[1].reason
 
 
 @pytest.mark.parametrize(

@@ -156,7 +156,7 @@ def test_other_than_six_moving_joints_are_refused(twin, hold):
 
 
 def test_a_robot_that_cannot_be_asked_or_turned_is_refused(twin, fanuc):
-    with pytest.raises(ConfigError, match="measured robot cannot be asked"):
+    with pytest.raises(ConfigError, match="measured robot cannot be moved"):
         PROTOCOL.prepared(fanuc)
     planar = planar_arm(2, (0.0, 0.0, 1.0))
     samples = samples_with(np.zeros((4, planar.n_joints)), np.ones((4, 6)), np.ones((4, 3)))
