@@ -1,1 +1,1 @@
-"""Samples and robots: simulated and measured data sets, and the reader for one's own."""
+"""Simulated and measured data sets, robots, and the reader of user files."""

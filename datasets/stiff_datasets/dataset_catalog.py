@@ -1,4 +1,4 @@
-"""The data sets that stiffbench knows."""
+"""List the data sets of stiffbench."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ DATASETS = (
         kind="simulated",
         summary="twins of ten types of arm, 3 to 240 kg (robot=0..9): 151 random poses, pulled at "
         "a hook",
-        reference="constants and their sources: stiff_datasets/twins/, a file a robot",
+        reference="constants and their sources: stiff_datasets/twins/, one file per robot",
         caveats=(
             f"arm-family is {_SIMULATED}",
             "arm-family: no constant was identified on the robots that lend their kinematics.",
@@ -79,7 +79,7 @@ DATASETS = (
         target="stiff_datasets.twin.robot_twin:RobotTwin",
         kind="simulated",
         summary="twin of your own robot: --set robot-twin.constants=FILE.toml",
-        reference="what the file holds: stiff_datasets/twin/constants.py",
+        reference="format of the file: stiff_datasets/twin/constants.py",
         caveats=("robot-twin is simulated, never measured.",),
     ),
     DatasetInfo(
@@ -117,7 +117,7 @@ DRILLED_HOLES = DatasetInfo(
     card="data/fanuc_drilling.md",
     licence="MIT",
 )
-"""To check models on: without deflections it is not a data set that models are fitted to."""
+"""Used to check models; without deflections, models cannot be fitted to it."""
 
 MEASURED_FILE = DatasetInfo(
     key="file",
@@ -125,4 +125,4 @@ MEASURED_FILE = DatasetInfo(
     kind="user's file",
     summary="a user's own CSV file and URDF (bench run --data FILE.csv --urdf FILE.urdf)",
 )
-"""Stands for the file that `--data` names; the engine gives it that file's name as its key."""
+"""Represents the file of `--data`; the engine uses the file's name as its key."""

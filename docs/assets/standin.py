@@ -1,4 +1,4 @@
-"""Fills a plan in as a measurement of the simulated robot would: python standin.py PLAN OUTPUT."""
+"""Fill in a plan with a simulated measurement: python standin.py PLAN OUTPUT."""
 
 import sys
 from pathlib import Path

@@ -34,9 +34,9 @@ from tabulate import tabulate
 from stiff_datasets.measured.identifiability import regressor
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.twin.constants import (
-    LARGEST_RATIO,
     LAST_SPECIMEN,
-    SMALLEST_RATIO,
+    MAX_RATIO,
+    MIN_RATIO,
     JointTable,
     Noise,
     TwinConstants,
@@ -264,8 +264,8 @@ def _bounds(search: CalibrationSearch) -> tuple[FloatArray, FloatArray]:
     sizes = [len(each) - 1 for each in GEAR_SIZES]
     softest, stiffest = np.log10(SOFTEST_STRUCTURE), np.log10(search.stiffest_structure)
     low, high = search.lost_motion
-    lower = np.broadcast_arrays(0.0, softest, SMALLEST_RATIO, low)
-    upper = np.broadcast_arrays(sizes, stiffest, LARGEST_RATIO, high)
+    lower = np.broadcast_arrays(0.0, softest, MIN_RATIO, low)
+    upper = np.broadcast_arrays(sizes, stiffest, MAX_RATIO, high)
     return np.stack(lower, axis=1).reshape(-1), np.stack(upper, axis=1).reshape(-1)
 
 

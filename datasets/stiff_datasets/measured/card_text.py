@@ -1,4 +1,4 @@
-"""Texts of new data cards: for a user's own file, and for an exported data set."""
+"""Write the text of a new data card, for a user's file or an exported data set."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ FILL_IN = {
     "Version": "MAJOR.MINOR.PATCH",
     "Published": "YYYY-MM-DD",
 }
-"""Row of a card -> what to write in it, in the order of the card."""
+"""Row of a card -> hint what to enter, in the order of the card."""
 FIRST_VERSION = "1.0.0"
 UNKNOWNS = """## How it was measured
 
 TODO: instruments, dates, temperature, procedure, who measured.
-State the noise of the instrument in a row of the table above, such as `| Instrument noise | 0.02 mm a reading |`.
+State the noise of the instrument in a row of the table above, such as `| Instrument noise | 0.02 mm per reading |`.
 
 ## What is unknown
 
@@ -45,7 +45,7 @@ TODO"""  # noqa: E501
 def card_text(name: str, rows: Mapping[str, str], body: str = UNKNOWNS) -> str:
     """Return a card in Markdown: a heading, a table of rows, and a body.
 
-    Rows of `FILL_IN` that are missing say what to fill in.
+    Missing rows of `FILL_IN` get a hint what to enter.
     """
     needed = {row: f"{TO_DO}: {hint}" for row, hint in FILL_IN.items() if not rows.get(row)}
     lines = [f"| {row} | {value} |" for row, value in {**rows, **needed}.items() if value]
@@ -59,7 +59,7 @@ def own_card(path: Path, data: BenchmarkData, no_torque: bool, facts: Mapping[st
         path: the file.
         data: its samples and their robot.
         no_torque: true if torques were not measured.
-        facts: rows of `FILL_IN` that are known already.
+        facts: known rows of `FILL_IN`.
     """
     rows = {
         "What": what_text(data),
@@ -76,9 +76,9 @@ def exported_card(
     """Return the card of an exported data set, with its earlier card below.
 
     Args:
-        name: of the data set.
+        name: name of the data set.
         data: its samples and their robot.
-        rows: of the card's table.
+        rows: rows of the card's table.
         origin: name of the data set or file that the earlier card describes.
         earlier: text of that card; "" if there is none.
     """
@@ -94,7 +94,7 @@ def exported_card(
 
 
 def what_text(data: BenchmarkData) -> str:
-    """Return the first row of the card of a user's file: what it holds, and if it is SIMULATED."""
+    """Return the row "What" of a user's card: the content, and SIMULATED if it is."""
     samples = data.samples
     count = counted(len(samples), "sample")
     poses = counted(len(np.unique(samples.pose_id)), "pose")
@@ -109,7 +109,7 @@ def robot_text(data: BenchmarkData) -> str:
 
 
 def tcp_words(data: BenchmarkData) -> str:
-    """Return the TCP as `--tcp` takes it, m in the frame of the robot's last link."""
+    """Return the TCP in the form of `--tcp`, m in the frame of the robot's last link."""
     return ",".join(np.format_float_positional(x, trim="-") for x in data.robot.tcp_on_flange)
 
 
@@ -133,7 +133,7 @@ def fact_rows(card: DataCard) -> dict[str, str]:
 
 
 def _below(card: str) -> str:
-    """Return a card to stand below a heading: its headings are one level lower."""
+    """Return a card to insert below a heading: its headings move one level down."""
     lines: list[str] = []
     in_code = False
     for line in without_relative_links(card).splitlines():

@@ -1,9 +1,9 @@
-"""Facts that the tool reads from a data card FILE.md next to FILE.csv.
+"""Read the facts of a data card FILE.md next to FILE.csv.
 
-The other text of a card is for people.
+The rest of a card is not evaluated. These are read:
 
 - "torques were not measured" (or recorded), anywhere in a line;
-- the instrument's noise, ``Instrument noise: 0.02 mm a reading``, as a line or a row of a table;
+- the instrument's noise, ``Instrument noise: 0.02 mm per reading``, as a line or a row of a table;
 - the rows of the card's first table, such as ``| Licence | CC-BY-4.0 |``: see `TOPICS`;
 - the meanings of columns, in a table with the header ``| column | meaning |``.
 """
@@ -28,11 +28,13 @@ NOISE = re.compile(
     r"(?P<of>reading|deflection)\b",
     re.IGNORECASE,
 )
-LARGEST_NOISE_MM = 10.0
-NOISE_VALID = "a number, mm or µm, then 'a reading' or 'a deflection', e.g. '0.02 mm a reading'"
-LONGEST_SHOWN = 60
+MAX_NOISE_MM = 10.0
+NOISE_VALID = (
+    "a number, mm or µm, then 'per reading' or 'per deflection', e.g. '0.02 mm per reading'"
+)
+MAX_SHOWN = 60
 READINGS = {"reading": np.sqrt(2.0), "deflection": 1.0}
-"""A deflection is the difference of two readings: its noise is this factor times a reading's."""
+"""Factor to the noise of a deflection, which is the difference of two readings."""
 TOPICS = {
     "what": ("what",),
     "robot": ("robot",),
@@ -42,9 +44,9 @@ TOPICS = {
     "version": ("version",),
     "published": ("published",),
 }
-"""Fact -> names of the row that states it, in lower case; the first row counts."""
+"""Fact -> names of its row, in lower case; the first row counts."""
 TO_DO = "TODO"
-"""Beginning of a value that is still to be filled in: the fact is missing."""
+"""Start of a value that is not filled in yet: the fact is missing."""
 _TITLE = re.compile(r"^# data card: *(\S.*)$", re.IGNORECASE | re.MULTILINE)
 _LINK = re.compile(r"!?\[([^\[\]\n]{0,300})\]\(([^()\s]{0,300})\)")
 _URL = re.compile(r"https?://[^\s)>`|,]+")
@@ -60,8 +62,8 @@ class DataCard:
         instrument_noise: standard deviation of a measured deflection's error, m, of each axis; 0
             if the card does not state it.
         facts: fact of `TOPICS` -> its text in Markdown, without facts that are missing.
-        meanings: column -> its meaning, of the columns that the card describes.
-        name: of the data set, from the heading "# Data card: NAME"; "" if there is none.
+        meanings: column -> its meaning, for the columns that the card describes.
+        name: name of the data set, from the heading "# Data card: NAME"; "" if there is none.
     """
 
     no_torque: bool = False
@@ -72,7 +74,7 @@ class DataCard:
 
     @property
     def is_simulated(self) -> bool:
-        """True if the card's row "What" says that the data are SIMULATED."""
+        """True if the card's row "What" contains SIMULATED."""
         return "SIMULATED" in self.facts.get("what", "")
 
     def text(self, fact: str) -> str:
@@ -107,7 +109,7 @@ def read_card(path: Path) -> DataCard:
 
 
 def parse_card(text: str, card: Path) -> DataCard:
-    """Return the facts in a card's text; errors as of `read_card` name the file `card`."""
+    """Return the facts in a card's text; errors are as in `read_card` and name `card`."""
     noise = _instrument_noise(card, text)
     tables = [*_tables(text)]
     facts = _facts(tables[0]) if tables else {}
@@ -121,7 +123,7 @@ def parse_card(text: str, card: Path) -> DataCard:
 
 
 def states_no_torque(text: str) -> bool:
-    """Say if a line of a card states that torques were not measured."""
+    """Test if a line of a card states that torques were not measured."""
     for line in text.splitlines():
         torque = TORQUE.search(line)
         if torque and NOT_MEASURED.search(line, torque.end()):
@@ -138,12 +140,12 @@ def plain(markdown: str) -> str:
 
 
 def without_relative_links(text: str) -> str:
-    """Return Markdown whose links to files next to the card are text: a copy has no such files."""
+    """Replace links to files next to the card by their text: a copy has no such files."""
     return _LINK.sub(lambda link: link[0] if _URL.match(link[2]) else link[1], text)
 
 
 def _tables(text: str) -> Iterator[list[list[str]]]:
-    """Yield the tables of a card, rows of cells each: the header first, no separator line."""
+    """Yield the tables of a card as rows of cells, header first, without separator line."""
     rows: list[list[str]] = []
     for line in (*text.splitlines(), ""):
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line.strip())[1:-1]]
@@ -182,10 +184,10 @@ def _instrument_noise(card: Path, text: str) -> float:
             noise_mm = 0.0
             if match:
                 noise_mm = float(match["number"]) * UNITS["mm"][match["unit"].lower()]
-            if not match or not 0.0 < noise_mm <= LARGEST_NOISE_MM:
+            if not match or not 0.0 < noise_mm <= MAX_NOISE_MM:
                 raise DataError(
-                    f"{card}: line {number}, instrument noise: {value[:LONGEST_SHOWN]!r}, expected "
-                    f"{NOISE_VALID}, at most {LARGEST_NOISE_MM:g} mm; leave the line out if it is "
+                    f"{card}: line {number}, instrument noise: {value[:MAX_SHOWN]!r}, expected "
+                    f"{NOISE_VALID}, at most {MAX_NOISE_MM:g} mm; leave the line out if it is "
                     "not known"
                 )
             return float(noise_mm / MM_PER_M * READINGS[match["of"].lower()])

@@ -1,9 +1,9 @@
-"""Descriptors of a CSV file for other tools: Croissant and a Frictionless data package.
+"""Write descriptors of a CSV file: Croissant and a Frictionless data package.
 
 ``NAME.croissant.json`` (Croissant 1.0, JSON-LD) and ``NAME.datapackage.json`` (Data Package 2.0)
-are made from ``NAME.csv`` and its data card ``NAME.md``: columns with type, unit, meaning and
-limits, number of rows, sha256, licence, citation, source. Facts that the card does not state are
-left out. Both are plain JSON: no package is needed to write them.
+describe ``NAME.csv`` and its data card ``NAME.md``: columns with type, unit, meaning and limits,
+number of rows, sha256, licence, citation, source. Facts that the card does not state are omitted.
+Both are plain JSON and need no package.
 """
 
 from __future__ import annotations
@@ -31,25 +31,25 @@ from stiff_datasets.measured.sample_columns import (
     file_units,
     joint_columns,
 )
-from stiff_datasets.measured.sample_file import LARGEST_DEFLECTION_MM
+from stiff_datasets.measured.sample_file import MAX_DEFLECTION_MM
 from stiff_datasets.measured.sheet_files import NUMBER
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.types import Robot
 
 CROISSANT, DATA_PACKAGE = ".croissant.json", ".datapackage.json"
-"""Ends of the descriptors' names."""
+"""Extensions of the descriptors."""
 GENERATOR = "stiffbench"
-"""The author that both descriptors name; a file without it is not overwritten."""
+"""Author in both descriptors; a file without it is not overwritten."""
 LICENCES = (
     *("0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "CC0-1.0", "CC-BY-3.0", "CC-BY-4.0"),
     *("CC-BY-NC-4.0", "CC-BY-NC-ND-4.0", "CC-BY-NC-SA-4.0", "CC-BY-ND-4.0", "CC-BY-SA-4.0"),
     *("CDLA-Permissive-2.0", "CDLA-Sharing-1.0", "GPL-3.0-only", "GPL-3.0-or-later", "MIT"),
     *("ODbL-1.0", "ODC-By-1.0", "PDDL-1.0"),
 )
-"""SPDX identifiers of licences that data usually have; other licences are given as their text."""
+"""SPDX identifiers of common data licences; other licences are given as text."""
 NEEDED_FACTS = ("licence", "citation", "source", "version", "published")
-"""Facts that a reader of published data looks for first."""
+"""Facts that published data should state."""
 CONTEXT: dict[str, Any] = {
     "@language": "en",
     "@vocab": "https://schema.org/",
@@ -79,11 +79,11 @@ class Column:
     """A column of a CSV file.
 
     Attributes:
-        name: in the header.
+        name: name in the header.
         is_number: true if every filled cell is a number.
         required: true if no cell is empty.
-        low, high: limits of the numbers, in the unit of the column; None: there are none.
-        meaning: in words; "" if neither the schema nor the card has one.
+        low, high: limits of the numbers, in the unit of the column; None: no limits.
+        meaning: description; "" if neither the schema nor the card has one.
     """
 
     name: str
@@ -107,8 +107,8 @@ class DescribedFile:
     Attributes:
         path: the file.
         content: its bytes.
-        columns: in the order of the file.
-        key: names of the columns that tell every row from the others; () if there are none.
+        columns: columns in the order of the file.
+        key: names of the columns that identify a row; () if there are none.
         n_rows: number of rows below the header.
         card: its data card.
     """
@@ -122,7 +122,7 @@ class DescribedFile:
 
     @property
     def name(self) -> str:
-        """Name of the data set: the card's, else the file's without its ending."""
+        """Name of the data set from the card, else the file name without extension."""
         return self.card.name or self.path.stem
 
     @property
@@ -179,12 +179,12 @@ def describe(path: Path, robot: Robot | None = None, card: DataCard | None = Non
 
     Args:
         path: the file, with a comma between cells, a point in decimals and one header row.
-        robot: gives the limits of the joint columns; None: they have none.
-        card: None: the one next to the file.
+        robot: gives the limits of the joint columns; None: no limits.
+        card: the data card; None: the card next to the file.
 
     Raises:
-        DataError: it is not such a file, or its card is not valid; the message says how to write
-            one.
+        DataError: the file has another format, or its card is invalid; the message describes the
+            fix.
     """
     content = _content(path)
     header, rows = _rows(path, content)
@@ -193,7 +193,7 @@ def describe(path: Path, robot: Robot | None = None, card: DataCard | None = Non
     if robot is not None:
         ends = np.round(np.stack([robot.lower, robot.upper]) * file_units(robot), 6)
         limits = dict(zip(joint_columns(robot), ends.T.tolist(), strict=True))
-    largest = LARGEST_DEFLECTION_MM
+    largest = MAX_DEFLECTION_MM
     limits |= {name: [-largest, largest] for name in DEFLECTION_COLUMNS}
     columns = tuple(
         _column(name, cells, card, limits.get(name))
@@ -208,10 +208,10 @@ def descriptor_files(path: Path) -> tuple[Path, Path]:
 
 
 def check_descriptor_files(path: Path) -> None:
-    """See that earlier descriptors of a CSV file are from stiffbench.
+    """Check that existing descriptors of a CSV file were written by stiffbench.
 
     Raises:
-        StoreError: one is not.
+        StoreError: a descriptor was written by another program.
     """
     for descriptor_path in filter(Path.exists, descriptor_files(path)):
         try:
@@ -222,14 +222,14 @@ def check_descriptor_files(path: Path) -> None:
         if publisher != GENERATOR:
             raise StoreError(
                 f"{descriptor_path}: exists, was not written by stiffbench and is not "
-                "overwritten; give the data file another name, or move this file first"
+                "overwritten; rename the data file, or move this file first"
             )
 
 
 def write_descriptors(file: DescribedFile) -> tuple[Path, Path]:
-    """Write both descriptors of a file next to it, and return their names.
+    """Write both descriptors next to a file, and return their names.
 
-    Earlier ones of stiffbench are replaced.
+    Existing descriptors of stiffbench are replaced.
 
     Raises:
         StoreError: as `check_descriptor_files`, or a descriptor cannot be written.
@@ -243,7 +243,7 @@ def write_descriptors(file: DescribedFile) -> tuple[Path, Path]:
 
 
 def json_text(descriptor: dict[str, Any]) -> str:
-    """Return a descriptor as JSON to read and to compare line by line."""
+    """Return a descriptor as indented JSON."""
     return json.dumps(descriptor, indent=1, ensure_ascii=False) + "\n"
 
 
@@ -379,7 +379,7 @@ def _rows(path: Path, content: bytes) -> tuple[list[str], list[list[str]]]:
     """Return header and rows of a plain CSV file.
 
     Raises:
-        DataError: other programs would read other cells from it than stiffbench does.
+        DataError: other programs would read other cells than stiffbench.
     """
     reason = "not text in UTF-8 without a byte order mark"
     if not content.startswith(b"\xef\xbb\xbf"):
@@ -390,14 +390,14 @@ def _rows(path: Path, content: bytes) -> tuple[list[str], list[list[str]]]:
             reason = "not a CSV file in UTF-8"
     if reason:
         raise DataError(
-            f"{path}: {reason}; descriptors need plain CSV with commas, which bench data export "
-            f"{path} --output DIR writes (with your --robot or --urdf)"
+            f"{path}: {reason}; descriptors need plain CSV with commas: run bench data export "
+            f"{path} --output DIR (with your --robot or --urdf)"
         )
     return header, rows
 
 
 def _odd_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return why header and rows are not a plain table; "" if they are."""
+    """Return the reason why a table is not plain; "" if it is."""
     if len(header) < 2 or not rows:
         return "has no commas between cells" if rows else "has no rows"
     if len({*header}) < len(header) or any(not name or name != name.strip() for name in header):
@@ -409,19 +409,21 @@ def _odd_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _column(name: str, cells: Sequence[str], card: DataCard, limits: list[float] | None) -> Column:
-    filled = [cell for cell in cells if cell]
-    numbers = name not in ID_COLUMNS and all(map(NUMBER.fullmatch, filled)) and bool(filled)
+    filled_cells = [cell for cell in cells if cell]
+    numbers = (
+        name not in ID_COLUMNS and all(map(NUMBER.fullmatch, filled_cells)) and bool(filled_cells)
+    )
     low = high = None
-    if numbers and limits is not None:  # a checked row may exceed a limit by the rounding
-        values = [float(cell) for cell in filled]
+    if numbers and limits is not None:  # rounding may exceed a limit in a checked row
+        values = [float(cell) for cell in filled_cells]
         low, high = min(limits[0], *values), max(limits[1], *values)
         low, high = (None if np.isinf(end) else end for end in (low, high))
     meaning = card.meanings.get(name) or column_meaning(name)
-    return Column(name, numbers, len(filled) == len(cells), low, high, meaning)
+    return Column(name, numbers, len(filled_cells) == len(cells), low, high, meaning)
 
 
 def _key(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """Return pose and load, or the first column if it names every row; () if neither does."""
+    """Return the columns that identify a row: pose and load, or the first; () if none do."""
     for names in (ID_COLUMNS[:2], header[:1]):
         if {*names} <= {*header}:
             places = [header.index(name) for name in names]
@@ -433,5 +435,5 @@ def _key(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str, ...
 
 
 def _slug(name: str) -> str:
-    """Return a name as a data package may have it: lower case, without special characters."""
+    """Return a valid name for a data package: lower case, no special characters."""
     return re.sub(r"[^a-z0-9._]+", "-", name.lower()).strip("-") or "data"

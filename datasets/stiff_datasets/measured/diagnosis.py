@@ -1,8 +1,8 @@
-"""Which mistake would explain measured samples: the hypotheses, compared by cross-validation.
+"""Compare the mistakes that may explain measured samples, by cross-validation.
 
-A wrench in the wrong frame or a joint of the wrong sign fits no model, and nothing in the file
-says why. The linear virtual joint model (one spring a joint, no negative compliance, no prior) is
-cross-validated by pose on what each hypothesis makes of the samples.
+With a wrench in the wrong frame or a joint of the wrong sign, no model fits, and the file does not
+show why. Each hypothesis changes the samples. The linear virtual joint model (one spring per joint,
+no negative compliance, no prior) is cross-validated by pose on the changed samples.
 """
 
 from __future__ import annotations
@@ -15,44 +15,44 @@ from typing import Literal
 import numpy as np
 
 from stiff_datasets.measured.mistakes import (
-    ELSEWHERE,
-    FARTHEST_SOUND,
-    FITTED,
-    Fitted,
+    FITTED_HYPOTHESES,
+    MIN_POINT_DISTANCE,
+    POINT_HYPOTHESES,
+    FittedHypothesis,
     Reading,
     compliances,
+    fixed_hypotheses,
     normal_equations,
     reading,
-    readings,
     solve_nonnegative,
     with_tilting_joints,
 )
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 from stiff_protocols.springs.identification import RANK_TOLERANCE
 
-CLEARLY = 2.0
+MIN_GAIN_SE = 2.0
 """Standard errors over poses by which a hypothesis must lower the squared residual."""
-AS_GOOD, NEARLY_AS_GOOD = 1.02, 1.13
-"""Of hypotheses that leave so many times the lowest RMS residual, the likeliest is named; and those
-that cannot be told apart from it with certainty are named beside it."""
-ROUNDING = 1e-12
-"""m: of noise-free data the residuals are rounding, which ranks no hypothesis."""
-EXPLAINS = 0.9
-"""Share of the squared deflection that must be explained once the named mistake is undone, or it
-is another: joint springs explain 0.94 of the FANUC measurement and at least 0.93 of ten specimens
-each of the shipped twins."""
-SOUND = 0.995
-"""Where joint springs explain this share, free numbers would be fitted to what links give."""
+TIE_RATIO, NEAR_TIE_RATIO = 1.02, 1.13
+"""Ratios to the lowest RMS residual. Of the hypotheses within the first, the likeliest is named.
+Those within the second cannot be excluded with certainty and are named after it."""
+MIN_RMS = 1e-12
+"""m: residuals of noise-free data are rounding errors and must not rank hypotheses."""
+MIN_EXPLAINED = 0.9
+"""Least explained share of the squared deflection after a mistake is undone; below it, the mistake
+is another. Joint springs explain 0.94 of the FANUC measurement and at least 0.93 of ten specimens
+of each shipped twin."""
+CLEAN_EXPLAINED = 0.995
+"""If joint springs explain this share, free numbers would only fit the deflection of links."""
 USUAL_SAG = 2e-3
-"""rad; how far the joint that gives way most turns under the arm's own weight. 2 to 2.8e-3 in all
-specimens of the shipped twins."""
-UNUSUAL = 5.0
-"""A robot that is so many times as compliant or stiff as usual is in another unit."""
-FOLDS, FEWEST_POSES = 10, 10
+"""rad; turn of the most compliant joint under the arm's own weight. 2 to 2.8e-3 in all specimens
+of the shipped twins."""
+UNUSUAL_RATIO = 5.0
+"""A robot this many times more compliant or stiffer than usual is in another unit."""
+FOLDS, MIN_POSES = 10, 10
 BLOCKS, BLOCK_ROWS = 10, 100
-"""Of a longer file so many blocks of rows are compared, spread evenly: a mistake shows in them."""
-STEPS, MORE_STEPS = 10, 3
-"""Of Gauss-Newton, for all samples, and from there for a part of them."""
+"""A longer file is sampled: this number of blocks of rows, spread evenly, shows a mistake."""
+FIT_STEPS, FOLD_FIT_STEPS = 10, 3
+"""Steps of Gauss-Newton: for all samples, and from that result for each fold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +62,14 @@ class Fit:
     Attributes:
         text: the hypothesis.
         squares: (n,) squared length of each residual, m2.
-        reading: the samples as it reads them.
-        must_gain: share by which it must lower the RMS residual.
+        reading: the samples as changed by the hypothesis.
+        min_gain: least share by which the hypothesis has to lower the RMS residual.
     """
 
     text: str
     squares: FloatArray
     reading: Reading
-    must_gain: float = 0.0
+    min_gain: float = 0.0
 
     @property
     def rms(self) -> float:
@@ -78,26 +78,27 @@ class Fit:
 
     @property
     def score(self) -> float:
-        """The RMS residual, m, made larger by what it must gain: of two the lower is better."""
-        return self.rms / (1.0 - self.must_gain)
+        """RMS residual, m, divided by one minus the minimum gain; lower is better."""
+        return self.rms / (1.0 - self.min_gain)
 
     @property
     def explained(self) -> float:
-        """Share of the squared deflection that is explained; 0 where that is worse than none."""
+        """Explained share of the squared deflection; 0 if the fit is worse than no model."""
         size = (self.reading.deflection**2).sum()
         return max(float(1.0 - self.squares.sum() / size), 0.0) if size else 0.0
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What cross-validation says of samples.
+    """Result of the comparison of hypotheses by cross-validation.
 
     Attributes:
-        given: under no hypothesis.
-        best: under one that explains them clearly better; None: there is none.
-        ties: texts of others that explain them as well.
-        elsewhere: where no mistake is found: with springs across the joints' axes, too, the fits at
-            the given points and at others, the best first, if one of these is clearly better.
+        given: fit to the samples without a hypothesis.
+        best: fit of the hypothesis that is clearly better; None: no hypothesis is.
+        ties: texts of the hypotheses that explain the samples as well.
+        elsewhere: fits with springs across the joints' axes, too: at the given points, then at
+            other points, the best first. Empty if a mistake was found or no other point is
+            clearly better.
     """
 
     given: Fit
@@ -111,55 +112,56 @@ def diagnose(
 ) -> Diagnosis:
     """Compare the samples as they are with every hypothesis.
 
-    The best must lower the RMS residual by more than 5 to 30 % (`must_gain`), the squared
-    residual by more than two standard errors of the difference, summed by pose, because the
-    loads of a pose share their errors (the test of Q. Vuong, Econometrica 57, 1989, between models
-    that do not contain each other), and explain nearly as much as joint springs do of sound data.
-    Of those that are as good, the likeliest is named that leaves stiffnesses of a usual size.
+    The best hypothesis meets three conditions. It lowers the RMS residual by more than 5 to 30 %
+    (`min_gain`). It lowers the squared residual by more than two standard errors of the difference.
+    It explains nearly as much as joint springs explain of clean data. Differences are summed by
+    pose, because the loads of a pose share their errors. The test is the one of Q. Vuong
+    (Econometrica 57, 1989) for models that do not contain each other. Of hypotheses that tie, the
+    likeliest with stiffnesses of a usual size is named.
 
     Args:
-        samples: the data; fewer than ten poses are compared with nothing.
-        robot: that was measured.
-        joints_only: try only what may be wrong with the joint positions.
+        samples: the data; with fewer than ten poses no hypothesis is tried.
+        robot: the measured robot.
+        joints_only: try only mistakes in the joint positions.
         may_fit: try hypotheses with free numbers, too.
     """
-    some = samples
+    compared_samples = samples
     if len(samples) > BLOCKS * BLOCK_ROWS:
         starts = np.linspace(0, len(samples) - BLOCK_ROWS, BLOCKS).astype(np.int64)
-        some = samples.take((starts[:, None] + np.arange(BLOCK_ROWS)).reshape(-1))
-    pose = np.asarray(np.unique(some.pose_id, return_inverse=True)[1])
-    data = reading(robot, some.q, some.wrench, some.deflection)
+        compared_samples = samples.take((starts[:, None] + np.arange(BLOCK_ROWS)).reshape(-1))
+    pose = np.asarray(np.unique(compared_samples.pose_id, return_inverse=True)[1])
+    data = reading(robot, compared_samples.q, compared_samples.wrench, compared_samples.deflection)
     n_poses = int(pose.max()) + 1
     fold = np.random.default_rng(0).permutation(n_poses)[pose] % FOLDS
-    given = _fit("", data, fold)
-    if n_poses < FEWEST_POSES:
+    given = _cross_validate("", data, fold)
+    if n_poses < MIN_POSES:
         return Diagnosis(given)
-    better = _better(data, given, pose, fold, joints_only, may_fit)
-    if _size(data) == "usual":  # what makes it unusual is no mistake undone
-        better = [fit for fit in better if _size(fit.reading) != "unusual"]
-    lowest = min((fit.score for fit in better), default=0.0)
-    close = [fit for fit in better if fit.score <= NEARLY_AS_GOOD * lowest]
-    best = min(close, key=functools.partial(_unlikely, AS_GOOD * lowest), default=None)
-    close = sorted((fit for fit in close if fit is not best), key=lambda fit: fit.score)
+    better_fits = _better_hypotheses(data, given, pose, fold, joints_only, may_fit)
+    if _stiffness_size(data) == "usual":  # an undone mistake leaves a usual size
+        better_fits = [fit for fit in better_fits if _stiffness_size(fit.reading) != "unusual"]
+    lowest = min((fit.score for fit in better_fits), default=0.0)
+    near_best = [fit for fit in better_fits if fit.score <= NEAR_TIE_RATIO * lowest]
+    best = min(near_best, key=functools.partial(_doubts, TIE_RATIO * lowest), default=None)
+    near_best = sorted((fit for fit in near_best if fit is not best), key=lambda fit: fit.score)
     elsewhere: tuple[Fit, ...] = ()
-    if best is None and may_fit and not joints_only and given.explained < SOUND:
-        elsewhere = _elsewhere(with_tilting_joints(data), pose, fold)
-    return Diagnosis(given, best, tuple(fit.text for fit in close), elsewhere)
+    if best is None and may_fit and not joints_only and given.explained < CLEAN_EXPLAINED:
+        elsewhere = _fits_of_points(with_tilting_joints(data), pose, fold)
+    return Diagnosis(given, best, tuple(fit.text for fit in near_best), elsewhere)
 
 
-def _elsewhere(data: Reading, pose: IntArray, fold: IntArray) -> tuple[Fit, ...]:
-    """Return the fits at the given points and at others, () unless a far one is clearly better."""
-    given, fits, is_clear = _fit("", data, fold), [], False
-    for free in ELSEWHERE:
-        point = _fitted(free, data, np.zeros(free.n_free))
-        fit = _fit_free(free, point, data, fold)
-        is_far = float(np.linalg.norm(point)) > FARTHEST_SOUND
-        is_clear |= is_far and _clearly_better(fit, given, pose)
+def _fits_of_points(data: Reading, pose: IntArray, fold: IntArray) -> tuple[Fit, ...]:
+    """Return the fits at given and other points; () if no far point is clearly better."""
+    given_fit, fits, is_clear = _cross_validate("", data, fold), [], False
+    for hypothesis in POINT_HYPOTHESES:
+        point = _fit_numbers(hypothesis, data, np.zeros(hypothesis.n_free))
+        fit = _cross_validate_fitted(hypothesis, point, data, fold)
+        is_far = float(np.linalg.norm(point)) > MIN_POINT_DISTANCE
+        is_clear |= is_far and _clearly_better(fit, given_fit, pose)
         fits.append(fit)
-    return (given, *sorted(fits, key=lambda fit: fit.rms)) if is_clear else ()
+    return (given_fit, *sorted(fits, key=lambda fit: fit.rms)) if is_clear else ()
 
 
-def _better(
+def _better_hypotheses(
     data: Reading,
     given: Fit,
     pose: IntArray,
@@ -167,32 +169,36 @@ def _better(
     joints_only: bool,
     may_fit: bool,
 ) -> list[Fit]:
-    """Return the hypotheses that are better, the likeliest first; not those far from the best.
+    """Return the fits of better hypotheses near the best, the likeliest first.
 
-    Least squares leave no less of rows that were left out than of rows that were fitted: the
-    residual without cross-validation is a bound, and settles most hypotheses.
+    The residual of rows that were left out is never below the residual of fitted rows. So the
+    residual without cross-validation is a bound, which excludes most hypotheses.
     """
-    tried: list[tuple[float, int, Callable[[], Fit]]] = []
-    for text, each, gain in readings(data, joints_only):
-        plain = functools.partial(_fit, text, each, fold, gain)
-        tried.append((_rms_of_all(each) / (1.0 - gain), len(tried), plain))
-    may_fit = may_fit and not joints_only and given.explained < SOUND
-    for free in FITTED if may_fit else ():
-        numbers = _fitted(free, data, np.zeros(free.n_free))
-        if numbers[0] > 0.0 or not free.positive:
-            bound = _rms_of_all(free.change(data, numbers)) / (1.0 - free.must_gain)
-            fitted = functools.partial(_fit_free, free, numbers, data, fold)
-            tried.append((bound, len(tried), fitted))
-    most = given.rms
-    found: dict[int, Fit] = {}
-    for bound, order, cross_validate in sorted(tried, key=lambda each: each[:2]):
-        if bound > most:
+    candidates: list[tuple[float, int, Callable[[], Fit]]] = []
+    for text, changed_data, gain in fixed_hypotheses(data, joints_only):
+        cross_validate_fixed = functools.partial(_cross_validate, text, changed_data, fold, gain)
+        candidates.append(
+            (_rms_of_all(changed_data) / (1.0 - gain), len(candidates), cross_validate_fixed)
+        )
+    may_fit = may_fit and not joints_only and given.explained < CLEAN_EXPLAINED
+    for hypothesis in FITTED_HYPOTHESES if may_fit else ():
+        numbers = _fit_numbers(hypothesis, data, np.zeros(hypothesis.n_free))
+        if numbers[0] > 0.0 or not hypothesis.positive:
+            bound = _rms_of_all(hypothesis.change(data, numbers)) / (1.0 - hypothesis.min_gain)
+            cross_validate_fitted = functools.partial(
+                _cross_validate_fitted, hypothesis, numbers, data, fold
+            )
+            candidates.append((bound, len(candidates), cross_validate_fitted))
+    rms_limit = given.rms
+    better_fits: dict[int, Fit] = {}
+    for bound, position, cross_validate in sorted(candidates, key=lambda entry: entry[:2]):
+        if bound > rms_limit:
             break
         fit = cross_validate()
-        if fit.explained > EXPLAINS and _clearly_better(fit, given, pose):
-            found[order] = fit
-            most = min(most, NEARLY_AS_GOOD * fit.score)
-    return [found[order] for order in sorted(found)]
+        if fit.explained > MIN_EXPLAINED and _clearly_better(fit, given, pose):
+            better_fits[position] = fit
+            rms_limit = min(rms_limit, NEAR_TIE_RATIO * fit.score)
+    return [better_fits[position] for position in sorted(better_fits)]
 
 
 def _rms_of_all(data: Reading) -> float:
@@ -202,12 +208,12 @@ def _rms_of_all(data: Reading) -> float:
 
 
 def _rms(squares: FloatArray) -> float:
-    """Return the root of the mean of (n,) squared lengths [m2], m; not less than `ROUNDING`."""
-    return max(float(np.sqrt(squares.mean())), ROUNDING)
+    """Return the root of the mean of (n,) squared lengths [m2], m; not less than `MIN_RMS`."""
+    return max(float(np.sqrt(squares.mean())), MIN_RMS)
 
 
-def softness(data: Reading, compliance: FloatArray) -> float:
-    """Return how many times as compliant as usual the joints are; 0 where nothing says so.
+def relative_compliance(data: Reading, compliance: FloatArray) -> float:
+    """Return the joints' compliance as a multiple of the usual one; 0 if unknown.
 
     Args:
         data: the samples.
@@ -218,79 +224,83 @@ def softness(data: Reading, compliance: FloatArray) -> float:
     return float(sag.max(initial=0.0) / USUAL_SAG)
 
 
-def _unlikely(as_good: float, fit: Fit) -> tuple[bool, bool, bool]:
-    """Return what speaks against a hypothesis, the strongest first.
+def _doubts(tie_score: float, fit: Fit) -> tuple[bool, bool, bool]:
+    """Return the reasons against a hypothesis, the strongest first.
 
-    Stiffnesses of another order of magnitude, a score above `as_good`, a negative stiffness.
+    They are stiffnesses of an unusual size, a score above `tie_score`, and a negative stiffness.
     """
-    negative = bool(clearly_negative(fit.reading).any())
-    return _size(fit.reading) == "unusual", fit.score > as_good, negative
+    negative = bool(has_negative_compliance(fit.reading).any())
+    return _stiffness_size(fit.reading) == "unusual", fit.score > tie_score, negative
 
 
-def _size(data: Reading) -> Literal["usual", "unusual", "unknown"]:
-    """Say whether the joints' stiffnesses are of a robot's usual size."""
-    factor = softness(data, compliances(data))
+def _stiffness_size(data: Reading) -> Literal["usual", "unusual", "unknown"]:
+    """Compare the joints' stiffnesses with a robot's usual ones."""
+    factor = relative_compliance(data, compliances(data))
     if factor == 0.0:
         return "unknown"
-    return "usual" if 1.0 / UNUSUAL < factor < UNUSUAL else "unusual"
+    return "usual" if 1.0 / UNUSUAL_RATIO < factor < UNUSUAL_RATIO else "unusual"
 
 
-def clearly_negative(data: Reading) -> BoolArray:
-    """Return (n_joints,) which compliances least squares put below zero, and not by chance."""
+def has_negative_compliance(data: Reading) -> BoolArray:
+    """Return (n_joints,) true for compliances that are significantly negative in least squares."""
     matrix = data.regressor().reshape(-1, data.q.shape[1])
     size = np.linalg.norm(matrix, axis=0)
-    size[size <= RANK_TOLERANCE * size.max()] = np.inf  # no load turns it
+    size[size <= RANK_TOLERANCE * size.max()] = np.inf  # no load turns these joints
     inverse = np.linalg.pinv(matrix / size)
     compliance = inverse @ data.deflection.reshape(-1)
     residual = data.deflection.reshape(-1) - matrix / size @ compliance
     error = np.linalg.norm(inverse, axis=1) * residual.std()
-    return np.asarray(compliance < -CLEARLY * error)
+    return np.asarray(compliance < -MIN_GAIN_SE * error)
 
 
 def _clearly_better(fit: Fit, given: Fit, pose: IntArray) -> bool:
     gain = np.bincount(pose, given.squares - fit.squares)  # (n_poses,)
-    clear = gain.sum() > CLEARLY * np.sqrt(len(gain)) * gain.std(ddof=1)
+    clear = gain.sum() > MIN_GAIN_SE * np.sqrt(len(gain)) * gain.std(ddof=1)
     return bool(clear and fit.score < given.rms)
 
 
-def _fit(text: str, data: Reading, fold: IntArray, must_gain: float = 0.0) -> Fit:
-    """Cross-validate the samples as a hypothesis reads them; `fold` (n,) numbers the folds."""
+def _cross_validate(text: str, data: Reading, fold: IntArray, min_gain: float = 0.0) -> Fit:
+    """Cross-validate the samples as changed by a hypothesis; `fold` (n,) numbers the folds."""
     matrix = data.regressor()
     parts = [normal_equations(matrix[fold == i], data.deflection[fold == i]) for i in range(FOLDS)]
-    grams, rights = (np.array(each) for each in zip(*parts, strict=True))
-    found = [
+    grams, rights = (np.array(sums) for sums in zip(*parts, strict=True))
+    fold_compliances = [
         solve_nonnegative(grams.sum(0) - grams[i], rights.sum(0) - rights[i]) for i in range(FOLDS)
     ]
-    predicted = (matrix @ np.array(found)[fold][:, :, None])[:, :, 0]
-    return Fit(text, ((data.deflection - predicted) ** 2).sum(axis=1), data, must_gain)
+    predicted = (matrix @ np.array(fold_compliances)[fold][:, :, None])[:, :, 0]
+    return Fit(text, ((data.deflection - predicted) ** 2).sum(axis=1), data, min_gain)
 
 
-def _fit_free(hypothesis: Fitted, numbers: FloatArray, data: Reading, fold: IntArray) -> Fit:
-    """Cross-validate a hypothesis whose numbers are fitted on the training folds, too."""
+def _cross_validate_fitted(
+    hypothesis: FittedHypothesis, numbers: FloatArray, data: Reading, fold: IntArray
+) -> Fit:
+    """Cross-validate a hypothesis and fit its numbers on the training folds, too."""
     squares = np.empty(len(fold))
     for i in np.unique(fold):
         training = data.take(fold != i)
-        of_fold = _fitted(hypothesis, training, numbers, MORE_STEPS)
-        found = compliances(hypothesis.change(training, of_fold))
-        tested = hypothesis.change(data.take(fold == i), of_fold)
-        squares[fold == i] = ((tested.deflection - tested.regressor() @ found) ** 2).sum(axis=1)
+        fold_numbers = _fit_numbers(hypothesis, training, numbers, FOLD_FIT_STEPS)
+        fold_compliance = compliances(hypothesis.change(training, fold_numbers))
+        test_data = hypothesis.change(data.take(fold == i), fold_numbers)
+        squares[fold == i] = (
+            (test_data.deflection - test_data.regressor() @ fold_compliance) ** 2
+        ).sum(axis=1)
     text = hypothesis.text.format(*(numbers * hypothesis.unit))
-    return Fit(text, squares, hypothesis.change(data, numbers), hypothesis.must_gain)
+    return Fit(text, squares, hypothesis.change(data, numbers), hypothesis.min_gain)
 
 
-def _fitted(
-    hypothesis: Fitted, data: Reading, numbers: FloatArray, steps: int = STEPS
+def _fit_numbers(
+    hypothesis: FittedHypothesis, data: Reading, numbers: FloatArray, steps: int = FIT_STEPS
 ) -> FloatArray:
-    """Return (n_free,) the numbers that fit best, by Gauss-Newton from `numbers`."""
+    """Return the (n_free,) numbers that fit best, by Gauss-Newton from `numbers`."""
     step = 1e-3
     for _ in range(steps):
         changed = hypothesis.change(data, numbers)
-        matrix, found = changed.regressor(), compliances(changed)
-        residual = changed.deflection - matrix @ found
+        matrix, compliance = changed.regressor(), compliances(changed)
+        residual = changed.deflection - matrix @ compliance
         slopes = []
         for unit in np.eye(hypothesis.n_free):
             moved = hypothesis.change(data, numbers + step * unit)
-            slopes.append((residual - moved.deflection + moved.regressor() @ found) / step)
+            slopes.append((residual - moved.deflection + moved.regressor() @ compliance) / step)
         design = np.concatenate([np.stack(slopes, axis=-1), matrix], axis=-1)
         design = design.reshape(-1, design.shape[-1])
         size = np.linalg.norm(design, axis=0)
@@ -298,7 +308,7 @@ def _fitted(
         change = np.linalg.lstsq(design / size, residual.reshape(-1))[0] / size
         change = change[: hypothesis.n_free]
         trials = (numbers + share * change for share in (1.0, 0.5, 0.25))
-        numbers = min(trials, key=lambda each: _rms_of_all(hypothesis.change(data, each)))
+        numbers = min(trials, key=lambda trial: _rms_of_all(hypothesis.change(data, trial)))
         if np.linalg.norm(change) < 1e-3 * np.linalg.norm(numbers):
             break
     return numbers

@@ -1,4 +1,4 @@
-"""A data set as files that others can use: CSV, URDF, data card and descriptors."""
+"""Export a data set as CSV, URDF, data card and descriptors."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class ExportedFiles:
 
     Attributes:
         paths: CSV, data card, URDF, Croissant, data package.
-        described: the CSV file as its descriptors have it.
-        sha256: hash of samples and robot as they are read from the files.
+        described: the CSV file with the content of its descriptors.
+        sha256: hash of samples and robot after reading the files.
         n_rounded: number of joint positions that read back as the next floating-point number.
     """
 
@@ -46,18 +46,18 @@ class ExportedFiles:
 def export(
     data: BenchmarkData, folder: Path, stem: str, urdf: str, card: Callable[[str, str], str]
 ) -> ExportedFiles:
-    """Write a data set's files into a folder, all of them or none, and read them back.
+    """Write the files of a data set, all or none, and read them back.
 
     Args:
         data: samples and robot.
-        folder: is made if it is not there.
-        stem: name of the files without ending.
+        folder: created if it does not exist.
+        stem: name of the files without extension.
         urdf: text of the robot's description.
-        card: returns the text of the data card; it gets the options that name the robot of the
-            files, and the hash of samples and robot as they are read from the files.
+        card: returns the text of the data card from the options for the robot of the files, and the
+            hash of samples and robot after reading the files.
 
     Raises:
-        DataError: the data are such as no file may hold; see `read_samples`.
+        DataError: the data are invalid in a file; see `read_samples`.
         StoreError: a file exists, or cannot be written.
     """
     names = [f"{stem}{ending}" for ending in (".csv", ".md", ".urdf")]
@@ -68,21 +68,21 @@ def export(
     try:
         for path in paths:
             check_new_file(path)
-        with _temporary_folder(folder) as place:
-            there = Path(place)
-            write_table(there / names[0], [sample_table(data.samples, data.robot)])
-            (there / names[2]).write_text(urdf, encoding="utf-8")
-            robot = read_robot(there / names[2], tcp=data.robot.tcp_on_flange.tolist())
-            words = f"--urdf {names[2]} --tcp {tcp_words(data)}"
-            (there / names[1]).write_text(card(words, ""), encoding="utf-8")
-            with warnings.catch_warnings():  # of the data set, which its own reader gave
+        with _temporary_folder(folder) as temporary_name:
+            temporary_folder = Path(temporary_name)
+            write_table(temporary_folder / names[0], [sample_table(data.samples, data.robot)])
+            (temporary_folder / names[2]).write_text(urdf, encoding="utf-8")
+            robot = read_robot(temporary_folder / names[2], tcp=data.robot.tcp_on_flange.tolist())
+            robot_options = f"--urdf {names[2]} --tcp {tcp_words(data)}"
+            (temporary_folder / names[1]).write_text(card(robot_options, ""), encoding="utf-8")
+            with warnings.catch_warnings():  # the data set's own reader gave them
                 warnings.simplefilter("ignore", StiffBenchWarning)
-                samples = read_samples(there / names[0], robot)
+                samples = read_samples(temporary_folder / names[0], robot)
             sha256 = BenchmarkData(samples, robot).sha256
-            (there / names[1]).write_text(card(words, sha256), encoding="utf-8")
-            described = describe(there / names[0], robot)
+            (temporary_folder / names[1]).write_text(card(robot_options, sha256), encoding="utf-8")
+            described = describe(temporary_folder / names[0], robot)
             write_descriptors(described)
-            _move(there, paths)
+            _move(temporary_folder, paths)
     except OSError as error:
         raise StoreError(f"{folder}: cannot be written: {error.strerror or error}") from error
     finally:
@@ -96,12 +96,12 @@ def _temporary_folder(folder: Path) -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix=".export-", dir=folder)
 
 
-def _move(place: Path, paths: tuple[Path, ...]) -> None:
-    """Move finished files to their places, or none of them."""
+def _move(source_folder: Path, paths: tuple[Path, ...]) -> None:
+    """Move all finished files to their folder, or none."""
     moved: list[Path] = []
     try:
         for path in paths:
-            shutil.move(place / path.name, path)
+            shutil.move(source_folder / path.name, path)
             moved.append(path)
     except BaseException:
         for path in moved:

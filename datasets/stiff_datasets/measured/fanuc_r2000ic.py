@@ -1,4 +1,4 @@
-"""`fanuc-r2000ic`: 43 MEASURED deflections of a FANUC R-2000iC (card: data/fanuc_r2000ic.md)."""
+"""Load `fanuc-r2000ic`: 43 MEASURED deflections of a robot (card: data/fanuc_r2000ic.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of a file of samples: torques, sheet, tolerance of poses."""
+"""Define the options of a file of samples: torques, sheet, tolerance of poses."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ from dataclasses import dataclass
 from stiff_protocols.contract.errors import ConfigError
 
 POSE_TOLERANCE = 0.05
-"""deg and mm; encoders and controllers come back to a pose within less, and no plan has poses so
-near each other."""
+"""deg and mm; robots repeat poses more precisely, and no plan has poses this near each other."""
 LARGEST_POSE_TOLERANCE = 10.0
 
 
 @dataclass(frozen=True)
 class FileOptions:
-    """Statements of a user about a file of samples.
+    """Options that a user gives for a file of samples.
 
     Attributes:
-        no_torque: torques were not measured; their columns may be missing.
-        sheet: name of the Excel file's sheet; None: the only one that holds a table.
-        pose_tolerance: deg, and mm of prismatic joints; rows whose joint positions differ by no
-            more are of one pose.
+        no_torque: true if torques were not measured; their columns may be missing.
+        sheet: name of the Excel file's sheet; None: the only sheet with a table.
+        pose_tolerance: deg, and mm of prismatic joints; rows with smaller differences in joint
+            positions have the same pose.
     """
 
     no_torque: bool = False

@@ -1,8 +1,8 @@
-"""`kr10-measured`: the place for a user's own KR10 measurement, which is registered once.
+"""Register and read a user's own KR10 measurement, the data set `kr10-measured`.
 
-stiffbench ships no such measurement, and none is public. What is registered is in ``datasets.toml``
-in the folder of the user (see `home`). Heavy imports stay in the functions that need them, so that
-a list of data sets can ask `missing` at no cost.
+stiffbench ships no such measurement, and none is public. The registration is in ``datasets.toml``
+in the user's folder (see `home`). Large packages are imported only in the functions that need them,
+so that a list of data sets calls `missing` at no cost.
 """
 
 from __future__ import annotations
@@ -23,33 +23,37 @@ if TYPE_CHECKING:
     from stiff_protocols.contract.types import BenchmarkData
 
 VARIABLE = "STIFFBENCH_HOME"
-"""Environment variable that names another folder."""
+"""Environment variable for another folder."""
 KR10_MEASURED, SHIPPED_ROBOT = "kr10-measured", "kr10_r1100_2"
-"""The one key that a measurement can be registered under, and its robot where no URDF is."""
+"""The only key of a registration, and its robot without a URDF."""
 COMMAND = f"bench data register FILE.csv --dataset {KR10_MEASURED}"
 
 
 def home() -> Path:
-    """Return the folder of the user; it need not exist yet.
+    """Return the user's folder; it need not exist yet.
 
     Raises:
-        DataError: the variable names a user who does not exist.
+        DataError: the variable refers to a user who does not exist.
     """
-    named = os.environ.get(VARIABLE)
+    folder_name = os.environ.get(VARIABLE)
     try:
-        return Path(named).expanduser() if named else platformdirs.user_data_path("stiffbench")
+        return (
+            Path(folder_name).expanduser()
+            if folder_name
+            else platformdirs.user_data_path("stiffbench")
+        )
     except RuntimeError as error:
-        raise DataError(f"{VARIABLE}={named}: {error}") from error
+        raise DataError(f"{VARIABLE}={folder_name}: {error}") from error
 
 
 def registry_file() -> Path:
-    """Return the file that holds every registration; it need not exist yet."""
+    """Return the file of registrations; it need not exist yet."""
     return home() / "datasets.toml"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Registration(FileOptions):
-    """A table of the file of registrations.
+    """A table in the file of registrations.
 
     Attributes:
         csv: the file of samples (see `sample_file.read_samples`).
@@ -88,14 +92,14 @@ def register(
     tip: str | None = None,
     options: FileOptions = DEFAULTS,
 ) -> Path:
-    """Register a measurement after reading it, and return the file that holds every registration.
+    """Read and register a measurement, and return the file of registrations.
 
-    An earlier one is replaced. Arguments except the key are the attributes of `Registration`.
+    An earlier registration is replaced. Arguments except the key are attributes of `Registration`.
 
     Raises:
         ConfigError: nothing can be registered under the key, or tomli-w is not installed.
         DataError: the data cannot be read (see `sample_file.read_samples`), or the file of
-            registrations is damaged; nothing is written then.
+            registrations is corrupt; then nothing is written.
         StoreError: the file of registrations cannot be written.
     """
     if key != KR10_MEASURED:
@@ -129,11 +133,11 @@ def register(
 
 
 def registration() -> Registration:
-    """Return what is registered.
+    """Return the registration.
 
     Raises:
-        DataError: nothing is registered, the file of registrations is damaged, or a registered
-            file is gone.
+        DataError: nothing is registered, the file of registrations is corrupt, or a registered file
+            does not exist any more.
     """
     path = registry_file()
     table = read_toml(path).get(KR10_MEASURED) if path.exists() else None
@@ -143,14 +147,16 @@ def registration() -> Registration:
 
     try:
         entry = TypeAdapter(Registration).validate_python(table)
-        Registration(**table)  # has no further keys
+        Registration(**table)  # fails for unknown keys
     except (ValidationError, TypeError, ConfigError) as error:
         problems = error.errors() if isinstance(error, ValidationError) else []
-        wrong = "; ".join(
+        problem_texts = "; ".join(
             f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}, not {problem['input']!r}"
             for problem in problems
         )
-        reason = f"{path}: table [{KR10_MEASURED}]: {wrong or error}; register again: {COMMAND}"
+        reason = (
+            f"{path}: table [{KR10_MEASURED}]: {problem_texts or error}; register again: {COMMAND}"
+        )
         raise DataError(reason) from error
     for file in filter(None, (entry.csv, entry.urdf)):
         if not Path(file).is_file():
@@ -174,6 +180,6 @@ class Kr10Measured:
         """Read the registered files.
 
         Raises:
-            DataError: nothing is registered, or the file is gone.
+            DataError: nothing is registered, or the file does not exist any more.
         """
         return registration().read()

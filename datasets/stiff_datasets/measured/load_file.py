@@ -1,9 +1,9 @@
-"""Tables of loads at poses: what `bench predict` reads, and writes with the predictions beside.
+"""Read tables of loads at poses for `bench predict`, and write them with the predictions.
 
-The columns are those of `sample_columns.py` without the deflections: ``q1_deg .. qn_deg, fx_N ..
-tz_Nm``; ``pose_id, load_id, group`` may be there. So may ``dx_mm, dy_mm, dz_mm``, as in a
-measurement or in a plan that is still to be measured: they are not read, and in what is written
-the columns of these names are the predictions.
+The columns are listed in `sample_columns.py`, without the deflections: ``q1_deg .. qn_deg, fx_N ..
+tz_Nm``. Optional columns are ``pose_id, load_id, group``. The file may also have ``dx_mm, dy_mm,
+dz_mm``, as in a measurement or a plan. They are not read; in the written file these columns are the
+predictions.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class LoadTable(Loads):
 
     Attributes:
         columns: names, joint positions and wrenches as in the file, in its units.
-        oddities: what is odd but no error, a line each.
+        oddities: warnings, one line each.
     """
 
     columns: pd.DataFrame
@@ -69,27 +69,27 @@ def read_loads(path: Path, robot: Robot, sheet_name: str | None = None) -> LoadT
     Args:
         path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
         robot: gives the number and the kinds of joints, and their limits.
-        sheet_name: of an Excel file; None: the only one that holds a table.
+        sheet_name: sheet of an Excel file; None: the only sheet with a table.
 
     Raises:
-        ConfigError: the file has no such sheet, or several with tables and none is named.
-        DataError: the file is unreadable, empty or wrongly headed, or a value is none; the message
-            names file, row (1 is the header of a CSV file), column, value and what is valid.
+        ConfigError: the file does not have the sheet, or has several with tables and none is named.
+        DataError: the file is unreadable or empty, or its header or a value is invalid. The message
+            names file, row (1 is the header of a CSV file), column, value and valid values.
     """
     return _loads(read_sheet(path, sheet_name), robot)
 
 
 def loads_of(name: str, table: pd.DataFrame, robot: Robot) -> LoadTable:
-    """Return the loads of a table with the columns of a file, once it is checked.
+    """Check a table with the columns of a file and return its loads.
 
-    It raises the errors of `read_loads`, with `name` for the file. Rows count from 0, as in
+    It raises the errors of `read_loads`, with `name` in place of the file. Rows count from 0, as in
     `table.iloc`.
     """
     return _loads(sheet_of(Path(name), table, first_row=0), robot)
 
 
 def _loads(cells: Sheet, robot: Robot) -> LoadTable:
-    path, sheet = cells.path, cells.recognised(all_columns(robot))
+    path, sheet = cells.path, cells.with_standard_columns(all_columns(robot))
     problems = table_problems(sheet, all_columns(robot), (*ID_COLUMNS, *DEFLECTION_COLUMNS))
     if problems:
         raise problems_error(path, problems)
@@ -97,10 +97,12 @@ def _loads(cells: Sheet, robot: Robot) -> LoadTable:
     q_file, wrench, problems = numbers_and_loads(sheet, joints)
     if problems:
         raise problems_error(path, problems)
-    odd = [*map(str, radian_problems(q_file, robot))]
-    if outside := [*limit_problems(sheet, q_file, robot)]:
-        rows = counted(len({problem.row for problem in outside}), "row")
-        odd.append(f"{rows} with a joint outside of its limits, the first: {outside[0]}")
+    warning_texts = [*map(str, radian_problems(q_file, robot))]
+    if outside_limits := [*limit_problems(sheet, q_file, robot)]:
+        rows = counted(len({problem.row for problem in outside_limits}), "row")
+        warning_texts.append(
+            f"{rows} with a joint outside its limits, the first: {outside_limits[0]}"
+        )
     names = [name for name in ID_COLUMNS if name in sheet.cells]
     columns: dict[str, object] = {name: sheet.cells[name].to_numpy(dtype=object) for name in names}
     columns |= dict(zip(joints, q_file.T, strict=True))
@@ -109,7 +111,7 @@ def _loads(cells: Sheet, robot: Robot) -> LoadTable:
         q=q_file / file_units(robot),
         wrench=wrench,
         columns=pd.DataFrame(columns),
-        oddities=(*sheet.oddities, *(f"{path}: {oddity}" for oddity in odd)),
+        oddities=(*sheet.oddities, *(f"{path}: {oddity}" for oddity in warning_texts)),
     )
 
 
@@ -120,14 +122,14 @@ def write_predictions(
     extrapolates: Sequence[str],
     interval: Interval | None = None,
 ) -> None:
-    """Write the rows with their predicted deflections, whole or not at all.
+    """Write the rows with their predicted deflections, completely or not at all.
 
     Args:
         path: the file; Parquet if it ends in .parquet, else CSV.
         table: the rows.
         deflection: (n, 3) m, base frame; ``dx_mm, dy_mm, dz_mm``.
-        extrapolates: (n,) what of a row lies beyond the training range, such as "joints load".
-        interval: of the same rows; ``dx_lower_mm, dx_upper_mm, ...``.
+        extrapolates: (n,) quantities of a row beyond the training range, such as "joints load".
+        interval: interval of the same rows; ``dx_lower_mm, dx_upper_mm, ...``.
     """
     columns = dict(zip(DEFLECTION_COLUMNS, deflection.T, strict=True))
     if interval is not None:
@@ -137,7 +139,7 @@ def write_predictions(
 
 
 def interval_columns(interval: Interval) -> dict[str, FloatArray]:
-    """Return the names of the columns of an interval, and its bounds, m."""
+    """Return the columns of an interval: names -> bounds, m."""
     columns = {}
     for i, axis in enumerate(AXES):
         columns[f"d{axis}_lower_mm"] = interval.lower[:, i]

@@ -1,4 +1,4 @@
-"""Find what is legal in measured data and yet odd: copies, ranges, repeats, further axes.
+"""Find valid but suspicious rows in measured data: copies, ranges, repeats, further axes.
 
 Every check yields findings; `lines` is the (n,) row number of every sample in its file.
 """
@@ -23,42 +23,42 @@ from stiff_datasets.measured.sample_columns import (
 from stiff_datasets.measured.sheet_files import Sheet
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 
-LARGEST_FORCE_N = 5000.0
-"""More than a tool of a common industrial robot carries; the column may be in another unit."""
-SMALLEST_FORCE_N = 1.0
-"""A robot does not deflect measurably under less; the column may be in kN or kg."""
+MAX_FORCE_N = 5000.0
+"""Tools of common industrial robots carry less; a larger number may be in another unit."""
+MIN_FORCE_N = 1.0
+"""A smaller force does not deflect a robot measurably; the column may be in kN or kg."""
 FEWEST_SAMPLES = 30
-"""Below, leave-one-out results of two methods can hardly be told apart."""
+"""With fewer, leave-one-out results of two methods can hardly be told apart."""
 NOISE_MM = 0.05
-"""Several times what a tracker repeats; less is never reported as odd."""
-FAR_OFF = 6.0
-"""Robust standard deviations from the median at which a value is odd: of normal values one in
-1e9. Residuals have longer tails, hence `MODEL_ERROR` beside it."""
-SAME_LOAD = 0.02
-"""Loads of a pose that differ by less than this share, or by what sensors do, are repeats."""
+"""Several times a tracker's repeatability; a smaller value is never reported as odd."""
+OUTLIER_DEVIATIONS = 6.0
+"""Robust standard deviations from the median at which a value is odd: one in 1e9 normal values.
+Residuals have longer tails, hence `MODEL_ERROR` in addition."""
+LOAD_TOLERANCE = 0.02
+"""Loads of a pose are repeats if they differ by less than this share, or by `SENSOR_NOISE`."""
 SENSOR_NOISE = np.repeat([0.5, 0.05], 3)
-"""(6,) N, N m: differences that are no difference between loads."""
-FEWEST_SATURATED, SATURATED = 5, 4.0
-"""Rows with exactly the same extreme value, and how many times as often as any other value."""
+"""(6,) N, N m: smaller differences do not distinguish two loads."""
+MIN_SATURATED, SATURATION_RATIO = 5, 4.0
+"""Least number of rows with the same extreme value, and its ratio to any other value's count."""
 AXIS_NAME = re.compile(
     r"((q|a|j|joint|axis|achse|gelenk|theta|e|ex|ext|eax)[\s_]*\d+|"
     r"(ext|extern|external|linear|zusatz)?[\s_]*(axis|achse|rail|track|gantry|slide|lift|carriage|"
     r"turntable|positioner|schiene|drehtisch|fahrachse)[\s_]*\d*)"
     r"([\s_]*pos(ition)?)?([\s_]*[\[(/]?\s*(deg|degrees|grad|°|rad|mm|m)\s*[\])]?)?"
 )
-"""Names, in lower case, of columns that may be one more axis: E1, A7 [deg], rail_mm."""
-SAME_AXIS = 0.05
-"""deg or mm; an axis that moves less stands still, as poses do."""
-FEWEST_REPEATS = 5
+"""Names, in lower case, of columns that may be a further axis: E1, A7 [deg], rail_mm."""
+AXIS_TOLERANCE = 0.05
+"""deg or mm; an axis that moves less is at rest."""
+MIN_REPEATS = 5
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing to know about a file.
+    """A fact, a warning or an error about a file.
 
     Attributes:
-        level: "error": the file cannot be used; "warning": look at it; "fact": as it should be.
-        message: one line, of a fact "name: value".
+        level: "error": the file cannot be used; "warning": to be checked; "fact": as expected.
+        message: one line; for a fact "name: value".
         rows: row numbers in the file (see `stiff_datasets.measured.sheet_files.Sheet`).
     """
 
@@ -68,29 +68,29 @@ class Finding:
 
 
 def warning(message: str, rows: IntArray | tuple[()] = ()) -> Finding:
-    """Return what to look at."""
+    """Return a finding to be checked."""
     return Finding("warning", message, tuple(int(row) for row in rows))
 
 
 def fact(name: str, value: str) -> Finding:
-    """Return what is as it should be."""
+    """Return a finding that is as expected."""
     return Finding("fact", f"{name}: {value}")
 
 
 def duplicate_findings(samples: Samples, near_poses: str, lines: IntArray) -> Iterator[Finding]:
-    """Find poses that have two names, samples that stand twice and deflections that were copied.
+    """Find poses with two names, repeated samples and copied deflections.
 
-    `near_poses` describes the poses of two names (see `sample_file.CheckedSamples`).
+    `near_poses` describes the poses with two names (see `sample_file.CheckedSamples`).
     """
     if near_poses:
         yield warning(near_poses)
-    again = _repeats_of_earlier_rows(np.column_stack([samples.q, samples.wrench]))
-    again = again[samples.wrench[again].any(axis=1)]
-    if len(again):
+    repeated = _repeats_of_earlier_rows(np.column_stack([samples.q, samples.wrench]))
+    repeated = repeated[samples.wrench[repeated].any(axis=1)]
+    if len(repeated):
         yield warning(
             "the same joint angles and the same wrench as in an earlier row, under other ids; a "
             "repeated measurement, or a copy?",
-            lines[again],
+            lines[repeated],
         )
     copied = _repeats_of_earlier_rows(samples.deflection)
     copied = copied[samples.deflection[copied].any(axis=1)]
@@ -102,18 +102,18 @@ def duplicate_findings(samples: Samples, near_poses: str, lines: IntArray) -> It
 
 
 def range_findings(samples: Samples, lines: IntArray) -> Iterator[Finding]:
-    """Find loads and deflections that may be, but hardly are."""
+    """Find implausible loads and deflections."""
     force = np.linalg.norm(samples.wrench[:, :3], axis=1)
     size_mm = np.linalg.norm(samples.deflection, axis=1) * MM_PER_M
     loaded = samples.wrench.any(axis=1)
-    if (force > LARGEST_FORCE_N).any():
+    if (force > MAX_FORCE_N).any():
         yield warning(
-            f"force above {LARGEST_FORCE_N:g} N (largest {force.max():.4g}); is it in N?",
-            lines[force > LARGEST_FORCE_N],
+            f"force above {MAX_FORCE_N:g} N (largest {force.max():.4g}); is it in N?",
+            lines[force > MAX_FORCE_N],
         )
-    if force.max() < SMALLEST_FORCE_N:
+    if force.max() < MIN_FORCE_N:
         yield warning(
-            f"every force is below {SMALLEST_FORCE_N:g} N (largest {force.max():.4g}); is it in N?"
+            f"every force is below {MIN_FORCE_N:g} N (largest {force.max():.4g}); is it in N?"
         )
     if (loaded & (size_mm == 0.0)).any():
         yield warning("no deflection at all under a load", lines[loaded & (size_mm == 0.0)])
@@ -134,23 +134,23 @@ def range_findings(samples: Samples, lines: IntArray) -> Iterator[Finding]:
 
 
 def _saturated(values: FloatArray) -> Iterator[tuple[float, IntArray]]:
-    """Yield each end of the range of (n,) values at which they look cut off, and its rows.
+    """Yield each saturated end of the range of (n,) values, and its rows.
 
     Many rows have exactly that value, and no value between the ends is nearly as frequent.
     """
     numbers, counts = np.unique(values, return_counts=True)
     usual = counts[1:-1].max(initial=1)
     if counts[1:-1].sum() < len(values) // 4:
-        return  # a few loads that were chosen
+        return  # the loads were a few chosen values
     for limit, count in {(numbers[0], counts[0]), (numbers[-1], counts[-1])}:
-        if limit and count >= max(FEWEST_SATURATED, SATURATED * usual):
+        if limit and count >= max(MIN_SATURATED, SATURATION_RATIO * usual):
             yield float(limit), np.flatnonzero(values == limit)
 
 
 def external_axis_findings(
     sheet: Sheet, unused: Sequence[str], robot: Robot, lines: IntArray
 ) -> Iterator[Finding]:
-    """Find columns that look like an axis that moved and that the robot does not have.
+    """Find columns of a moving axis that the robot does not have.
 
     `unused` are names of the sheet's columns, and `lines` (n,) the row numbers of the samples.
     """
@@ -159,31 +159,34 @@ def external_axis_findings(
         if names.count(column) > 1 or not AXIS_NAME.fullmatch(column.strip().lower()):
             continue
         values = sheet.numbers((column,))[rows, 0]
-        if np.ptp(values) > SAME_AXIS:  # False of what is no number
+        if np.ptp(values) > AXIS_TOLERANCE:  # False if there is no number
             yield warning(
                 f"column {column} looks like an axis that moved ({values.min():.6g} to "
                 f"{values.max():.6g}); {robot.name} has no such joint: add it to the robot "
-                "description, or use rows with the axis at one place"
+                "description, or use rows with the axis at one position"
             )
 
 
 def repeat_findings(samples: Samples, robot: Robot, lines: IntArray) -> Iterator[Finding]:
-    """Say how far readings of the same load at the same pose differ."""
+    """Report the spread of repeated readings of one load at one pose."""
     groups = repeated_rows(samples, robot)
     if not groups:
         return
     readings = [samples.deflection[rows] * MM_PER_M for rows in groups]
     spread_mm = np.array(
-        [np.linalg.norm(each - each.mean(axis=0), axis=1).max() for each in readings]
+        [
+            np.linalg.norm(deflection_mm - deflection_mm.mean(axis=0), axis=1).max()
+            for deflection_mm in readings
+        ]
     )
     yield fact(
         "repeats",
         f"{len(groups)} loads measured again, deflection within {np.median(spread_mm):.3f} mm of "
         f"their mean (median), {spread_mm.max():.3f} mm (largest)",
     )
-    middle, deviation = middle_and_deviation(spread_mm)
-    far = np.flatnonzero(spread_mm > max(middle + FAR_OFF * deviation, NOISE_MM))
-    if len(groups) >= FEWEST_REPEATS and len(far):
+    middle, deviation = median_and_deviation(spread_mm)
+    far = np.flatnonzero(spread_mm > max(middle + OUTLIER_DEVIATIONS * deviation, NOISE_MM))
+    if len(groups) >= MIN_REPEATS and len(far):
         yield warning(
             f"repeats of a load differ far more than elsewhere, by up to {spread_mm[far].max():.3g}"
             " mm from their mean",
@@ -191,43 +194,45 @@ def repeat_findings(samples: Samples, robot: Robot, lines: IntArray) -> Iterator
         )
 
 
-def middle_and_deviation(values: FloatArray) -> tuple[float, float]:
-    """Return the median, and the standard deviation from it as outliers do not change it."""
+def median_and_deviation(values: FloatArray) -> tuple[float, float]:
+    """Return the median and a robust standard deviation."""
     middle = float(np.median(values))
-    return middle, 1.4826 * float(np.median(np.abs(values - middle)))  # of normal values
+    return middle, 1.4826 * float(np.median(np.abs(values - middle)))  # ratio for normal values
 
 
 def repeated_rows(samples: Samples, robot: Robot) -> list[IntArray]:
-    """Return the rows of each load that was measured more than once at the same pose."""
+    """Return the rows of each load that was measured repeatedly at one pose."""
     poses = linked_rows(samples.q * file_units(robot), POSE_TOLERANCE)
     groups = []
     for pose in np.flatnonzero(np.bincount(poses) > 1):
-        left = np.flatnonzero(poses == pose)
-        while len(left):
-            alike = _alike(samples.wrench[left], samples.wrench[left[0]])
-            if alike.sum() > 1:
-                groups.append(left[alike])
-            left = left[~alike]
+        remaining_rows = np.flatnonzero(poses == pose)
+        while len(remaining_rows):
+            is_same_load = _same_load(
+                samples.wrench[remaining_rows], samples.wrench[remaining_rows[0]]
+            )
+            if is_same_load.sum() > 1:
+                groups.append(remaining_rows[is_same_load])
+            remaining_rows = remaining_rows[~is_same_load]
     return groups
 
 
-def _alike(wrenches: FloatArray, wrench: FloatArray) -> BoolArray:
-    """Return (n,) whether force and torque of `wrenches` (n, 6) are nearly those of `wrench`."""
+def _same_load(wrenches: FloatArray, wrench: FloatArray) -> BoolArray:
+    """Return (n,) true if `wrenches` (n, 6) nearly equal `wrench` in force and torque."""
     size = np.linalg.norm(wrench.reshape(2, 3), axis=1).repeat(3)
     return np.asarray(
-        (np.abs(wrenches - wrench) <= np.maximum(SAME_LOAD * size, SENSOR_NOISE)).all(axis=1)
+        (np.abs(wrenches - wrench) <= np.maximum(LOAD_TOLERANCE * size, SENSOR_NOISE)).all(axis=1)
     )
 
 
 def _repeats_of_earlier_rows(table: FloatArray) -> IntArray:
-    """Return the rows of (n, k) that are equal to an earlier one."""
+    """Return the rows of (n, k) that are equal to an earlier row."""
     _, first = np.unique(table, axis=0, return_index=True)
     return np.setdiff1d(np.arange(len(table)), first)
 
 
 def _coincidences(table: FloatArray) -> float:
-    """Return how many pairs of rows would be equal by chance: readings may have few digits."""
-    distinct = np.unique(table, axis=0)  # so that copies do not make themselves likely
+    """Return the expected number of equal pairs of rows by chance, for readings of few digits."""
+    distinct = np.unique(table, axis=0)  # copies must not raise the chance
     share = 1.0
     for column in distinct.T:
         counts = np.unique(column, return_counts=True)[1]

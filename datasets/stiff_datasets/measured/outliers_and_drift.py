@@ -1,4 +1,4 @@
-"""Rows that springs fitted to the other rows do not predict, and changes while rows were measured.
+"""Find outliers, and changes during the measurement, by springs fitted to the other rows.
 
 `lines` is the (n,) row number of every sample in its file.
 """
@@ -12,10 +12,10 @@ import numpy as np
 
 from stiff_datasets.measured.mistakes import Reading, compliances, normal_equations
 from stiff_datasets.measured.odd_rows import (
-    FAR_OFF,
     NOISE_MM,
+    OUTLIER_DEVIATIONS,
     Finding,
-    middle_and_deviation,
+    median_and_deviation,
     warning,
 )
 from stiff_datasets.measured.sample_columns import DEFLECTION_COLUMNS, MM_PER_M
@@ -23,13 +23,13 @@ from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray
 from stiff_protocols.kinematics.serial_chain import unit_deflections
 from stiff_protocols.springs.identification import RANK_TOLERANCE
 
-OUTLIER = 12.0
-"""Robust standard deviations above the median from which on an error is an outlier. The most in
-clean data of the shipped twins, the arms and the FANUC was 9, and 12 of 12 random poses."""
+GROSS_DEVIATIONS = 12.0
+"""Robust standard deviations above the median at which an error is an outlier. In clean data of
+the shipped twins, the arms and the FANUC the largest was 9; with 12 random poses it was 12."""
 MODEL_ERROR = 0.7
-"""Share of a deflection by which its prediction may miss it where nothing is wrong: the most in
-the FANUC measurement is 0.55, in shipped twins and arms 0.35. A reading of the wrong sign misses by
-2, one with the decimal point misplaced to the right by 9."""
+"""Largest relative prediction error of a correct reading. The largest in the FANUC measurement is
+0.55, in shipped twins and arms 0.35. A reading of the wrong sign has an error of 2, a reading with
+the decimal point misplaced to the right an error of 9."""
 FACTORS = {"ten times too large": 10.0, "ten times too small": 0.1, "of the opposite sign": -1.0}
 SLIPS = {
     **{what: np.full(3, factor) for what, factor in FACTORS.items()},
@@ -41,20 +41,20 @@ SLIPS = {
 }
 """Slips of the pen -> (3,) factors of the deflections in the file."""
 LOST_MOTION = 0.05
-"""Share of a joint's largest torque up to which its lost motion is taken up."""
+"""Share of a joint's largest torque that takes up its lost motion."""
 RIDGE = 0.1
-"""Observations that the prior is worth, which holds unit coefficients of columns of unit size: it
-settles what samples do not, and takes nothing from what they do."""
-CLEAR_CHANGE, CHANGE_GAIN = 16.0, 0.05
-"""F statistic of a drift or a jump, and the share by which it must lower the RMS error of rows that
-are left out. Of the clean data that gained as much, from 20 poses on, the largest F was 12."""
-FEWEST_FOR_CHANGE, FEWEST_BESIDE_JUMP = 20, 5
+"""Weight of the prior in observations; the prior has unit coefficients of columns of unit size. It
+determines only what the samples leave open."""
+MIN_CHANGE_F, CHANGE_GAIN = 16.0, 0.05
+"""Least F statistic of a drift or a jump, and least share by which it lowers the RMS error of rows
+left out. Of clean data with such a gain, from 20 poses on, the largest F was 12."""
+MIN_ROWS_FOR_CHANGE, MIN_ROWS_BESIDE_JUMP = 20, 5
 """Rows."""
-FEWEST_FOR_OUTLIERS = 10
-MOST_OUTLIERS = 0.2
-"""Share of the rows; if more are far off, something is wrong with all of them."""
-LISTED = 10
-"""Most outliers that are listed."""
+MIN_ROWS_FOR_OUTLIERS = 10
+MAX_OUTLIERS = 0.2
+"""Share of the rows; if more are outliers, something is wrong with all rows."""
+MAX_LISTED = 10
+"""Largest number of outliers in a list."""
 
 
 def outlier_findings(lines: IntArray, outliers: Outliers) -> Iterator[Finding]:
@@ -67,9 +67,9 @@ def outlier_findings(lines: IntArray, outliers: Outliers) -> Iterator[Finding]:
     listed = ", ".join(
         f"row {lines[row]} by {error_mm[row]:.3g} mm"
         + (f" ({outliers.slips[row]}?)" if row in outliers.slips else "")
-        for row in rows[:LISTED]
+        for row in rows[:MAX_LISTED]
     )
-    more = f", and {len(rows) - LISTED} more rows" if len(rows) > LISTED else ""
+    more = f", and {len(rows) - MAX_LISTED} more rows" if len(rows) > MAX_LISTED else ""
     yield warning(
         "deflection far from what springs fitted to the other rows predict (half of the rows are "
         f"within {np.median(error_mm):.2g} mm): {listed}{more}",
@@ -79,11 +79,11 @@ def outlier_findings(lines: IntArray, outliers: Outliers) -> Iterator[Finding]:
 
 @dataclass(frozen=True, eq=False)
 class Outliers:
-    """Rows whose deflection the other rows do not predict.
+    """Outliers: rows whose deflection the other rows do not predict.
 
     Attributes:
         error_mm: (n,) distance of each deflection from its prediction, mm.
-        odd: (n,) whether a row is an outlier.
+        odd: (n,) true if a row is an outlier.
         slips: outlier -> slip of the pen that explains its deflection.
     """
 
@@ -93,19 +93,21 @@ class Outliers:
 
 
 def find_outliers(data: Reading) -> Outliers:
-    """Find the rows whose deflection is far from what springs fitted to the other rows predict.
+    """Find the rows that springs fitted to the other rows do not predict.
 
-    The springs are those of `_effects`. An error is divided by its standard error, relative to the
-    noise, and by the size of the deflection, because a model's error grows with the load. A row is
-    an outlier if this share lies `OUTLIER` robust standard deviations above the median, and if it
-    is more than `MODEL_ERROR` or one of `SLIPS` leaves a usual share. The springs are first fitted
-    without the fifth of the rows that joint springs explain worst, then without the outliers until
-    they stay the same: a gross outlier does not hide others.
+    The springs are described in `_effects`. An error is divided by its standard error, relative to
+    the noise, and by the size of the deflection, because a model's error grows with the load. A row
+    is an outlier if this share lies `GROSS_DEVIATIONS` robust standard deviations above the median.
+    The share must also exceed `MODEL_ERROR`, or one of `SLIPS` must leave a usual share.
+
+    The springs are first fitted without the fifth of the rows that joint springs explain worst.
+    Then they are fitted without the outliers until the outliers stay the same. So a gross outlier
+    does not hide others.
     """
     n = len(data.q)
     given_mm = data.deflection * MM_PER_M
-    left_mm = np.linalg.norm(given_mm - data.regressor() @ compliances(data) * MM_PER_M, axis=1)
-    odd = left_mm > np.quantile(left_mm, 1.0 - MOST_OUTLIERS)
+    residual_mm = np.linalg.norm(given_mm - data.regressor() @ compliances(data) * MM_PER_M, axis=1)
+    odd = residual_mm > np.quantile(residual_mm, 1.0 - MAX_OUTLIERS)
     for _ in range(5):
         fit = _left_out(data, ~odd)
         error_mm = fit.error * MM_PER_M  # (n, 3)
@@ -114,17 +116,17 @@ def find_outliers(data: Reading) -> Outliers:
         size_mm = np.maximum(size_mm, max(np.median(size_mm), NOISE_MM))  # small ones are noise
         root = np.linalg.inv(np.linalg.cholesky(fit.covariance)) / size_mm[:, None, None]
         share = _lengths(root, error_mm)
-        middle, deviation = middle_and_deviation(share[~odd])
-        usual = np.maximum(middle + FAR_OFF * deviation, NOISE_MM / size_mm)
-        far = (share > middle + OUTLIER * deviation) & (length_mm > NOISE_MM)
+        middle, deviation = median_and_deviation(share[~odd])
+        usual_share = np.maximum(middle + OUTLIER_DEVIATIONS * deviation, NOISE_MM / size_mm)
+        is_far = (share > middle + GROSS_DEVIATIONS * deviation) & (length_mm > NOISE_MM)
         slips = {
             int(row): slip
-            for row in np.flatnonzero(far)
-            if (slip := _slip(given_mm[row], error_mm[row], root[row], usual[row]))
+            for row in np.flatnonzero(is_far)
+            if (slip := _slip(given_mm[row], error_mm[row], root[row], usual_share[row]))
         }
-        outlier = far & (share > MODEL_ERROR)
+        outlier = is_far & (share > MODEL_ERROR)
         outlier[[*slips]] = True
-        if n < FEWEST_FOR_OUTLIERS or outlier.sum() > MOST_OUTLIERS * n:
+        if n < MIN_ROWS_FOR_OUTLIERS or outlier.sum() > MAX_OUTLIERS * n:
             return Outliers(length_mm, np.zeros(n, dtype=bool), {})
         if (outlier == odd).all():
             break
@@ -133,13 +135,13 @@ def find_outliers(data: Reading) -> Outliers:
 
 
 def _slip(given: FloatArray, error: FloatArray, root: FloatArray, usual: np.floating) -> str | None:
-    """Return which of `SLIPS` leaves a usual error of a deflection (3,), if one does.
+    """Return the slip of `SLIPS` that leaves a usual error of a deflection (3,); None: no slip.
 
-    A slip in numbers that would be as usual if they were zero says nothing.
+    A slip does not count if zeros in place of its numbers would leave a usual error, too.
     """
     factors = np.stack([*SLIPS.values()])  # (n_slips, 3)
-    none = np.where(factors == 1.0, given, 0.0)
-    corrected = np.stack([given / factors, none])  # (2, n_slips, 3)
+    zero_deflection = np.where(factors == 1.0, given, 0.0)
+    corrected = np.stack([given / factors, zero_deflection])  # (2, n_slips, 3)
     misfit, misfit_of_none = _lengths(root, corrected - given + error)
     misfit = np.where(misfit_of_none > usual, misfit, np.inf)
     likeliest = int(np.argmin(misfit))
@@ -147,19 +149,19 @@ def _slip(given: FloatArray, error: FloatArray, root: FloatArray, usual: np.floa
 
 
 def _lengths(root: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Return (n,) the lengths of (n, 3) vectors after (n, 3, 3) matrices, or one for all."""
+    """Return (n,) lengths of (n, 3) vectors times (n, 3, 3) matrices, or one matrix for all."""
     return np.asarray(np.linalg.norm((root @ vectors[..., None])[..., 0], axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A change while the rows were measured, one after the other.
+    """A drift or a jump during the measurement of the rows.
 
     Attributes:
-        text: what it is, in one line.
-        rows: row numbers since a jump; () of a drift.
-        rms: RMS error of rows that are left out, once it is undone, m.
-        offset: (n, 3) what it added to the deflections, m.
+        text: description in one line.
+        rows: row numbers since a jump; () for a drift.
+        rms: RMS error of rows that are left out after the change is undone, m.
+        offset: (n, 3) deflection that the change added, m.
     """
 
     text: str
@@ -169,19 +171,19 @@ class Change:
 
 
 def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None:
-    """Find a drift of the deflections over the rows of a file, or a jump at one of them.
+    """Find a drift of the deflections over the rows, or a jump at a row.
 
-    Each is an offset of the deflections, fitted with the springs and lost motions of
-    `find_outliers` and a constant offset. It is found if the F statistic of its three numbers
-    exceeds `CLEAR_CHANGE` and if the RMS error of rows that are left out falls by `CHANGE_GAIN`. Of
-    the two, the better one is returned. The `odd` (n,) outliers are not looked at.
+    Each is an offset of the deflections. It is fitted with the springs and lost motions of
+    `find_outliers` and a constant offset. It counts if the F statistic of its three numbers
+    exceeds `MIN_CHANGE_F` and the RMS error of rows left out falls by `CHANGE_GAIN`. The better of
+    the two is returned. The `odd` (n,) outliers are ignored.
     """
     compared = np.flatnonzero(~odd)
-    if len(compared) < FEWEST_FOR_CHANGE:
+    if len(compared) < MIN_ROWS_FOR_CHANGE:
         return None
     part, fitted = data.take(compared), np.ones(len(compared), dtype=bool)
-    same = np.ones(len(lines))
-    given = _left_out(part, fitted, same[compared, None])
+    constant = np.ones(len(lines))
+    given = _left_out(part, fitted, constant[compared, None])
     jump = lines[compared[_likeliest_jump(part, given)]]
     first, last = lines[0], lines[-1]
     jumped = f"jumped by {{}} mm at row {jump} and stayed there"
@@ -192,11 +194,11 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
         (drifted, (lines - first) / (last - first), ()),
         (jumped, after.astype(np.float64), lines[after]),
     ):
-        fit = _left_out(part, fitted, np.column_stack([same, course])[compared])
+        fit = _left_out(part, fitted, np.column_stack([constant, course])[compared])
         numbers = fit.coefficients[-3:]
         information = np.linalg.inv(fit.inverse[-3:, -3:])
         statistic = float(numbers @ information @ numbers) / fit.rms**2  # of 3 numbers, 3 axes
-        if statistic > CLEAR_CHANGE and fit.rms < (1.0 - CHANGE_GAIN) * given.rms:
+        if statistic > MIN_CHANGE_F and fit.rms < (1.0 - CHANGE_GAIN) * given.rms:
             offset = numbers / fit.size[-3:]
             vector = ", ".join(f"{length:.2g}" for length in offset * MM_PER_M)
             text = (
@@ -209,16 +211,16 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
 
 
 def left_out_rms(data: Reading, odd: BoolArray) -> float:
-    """Return the RMS error [m] of rows that are left out, if nothing changed; not of outliers."""
+    """Return the RMS error [m] of rows left out, without a change and without outliers."""
     usual = data.take(~odd)
     every = np.ones(len(usual.q), dtype=bool)
     return _left_out(usual, every, np.ones((len(usual.q), 1))).rms
 
 
 def _likeliest_jump(data: Reading, given: LeftOut) -> int:
-    """Return from which row on an offset explains the most of what `given` leaves.
+    """Return the row from which an offset explains most of the residual of `given`.
 
-    Rows are counted from 0; each side has at least `FEWEST_BESIDE_JUMP`.
+    Rows are counted from 0; each side has at least `MIN_ROWS_BESIDE_JUMP`.
     """
     n = len(data.q)
     matrix = _effects(data, given.knee, np.ones((n, 1))) / given.size
@@ -231,20 +233,20 @@ def _likeliest_jump(data: Reading, given: LeftOut) -> int:
     explained = (residual[1:] * np.linalg.solve(information, residual[1:, :, None])[..., 0]).sum(
         axis=1
     )
-    inner = explained[FEWEST_BESIDE_JUMP - 1 : n - FEWEST_BESIDE_JUMP]
-    return FEWEST_BESIDE_JUMP + int(np.argmax(inner))
+    inner = explained[MIN_ROWS_BESIDE_JUMP - 1 : n - MIN_ROWS_BESIDE_JUMP]
+    return MIN_ROWS_BESIDE_JUMP + int(np.argmax(inner))
 
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """Errors of the predictions of each row by springs that were fitted to the others.
+    """Errors when each row is predicted by springs fitted to the other rows.
 
     Attributes:
         error: (n, 3) deflection minus its prediction, m.
-        covariance: (n, 3, 3) of the errors, as a multiple of the noise's.
-        coefficients: (n_columns,) of columns of unit length.
+        covariance: (n, 3, 3) covariance of the errors, as a multiple of the noise variance.
+        coefficients: (n_columns,) coefficients of the columns scaled to unit length.
         inverse: (n_columns, n_columns) covariance of the coefficients, as a multiple.
-        size: (n_columns,) length of the columns; infinite of those without an effect.
+        size: (n_columns,) length of the columns; infinite for columns without an effect.
         knee: (n_joints,) see `_effects`.
     """
 
@@ -262,12 +264,12 @@ class LeftOut:
 
 
 def _left_out(data: Reading, fitted: BoolArray, courses: FloatArray | None = None) -> LeftOut:
-    """Predict each row by springs fitted to the others.
+    """Predict each row by springs fitted to the other rows.
 
     Args:
         data: the samples.
-        fitted: (n,) rows that the springs are fitted to.
-        courses: (n, m) how m offsets of the deflections change from row to row.
+        fitted: (n,) true for rows that the springs are fitted to.
+        courses: (n, m) course of m offsets of the deflections from row to row.
     """
     courses = np.empty((len(fitted), 0)) if courses is None else courses
     load = (np.hstack([data.force, data.torque])[:, None] @ data.jacobian)[:, 0]
@@ -291,11 +293,11 @@ def _left_out(data: Reading, fitted: BoolArray, courses: FloatArray | None = Non
 
 
 def _effects(data: Reading, knee: FloatArray, courses: FloatArray) -> FloatArray:
-    """Return (n, 3, 5 n_joints + 3 m) the deflections by effects of unit size.
+    """Return the deflections (n, 3, 5 n_joints + 3 m) by effects of unit size.
 
     They are joint springs, springs about the axes of every joint's frame, the joints' lost motion,
-    and offsets with the `courses` (n, m). Lost motion goes with the arctangent of a joint's torque
-    over its `knee` (n_joints,) [N m], from the torque of the arm's own weight on.
+    and offsets with the `courses` (n, m). Lost motion is proportional to the arctangent of a
+    joint's torque over its `knee` (n_joints,) [N m], relative to the arm's own weight.
     """
     poses, jacobian = data.robot.forward(data.q), data.jacobian
     axes = poses.rotations.swapaxes(2, 3).reshape(len(jacobian), -1, 3)

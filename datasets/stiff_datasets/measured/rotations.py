@@ -1,4 +1,4 @@
-"""Orientations as robot controllers write them."""
+"""Convert between rotation matrices and the orientations of robot controllers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def euler_rotations(order: Order, angles: FloatArray) -> FloatArray:
 
 
 def euler_angles(order: Order, rotations: FloatArray) -> FloatArray:
-    """Return (n, 3) angles, deg, of rotations; the third is zero where only a sum is defined."""
+    """Return (n, 3) angles, deg, of rotations; the third is zero if only a sum is defined."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Gimbal lock")
         return np.asarray(Rotation.from_matrix(rotations).as_euler(order, degrees=True))

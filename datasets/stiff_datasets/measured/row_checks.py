@@ -1,6 +1,6 @@
-"""Checks of the rows of a file: what is wrong with a header, a cell, a row or a pose.
+"""Check the header, cells, rows and poses of a file.
 
-A check yields a `Problem` each; every reader of rows uses these.
+Each check yields one `Problem` per error; every reader of rows uses these checks.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from stiff_datasets.measured.sheet_files import MAYBE_GROUPED, NUMBER, Sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, TextArray
 
-LARGEST_NUMBER = 1e6
-"""N, N m, deg or mm; no load of a robot is larger, nor a position of a joint without limits."""
+MAX_NUMBER = 1e6
+"""N, N m, deg or mm; limit of loads, and of positions of joints without limits."""
 FULL_TURN_RAD = 2.0 * np.pi
 LIMIT_SLACK = 1e-6
 """deg or mm; a limit may have been written with rounding."""
@@ -37,22 +37,22 @@ POSITIONS_TEXT = (
 )
 NO_TORQUE_HINT = "add --no-torque if torques were not measured"
 NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
-"""Columns of a file without torques -> what stands for them."""
+"""Columns of a file without torques -> their values."""
 
-RUNS_SHOWN = 10
-_SHOWN = 60
-"""Characters of a wrong cell that a message shows."""
+MAX_RUNS_SHOWN = 10
+_MAX_CELL_SHOWN = 60
+"""Characters of an invalid cell in a message."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong with a file.
+    """An error in a file.
 
     Attributes:
-        value: what is there; of the file as a whole, what is wrong.
-        valid: what would be right; "" where that says itself.
+        value: the invalid value; for the whole file, the description of the error.
+        valid: the valid values; "" if they are obvious.
         row: the row's number (see `sheet_files.Sheet`); None: the whole file.
-        column: name of the column, or of the columns with commas between.
+        column: name of the column, or names of the columns separated by commas.
     """
 
     value: str
@@ -61,7 +61,7 @@ class Problem:
     column: str | None = None
 
     def __str__(self) -> str:
-        """Return one line without the file's name."""
+        """Return the problem in one line, without the file's name."""
         if self.row is None:
             return f"{self.value} (valid: {self.valid})" if self.valid else self.value
         return f"row {self.row}, column {self.column}: {self.value!r}, expected {self.valid}"
@@ -70,21 +70,21 @@ class Problem:
 def problems_error(
     path: Path, problems: Sequence[Problem], hint: str = "fix this one first"
 ) -> DataError:
-    """Return the error that names the first problem, and how many more there are."""
-    first, *further = sorted(problems, key=lambda problem: problem.row or 0)
-    more = f" (and {len(further)} more; {hint})" if further else ""
-    return DataError(f"{path}: {first}{more}")
+    """Return the error that names the first problem and counts the others."""
+    first, *other_problems = sorted(problems, key=lambda problem: problem.row or 0)
+    count_text = f" (and {len(other_problems)} more; {hint})" if other_problems else ""
+    return DataError(f"{path}: {first}{count_text}")
 
 
 def table_problems(
     sheet: Sheet, columns: tuple[str, ...], optional: tuple[str, ...] = ()
 ) -> list[Problem]:
-    """Return what is wrong with a header, else that there are no rows.
+    """Return the problems of a header; if it has none, report missing rows.
 
     Args:
         sheet: the cells.
         columns: every column that a file may have, in the usual order.
-        optional: those that may be missing.
+        optional: columns that may be missing.
     """
     names = list(sheet.cells.columns)
     numbers = [name for name in sheet.unused if NUMBER.fullmatch(name.replace(",", "."))]
@@ -95,7 +95,11 @@ def table_problems(
     named = {"missing": missing, "repeated": repeated}
     if missing:
         named["columns not used:"] = [name for name in sheet.unused if name not in sheet.odd_units]
-    parts = [f"{what} {', '.join(some)}" for what, some in named.items() if some]
+    parts = [
+        f"{kind} {', '.join(names_of_kind)}"
+        for kind, names_of_kind in named.items()
+        if names_of_kind
+    ]
     parts += [f"unit of {name!r} (valid: {units})" for name, units in sheet.odd_units.items()]
     if missing or repeated:
         valid = ", ".join(columns) + (f"; optional: {', '.join(optional)}" if optional else "")
@@ -108,7 +112,7 @@ def table_problems(
 
 
 def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:
-    """Return the problem of one cell: its value, and what would be valid."""
+    """Return the problem of one cell: its value and the valid ones."""
     return Problem(
         value=shortened(str(sheet.cells[column].iloc[row])),
         valid=valid,
@@ -117,15 +121,15 @@ def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -
     )
 
 
-def shortened(text: str, most: int = _SHOWN) -> str:
+def shortened(text: str, limit: int = _MAX_CELL_SHOWN) -> str:
     """Return the first characters of a long text."""
-    return text if len(text) <= most else f"{text[:most]}..."
+    return text if len(text) <= limit else f"{text[:limit]}..."
 
 
 def number_problems(
     sheet: Sheet, columns: tuple[str, ...], values: FloatArray
 ) -> Iterator[Problem]:
-    """Yield the cells of `columns` whose `values` (n, len(columns)) are no finite numbers."""
+    """Yield the cells of `columns` whose `values` (n, len(columns)) are not finite."""
     for row, column in np.argwhere(~np.isfinite(values)):
         text = sheet.cells[columns[column]].iloc[row]
         valid = "a finite number"
@@ -137,12 +141,12 @@ def number_problems(
 def numbers_and_loads(
     sheet: Sheet, columns: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray, list[Problem]]:
-    """Return the (n, len(columns)) numbers and (n, 6) wrenches of a file, and what is wrong."""
+    """Return (n, len(columns)) numbers and (n, 6) wrenches of a file, and their problems."""
     numbers, wrench = sheet.numbers(columns), sheet.numbers(WRENCH_COLUMNS)
     problems = [
         *number_problems(sheet, columns, numbers),
         *number_problems(sheet, WRENCH_COLUMNS, wrench),
-        *bound_problems(sheet, WRENCH_COLUMNS, wrench, LARGEST_NUMBER),
+        *bound_problems(sheet, WRENCH_COLUMNS, wrench, MAX_NUMBER),
     ]
     return numbers, wrench, problems
 
@@ -155,22 +159,22 @@ def range_problems(
     upper: FloatArray | float,
     valid: Sequence[str],
 ) -> Iterator[Problem]:
-    """Yield the cells whose (n, n_columns) `values` are numbers beyond their column's bounds."""
+    """Yield the cells whose (n, n_columns) `values` exceed their column's bounds."""
     for row, i in np.argwhere(np.isfinite(values) & ((values < lower) | (values > upper))):
         yield cell_problem(sheet, row, columns[i], valid[i])
 
 
 def bound_problems(
-    sheet: Sheet, columns: Sequence[str], values: FloatArray, most: float
+    sheet: Sheet, columns: Sequence[str], values: FloatArray, limit: float
 ) -> Iterator[Problem]:
     """Yield the cells whose (n, n_columns) `values`, in their columns' units, exceed +-`most`."""
     units = [column.rpartition("_")[2] for column in columns]
-    valid = [f"{unit} within +-{most:g}; is the file in another unit?" for unit in units]
-    return range_problems(sheet, columns, values, -most, most, valid)
+    valid = [f"{unit} within +-{limit:g}; is the file in another unit?" for unit in units]
+    return range_problems(sheet, columns, values, -limit, limit, valid)
 
 
 def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
-    """Say whether (n, n_joints) `q_file`, in deg, look like radians."""
+    """Report joint angles `q_file` (n, n_joints), in deg, that look like radians."""
     angles = q_file[:, robot.turns]
     small = angles.size > 0 and (np.abs(angles) <= FULL_TURN_RAD).all() and np.ptp(angles) > 0.0
     if len(q_file) >= 5 and small:
@@ -182,9 +186,9 @@ def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
 
 
 def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
-    """Yield the joint positions (n, n_joints), deg or mm, outside of the robot's limits."""
+    """Yield the joint positions (n, n_joints), deg or mm, outside the robot's limits."""
     columns, ends = joint_columns(robot), np.stack([robot.lower, robot.upper]) * file_units(robot)
-    lower, upper = np.clip(ends, -LARGEST_NUMBER, LARGEST_NUMBER)
+    lower, upper = np.clip(ends, -MAX_NUMBER, MAX_NUMBER)
     valid = [
         f"{low:g}..{high:g} {column.rpartition('_')[2]}, the limits of joint {name} of {robot.name}"
         for low, high, column, name in zip(lower, upper, columns, robot.joint_names, strict=True)
@@ -192,22 +196,22 @@ def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[P
     return range_problems(sheet, columns, q_file, lower - LIMIT_SLACK, upper + LIMIT_SLACK, valid)
 
 
-def filled(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
-    """Return the sheet with numbers of ours in the columns that the file does not have."""
+def with_missing_columns(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
+    """Add the columns that the file does not have, with their usual numbers."""
     absent = {name: number for name, number in usual.items() if name not in sheet.cells}
     return replace(sheet, cells=sheet.cells.assign(**absent))
 
 
 def row_ranges(rows: Iterable[int]) -> str:
-    """Return row numbers as text: those that follow each other as "2-152", the first ten runs."""
+    """Return row numbers as text: runs as "2-152", and at most ten runs."""
     runs: list[list[int]] = []
     for row in rows:
         if runs and row == runs[-1][-1] + 1:
             runs[-1][1:] = [row]
         else:
             runs.append([row])
-    listed = ", ".join("-".join(map(str, run)) for run in runs[:RUNS_SHOWN])
-    hidden = sum(run[-1] - run[0] + 1 for run in runs[RUNS_SHOWN:])
+    listed = ", ".join("-".join(map(str, run)) for run in runs[:MAX_RUNS_SHOWN])
+    hidden = sum(run[-1] - run[0] + 1 for run in runs[MAX_RUNS_SHOWN:])
     return listed + (f" and {hidden} more" if hidden else "")
 
 
@@ -218,43 +222,44 @@ def pose_reach(robot: Robot, tolerance: float) -> str:
 
 
 def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
-    """Number the poses of rows: linked are two that differ by the tolerance at most in each joint.
+    """Number the poses of rows.
 
-    Rows are of one pose where a chain of linked rows connects them, in any order.
+    Two rows are linked if they differ by at most the tolerance in each joint. Rows have the same
+    pose if a chain of linked rows connects them, in any order.
 
     Args:
         q_file: (n, n_joints) joint positions, deg, and mm of prismatic joints.
         tolerance: deg and mm.
 
     Returns:
-        (n,) number of each row's pose, in the order in which poses come first.
+        (n,) number of each row's pose, in the order of the poses' first rows.
     """
     from scipy.cluster.hierarchy import DisjointSet
     from scipy.spatial import cKDTree
 
     reach = tolerance + LIMIT_SLACK
-    q_file = np.clip(np.nan_to_num(q_file), -LARGEST_NUMBER, LARGEST_NUMBER)  # others are refused
+    q_file = np.clip(np.nan_to_num(q_file), -MAX_NUMBER, MAX_NUMBER)  # other values are refused
     cells = pd.DataFrame(np.floor(q_file / reach))  # all rows of a cell are linked
     cell = cells.groupby([*cells], sort=False).ngroup().to_numpy()
     rows = np.split(np.argsort(cell, kind="stable"), np.cumsum(np.bincount(cell))[:-1])
-    places = [cKDTree(np.unique(q_file[some], axis=0)) for some in rows]
-    beside = cKDTree(cells.drop_duplicates()).query_pairs(1.5, p=np.inf, output_type="ndarray")
-    poses = DisjointSet(range(len(places)))
-    for a, b in beside.tolist():
+    trees = [cKDTree(np.unique(q_file[rows_of_cell], axis=0)) for rows_of_cell in rows]
+    neighbours = cKDTree(cells.drop_duplicates()).query_pairs(1.5, p=np.inf, output_type="ndarray")
+    poses = DisjointSet(range(len(trees)))
+    for a, b in neighbours.tolist():
         if poses.connected(a, b):
             continue
-        nearest, _ = places[a].query(places[b].data, p=np.inf, distance_upper_bound=2.0 * reach)
+        nearest, _ = trees[a].query(trees[b].data, p=np.inf, distance_upper_bound=2.0 * reach)
         if nearest.min() <= reach:
             poses.merge(a, b)
     return np.asarray(pd.factorize(np.array([poses[i] for i in cell.tolist()]))[0], dtype=np.int64)
 
 
 def near_poses_text(pose_id: TextArray, near: IntArray, lines: IntArray, reach: str) -> str:
-    """Describe poses that lie within the tolerance `reach` under different names; "" for none.
+    """Describe poses with different names within the tolerance `reach`; "" for none.
 
     Args:
         pose_id: (n,) names.
-        near: (n,) numbers of `linked_rows`.
+        near: (n,) pose numbers from `linked_rows`.
         lines: (n,) row numbers, for the message.
         reach: the tolerance with its units.
     """

@@ -1,4 +1,4 @@
-"""The one warning of rows that are far from a model's training samples."""
+"""Warn of rows that are far from a model's training samples."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def extrapolation_warning(
     wrench: FloatArray,
     extrapolates: Sequence[str],
 ) -> str:
-    """Return one line about the rows that extrapolate, with numbers; "" if none does."""
+    """Return one line about the rows that extrapolate; "" if there are none."""
     n_beyond = sum(map(bool, extrapolates))
     if not n_beyond:
         return ""
@@ -33,14 +33,14 @@ def extrapolation_details(
     wrench: FloatArray,
     extrapolates: Sequence[str],
 ) -> str:
-    """Return what is farthest beyond the training range, with numbers; "" if no row extrapolates.
+    """Return the largest distances from the training range; "" if no row extrapolates.
 
     Args:
-        training_range: of the model.
-        robot: of the joints.
+        training_range: training range of the model.
+        robot: robot of the joints.
         q: (n, n_joints) rad or m.
         wrench: (n, 6) N and N m at the TCP.
-        extrapolates: (n,) what of each row does, see `TrainingRange.extrapolates`.
+        extrapolates: (n,) quantities of a row beyond the range, see `TrainingRange.extrapolates`.
     """
     if not any(extrapolates):
         return ""
@@ -50,16 +50,16 @@ def extrapolation_details(
     loads = np.array(["load-gap" in words for words in extrapolates], dtype=bool)
     if poses.any():
         unit, factor = ("deg", 180.0 / np.pi) if robot.turns.all() else ("rad and m", 1.0)
-        far = factor * training_range.pose_distance(q[poses]).max()
+        max_distance = factor * training_range.pose_distance(q[poses]).max()
         texts.append(
-            f"pose-gap in {counted(poses.sum(), 'row')} (up to {far:.3g} {unit} from the nearest "
-            f"training pose, usual: {factor * usual_pose:.3g})"
+            f"pose-gap in {counted(poses.sum(), 'row')} (up to {max_distance:.3g} {unit} from the "
+            f"nearest training pose, usual: {factor * usual_pose:.3g})"
         )
     if loads.any():
-        far = training_range.load_distance(wrench[loads]).max()
+        max_distance = training_range.load_distance(wrench[loads]).max()
         texts.append(
-            f"load-gap in {counted(loads.sum(), 'row')} (direction up to {far:.2g} from the "
-            f"nearest training load, usual: {usual_load:.2g})"
+            f"load-gap in {counted(loads.sum(), 'row')} (direction up to {max_distance:.2g} from "
+            f"the nearest training load, usual: {usual_load:.2g})"
         )
     return ", ".join(texts)
 
@@ -72,11 +72,11 @@ def _beyond(
     ends = np.stack([values.min(axis=0), values.max(axis=0)])
     units = np.r_[file_units(robot), 1.0, 1.0]
     lower, upper = (end * units for end in training_range.ends)
-    far = training_range.are_beyond(ends)
+    is_beyond = training_range.are_beyond(ends)
     for i, column in enumerate((*joint_columns(robot), "force_N", "torque_Nm")):
-        if far[:, i].any():
+        if is_beyond[:, i].any():
             lowest, highest = ends[:, i] * units[i]
             farthest = lowest if lower[i] - lowest > highest - upper[i] else highest
             name, _, unit = column.partition("_")
-            learned = f"{lower[i]:.4g} to" if i < robot.n_joints else "up to"
-            yield f"{name} {farthest:.4g} {unit} (training: {learned} {upper[i]:.4g})"
+            training_text = f"{lower[i]:.4g} to" if i < robot.n_joints else "up to"
+            yield f"{name} {farthest:.4g} {unit} (training: {training_text} {upper[i]:.4g})"

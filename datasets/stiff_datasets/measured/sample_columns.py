@@ -1,9 +1,9 @@
-"""The columns of a file of measured samples: names, units, and what people call them.
+"""Define the columns of a file of measured samples: names, units, aliases.
 
-One row a load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, fx_N, fy_N, fz_N, tx_Nm,
-ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` where joint 2 is prismatic). The wrench acts at the
+One row per load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, fx_N, fy_N, fz_N, tx_Nm,
+ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` if joint 2 is prismatic). The wrench acts at the
 TCP; wrench and deflection are expressed in the robot base frame; a deflection is the loaded minus
-the unloaded position. In place of it a file may have both positions of the TCP, ``x0_mm .. z0_mm``
+the unloaded position. Instead, a file may have both positions of the TCP, ``x0_mm .. z0_mm``
 (unloaded) and ``x1_mm .. z1_mm`` (loaded).
 """
 
@@ -17,7 +17,7 @@ from stiff_protocols.contract.types import FloatArray, Robot
 
 ID_COLUMNS = ("pose_id", "load_id", "group")
 SIMULATED_GROUP = "simulated"
-"""The group of rows that `bench data simulate` wrote."""
+"""Group of rows written by `bench data simulate`."""
 WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
 TORQUE_COLUMNS = WRENCH_COLUMNS[3:]
 DEFLECTION_COLUMNS = ("dx_mm", "dy_mm", "dz_mm")
@@ -27,13 +27,13 @@ LOADED_COLUMNS = ("x1_mm", "y1_mm", "z1_mm")
 MM_PER_M = 1000.0
 DEG_PER_RAD = 180.0 / np.pi
 DECIMALS = 10
-"""Numbers are written with so few decimals where that reads back as the same SI number."""
+"""Numbers are written with this many decimals if they read back as the same SI number."""
 
 _JOINT_WORDS = (
     "joint|jointangle|jointposition|axis|axisangle|angle|"
     "gelenk|gelenkwinkel|achse|achswinkel|achsenwinkel|achsstellung|winkel"
 )
-_VECTORS = (  # our letter, others, and words
+_VECTORS = (  # standard letter, other letters, words
     ("f", "f", "force|kraft"),
     ("t", "[tm]", "torque|moment|drehmoment"),
     (
@@ -49,8 +49,8 @@ _ALIASES = (
     *((f"{{}}{number}", f"(?:{words})([xyz])") for number, words in _POSITIONS),
     *((f"{{}}{number}", f"([xyz])(?:{words})") for number, words in _POSITIONS),
 )
-"""Our name of a column -> a pattern of what people call it, in lower case, without its unit,
-blanks, hyphens and underscores."""
+"""Standard name of a column -> pattern of its aliases, in lower case, without unit, blanks, hyphens
+and underscores."""
 NAMES = {
     *ID_COLUMNS,
     *(f"{kind}{axis}" for kind in "ftd" for axis in "xyz"),
@@ -64,7 +64,7 @@ UNITS = {
     "N": {"n": 1.0, "kn": 1e3, "kg": 9.80665, "kgf": 9.80665},
     "Nm": {"nm": 1.0, "knm": 1e3, "nmm": 1e-3},
 }
-"""Unit of our columns -> units that a header may name, in lower case -> factor to ours."""
+"""Standard unit -> units in headers, in lower case -> factor to the standard unit."""
 _UNIT_WORDS = "|".join(unit for units in UNITS.values() for unit in units)
 _HEADER = re.compile(
     rf"(.+?)[\s_]*(?:[\[(]\s*(.*?)\s*[\])]|(?:/\s*|\s+in\s+|[\s_])({_UNIT_WORDS}))?"
@@ -72,16 +72,16 @@ _HEADER = re.compile(
 
 
 def split_header(header: str) -> tuple[str, str]:
-    """Return the usual name of a column without its unit, and the unit, "" for none."""
-    header = re.sub(r"\.\d+$", "", header)  # pandas numbers a name that stands twice
+    """Return the standard name of a column without its unit, and the unit, "" for none."""
+    header = re.sub(r"\.\d+$", "", header)  # pandas numbers repeated names
     text = re.sub(r"n[ ·⋅*]m", "nm", header.strip().lower())
     match = _HEADER.fullmatch(text)
-    name, bracketed, bare = match.groups() if match else (text, None, None)
-    plain = re.sub(r"[\s_-]", "", name)
-    for usual, pattern in _ALIASES:
-        if alias := re.fullmatch(pattern, plain):
-            plain = usual.format(alias[1])
-    return plain, bracketed or bare or ""
+    name, bracketed_unit, plain_unit = match.groups() if match else (text, None, None)
+    bare_name = re.sub(r"[\s_-]", "", name)
+    for standard_name, pattern in _ALIASES:
+        if alias := re.fullmatch(pattern, bare_name):
+            bare_name = standard_name.format(alias[1])
+    return bare_name, bracketed_unit or plain_unit or ""
 
 
 def joint_columns(robot: Robot) -> tuple[str, ...]:
@@ -91,18 +91,18 @@ def joint_columns(robot: Robot) -> tuple[str, ...]:
 
 
 def all_columns(robot: Robot) -> tuple[str, ...]:
-    """Return the names of all columns, in the order in which they are written."""
+    """Return the names of all columns in file order."""
     return (*ID_COLUMNS, *joint_columns(robot), *WRENCH_COLUMNS, *DEFLECTION_COLUMNS)
 
 
 def file_units(robot: Robot) -> FloatArray:
-    """Return (n_joints,) how many of the file's units make one rad or one m."""
+    """Return (n_joints,) file units per rad or m."""
     return np.where(robot.turns, DEG_PER_RAD, MM_PER_M)
 
 
 def in_file_units(values: FloatArray, unit: float) -> FloatArray:
-    """Return (n,) the numbers x for which x / `unit` is `values` (n,), or comes nearest."""
-    with np.errstate(over="ignore"):  # then the next candidate is the right one
+    """Return (n,) numbers x for which x / `unit` equals `values` (n,), or is nearest."""
+    with np.errstate(over="ignore"):  # then another candidate is right
         result = np.asarray(values * unit)
         candidates = (
             np.nextafter(result, np.inf),
@@ -135,11 +135,11 @@ _VECTOR_MEANINGS = {
     r"q([1-9])_(?:deg|mm)": "position of joint {} (joint 1 at the base) of the unloaded robot",
 }
 _UNIT_NAMES = {"deg": "deg", "N": "N", "Nm": "N m", "mm": "mm", "mm_s": "mm/s"}
-"""End of a column's name -> the unit as people write it."""
+"""End of a column's name -> the unit in text."""
 
 
 def column_meaning(column: str) -> str:
-    """Return the meaning of one of our columns; "" for another column."""
+    """Return the meaning of a standard column; "" for another column."""
     for pattern, meaning in _VECTOR_MEANINGS.items():
         if match := re.fullmatch(pattern, column):
             return meaning.format(match[1])
@@ -147,6 +147,6 @@ def column_meaning(column: str) -> str:
 
 
 def column_unit(column: str) -> str:
-    """Return the unit that the name of a column ends in, such as "N m"; "" for none."""
+    """Return the unit at the end of a column's name, such as "N m"; "" for none."""
     match = re.fullmatch(r"\w+?_(deg|Nm|N|mm_s|mm)", column)
     return _UNIT_NAMES[match[1]] if match else ""

@@ -1,6 +1,6 @@
-"""A file of measured samples and its robot: read, checked row by row, and turned into samples.
+"""Read a file of measured samples, check it row by row, and convert it to samples.
 
-The columns are those of `sample_columns.py`.
+`sample_columns.py` lists the columns.
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ import pandas as pd
 from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.row_checks import (
-    LARGEST_NUMBER,
+    MAX_NUMBER,
     NO_TORQUE,
     POSITIONS_TEXT,
     Problem,
     bound_problems,
     cell_problem,
-    filled,
     limit_problems,
     linked_rows,
     near_poses_text,
@@ -34,6 +33,7 @@ from stiff_datasets.measured.row_checks import (
     row_ranges,
     shortened,
     table_problems,
+    with_missing_columns,
 )
 from stiff_datasets.measured.sample_columns import (
     DECIMALS,
@@ -49,7 +49,7 @@ from stiff_datasets.measured.sample_columns import (
     file_units,
     joint_columns,
 )
-from stiff_datasets.measured.sheet_files import LONGEST_CELL, Sheet, read_sheet, sheet_of
+from stiff_datasets.measured.sheet_files import MAX_CELL_LENGTH, Sheet, read_sheet, sheet_of
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import (
     BenchmarkData,
@@ -60,37 +60,37 @@ from stiff_protocols.contract.types import (
     Samples,
 )
 
-LARGEST_DEFLECTION_MM = 50.0
-"""No industrial robot deflects so far under a load it may carry."""
+MAX_DEFLECTION_MM = 50.0
+"""No industrial robot deflects this far under an allowed load."""
 USUAL_DEFLECTION_MM = 0.1, 10.0
-"""Median of a measurement, with a margin of four: 0.6 to 2.6 mm in the shipped data sets."""
+"""Usual medians of a measurement: four times the range of the shipped data, 0.6 to 2.6 mm."""
 SMALL_UNITS = {"1/10 mm": 10.0, "0.001 inch": 1000.0 / 25.4, "1/100 mm": 100.0, "micrometres": 1e3}
-"""Units of instruments -> how many of them are 1 mm."""
-SMALLEST_DEFLECTION_MM = 0.01
-"""What trackers repeat; a file that never exceeds it holds metres, not millimetres."""
-SAME_POSITION = 0.2
-"""Share by which positions of a tool may differ from the robot description's."""
-FEWEST_FOR_PLACE = 5
-EMPTY = {"", "-", "--", "?", "n/a", "na", "nan", "none", "null", "<na>", "nat", "tbd", "todo"}
-"""Signs of a cell that is still to be filled in, in lower case."""
+"""Unit of an instrument -> its number per mm."""
+MIN_DEFLECTION_MM = 0.01
+"""Repeatability of trackers; a file that never exceeds it holds metres, not millimetres."""
+POSITION_TOLERANCE = 0.2
+"""Share by which positions of a tool may differ from the robot description."""
+MIN_POSITIONS = 5
+EMPTY_SIGNS = {"", "-", "--", "?", "n/a", "na", "nan", "none", "null", "<na>", "nat", "tbd", "todo"}
+"""Signs of a cell that is not filled in yet, in lower case."""
 
 
 def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Samples:
     """Read and check a file of measured samples.
 
-    A `StiffBenchWarning` each names the columns that are not used, the number of poses that rows
-    without `pose_id` were grouped into, and poses that have two names.
+    Separate `StiffBenchWarning`s name unused columns, the number of poses if the file has no
+    `pose_id`, and poses with two names.
 
     Args:
         path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
-        robot: that was measured; gives the number of joints and their limits.
-        options: what is not in the file.
+        robot: the measured robot; gives the number of joints and their limits.
+        options: options of the file.
 
     Raises:
-        ConfigError: the file has no such sheet, or several with tables and none is asked for.
-        DataError: the file is unreadable, empty or wrongly headed, or a value cannot be; the
-            message names file, row (1 is the header of a CSV file), column, value and what is
-            valid, and how many further problems there are. Or its data card cannot be read.
+        ConfigError: the file does not have the sheet, or has several with tables and none is named.
+        DataError: the file is unreadable or empty, or its header, a value or its data card is
+            invalid. The message names file, row (1 is the header of a CSV file), column, value and
+            valid values, and counts the other problems.
     """
     checked = check_sheet(read_sheet(path, options.sheet), robot, options)
     samples = _samples(checked, "bench data validate lists them")
@@ -104,7 +104,7 @@ class MeasuredData:
     Attributes:
         csv: the samples; Parquet or Excel if the name ends in .parquet or .xlsx.
         robot: the robot.
-        options: what is not in the file.
+        options: options of the file.
     """
 
     csv: Path
@@ -123,16 +123,16 @@ class MeasuredData:
 def samples_of(
     path: Path, table: pd.DataFrame, robot: Robot, hint: str, options: FileOptions = DEFAULTS
 ) -> Samples:
-    """Return the samples of a table with the columns of a file, once it is checked.
+    """Check a table with the columns of a file and return its samples.
 
-    Warnings and errors are those of `read_samples`; errors name `path`, and `hint` follows the
-    first of several problems. Rows count from 0, as in `table.iloc`.
+    Warnings and errors are as in `read_samples`. Errors name `path`, and `hint` follows the first
+    of several problems. Rows count from 0, as in `table.iloc`.
     """
     return _samples(check_sheet(sheet_of(path, table, first_row=0), robot, options), hint)
 
 
 def near_poses(samples: Samples, robot: Robot, tolerance: float = DEFAULTS.pose_tolerance) -> str:
-    """Describe poses of different `pose_id` that lie within a tolerance, deg and mm; "" for none.
+    """Describe poses of different `pose_id` within a tolerance, deg and mm; "" for none.
 
     Rows are counted from 0.
     """
@@ -142,7 +142,7 @@ def near_poses(samples: Samples, robot: Robot, tolerance: float = DEFAULTS.pose_
 
 
 def _samples(checked: CheckedSamples, hint: str) -> Samples:
-    """Return the samples with a warning of each oddity, or raise for the first problem."""
+    """Return the samples and warn of each oddity, or raise the first problem."""
     path = checked.sheet.path
     if checked.samples is None or checked.problems or checked.unfilled:
         problems = [checked.unfilled] if checked.unfilled else checked.problems
@@ -158,13 +158,13 @@ class CheckedSamples:
     """A file's samples and its problems.
 
     Attributes:
-        sheet: the file's rows that are data.
-        problems: those of the whole file first, then by row.
-        samples: a row each; None where a cell is no number or no name; to be used only without
-            problems.
-        unfilled: the problem of a plan that is not filled in to the end; the other attributes are
-            of the rows that are filled in.
-        near_poses: which poses of different `pose_id` lie within the tolerance; "" for none.
+        sheet: the file's data rows.
+        problems: problems of the whole file first, then by row.
+        samples: one per row; None if a cell is not a number or a name. Use them only if there are
+            no problems.
+        unfilled: the problem of a plan that is not filled in completely; the other attributes
+            describe the rows that are filled in.
+        near_poses: poses of different `pose_id` within the tolerance, as text; "" for none.
     """
 
     sheet: Sheet
@@ -175,13 +175,13 @@ class CheckedSamples:
 
 
 def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> CheckedSamples:
-    """Check the cells of a file and turn them into samples.
+    """Check the cells of a file and convert them to samples.
 
     Args:
         sheet: the cells.
-        robot: the robot that was measured; gives the number of joints and their limits.
-        options: without torques, these are zero; rows within the tolerance are one pose, where
-            the file does not name them.
+        robot: the measured robot; gives the number of joints and their limits.
+        options: options of the file. Torques that were not measured are zero. If the file does not
+            name its poses, rows within the tolerance have the same pose.
     """
     columns = all_columns(robot)
     sheet, columns = _with_positions(sheet, columns)
@@ -190,7 +190,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     if problems:
         return CheckedSamples(sheet, problems)
     columns, n = columns[len(ID_COLUMNS) :], robot.n_joints
-    sheet, junk = _without_junk(filled(sheet, NO_TORQUE), columns)
+    sheet, junk = _without_junk(with_missing_columns(sheet, NO_TORQUE), columns)
     sheet, unfilled = _without_unfilled(sheet, columns[n + len(WRENCH_COLUMNS) :])
     if sheet.cells.empty:
         return CheckedSamples(sheet, junk, unfilled=unfilled)
@@ -203,7 +203,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     sheet, deflection_mm = _deflections(sheet, measured_mm)
     problems = [
         *unreadable,
-        *bound_problems(sheet, WRENCH_COLUMNS, wrench, LARGEST_NUMBER),
+        *bound_problems(sheet, WRENCH_COLUMNS, wrench, MAX_NUMBER),
         *radian_problems(q_file, robot),
         *limit_problems(sheet, q_file, robot),
         *_deflection_problems(sheet, deflection_mm, q_file, robot),
@@ -228,24 +228,24 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
 def _with_positions(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, tuple[str, ...]]:
     """Return the recognised sheet and its columns.
 
-    Loaded and unloaded positions of the TCP may stand in place of `DEFLECTION_COLUMNS`.
+    Loaded and unloaded positions of the TCP may replace `DEFLECTION_COLUMNS`.
     """
     positions = (*UNLOADED_COLUMNS, *LOADED_COLUMNS)
-    file_columns = {*sheet.recognised((*columns, *positions)).cells}
+    file_columns = {*sheet.with_standard_columns((*columns, *positions)).cells}
     if file_columns & {*LOADED_COLUMNS} and not file_columns & {*DEFLECTION_COLUMNS}:
         columns = (*(name for name in columns if name not in DEFLECTION_COLUMNS), *positions)
-    return sheet.recognised(columns), columns
+    return sheet.with_standard_columns(columns), columns
 
 
 def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArray]:
-    """Return the sheet with deflections, and (n, 3) these in mm.
+    """Add deflections to the sheet, and return them (n, 3), mm.
 
     `measured_mm` are (n, 3) deflections, or (n, 6) unloaded and loaded positions of the TCP.
     """
     if measured_mm.shape[1] == len(DEFLECTION_COLUMNS):
         return sheet, measured_mm
     unloaded, loaded = np.split(measured_mm, 2, axis=1)
-    deflection_mm = np.round(loaded - unloaded, DECIMALS)  # positions are known to 1e-13 of them
+    deflection_mm = np.round(loaded - unloaded, DECIMALS)  # positions are exact to a share of 1e-13
     parts = (DEFLECTION_COLUMNS, LOADED_COLUMNS, UNLOADED_COLUMNS)
     names = {
         column: " - ".join(sheet.headers.get(position, position) for position in positions)
@@ -258,7 +258,7 @@ def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArr
 
 
 def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
-    """Return the sheet with names of poses, loads and groups, where a file has none.
+    """Add the names of poses, loads and groups that the file does not have.
 
     `near` (n,) numbers the pose of each row, within the tolerance `reach` (with its units).
     """
@@ -267,11 +267,13 @@ def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
         cells = cells.assign(pose_id=[f"P{pose + 1}" for pose in near])
         poses = counted(near.max() + 1, "pose")
         notes += (f"no pose_id: {len(near)} rows grouped into {poses} within {reach}",)
-        if "load_id" in cells:  # which may name the load alone
-            again = cells.groupby(["pose_id", "load_id"]).cumcount() + 1
+        if "load_id" in cells:  # it may name only the load
+            repeat_number = cells.groupby(["pose_id", "load_id"]).cumcount() + 1
             load = cells["load_id"]
             cells = cells.assign(
-                load_id=load.where(again == 1, load + " (" + again.astype(str) + ")")
+                load_id=load.where(
+                    repeat_number == 1, load + " (" + repeat_number.astype(str) + ")"
+                )
             )
     if "load_id" not in cells:
         cells = cells.assign(load_id=(cells.groupby("pose_id").cumcount() + 1).astype(str))
@@ -280,30 +282,30 @@ def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
 
 
 def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[Problem]]:
-    """Set rows apart that hold no data: one problem per row, not per cell.
+    """Separate rows without data: one problem per row, not per cell.
 
-    Such a row is half empty, or has no number in any of `columns`; not where no row has one.
+    Such a row is half empty, or has no number in any of `columns` while other rows have one.
     """
-    filled = (sheet.cells != "") & sheet.cells.notna()
-    empty = (filled.sum(axis=1) < filled.shape[1] / 2).to_numpy()
-    empty = empty & ~empty.all()  # else a plan without names and wrenches
-    wordy = np.isnan(sheet.numbers(columns[:1])[:, 0])
-    if wordy.any():  # else every cell is read once
-        wordy = np.asarray(np.isnan(sheet.numbers(columns)).all(axis=1))
-    junk = empty | (wordy & ~wordy.all())
+    is_filled = (sheet.cells != "") & sheet.cells.notna()
+    empty = (is_filled.sum(axis=1) < is_filled.shape[1] / 2).to_numpy()
+    empty = empty & ~empty.all()  # otherwise a plan without names and wrenches
+    has_no_number = np.isnan(sheet.numbers(columns[:1])[:, 0])
+    if has_no_number.any():  # otherwise every cell is read only once
+        has_no_number = np.asarray(np.isnan(sheet.numbers(columns)).all(axis=1))
+    junk = empty | (has_no_number & ~has_no_number.all())
     problems = []
     for row in np.flatnonzero(junk):
-        column = str(filled.columns[int(np.argmax(filled.iloc[row]))])
-        valid = f"a row of {filled.shape[1]} cells" if empty[row] else "a row with numbers"
+        column = str(is_filled.columns[int(np.argmax(is_filled.iloc[row]))])
+        valid = f"a row of {is_filled.shape[1]} cells" if empty[row] else "a row with numbers"
         problems.append(cell_problem(sheet, row, column, valid))
     return sheet.take(~junk), problems
 
 
 def _without_unfilled(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, Problem | None]:
-    """Set the rows of a plan apart whose deflections are still to be measured.
+    """Separate the rows of a plan that are not measured yet.
 
-    All cells of such a row in `columns`, deflections or positions, are empty. If no row is
-    complete, all rows are such rows; if no row has a deflection, zeros are empty, too.
+    In such a row all cells of `columns`, deflections or positions, are empty. If no row is
+    complete, all rows are unmeasured; if no row has a deflection, zeros count as empty, too.
     """
     numbers = sheet.numbers(columns)  # (n, n_columns)
     empty = _empty_cells(sheet, columns, numbers)
@@ -314,25 +316,25 @@ def _without_unfilled(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, Pr
         return sheet, None
     missing = empty[unfilled].any(axis=0) | zero[unfilled].any()
     names = ", ".join(sheet.headers.get(name, name) for name in compress(columns, missing))
-    step = "fill them in, or delete these rows"
+    next_step = "fill them in, or delete these rows"
     if unfilled.all():
-        step = "measure them, and replace the suggested wrench by the actual one"
+        next_step = "measure them, and replace the suggested wrenches by the actual ones"
     lines = sheet.lines[unfilled]
-    where = f"row{'s' * (len(lines) > 1)} {row_ranges(lines)}"
-    rows = f"{len(lines)} of {counted(len(unfilled), 'row')}"
-    count = f"{rows} {'has' if len(lines) == 1 else 'have'} no {names} ({where})"
-    problem = Problem(f"plan not filled in yet: {count}; {step}", "")
+    rows_text = f"row{'s' * (len(lines) > 1)} {row_ranges(lines)}"
+    count_of_rows = f"{len(lines)} of {counted(len(unfilled), 'row')}"
+    gap_text = f"{count_of_rows} {'has' if len(lines) == 1 else 'have'} no {names} ({rows_text})"
+    problem = Problem(f"plan not filled in yet: {gap_text}; {next_step}", "")
     return sheet.take(~unfilled), problem
 
 
 def _empty_cells(sheet: Sheet, columns: tuple[str, ...], numbers: FloatArray) -> BoolArray:
-    """Return (n, n_columns) which cells are empty or hold a sign of `EMPTY`.
+    """Return (n, n_columns) true for empty cells and signs of `EMPTY_SIGNS`.
 
-    `numbers` (n, n_columns) are those of `columns`, NaN where a cell is not a number.
+    `numbers` (n, n_columns) are the numbers of `columns`; NaN if a cell is not a number.
     """
     empty = np.isnan(numbers)
     cells = sheet.cells[[*columns]].to_numpy(dtype=object)
-    empty[empty] = [str(cell).strip().lower() in EMPTY for cell in cells[empty]]
+    empty[empty] = [str(cell).strip().lower() in EMPTY_SIGNS for cell in cells[empty]]
     return empty
 
 
@@ -342,18 +344,18 @@ def _id_problems(sheet: Sheet) -> Iterator[Problem]:
             valid = ""
             if not name or (column == "pose_id" and name.startswith("#")):
                 valid = "a name"
-            elif len(name) > LONGEST_CELL:
-                valid = f"a name of at most {LONGEST_CELL} characters"
+            elif len(name) > MAX_CELL_LENGTH:
+                valid = f"a name of at most {MAX_CELL_LENGTH} characters"
             elif name != name.strip() or not name.isprintable():
                 valid = "a name that prints on one line, without invisible signs"
             if valid:
                 yield cell_problem(sheet, row, column, valid)
     pair = sheet.cells[["pose_id", "load_id"]]
-    for again in np.flatnonzero(pair.duplicated() & (pair != "").all(axis=1)):
+    for repeated_row in np.flatnonzero(pair.duplicated() & (pair != "").all(axis=1)):
         yield Problem(
-            value=",".join(map(shortened, pair.iloc[again])),
+            value=",".join(map(shortened, pair.iloc[repeated_row])),
             valid="a pair that no earlier row has",
-            row=int(sheet.lines[again]),
+            row=int(sheet.lines[repeated_row]),
             column="pose_id,load_id",
         )
 
@@ -363,7 +365,7 @@ def _deflection_problems(
 ) -> Iterator[Problem]:
     size = np.abs(deflection_mm)
     readable = np.isfinite(deflection_mm).all(axis=1) & np.isfinite(q_file).all(axis=1)
-    far = readable & (size.max(axis=1) > LARGEST_DEFLECTION_MM)
+    far = readable & (size.max(axis=1) > MAX_DEFLECTION_MM)
     if far.sum() > 0.5 * len(size):
         tcp = robot.forward(q_file[readable] / file_units(robot)).points[:, -1]
         if _are_positions(deflection_mm[readable], tcp * MM_PER_M):
@@ -373,63 +375,64 @@ def _deflection_problems(
                 "",
             )
             return
-    if len(size) >= 5 and (size.max(axis=1) > LARGEST_DEFLECTION_MM).mean() > 0.5:
+    if len(size) >= 5 and (size.max(axis=1) > MAX_DEFLECTION_MM).mean() > 0.5:
         yield Problem(
-            f"half of the deflections exceed {LARGEST_DEFLECTION_MM:g} mm; the columns dx_mm.. are "
+            f"half of the deflections exceed {MAX_DEFLECTION_MM:g} mm; the columns dx_mm.. are "
             f"in mm, these look like {_likely_units(size)}",
             "",
         )
         return
-    yield from bound_problems(sheet, DEFLECTION_COLUMNS, deflection_mm, LARGEST_DEFLECTION_MM)
-    if size.max() < SMALLEST_DEFLECTION_MM:  # not so where a cell is no number
+    yield from bound_problems(sheet, DEFLECTION_COLUMNS, deflection_mm, MAX_DEFLECTION_MM)
+    if size.max() < MIN_DEFLECTION_MM:  # false if a cell is not a number
         yield Problem(
-            f"no deflection exceeds {SMALLEST_DEFLECTION_MM:g} mm (largest {size.max():g}); the "
+            f"no deflection exceeds {MIN_DEFLECTION_MM:g} mm (largest {size.max():g}); the "
             "columns dx_mm.. are in mm, these look like metres",
             "",
         )
 
 
 def _likely_units(size: FloatArray) -> str:
-    """Return the units, except mm, in which deflections of (n, 3) `size` are of a usual size."""
-    middle = float(np.nanmedian(np.linalg.norm(size, axis=1)))
+    """Return the units, except mm, in which deflections of (n, 3) `size` are usual."""
+    median_mm = float(np.nanmedian(np.linalg.norm(size, axis=1)))
     low, high = USUAL_DEFLECTION_MM
-    likely = [name for name, factor in SMALL_UNITS.items() if low < middle / factor < high]
-    *first, last = likely or SMALL_UNITS
+    likely_units = [name for name, factor in SMALL_UNITS.items() if low < median_mm / factor < high]
+    *first, last = likely_units or SMALL_UNITS
     return f"{', '.join(first)} or {last}" if first else last
 
 
 def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:
-    """Say if (n, 3) values, mm, are positions of the TCP, not deflections.
+    """Test if (n, 3) values, mm, are positions of the TCP, not deflections.
 
-    They are near (n, 3) `tcp`, mm in the base frame; or as `tcp` turned and shifted.
+    Such values are near (n, 3) `tcp`, mm in the base frame, or near `tcp` turned and shifted.
     """
     from scipy.spatial.transform import Rotation
 
-    if np.linalg.norm(values - tcp) < SAME_POSITION * np.linalg.norm(tcp):
+    if np.linalg.norm(values - tcp) < POSITION_TOLERANCE * np.linalg.norm(tcp):
         return True
-    if len(np.unique(tcp.round(), axis=0)) < FEWEST_FOR_PLACE:
+    if len(np.unique(tcp.round(), axis=0)) < MIN_POSITIONS:
         return False
     about_middle, tcp_about_middle = values - values.mean(axis=0), tcp - tcp.mean(axis=0)
-    with warnings.catch_warnings():  # of poses on one line
+    with warnings.catch_warnings():  # for poses on one line
         warnings.simplefilter("ignore", UserWarning)
         _, distance = Rotation.align_vectors(about_middle, tcp_about_middle)
-    return bool(distance < SAME_POSITION * np.linalg.norm(tcp_about_middle))
+    return bool(distance < POSITION_TOLERANCE * np.linalg.norm(tcp_about_middle))
 
 
 def _pose_problems(
     sheet: Sheet, q_file: FloatArray, robot: Robot, near: IntArray
 ) -> Iterator[Problem]:
-    """Yield the rows whose joint angles differ from their pose's by more than the tolerance.
+    """Yield the rows whose joint angles differ from the first row of their pose.
 
-    A split by pose would mean nothing. `near` has the (n,) numbers of `linked_rows`.
+    They differ by more than the tolerance, so that a split by pose would be meaningless. `near`
+    (n,) are pose numbers from `linked_rows`.
     """
     poses, _ = pd.factorize(sheet.cells["pose_id"])
     _, first_rows = np.unique(poses, return_index=True)
     first = first_rows[poses]  # (n,) the first row of each row's pose
-    away = np.abs(q_file - q_file[first])
-    readable = np.isfinite(away).all(axis=1)
+    distance = np.abs(q_file - q_file[first])
+    readable = np.isfinite(distance).all(axis=1)
     for row in np.flatnonzero((near != near[first]) & readable):
-        column = joint_columns(robot)[int(np.argmax(away[row]))]
+        column = joint_columns(robot)[int(np.argmax(distance[row]))]
         yield cell_problem(
             sheet,
             row,

@@ -1,8 +1,8 @@
-"""Tables of samples as files, CSV, Excel or Parquet: reading their cells, and writing.
+"""Read and write tables of samples as CSV, Excel or Parquet files.
 
-The columns are those of `sample_columns.py`. Other names and units that people write are
-understood, as are a row of units below the header, semicolons or tabs with decimal commas, titles
-above the header, and lines that begin with ``#``.
+`sample_columns.py` lists the columns. Other common names and units are understood. So are a row of
+units below the header, semicolons or tabs with decimal commas, titles above the header, and lines
+that begin with ``#``.
 """
 
 from __future__ import annotations
@@ -47,20 +47,20 @@ from stiff_protocols.contract.types import (
 )
 
 PARQUET, EXCEL = ".parquet", ".xlsx"
-"""The endings of Parquet and Excel files; every other file is CSV."""
-LONGEST_CELL = 100
-"""Characters of a name or a number; an array of names is as wide as its longest."""
+"""Extensions of Parquet and Excel files; every other file is CSV."""
+MAX_CELL_LENGTH = 100
+"""Characters of a name or a number; the longest name sets the width of an array of names."""
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+", re.ASCII)
-"""A number with thousands separators and decimals; 1.234 alone may be either."""
+"""A number with thousands separators and decimals. For 1.234 see `MAYBE_GROUPED`."""
 MAYBE_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}", re.ASCII)
-_HEADER_NAMES, _TITLE_ROWS = 3, 20
+_MIN_HEADER_NAMES, _MAX_TITLE_ROWS = 3, 20
 """The header is the first row with three names of columns, among the first twenty rows."""
 _NO_UNIT = re.compile(r"[-\u2013\u2014]*")
-_UNITS_IN_ROW = 3
-"""Fewest units of a row below the header that states the units of the columns."""
-_Row = tuple[int, list[Any]]  # its number in the file, and its cells
+_MIN_UNITS_IN_ROW = 3
+"""Least number of units in a row of units below the header."""
+_Row = tuple[int, list[Any]]  # row number in the file, cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,15 +69,15 @@ class Sheet:
 
     Attributes:
         path: the file.
-        cells: text (CSV) or whatever the file holds, without blank rows.
+        cells: text (CSV) or values of other types, without blank rows.
         lines: (n,) row number of each data row, for messages. In a CSV or Excel file it is the
-            line as an editor counts; a Parquet file has no header row, and row 1 is its first.
-        decimal: what stands for the decimal point in text.
-        factors: column -> factor from its unit in the file to ours, where that is another.
-        headers: column -> its name in the file, where that is another.
-        unused: names of columns that are not ours.
-        odd_units: those of them that are ours but for their unit -> the units that are valid.
-        notes: how the file was understood, where that is not plain from its header.
+            line number of an editor. A Parquet file has no header row; its first row is 1.
+        decimal: decimal sign in text.
+        factors: column -> factor from its unit in the file to the standard unit, if they differ.
+        headers: column -> its name in the file, if it differs.
+        unused: names of columns that are not recognised.
+        odd_units: unused columns with a standard name and an invalid unit -> the valid units.
+        notes: interpretations of the file that its header does not state.
     """
 
     path: Path
@@ -92,20 +92,20 @@ class Sheet:
 
     @property
     def oddities(self) -> list[str]:
-        """The notes, and one line that names the columns that are not used, if any."""
+        """Notes, and one line with the names of unused columns."""
         unused = [f"columns not used: {', '.join(self.unused)}"] if self.unused else []
         return [f"{self.path}: {line}" for line in (*self.notes, *unused)]
 
     def take(self, rows: BoolArray | slice) -> Sheet:
-        """Return some of the rows."""
+        """Return the rows of `rows`."""
         cells = self.cells[rows].reset_index(drop=True)
         return replace(self, cells=cells, lines=self.lines[rows])
 
     def numbers(self, columns: tuple[str, ...]) -> FloatArray:
-        """Return (n, len(columns)) the cells in our units, NaN where a cell is no finite number."""
+        """Return the cells (n, len(columns)) in standard units; NaN if a cell is not finite."""
         doubtful = self._doubtful_signs
         values = [
-            [_number(cell, self.decimal, doubtful) for cell in self.cells[column]]
+            [_cell_number(cell, self.decimal, doubtful) for cell in self.cells[column]]
             for column in columns
         ]
         factors = [self.factors.get(column, 1.0) for column in columns]
@@ -113,7 +113,7 @@ class Sheet:
 
     @cached_property
     def _doubtful_signs(self) -> str:
-        """Signs that may mark decimals or thousands in this file, as in 1.234 where 0,5 is, too."""
+        """Signs for decimals or thousands: the point in 1.234 if the file has 0,5, too."""
         if self.decimal != ",":
             return ""
         cells = self.cells.drop(columns=[*ID_COLUMNS, "frame"], errors="ignore")
@@ -125,52 +125,58 @@ class Sheet:
         doubtful = "." if "," in clear or (has_comma and not clear) else ""
         return doubtful + ("," if clear == {"."} else "")
 
-    def recognised(self, columns: tuple[str, ...]) -> Sheet:
-        """Return the sheet with columns named as in `columns`, the others set apart.
+    def with_standard_columns(self, columns: tuple[str, ...]) -> Sheet:
+        """Give recognised columns the names in `columns`, and separate the others.
 
-        A column is recognised in any case, under names that people use, with another unit of
-        `UNITS` behind its name or with none: ``A1``, ``q1 [rad]``, ``Fx[kN]``, ``dx_um``.
+        Upper and lower case, common names, and no unit or another unit of `UNITS` are recognised:
+        ``A1``, ``q1 [rad]``, ``Fx[kN]``, ``dx_um``.
         """
-        usual = {split_header(column)[0]: column for column in columns}
-        kept: dict[int, str] = {}
+        column_by_name = {split_header(column)[0]: column for column in columns}
+        column_by_index: dict[int, str] = {}
         factors: dict[str, float] = {}
         odd_units: dict[str, str] = {}
         for i, header in enumerate(self.cells.columns):
             name, unit = split_header(header)
-            column = usual.get(name, "")
-            ours = column.rpartition("_")[2]
-            ours = ours if ours in UNITS else ""
-            factor = UNITS[ours].get(unit) if ours and unit else 1.0
+            column = column_by_name.get(name, "")
+            standard_unit = column.rpartition("_")[2]
+            standard_unit = standard_unit if standard_unit in UNITS else ""
+            factor = UNITS[standard_unit].get(unit) if standard_unit and unit else 1.0
             if factor is None:
-                others = (one for one in UNITS[ours] if one.isascii() and one != ours.lower())
-                odd_units[header] = ", ".join([ours, *others])
-            if not column or factor is None or (unit and not ours):
+                valid_units = (
+                    valid_unit
+                    for valid_unit in UNITS[standard_unit]
+                    if valid_unit.isascii() and valid_unit != standard_unit.lower()
+                )
+                odd_units[header] = ", ".join([standard_unit, *valid_units])
+            if not column or factor is None or (unit and not standard_unit):
                 continue
-            kept[i] = column
+            column_by_index[i] = column
             if factor != 1.0:
                 factors[column] = factor
-        found = list(self.cells.columns)
+        file_headers = list(self.cells.columns)
         return replace(
             self,
-            cells=self.cells.iloc[:, list(kept)].set_axis(list(kept.values()), axis="columns"),
+            cells=self.cells.iloc[:, list(column_by_index)].set_axis(
+                list(column_by_index.values()), axis="columns"
+            ),
             factors=factors,
-            headers={column: found[i] for i, column in kept.items()},
-            unused=tuple(name for i, name in enumerate(found) if i not in kept),
+            headers={column: file_headers[i] for i, column in column_by_index.items()},
+            unused=tuple(name for i, name in enumerate(file_headers) if i not in column_by_index),
             odd_units=odd_units,
         )
 
 
 def read_sheet(path: Path, sheet: str | None = None) -> Sheet:
-    """Read a CSV, Excel or Parquet file as it is.
+    """Read a CSV, Excel or Parquet file without checks.
 
     Args:
         path: the file.
         sheet: name of the Excel file's sheet; None: the only one that holds a table.
 
     Raises:
-        DataError: the file cannot be read, is empty, or is no table.
-        ConfigError: the package that reads Excel or Parquet is not installed; or the file has
-            other sheets, or several sheets with tables and none is named.
+        DataError: the file cannot be read, is empty, or is not a table.
+        ConfigError: the package that reads Excel or Parquet is not installed; the file does not
+            have the sheet; or it has several sheets with tables and none is named.
     """
     suffix = path.suffix.lower()
     if sheet is not None and suffix != EXCEL:
@@ -184,22 +190,22 @@ def read_sheet(path: Path, sheet: str | None = None) -> Sheet:
 
 
 def sheet_of(path: Path, table: pd.DataFrame, first_row: int = 2) -> Sheet:
-    """Return the sheet of a table that stands for the file `path`; rows count from `first_row`."""
-    cells = _named(table.astype(object).rename(columns=str), strip=False)
+    """Return a table as the sheet of the file `path`; rows count from `first_row`."""
+    cells = _with_text_names(table.astype(object).rename(columns=str), strip=False)
     return Sheet(path, cells, np.arange(len(cells), dtype=np.int64) + first_row)
 
 
 def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
     """Return the samples as a table in the units of files (deg, N, N m, mm).
 
-    Every number is the plainest one that reads back as the sample's SI number (`in_file_units`).
-    That of 9 % of arbitrary angles and 4 % of lengths does not exist: the nearest is taken, which
-    reads back as the neighbour of the SI number (1e-16 of it).
+    Every number is the shortest that reads back as the sample's SI number (`in_file_units`). For
+    9 % of arbitrary angles and 4 % of lengths there is none. Then the nearest number is used, which
+    reads back as the neighbour of the SI number (relative difference 1e-16).
 
     Raises:
         DataError: samples and robot have different numbers of joints.
     """
-    BenchmarkData(samples, robot)  # checks that they belong together
+    BenchmarkData(samples, robot)  # checks that they match
     columns: dict[str, object] = {
         name: pd.Series(getattr(samples, name).tolist(), dtype=object) for name in ID_COLUMNS
     }
@@ -213,15 +219,15 @@ def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
 
 
 def write_table(path: Path, parts: Iterable[pd.DataFrame]) -> None:
-    """Write a table whose rows come in parts, whole or not at all.
+    """Write a table in parts, completely or not at all.
 
     Args:
-        path: Parquet if it ends so, else CSV.
-        parts: each is written before the next is asked for; at least one.
+        path: Parquet if it has that extension, else CSV.
+        parts: at least one; each is written before the next is requested.
 
     Raises:
         StoreError: the file cannot be written.
-        ConfigError: Excel is asked for, or Parquet and pyarrow is not installed.
+        ConfigError: the format is Excel, or it is Parquet and pyarrow is not installed.
     """
     if path.suffix.lower() == EXCEL:
         raise ConfigError(f"{path}: Excel files are read, not written (valid: .csv, {PARQUET})")
@@ -244,12 +250,12 @@ def write_table(path: Path, parts: Iterable[pd.DataFrame]) -> None:
 
 
 def _read_csv(path: Path) -> Sheet:
-    """Read the table as text, so that a message can show a wrong value as it was written."""
+    """Read the table as text, so that messages show invalid values unchanged."""
     content = path.read_bytes()
     encoding = "utf-8-sig"
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encoding = "utf-16"
-    elif b"\0" in content[:2]:  # without a byte order mark, the first character in ASCII
+    elif b"\0" in content[:2]:  # no byte order mark, first character in ASCII
         encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
     try:
         text = content.decode(encoding)
@@ -262,7 +268,7 @@ def _read_csv(path: Path) -> Sheet:
         raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: it has NUL characters")
     lines = [*_filled_lines(io.StringIO(text, newline=None))]
     stated = re.fullmatch(r"sep=([,;\t])", lines[0][1].strip(" \ufeff")) if lines else None
-    lines = lines[1:] if stated else lines  # Excel states its separator
+    lines = lines[1:] if stated else lines  # written by Excel
     if not lines:
         raise DataError(f"{path}: the file is empty")
     first = _header(re.split(r"[,;\t]", line.replace('"', "")) for _, line in lines) or 0
@@ -272,14 +278,14 @@ def _read_csv(path: Path) -> Sheet:
 
 
 def _filled_lines(text: Iterable[str]) -> Iterator[tuple[int, str]]:
-    """Yield the lines that hold more than separators or a remark, with their numbers."""
+    """Yield lines with content, and their numbers; skip remarks and separators."""
     for number, line in enumerate(text, start=1):
         if line.strip(' ,;\t\n"') and not line.lstrip().startswith("#"):
             yield number, line.rstrip("\n")
 
 
 def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Iterator[_Row]:
-    """Yield the rows, all as wide as the first; a cell in quotes may have several lines."""
+    """Yield rows as wide as the first; quoted cells may span lines."""
     begun = width = 0
 
     def texts() -> Iterator[str]:
@@ -306,7 +312,7 @@ def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Itera
 
 
 def _sheet_of_rows(path: Path, rows: list[_Row], decimal: str) -> Sheet:
-    """Return the sheet of the header, the first row, and the rows below it."""
+    """Return the sheet of rows whose first is the header."""
     (_, header), *rows = rows
     names = [str(name) or f"column {i + 1}" for i, name in enumerate(header)]
     notes: tuple[str, ...] = ()
@@ -315,13 +321,13 @@ def _sheet_of_rows(path: Path, rows: list[_Row], decimal: str) -> Sheet:
         names = _with_units(path, names, units, number)
         notes = (f"row {number} states the units of the columns",)
     cells = pd.DataFrame([row for _, row in rows], columns=names, dtype=object)
-    kept = (np.array(header, dtype=object) != "") | (cells != "").any().to_numpy()
+    is_used = (np.array(header, dtype=object) != "") | (cells != "").any().to_numpy()
     lines = np.array([number for number, _ in rows], dtype=np.int64)
-    return Sheet(path, _named(cells.loc[:, kept]), lines, decimal=decimal, notes=notes)
+    return Sheet(path, _with_text_names(cells.loc[:, is_used]), lines, decimal=decimal, notes=notes)
 
 
 def _units_row(cells: Sequence[Any]) -> list[str] | None:
-    """Return the unit of each column, "" for none, if the row below a header states them."""
+    """Return the units of a row of units, "" for none; None: another row."""
     texts = [str(cell).strip() for cell in cells]
     if any(NUMBER.fullmatch(text.replace(",", ".")) for text in texts):
         return None
@@ -329,28 +335,30 @@ def _units_row(cells: Sequence[Any]) -> list[str] | None:
         "" if _NO_UNIT.fullmatch(text) else split_header(f"? [{text.strip('[]()')}]")[1]
         for text in texts
     ]
-    n_known = sum(any(unit in of_ours for of_ours in UNITS.values()) for unit in units)
-    return units if n_known >= _UNITS_IN_ROW else None
+    n_known = sum(any(unit in unit_factors for unit_factors in UNITS.values()) for unit in units)
+    return units if n_known >= _MIN_UNITS_IN_ROW else None
 
 
 def _with_units(path: Path, names: list[str], units: list[str], number: int) -> list[str]:
-    """Return the names of columns with the units of row `number`, where they state none."""
-    result = []
+    """Add the units of row `number` to column names without a unit."""
+    named_columns = []
     for name, unit in zip(names, units, strict=True):
-        usual, stated = split_header(name)
-        same = any(of.get(unit) == of.get(stated) is not None for of in UNITS.values())
-        if stated and unit and unit != stated and usual in NAMES and not same:
+        standard_name, stated = split_header(name)
+        is_same_unit = any(
+            factors.get(unit) == factors.get(stated) is not None for factors in UNITS.values()
+        )
+        if stated and unit and unit != stated and standard_name in NAMES and not is_same_unit:
             raise DataError(f"{path}: row {number}: unit {unit!r} of the column {name!r}")
-        needed = unit and not stated and usual not in ID_COLUMNS
-        result.append(f"{name} [{unit}]" if needed else name)
-    return result
+        needed = unit and not stated and standard_name not in ID_COLUMNS
+        named_columns.append(f"{name} [{unit}]" if needed else name)
+    return named_columns
 
 
 def _read_excel(path: Path, sheet: str | None) -> Sheet:
     require(f"{path}: Excel", "openpyxl")
     with path.open("rb") as file:
         try:
-            found = pd.read_excel(
+            excel_sheets = pd.read_excel(
                 file,
                 engine="openpyxl",
                 sheet_name=None,  # all of them
@@ -358,17 +366,17 @@ def _read_excel(path: Path, sheet: str | None) -> Sheet:
                 dtype=object,
                 na_filter=False,
             )
-        except Exception as error:  # of a damaged file openpyxl raises whatever its parsers do
-            raise DataError(f"{path}: not an Excel file (.xlsx), or a damaged one") from error
-    tables = {title: [*_excel_rows(cells)] for title, cells in found.items()}
+        except Exception as error:  # for a corrupt file openpyxl raises errors of its parsers
+            raise DataError(f"{path}: not an Excel file (.xlsx), or a corrupt one") from error
+    tables = {title: [*_excel_rows(cells)] for title, cells in excel_sheets.items()}
     title, first = _table_sheet(path, tables, sheet)
     notes = (f"sheet {title!r} read",) if sheet is None and title != next(iter(tables)) else ()
-    found_sheet = _sheet_of_rows(path, tables[title][first:], ",")
-    return replace(found_sheet, notes=(*notes, *found_sheet.notes))
+    table_sheet = _sheet_of_rows(path, tables[title][first:], ",")
+    return replace(table_sheet, notes=(*notes, *table_sheet.notes))
 
 
 def _excel_rows(cells: pd.DataFrame) -> Iterator[_Row]:
-    """Yield the rows of a sheet that hold more than blanks or a remark."""
+    """Yield the rows of a sheet, without blank rows and remarks."""
     for number, row in enumerate(cells.to_numpy().tolist(), start=1):
         row = [cell.strip() if isinstance(cell, str) else cell for cell in row]
         if any(cell != "" for cell in row) and not str(row[0]).startswith("#"):
@@ -378,7 +386,7 @@ def _excel_rows(cells: pd.DataFrame) -> Iterator[_Row]:
 def _table_sheet(
     path: Path, tables: Mapping[str, list[_Row]], sheet: str | None
 ) -> tuple[str, int]:
-    """Return the name of the sheet to read, `sheet` or the only table, and where its header is."""
+    """Return the name of the sheet to read and the row of its header."""
     if sheet is not None and sheet not in tables:
         valid = ", ".join(map(repr, tables))
         raise ConfigError(f"{sheet!r}: no sheet of {path} (valid: {valid})", "sheet")
@@ -404,12 +412,12 @@ def _read_parquet(path: Path) -> Sheet:
         try:
             cells = ParquetFile(file).read().to_pandas(ignore_metadata=True)
         except (OSError, ValueError, KeyError, pa.ArrowException) as error:
-            raise DataError(f"{path}: not a Parquet file, or a damaged one") from error
-    return sheet_of(path, _named(cells.astype(object).rename(columns=str)), first_row=1)
+            raise DataError(f"{path}: not a Parquet file, or a corrupt one") from error
+    return sheet_of(path, _with_text_names(cells.astype(object).rename(columns=str)), first_row=1)
 
 
-def _named(cells: pd.DataFrame, *, strip: bool = True) -> pd.DataFrame:
-    """Return the cells with text in the columns of names, which may hold numbers."""
+def _with_text_names(cells: pd.DataFrame, *, strip: bool = True) -> pd.DataFrame:
+    """Convert the columns of names to text; they may hold numbers."""
     for i, header in enumerate(cells.columns):
         if split_header(header)[0] in ID_COLUMNS:
             column = cells.iloc[:, i]
@@ -420,25 +428,22 @@ def _named(cells: pd.DataFrame, *, strip: bool = True) -> pd.DataFrame:
 
 
 def _header(rows: Iterable[Sequence[str]]) -> int | None:
-    """Return which row is the header: the first with names of columns, below a title, if any.
-
-    None: no row has any.
-    """
-    for i, row in enumerate(itertools.islice(rows, _TITLE_ROWS)):
-        names = (split_header(cell)[0] for cell in row if len(cell) <= LONGEST_CELL)
-        if sum(name in NAMES for name in names) >= _HEADER_NAMES:
+    """Return the index of the header, the first row with names of columns; None: no row."""
+    for i, row in enumerate(itertools.islice(rows, _MAX_TITLE_ROWS)):
+        names = (split_header(cell)[0] for cell in row if len(cell) <= MAX_CELL_LENGTH)
+        if sum(name in NAMES for name in names) >= _MIN_HEADER_NAMES:
             return i
     return None
 
 
-def _number(cell: object, decimal: str, doubtful: str) -> float:
-    """Return the number in a cell; NaN where it is none, or no finite one.
+def _cell_number(cell: object, decimal: str, doubtful: str) -> float:
+    """Return the number in a cell; NaN if it is not a finite number.
 
     `decimal` marks decimals in text; `doubtful` signs may mark decimals or thousands, as in 1.234.
     """
     number = np.nan
     if isinstance(cell, str):
-        if len(cell) > LONGEST_CELL:
+        if len(cell) > MAX_CELL_LENGTH:
             return np.nan
         if doubtful and MAYBE_GROUPED.fullmatch(cell) and any(sign in cell for sign in doubtful):
             return np.nan

@@ -1,4 +1,4 @@
-"""The report on a file of measured samples: what is wrong, what to look at, what it holds."""
+"""Report on a file of measured samples: errors, warnings and facts."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ import numpy as np
 
 from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.diagnosis import (
-    CLEARLY,
-    UNUSUAL,
+    MIN_GAIN_SE,
+    UNUSUAL_RATIO,
     Diagnosis,
     Fit,
-    clearly_negative,
     diagnose,
-    softness,
+    has_negative_compliance,
+    relative_compliance,
 )
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.mistakes import Reading, compliances, reading
@@ -56,22 +56,22 @@ from stiff_protocols.contract.screen import Screen
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.springs.identification import Identified, identify, typical_joints
 
-EXPLAINS_LITTLE = 0.85
-"""Share of the squared deflection; the data sets that are shipped have 0.93 and more."""
-LOAD_UNITS = {
+MIN_USUAL_EXPLAINED = 0.85
+"""Share of the squared deflection; the shipped data sets have 0.93 and more."""
+LOAD_UNIT_FACTORS = {
     "the forces and torques in kg and kg m": STANDARD_GRAVITY,
     "the forces in kN": 1000.0,
 }
-DEFLECTION_UNITS = {"m": 1 / 1000, "inch": 1 / 25.4, "cm": 1 / 10, **SMALL_UNITS}
-"""Units in which a file may be -> how many times as compliant as it is they make a robot look."""
-SAME_UNIT = 2.2
-"""Units within this factor of the one that fits best are named, too: the shipped robots are 0.6 to
-1.9 times as compliant as `softness` takes for usual."""
-TIES_SHOWN = 2
-LARGEST_SHOWN = 5
-FEWEST_CURVE_POSES, MOST_CURVE_SAMPLES = 10, 200
-WIDEST_TEXT = 100
-"""Characters of a line of the report, where the terminal is not narrower."""
+DEFLECTION_UNIT_FACTORS = {"m": 1 / 1000, "inch": 1 / 25.4, "cm": 1 / 10, **SMALL_UNITS}
+"""Possible units of a file -> factor by which they raise the apparent compliance."""
+UNIT_TOLERANCE = 2.2
+"""Units within this factor of the best are named, too: the shipped robots have 0.6 to 1.9 times the
+usual compliance (`relative_compliance`)."""
+MAX_TIES_SHOWN = 2
+RESIDUALS_SHOWN = 5
+MIN_CURVE_POSES, MAX_CURVE_SAMPLES = 10, 200
+MAX_TEXT_WIDTH = 100
+"""Characters of a line of the report, unless the terminal is narrower."""
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,9 @@ class ValidationReport:
 
     Attributes:
         path: the file.
-        errors: why it cannot be used, and a mistake that would explain them.
-        warnings: what to look at.
-        facts: what it holds.
+        errors: reasons why the file cannot be used, and a mistake that would explain them.
+        warnings: findings to check.
+        facts: content of the file.
     """
 
     path: Path
@@ -92,7 +92,7 @@ class ValidationReport:
 
     @property
     def verdict(self) -> Literal["ok", "suspicious", "invalid"]:
-        """Whether the file can be used, and should be."""
+        """Verdict: unusable with errors, suspicious with warnings, else ok."""
         if self.errors:
             return "invalid"
         return "suspicious" if self.warnings else "ok"
@@ -109,7 +109,7 @@ class ValidationReport:
 
     def _repr_html_(self) -> str:
         problems = (*self.errors, *self.warnings)
-        texts = [(finding.level, finding.message + _rows(finding)) for finding in problems]
+        texts = [(finding.level, finding.message + _rows_text(finding)) for finding in problems]
         facts = [finding.message.partition(": ")[::2] for finding in self.facts]
         return Screen(_verdict(self), [*texts, *facts]).html()
 
@@ -128,14 +128,14 @@ def validate(
 
     Args:
         path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
-        robot: that was measured.
-        options: what is not in the file; a data card FILE.md next to it may say, too, that no
-            torques were measured.
-        left_out_errors: of springs with curves, for facts; None: there are none. It is called for
-            10 poses or more and at most 200 samples.
+        robot: the measured robot.
+        options: options of the file. A data card FILE.md next to it may also state that no torques
+            were measured.
+        left_out_errors: errors of springs with curves, for facts; None: no such facts. It is called
+            for 10 poses or more and at most 200 samples.
 
     Raises:
-        ConfigError: the file has no such sheet, or several with tables and none is asked for.
+        ConfigError: the file does not have the sheet, or has several with tables and none is named.
     """
     try:
         card = read_card(path)
@@ -148,7 +148,7 @@ def validate(
     unfilled = [warning(str(checked.unfilled))] if checked.unfilled else []
     errors = [*_error_findings(checked.problems)]
     if samples is None and not errors:
-        errors, unfilled = [replace(each, level="error") for each in unfilled], []
+        errors, unfilled = [replace(finding, level="error") for finding in unfilled], []
     if samples is None or errors:
         if message := _likely_cause(checked, robot):
             errors.append(Finding("error", message))
@@ -163,12 +163,12 @@ def validate(
         data = replace(data, deflection=deflection)
         undone = replace(samples, deflection=deflection)
         diagnosis = diagnose(undone, robot, may_fit=not torques_missing)
-    if torques_missing and not _explains_little(diagnosis.given):
-        diagnosis = Diagnosis(diagnosis.given)  # that is mistake enough
+    if torques_missing and not _is_poorly_explained(diagnosis.given):
+        diagnosis = Diagnosis(diagnosis.given)  # the missing torques are the mistake
     pose = np.asarray(np.unique(samples.pose_id, return_inverse=True)[1])
     unused = ", ".join(checked.sheet.unused)
-    noise = f"{card.instrument_noise * MM_PER_M:.3g} mm a deflection, as the data card states"
-    found = [
+    noise = f"{card.instrument_noise * MM_PER_M:.3g} mm per deflection (from the data card)"
+    findings = [
         *unfilled,
         *(fact("read as", note) for note in checked.sheet.notes),
         *([fact("columns not used", unused)] if unused else []),
@@ -181,36 +181,37 @@ def validate(
         *([warning(change.text, change.rows)] if change else []),
         *(_spring_findings(data, pose, diagnosis, lines) if data.regressor().any() else ()),
     ]
-    is_affordable = FEWEST_CURVE_POSES <= len(np.unique(pose)) and len(pose) <= MOST_CURVE_SAMPLES
+    is_affordable = MIN_CURVE_POSES <= len(np.unique(pose)) and len(pose) <= MAX_CURVE_SAMPLES
     if left_out_errors and is_affordable and not diagnosis.best and data.regressor().any():
-        found.extend(_curve_facts(samples, left_out_errors(samples, robot), lines))
+        findings.extend(_curve_facts(samples, left_out_errors(samples, robot), lines))
     warnings, facts = (
-        tuple(each for each in found if each.level == level) for level in ("warning", "fact")
+        tuple(finding for finding in findings if finding.level == level)
+        for level in ("warning", "fact")
     )
     return ValidationReport(path, warnings=warnings, facts=facts)
 
 
 def _likely_cause(checked: CheckedSamples, robot: Robot) -> str:
-    """Return a mistake that would explain the errors of a file, "" for none."""
+    """Return a mistake that would explain the errors of a file; "" for none."""
     samples, lines = checked.samples, checked.sheet.lines
     if samples is None:
         return ""
     beyond = np.maximum(robot.lower - samples.q, samples.q - robot.upper) * file_units(robot)
     joints_only = bool((beyond > LIMIT_SLACK).any())
-    likely = diagnose(samples, robot, joints_only=joints_only)
-    if likely.best:
-        return _named(likely)
-    wrong = [problem.row for problem in checked.problems if problem.row is not None]
-    right = np.flatnonzero(~np.isin(lines, wrong))
-    if joints_only or not len(right):
+    diagnosis = diagnose(samples, robot, joints_only=joints_only)
+    if diagnosis.best:
+        return _mistake_text(diagnosis)
+    problem_rows = [problem.row for problem in checked.problems if problem.row is not None]
+    correct_samples = np.flatnonzero(~np.isin(lines, problem_rows))
+    if joints_only or not len(correct_samples):
         return ""
-    samples = samples.take(right)
+    samples = samples.take(correct_samples)
     data = reading(robot, samples.q, samples.wrench, samples.deflection)
     return _unit_message(data, compliances(data))
 
 
 def _likely_change(data: Reading, lines: IntArray, diagnosis: Diagnosis) -> Change | None:
-    """Find a drift or a jump that explains more than the mistake of the diagnosis."""
+    """Find a drift or a jump that explains more than the diagnosed mistake."""
     if not data.regressor().any():
         return None
     change = find_change(data, lines, find_outliers(data).odd)
@@ -221,15 +222,19 @@ def _likely_change(data: Reading, lines: IntArray, diagnosis: Diagnosis) -> Chan
 
 
 def _error_findings(problems: Sequence[Problem]) -> Iterator[Finding]:
-    """Gather what is wrong in the same way in one column: one finding for an empty column."""
+    """Combine equal problems of a column: one finding for an empty column."""
     groups: dict[tuple[str | None, str], list[Problem]] = {}
     for problem in problems:
         groups.setdefault((problem.column, problem.valid), []).append(problem)
-    for (column, valid), alike in groups.items():
-        rows = tuple(problem.row for problem in alike if problem.row is not None)
-        others = " and others" if len({problem.value for problem in alike}) > 1 else ""
-        together = f"column {column}: {alike[0].value!r}{others}, expected {valid}"
-        yield Finding("error", together if len(rows) > 1 else str(alike[0]), rows)
+    for (column, valid), equal_problems in groups.items():
+        rows = tuple(problem.row for problem in equal_problems if problem.row is not None)
+        others_text = (
+            " and others" if len({problem.value for problem in equal_problems}) > 1 else ""
+        )
+        joint_message = (
+            f"column {column}: {equal_problems[0].value!r}{others_text}, expected {valid}"
+        )
+        yield Finding("error", joint_message if len(rows) > 1 else str(equal_problems[0]), rows)
 
 
 def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterator[Finding]:
@@ -242,9 +247,9 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
     few = f"; fewer than {FEWEST_SAMPLES} hardly tell methods apart" if n < FEWEST_SAMPLES else ""
     yield fact("samples", f"{n}, {loads}{few}")
     yield fact("groups", ", ".join(f"{g} ({c})" for g, c in zip(groups, counts, strict=True)))
-    yield fact("force", f"{_range(samples.wrench[:, :3])} N")
+    yield fact("force", f"{_range_text(samples.wrench[:, :3])} N")
     if samples.wrench[:, 3:].any():
-        yield fact("torque", f"{_range(samples.wrench[:, 3:])} N m")
+        yield fact("torque", f"{_range_text(samples.wrench[:, 3:])} N m")
     else:
         yield fact("torque", "all zero, so the load is taken to act at the TCP")
         if not samples.wrench.any():
@@ -254,7 +259,7 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
                 "every torque is zero, which is right only if each force acted at the TCP; "
                 f"{NO_TORQUE_HINT}"
             )
-    yield fact("deflection", f"{_range(samples.deflection * MM_PER_M)} mm")
+    yield fact("deflection", f"{_range_text(samples.deflection * MM_PER_M)} mm")
     units, q = file_units(robot), samples.q * file_units(robot)
     for i, column in enumerate(joint_columns(robot)):
         unit = column.rpartition("_")[2]
@@ -264,7 +269,7 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
 
 
 def _identified(data: Reading, pose: IntArray) -> Identified:
-    """Identify joint springs as the virtual joint model does; `pose` (n,) numbers the poses."""
+    """Identify joint springs like the virtual joint model; `pose` (n,) numbers the poses."""
     matrix, typical = data.regressor(), typical_joints(data.robot)
     flat = matrix.reshape(-1, matrix.shape[2])
     return identify(flat, data.deflection.reshape(-1), typical, np.repeat(pose, 3))
@@ -276,8 +281,8 @@ def _spring_findings(
     """Compare the data with joint springs: mistakes, stiffnesses, outliers."""
     given, best = diagnosis.given, diagnosis.best
     if best:
-        yield warning(_named(diagnosis))
-    elif _explains_little(given):
+        yield warning(_mistake_text(diagnosis))
+    elif _is_poorly_explained(given):
         yield warning(
             f"joint springs explain only {given.explained:.0%} of the squared deflection, and none "
             "of the mistakes that were tried explains much more; check the robot, units, joint "
@@ -296,38 +301,38 @@ def _spring_findings(
     condition = "" if unknown else f", condition number {identified.condition:.3g}"
     yield fact("identifiable", f"rank {identified.rank} of {len(names)} joint springs{condition}")
     outliers = find_outliers(data)
-    usual, usual_pose = data, pose
-    if not best:  # else every row is wrong
-        usual, usual_pose = data.take(~outliers.odd), pose[~outliers.odd]
-    residual = data.deflection - data.regressor() @ compliances(usual)
-    compliance = _identified(usual, usual_pose).compliance
+    usual_data, usual_pose = data, pose
+    if not best:  # otherwise every row is wrong
+        usual_data, usual_pose = data.take(~outliers.odd), pose[~outliers.odd]
+    residual = data.deflection - data.regressor() @ compliances(usual_data)
+    compliance = _identified(usual_data, usual_pose).compliance
     stiffness = [
-        f"{name} {1.0 / each:.2g}" if each else f"{name} inf"
-        for name, each in zip(names, compliance, strict=True)
+        f"{name} {1.0 / joint_compliance:.2g}" if joint_compliance else f"{name} inf"
+        for name, joint_compliance in zip(names, compliance, strict=True)
     ]
     yield fact("k [Nm/rad, N/m]", ", ".join(compress(stiffness, identified.known)) or "none")
     if unknown:
         yield fact("k of the prior", ", ".join(compress(stiffness, ~identified.known)))
-    if not best:  # else these would be its effects
-        rigid = clearly_negative(usual) & (compliances(usual) == 0.0)
-        vague = [*compress(names, ~identified.known & ~rigid)]
-        if vague:
+    if not best:  # otherwise they would be effects of the mistake
+        is_rigid = has_negative_compliance(usual_data) & (compliances(usual_data) == 0.0)
+        vague_joints = [*compress(names, ~identified.known & ~is_rigid)]
+        if vague_joints:
             yield warning(
-                f"the stiffness of joint{'s' * (len(vague) > 1)} {', '.join(vague)} cannot be "
-                "identified: the samples do not tell it from noise or from another joint; models "
-                "take the prior's"
+                f"the stiffness of joint{'s' * (len(vague_joints) > 1)} {', '.join(vague_joints)} "
+                "cannot be identified: the samples do not distinguish it from noise or "
+                "another joint; models use the prior's"
             )
-        if rigid.any():
-            yield warning(f"infinite or negative stiffness: {', '.join(compress(names, rigid))}")
+        if is_rigid.any():
+            yield warning(f"infinite or negative stiffness: {', '.join(compress(names, is_rigid))}")
         if message := _unit_message(data, compliance):
             yield warning(message)
-    yield fact("largest residuals", _largest(residual, lines))
+    yield fact("largest residuals", _largest_residuals(residual, lines))
     if not best:
         yield from outlier_findings(lines, outliers)
 
 
 def _curve_facts(samples: Samples, errors: FloatArray, lines: IntArray) -> list[Finding]:
-    """Return what springs with curves leave; they show errors that linear springs hide."""
+    """Return facts on springs with curves; they show errors that linear springs hide."""
     if not np.isfinite(errors).all() or not samples.deflection.any():
         return []
     size = np.linalg.norm(errors, axis=1)  # m
@@ -338,29 +343,29 @@ def _curve_facts(samples: Samples, errors: FloatArray, lines: IntArray) -> list[
             "springs with curves",
             f"{explained:.1%} explained, cross-validated (gp-springs); residual {rms:.3g} mm RMS",
         ),
-        fact("their largest residuals", _largest(errors, lines)),
+        fact("their largest residuals", _largest_residuals(errors, lines)),
     ]
 
 
-def _largest(residual: FloatArray, lines: IntArray) -> str:
+def _largest_residuals(residual: FloatArray, lines: IntArray) -> str:
     """Return the rows of the longest of (n, 3) residuals, m."""
     size_mm = np.linalg.norm(residual, axis=1) * MM_PER_M
-    worst = np.argsort(-size_mm)[:LARGEST_SHOWN]
+    worst = np.argsort(-size_mm)[:RESIDUALS_SHOWN]
     listed = ", ".join(f"row {lines[i]} {size_mm[i]:.3g}" for i in worst)
     return f"{listed} mm (median {np.median(size_mm):.3g})"
 
 
-def _explains_little(given: Fit) -> bool:
-    """Whether the share that is explained is below `EXPLAINS_LITTLE`, and not by chance."""
-    allowed = (1.0 - EXPLAINS_LITTLE) * (given.reading.deflection**2).sum(axis=1)
+def _is_poorly_explained(given: Fit) -> bool:
+    """Test if the explained share is significantly below `MIN_USUAL_EXPLAINED`."""
+    allowed = (1.0 - MIN_USUAL_EXPLAINED) * (given.reading.deflection**2).sum(axis=1)
     excess = given.squares - allowed  # (n,)
-    return bool(excess.sum() > CLEARLY * np.sqrt(len(excess)) * excess.std())
+    return bool(excess.sum() > MIN_GAIN_SE * np.sqrt(len(excess)) * excess.std())
 
 
-def _named(diagnosis: Diagnosis) -> str:
+def _mistake_text(diagnosis: Diagnosis) -> str:
     given, best = diagnosis.given, diagnosis.best
     assert best
-    more = f"; as well: {'; '.join(diagnosis.ties[:TIES_SHOWN])}" if diagnosis.ties else ""
+    more = f"; as well: {'; '.join(diagnosis.ties[:MAX_TIES_SHOWN])}" if diagnosis.ties else ""
     return (
         f"{best.text}: explained {given.explained:.1%} -> {best.explained:.1%}, residual "
         f"{given.rms * MM_PER_M:.3g} -> {best.rms * MM_PER_M:.3g} mm RMS{more}"
@@ -368,7 +373,7 @@ def _named(diagnosis: Diagnosis) -> str:
 
 
 def _elsewhere_text(fits: Sequence[Fit]) -> str:
-    """Return the sentence about a TCP or a force's point that is elsewhere; see `Diagnosis`."""
+    """Return the sentence on another TCP or point of the force; see `Diagnosis`."""
     given, *elsewhere = fits
     residuals = "; ".join(f"{fit.text}: {fit.rms * MM_PER_M:.3g} mm" for fit in elsewhere)
     return (
@@ -380,23 +385,25 @@ def _elsewhere_text(fits: Sequence[Fit]) -> str:
 
 
 def _unit_message(data: Reading, compliance: FloatArray) -> str:
-    """Compare the stiffnesses with what is usual: a wrong unit scales them all alike.
+    """Name likely units if the stiffnesses are unusual: a wrong unit scales all of them.
 
-    "" if they are usual, or if nothing says what is.
+    "" if they are usual, or if the usual ones are not known.
     """
-    factor = softness(data, compliance)
-    if factor == 0.0 or 1.0 / UNUSUAL < factor < UNUSUAL:
+    factor = relative_compliance(data, compliance)
+    if factor == 0.0 or 1.0 / UNUSUAL_RATIO < factor < UNUSUAL_RATIO:
         return ""
     size_mm = float(np.median(np.linalg.norm(data.deflection, axis=1))) * MM_PER_M
     low, high = USUAL_DEFLECTION_MM
-    loads = LOAD_UNITS if low < size_mm < high else {}
-    lengths = {name: n for name, n in DEFLECTION_UNITS.items() if low < size_mm / n < high}
+    loads = LOAD_UNIT_FACTORS if low < size_mm < high else {}
+    lengths = {name: n for name, n in DEFLECTION_UNIT_FACTORS.items() if low < size_mm / n < high}
     units = loads | lengths
-    likely = sorted(units, key=lambda name: abs(np.log(units[name] / factor)))
-    near = [name for name in likely if 1 / SAME_UNIT < units[name] / factor < SAME_UNIT]
-    near = near or likely[:2]
-    parts = [name for name in near if name in loads]
-    in_lengths = " or ".join(name for name in near if name in lengths)
+    units_by_fit = sorted(units, key=lambda name: abs(np.log(units[name] / factor)))
+    near_units = [
+        name for name in units_by_fit if 1 / UNIT_TOLERANCE < units[name] / factor < UNIT_TOLERANCE
+    ]
+    near_units = near_units or units_by_fit[:2]
+    parts = [name for name in near_units if name in loads]
+    in_lengths = " or ".join(name for name in near_units if name in lengths)
     parts += [f"the deflections in {in_lengths}"] if in_lengths else []
     named = ", or ".join(parts) or "the units right"
     return (
@@ -417,12 +424,12 @@ def _section(title: str, findings: Sequence[Finding]) -> list[str]:
     if not findings:
         return []
     if title != "Facts":
-        items = [("-", finding.message + _rows(finding)) for finding in findings]
+        items = [("-", finding.message + _rows_text(finding)) for finding in findings]
     else:
         parts = (finding.message.partition(": ") for finding in findings)
         items = [(name, value) for name, _, value in parts]
     width = max(len(head) for head, _ in items)
-    text_width = min(WIDEST_TEXT, shutil.get_terminal_size((WIDEST_TEXT, 24)).columns)
+    text_width = min(MAX_TEXT_WIDTH, shutil.get_terminal_size((MAX_TEXT_WIDTH, 24)).columns)
     lines = ["", title]
     for head, text in items:
         start = f"  {head:<{width}} "
@@ -437,14 +444,14 @@ def _section(title: str, findings: Sequence[Finding]) -> list[str]:
     return lines
 
 
-def _rows(finding: Finding) -> str:
-    """Say in which rows, unless the message does; rows that follow each other as "2-152"."""
+def _rows_text(finding: Finding) -> str:
+    """Return the rows of a finding as text; "" if the message names them."""
     rows = finding.rows
     if not rows or f"row {rows[0]}" in finding.message:
         return ""
     return f" (row{'s' * (len(rows) > 1)} {row_ranges(rows)})"
 
 
-def _range(vectors: FloatArray) -> str:
+def _range_text(vectors: FloatArray) -> str:
     size = np.linalg.norm(vectors, axis=1)
     return f"{size.min():.4g} to {size.max():.4g}"

@@ -1,11 +1,11 @@
-"""What samples tell a model, and which candidates would tell it most: designs.
+"""Choose the samples that inform a model most: optimal designs.
 
-Two kinds of model say how well a deflection is known before it is measured. Joint springs, by the
+Two kinds of model predict the variance of a deflection before it is measured. Joint springs use the
 information matrix of the samples (V. Fedorov, Theory of Optimal Experiments, 1972). A Gaussian
-process, by its posterior covariance. For both an I-optimal design lowers the mean variance of
-predictions over a workspace most (for a process: J. Sacks, W. Welch, T. Mitchell and H. Wynn,
-Design and Analysis of Computer Experiments, 1989). Candidates are chosen one by one, so the first k
-choices are the choice of k.
+process uses its posterior covariance. For both, an I-optimal design minimizes the mean variance of
+predictions over a workspace (for a process: J. Sacks, W. Welch, T. Mitchell and H. Wynn, Design and
+Analysis of Computer Experiments, 1989). Candidates are chosen one by one. Therefore the first k
+choices are also the choice of k candidates.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from stiff_protocols.contract.types import FloatArray, IntArray
 Criterion = Literal["d-optimal", "i-optimal"]
 
 _BLOCK = 256
-"""Candidates whose variances are computed at once."""
+"""Number of candidates whose variances are computed together."""
 
 _START = 1e-6
-"""Information that a plan without samples has on every joint, as a share of what one mean
-candidate gives: a determinant exists from the first choice on and is not changed visibly later."""
+"""Information on every joint before any sample, as a share of the information of a mean candidate.
+It gives the determinant a value from the first choice on, and hardly changes it later."""
 
 
 def _determinant_gain(rows: FloatArray, information: FloatArray, _: FloatArray) -> FloatArray:
@@ -42,37 +42,40 @@ def _determinant_gain(rows: FloatArray, information: FloatArray, _: FloatArray) 
     return np.asarray(np.linalg.det(np.eye(3) + spread))
 
 
-def _prediction_gain(rows: FloatArray, information: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Return by how much each candidate lowers the predictions' summed variance.
+def _prediction_gain(
+    rows: FloatArray, information: FloatArray, workspace_information: FloatArray
+) -> FloatArray:
+    """Return the decrease of the predictions' summed variance by each candidate.
 
-    The variance of a prediction with rows X goes with the trace of X M^-1 X^T; its decrease is by
-    the Woodbury identity.
+    The variance of a prediction with rows X is proportional to the trace of X M^-1 X^T. Its
+    decrease follows from the Woodbury identity.
     """
-    known = rows @ np.linalg.inv(information)
-    spread = known @ rows.transpose(0, 2, 1)
-    lowered = known @ wanted @ known.transpose(0, 2, 1)
-    return np.asarray(np.trace(np.linalg.solve(np.eye(3) + spread, lowered), axis1=1, axis2=2))
+    whitened = rows @ np.linalg.inv(information)
+    sample_spread = whitened @ rows.transpose(0, 2, 1)
+    lowered = whitened @ workspace_information @ whitened.transpose(0, 2, 1)
+    return np.asarray(
+        np.trace(np.linalg.solve(np.eye(3) + sample_spread, lowered), axis1=1, axis2=2)
+    )
 
 
 _GAINS: dict[Criterion, Callable[[FloatArray, FloatArray, FloatArray], FloatArray]] = {
     "d-optimal": _determinant_gain,
     "i-optimal": _prediction_gain,
 }
-"""Of every candidate: its rows B (n, 3, k), the information M (k, k) of all samples before, and
-that of the workspace -> (n,), the largest is the best."""
+"""Function of the candidates' rows B (n, 3, k), the information M (k, k) of all earlier samples and
+the workspace's information; it returns (n,) gains, the largest is the best."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpringDesign:
-    """Of one spring a joint, the linear virtual joint model.
+    """Design for one spring per joint, the linear virtual joint model.
 
     Attributes:
         candidates: (n, 3, n_joints) regressors.
         criterion: "d-optimal" (largest determinant of the information matrix) or "i-optimal"
             (smallest mean variance of predictions).
-        workspace: (m, 3, n_joints) regressors where predictions are to be good; None: the
-            candidates.
-        measured: (k, 3, n_joints) regressors of the samples that are there; None: none.
+        workspace: (m, 3, n_joints) regressors of the predictions to improve; None: the candidates.
+        measured: (k, 3, n_joints) regressors of the existing samples; None: no samples.
         noise: variance [m²] of a measured deflection about its prediction, mean over the axes.
     """
 
@@ -84,47 +87,47 @@ class SpringDesign:
 
     @property
     def fewest(self) -> int:
-        """How many are chosen at least: a sample has three components, all joints must show."""
+        """Least number of choices: each sample has three components, all joints must be excited."""
         return 1 if self.measured is not None else -(-self.candidates.shape[2] // 3)
 
     def choose(self, n: int) -> IntArray:
-        """Return (n,) row numbers of candidates, the one that tells most first.
+        """Return (n,) row numbers of candidates, the most informative first.
 
-        Joints that no candidate excites are left out; scaling a column changes nothing.
+        Joints that no candidate excites are omitted. Scaling a column does not change the result.
         """
-        rows, information, wanted = self._scaled
+        rows, information, workspace_information = self._scaled
         information = information + _START * np.eye(len(information))
-        chosen, free = list[np.intp](), np.ones(len(rows), dtype=bool)
+        chosen, is_free = list[np.intp](), np.ones(len(rows), dtype=bool)
         for step in range(n):
             report("choose", step, n)
-            gain = _GAINS[self.criterion](rows, information, wanted)
-            best = np.argmax(np.where(free, gain, -np.inf))
-            free[best] = False
+            gain = _GAINS[self.criterion](rows, information, workspace_information)
+            best = np.argmax(np.where(is_free, gain, -np.inf))
+            is_free[best] = False
             information += rows[best].T @ rows[best]
             chosen.append(best)
         return np.array(chosen, dtype=np.int64)
 
     def variance(self, rows: IntArray) -> float:
-        """Return the mean variance [m²] of a prediction once these candidates are measured.
+        """Return the mean variance [m²] of a prediction after measuring these candidates.
 
-        Mean over workspace and axes, without noise; infinite where something is not identified.
+        It is the mean over workspace and axes, without noise; infinite if a joint is not
+        identified.
         """
-        excited, known, wanted = self._scaled
-        gained = excited[rows].reshape(-1, excited.shape[2])
-        information = known + gained.T @ gained
+        excited, measured_information, workspace_information = self._scaled
+        chosen_rows = excited[rows].reshape(-1, excited.shape[2])
+        information = measured_information + chosen_rows.T @ chosen_rows
         eigenvalues = np.linalg.eigvalsh(information)
         if not eigenvalues[0] > TOLERANCE * eigenvalues[-1]:
             return np.inf
-        spread = np.trace(np.linalg.solve(information, wanted))
+        spread = np.trace(np.linalg.solve(information, workspace_information))
         workspace = self.candidates if self.workspace is None else self.workspace
         return float(self.noise * spread / (3 * len(workspace)))
 
     @cached_property
     def _scaled(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The candidates' columns that are not next to zero, each of unit mean square.
+        """Nonzero columns of the candidates, scaled to unit mean square, and information matrices.
 
-        And the information matrices, of the same columns, of all measured and of all workspace
-        rows.
+        The matrices belong to all measured rows and to all workspace rows, with the same columns.
         """
         size = np.sqrt((self.candidates**2).sum(axis=1).mean(axis=0))
         excited = size > TOLERANCE * size.max()
@@ -142,12 +145,12 @@ class SpringDesign:
 
 @dataclass(frozen=True, eq=False)
 class ProcessDesign:
-    """Of a model that says how unknown deflections go together, such as a Gaussian process.
+    """Design for a model with a covariance of deflections, such as a Gaussian process.
 
     Attributes:
-        model: fitted to the samples that are there; its hyperparameters count as known.
-        candidates: to choose from.
-        workspace: where predictions are to be good.
+        model: model fitted to the existing samples; its hyperparameters are taken as known.
+        candidates: loads at poses to choose from.
+        workspace: loads at poses of the predictions to improve.
     """
 
     model: StiffnessModel
@@ -163,62 +166,68 @@ class ProcessDesign:
         return float(self.model.noise_variance().mean())
 
     def choose(self, n: int) -> IntArray:
-        """Return (n,) row numbers of candidates, each the one that lowers the mean variance most.
+        """Return (n,) row numbers of candidates; each lowers the mean variance most.
 
         A sample of variance v + noise lowers every covariance C(a, b) by C(a, sample) C(sample, b)
-        over that.
+        / (v + noise).
         """
-        every = np.arange(len(self.candidates.q))
+        all_rows = np.arange(len(self.candidates.q))
         noise = self.model.noise_variance()[:, None]  # (3, 1)
-        parts = np.array_split(every, -(-len(every) // _BLOCK))
+        parts = np.array_split(all_rows, -(-len(all_rows) // _BLOCK))
         blocks = [np.diagonal(self._between(part, part), axis1=1, axis2=2) for part in parts]
-        own = np.concatenate(blocks, axis=1)  # (3, n_candidates), their variances
+        variance = np.concatenate(blocks, axis=1)  # (3, n_candidates)
         shared = self._shared  # (3, m, n_candidates)
-        lowered = np.empty((0, 3, len(every)))  # by each choice so far: its covariances, scaled
-        free = np.ones(len(every), dtype=bool)
+        lowered = np.empty((0, 3, len(all_rows)))  # scaled covariances of each choice
+        is_free = np.ones(len(all_rows), dtype=bool)
         chosen = np.empty(n, dtype=np.int64)
         for step in range(n):
             report("choose", step, n)
-            gain = ((shared**2).sum(axis=1) / (own + noise)).sum(axis=0)
-            chosen[step] = best = np.argmax(np.where(free, gain, -np.inf))
-            free[best] = False
-            size = np.sqrt(own[:, [best]] + noise)
-            here = self._between(every, every[[best]])[:, :, 0]
-            here = (here - (lowered[:, :, [best]] * lowered).sum(axis=0)) / size
-            there = shared[:, :, [best]] / size[:, :, None]
-            shared = shared - there * here[:, None]
-            own = np.maximum(own - here**2, 0.0)
-            lowered = np.concatenate([lowered, here[None]])
+            gain = ((shared**2).sum(axis=1) / (variance + noise)).sum(axis=0)
+            chosen[step] = best = np.argmax(np.where(is_free, gain, -np.inf))
+            is_free[best] = False
+            size = np.sqrt(variance[:, [best]] + noise)
+            candidate_covariance = self._between(all_rows, all_rows[[best]])[:, :, 0]
+            candidate_covariance = (
+                candidate_covariance - (lowered[:, :, [best]] * lowered).sum(axis=0)
+            ) / size
+            workspace_covariance = shared[:, :, [best]] / size[:, :, None]
+            shared = shared - workspace_covariance * candidate_covariance[:, None]
+            variance = np.maximum(variance - candidate_covariance**2, 0.0)
+            lowered = np.concatenate([lowered, candidate_covariance[None]])
         return chosen
 
     def variance(self, rows: IntArray) -> float:
-        """Return the mean variance of a prediction, m², as `SpringDesign.variance`."""
+        """Return the mean variance of a prediction, m²; see `SpringDesign.variance`."""
         if not len(rows):
             return self._before
-        known = self._between(rows, rows) + (
+        sample_covariance = self._between(rows, rows) + (
             self.model.noise_variance()[:, None, None] * np.eye(len(rows))
         )
         shared = self._shared[:, :, rows]
-        lowered = shared.transpose(0, 2, 1) * np.linalg.solve(known, shared.transpose(0, 2, 1))
+        lowered = shared.transpose(0, 2, 1) * np.linalg.solve(
+            sample_covariance, shared.transpose(0, 2, 1)
+        )
         return max(self._before - float(lowered.sum(axis=1).mean()), 0.0)
 
     @cached_property
     def _shared(self) -> FloatArray:
         """Covariance (3, m, n_candidates) of workspace and candidates, m²."""
-        wanted, other = self.workspace, self.candidates
-        return self.model.covariance(wanted.q, wanted.wrench, other.q, other.wrench)
+        workspace, candidates = self.workspace, self.candidates
+        return self.model.covariance(workspace.q, workspace.wrench, candidates.q, candidates.wrench)
 
     @cached_property
     def _before(self) -> float:
-        """Mean variance over the workspace as it is, m²."""
-        at = self.workspace
-        own = self.model.covariance(at.q, at.wrench, at.q, at.wrench)
-        return float(np.diagonal(own, axis1=1, axis2=2).mean())
+        """Mean variance over the workspace without new samples, m²."""
+        workspace = self.workspace
+        covariance = self.model.covariance(
+            workspace.q, workspace.wrench, workspace.q, workspace.wrench
+        )
+        return float(np.diagonal(covariance, axis1=1, axis2=2).mean())
 
-    def _between(self, rows: IntArray, others: IntArray) -> FloatArray:
+    def _between(self, rows: IntArray, other_rows: IntArray) -> FloatArray:
         q, wrench = self.candidates.q, self.candidates.wrench
-        return self.model.covariance(q[rows], wrench[rows], q[others], wrench[others])
+        return self.model.covariance(q[rows], wrench[rows], q[other_rows], wrench[other_rows])
 
 
 Design = SpringDesign | ProcessDesign
-"""Chooses among candidates, and says what they tell."""
+"""Chooses candidates and computes the variance that they leave."""

@@ -1,9 +1,9 @@
-"""Loads on a robot: wrenches along the line of the source paper's Table 5, or pulls at a hook.
+"""Draw loads on a robot: along the line of the paper's Table 5, or at a hook.
 
-Table 5's wrenches lie nearly on one line in wrench space. Their torques are no single cable's: a
-force F that pulls on a lever r gives r x F, at right angles to F, and the table's first row has
-F . T = 1360. It takes two cables, or a weight off the cable's line. `line_wrenches` is that regime;
-`hook_wrenches` is one cable on one hook.
+Table 5's wrenches lie nearly on one line in wrench space. A single cable cannot produce their
+torques. A force F on a lever r gives r x F, perpendicular to F, but the table's first row has
+F . T = 1360. Such loads need two cables, or a weight off the cable's line. `line_wrenches` draws
+them; `hook_wrenches` represents one cable on one hook.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ from stiff_protocols.contract.types import FloatArray
 
 
 def stream(*words: str | int) -> np.random.Generator:
-    """Return the random numbers of the words: the same on every machine, others independent.
+    """Return a random generator for the words, identical on every machine.
 
-    Two data sets that share a seed must not share loads, noise or specimens by accident, or a
-    comparison over data sets would count one draw twice. No word may hold a slash.
+    Generators of different words are independent. So two data sets with the same seed do not share
+    loads, noise or specimens, and a comparison over data sets counts no draw twice. A word must not
+    contain a slash.
     """
     digest = sha256("/".join(map(str, words)).encode()).digest()
     return np.random.default_rng(int.from_bytes(digest, "little"))
 
 
 LoadKind = Literal["line", "line-hook", "omni"]
-"""line: force and torque along Table 5's line; line-hook: the forces along it, pulling at a hook;
-omni: forces in every direction, pulling at a hook."""
+"""line: force and torque along Table 5's line; line-hook: forces along this line, at a hook; omni:
+forces in every direction, at a hook."""
 
 TABLE_5 = np.array(  # source paper: Fx, Fy, Fz in N, Ta, Tb, Tc in N m
     [
@@ -42,8 +43,8 @@ TABLE_5 = np.array(  # source paper: Fx, Fy, Fz in N, Ta, Tb, Tc in N m
 )
 TABLE_5_PAYLOAD_KG = 10.0
 SCATTER = 0.05
-"""Of the line's loads, a component: 5 N and 0.5 N m beside 100 N and 10 N m; assumption."""
-LIGHTEST = 0.2  # of the payload; a lighter load would drown in the tracker's noise
+"""Scatter per component of the line's loads: 5 N of 100 N, 0.5 N m of 10 N m; assumption."""
+MIN_LOAD_SHARE = 0.2  # of the payload; deflections by smaller loads are below the tracker's noise
 
 
 def line_wrenches(n: int, payload_kg: float, rng: np.random.Generator) -> FloatArray:
@@ -61,11 +62,11 @@ def line_wrenches(n: int, payload_kg: float, rng: np.random.Generator) -> FloatA
 
 
 def omni_forces(
-    n: int, payload_kg: float, rng: np.random.Generator, heaviest: float = 1.0
+    n: int, payload_kg: float, rng: np.random.Generator, max_share: float = 1.0
 ) -> FloatArray:
-    """Return (n, 3) forces [N] of every direction, a fifth to `heaviest` of the payload."""
+    """Return (n, 3) forces [N] in all directions, a fifth to `max_share` of the payload."""
     direction = rng.normal(size=(n, 3))
-    size = rng.uniform(LIGHTEST, heaviest, size=(n, 1)) * payload_kg * STANDARD_GRAVITY
+    size = rng.uniform(MIN_LOAD_SHARE, max_share, size=(n, 1)) * payload_kg * STANDARD_GRAVITY
     return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True) * size)
 
 

@@ -1,9 +1,10 @@
-"""What to measure: robot poses with one suggested force each.
+"""Plan a measurement: robot poses with one suggested force each.
 
-A chosen plan is a greedy choice among random candidates (a pose and a force direction), so its
-rows stand in the order of their worth: where time runs out, the first rows are the plan.
+A plan is a greedy choice of random candidates (a pose and a force direction). Its rows are in the
+order of their information: if time runs out, the first rows are still a good plan.
 
-`reachable.py` says what is checked of a candidate and what is not: move to every pose slowly first.
+`reachable.py` describes the checks of a candidate. Other collisions are not checked: move to every
+pose slowly first.
 """
 
 from __future__ import annotations
@@ -34,25 +35,24 @@ from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, TextArray
 
 PAPER_ROBOT = "kr10_r1100_2"
-"""The robot whose 151 poses the source paper gives."""
+"""Robot of the source paper's 151 poses."""
 
 FORCE_SHARE = 0.8
-"""Size of a suggested force as a share of the payload's weight; the rest is for tool and sensor."""
+"""Suggested force as a share of the payload's weight, which includes tool and sensor."""
 
-APART = np.deg2rad(1.0)
-"""rad, or m: a pose whose joints are all nearer than this to those of a measured one is that one
-again."""
+MIN_POSE_DISTANCE = np.deg2rad(1.0)
+"""rad, or m: a pose counts as measured if all joints are nearer than this to a measured pose."""
 
 _DECIMALS_DEG, _DECIMALS_N = 4, 3
 
 
 @dataclass(frozen=True, eq=False)
 class MeasurementPlan(Poses, Loads):
-    """Poses and one load at each to measure: a suggested force, torque zero."""
+    """Poses to measure, with one suggested load each: a force, torque zero."""
 
     def take(self, rows: IntArray | slice) -> MeasurementPlan:
         """Return the samples of the given row numbers, in that order."""
-        return MeasurementPlan(*(getattr(self, one.name)[rows] for one in fields(self)))
+        return MeasurementPlan(*(getattr(self, column.name)[rows] for column in fields(self)))
 
 
 def paper_plan(
@@ -61,8 +61,8 @@ def paper_plan(
     """Return the paper's 151 poses, each with one force in a random direction.
 
     Raises:
-        ConfigError: the robot is another one, an argument is out of range, or a pose does not
-            keep the clearances (with a tool much longer than the default one).
+        ConfigError: the robot is another one, an argument is out of range, or a pose violates the
+            clearances (with a tool much longer than the default one).
         DataError: the TCP cannot reach the paper's grid.
     """
     if robot.name != PAPER_ROBOT:
@@ -74,7 +74,7 @@ def paper_plan(
         raise ConfigError(
             f"{(~free).sum()} of the paper's poses ({names}, ...) do not keep a clearance of "
             f"{clearance:g} m to the base and {LOWEST_HEIGHT:g} m to the mounting plane with the "
-            "TCP given; say how many poses to choose, or ask for a smaller clearance"
+            "TCP given; give a number of poses to choose, or a smaller clearance"
         )
     return MeasurementPlan(**vars(poses), wrench=_forces(len(poses.q), payload_kg, seed))
 
@@ -102,20 +102,20 @@ def candidate_plan(
 def chosen_plan(
     pool: MeasurementPlan, n_poses: int, design: Design, *, measured: Samples | None = None
 ) -> tuple[MeasurementPlan, IntArray]:
-    """Choose from candidates those that tell a model most.
+    """Choose the candidates that inform a model most.
 
     Args:
-        pool: the candidates, as `candidate_plan` and `unmeasured` give them.
-        n_poses: number of samples, each at a pose of its own.
+        pool: the candidates, from `candidate_plan` and `unmeasured`.
+        n_poses: number of samples, each at a separate pose.
         design: chooses among the candidates.
-        measured: what is measured already: the new poses are numbered on; None: nothing.
+        measured: existing samples, whose pose numbers are continued; None: no samples.
 
     Returns:
-        The plan, and the (n_poses,) row numbers of the candidates that it takes.
+        The plan, and (n_poses,) row numbers of its candidates.
 
     Raises:
-        ConfigError: `n_poses` is out of range: without measurements it takes three components of a
-            deflection a sample to see every joint.
+        ConfigError: `n_poses` is out of range. Without measurements, the three components of each
+            sample must excite every joint.
     """
     if not design.fewest <= n_poses <= len(pool.q):
         joints = f" (for {pool.q.shape[1]} joints)" if design.fewest > 1 else ""
@@ -132,24 +132,24 @@ def chosen_plan(
 
 
 def _last_number(pose_id: TextArray) -> int:
-    """Return the largest number of a pose that is named as a plan's, such as P07; 0: none is."""
-    found = (re.fullmatch(r"P(\d{1,9})", name) for name in pose_id.tolist())
-    return max((int(one[1]) for one in found if one), default=0)
+    """Return the largest number of a plan's pose name, such as P07; 0: no such name."""
+    matches = (re.fullmatch(r"P(\d{1,9})", name) for name in pose_id.tolist())
+    return max((int(match[1]) for match in matches if match), default=0)
 
 
 def unmeasured(pool: MeasurementPlan, measured: Samples, robot: Robot) -> MeasurementPlan:
-    """Return the candidates that are no measured pose again.
+    """Return the candidates that do not repeat a measured pose.
 
     Args:
         pool: the candidates.
         measured: samples of the same robot.
-        robot: whose revolute joints are back where they were after a turn.
+        robot: the robot; a full turn of a revolute joint gives the same pose.
     """
     is_new = np.ones(len(pool.q), dtype=bool)
     for q in np.unique(measured.q, axis=0):
-        off = pool.q - q
-        off = np.where(robot.turns, (off + np.pi) % (2.0 * np.pi) - np.pi, off)
-        is_new &= np.abs(off).max(axis=1) >= APART
+        distance = pool.q - q
+        distance = np.where(robot.turns, (distance + np.pi) % (2.0 * np.pi) - np.pi, distance)
+        is_new &= np.abs(distance).max(axis=1) >= MIN_POSE_DISTANCE
     return pool.take(np.flatnonzero(is_new))
 
 
@@ -172,11 +172,11 @@ def plan_table(plan: MeasurementPlan, robot: Robot) -> pd.DataFrame:
 
 
 def check_plan_file(path: Path) -> None:
-    """See that a plan can be written, before the work is done.
+    """Check before the calculation that a plan can be written.
 
     Raises:
         ConfigError: the file does not end in .csv.
-        StoreError: its folder is not there, or it exists: it may hold measured deflections.
+        StoreError: its folder does not exist, or the file exists and may hold measured deflections.
     """
     if path.suffix != ".csv":
         raise unsupported_extension(path, [".csv"])
@@ -184,7 +184,7 @@ def check_plan_file(path: Path) -> None:
 
 
 def write_plan(path: Path, plan: MeasurementPlan, robot: Robot) -> None:
-    """Write `plan_table` as CSV, whole or not at all.
+    """Write `plan_table` as CSV, completely or not at all.
 
     Raises:
         ConfigError: see `check_plan_file`.

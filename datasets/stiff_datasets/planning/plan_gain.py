@@ -1,4 +1,4 @@
-"""What a measurement plan gains over random plans of its size, from the same candidates."""
+"""Compare a measurement plan with random plans of its size."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, IntArray
 
 N_RANDOM = 20
-"""Random plans that a plan is compared with."""
+"""Number of random plans in a comparison."""
 
 
 def random_plans(n: int, n_candidates: int, seed: int) -> list[IntArray]:
@@ -33,7 +33,7 @@ def random_plans(n: int, n_candidates: int, seed: int) -> list[IntArray]:
 
 
 class Criteria(NamedTuple):
-    """What a plan is judged by; the attributes are those of `Identifiability`.
+    """Criteria of a plan; see `Identifiability`.
 
     Attributes:
         log_det: more is better.
@@ -48,10 +48,10 @@ class Criteria(NamedTuple):
 
 @dataclass(frozen=True)
 class PlanGain:
-    """A plan beside random plans of the same size from the same candidates.
+    """Comparison of a plan with random plans of the same size and candidates.
 
     Attributes:
-        joints: names of the joints compared: those that all candidates together identify.
+        joints: names of the compared joints, which all candidates together identify.
         plan: criteria of the plan.
         random_mean: mean of each criterion over the random plans.
         random_best: best of each criterion over the random plans.
@@ -64,12 +64,12 @@ class PlanGain:
 
     @property
     def efficiency(self) -> float:
-        """How often the mean random plan would have to be measured to tell as much."""
+        """Number of repeats of the mean random plan with the same information."""
         return float(np.exp((self.plan.log_det - self.random_mean.log_det) / len(self.joints)))
 
     @property
     def efficiency_over_best(self) -> float:
-        """The same of the best random plan."""
+        """Number of repeats of the best random plan with the same information."""
         return float(np.exp((self.plan.log_det - self.random_best.log_det) / len(self.joints)))
 
 
@@ -85,27 +85,36 @@ def plan_gain(
 
     Args:
         plan: (n, 3, n_joints) regressors of the plan.
-        candidates: (n_candidates, 3, n_joints) regressors that random plans are drawn from.
+        candidates: (n_candidates, 3, n_joints) regressors of the candidates for random plans.
         joint_names: base to tip.
-        reference_compliance: as `identifiability`.
+        reference_compliance: see `identifiability`.
         seed: draws the random plans.
 
     Raises:
         DataError: the candidates are too few.
     """
-    drawn = random_plans(len(plan), len(candidates), seed)
-    unknown = identifiability(candidates, joint_names).unidentifiable
-    compared = [i for i, name in enumerate(joint_names) if name not in unknown]
+    random_rows = random_plans(len(plan), len(candidates), seed)
+    unidentifiable = identifiability(candidates, joint_names).unidentifiable
+    compared = [i for i, name in enumerate(joint_names) if name not in unidentifiable]
     names = tuple(joint_names[i] for i in compared)
     reference = np.broadcast_to(reference_compliance, len(joint_names))[compared]
 
     def criteria(samples: FloatArray) -> Criteria:
-        found = identifiability(samples[:, :, compared], names, reference_compliance=reference)
-        return Criteria(found.log_det, found.condition, float(found.relative_standard_error.max()))
+        information = identifiability(
+            samples[:, :, compared], names, reference_compliance=reference
+        )
+        return Criteria(
+            information.log_det,
+            information.condition,
+            float(information.relative_standard_error.max()),
+        )
 
-    found = np.array([criteria(candidates[rows]) for rows in drawn])
-    mean, lowest = Criteria(*found.mean(axis=0).tolist()), found.min(axis=0).tolist()
-    best = Criteria(float(found[:, 0].max()), *lowest[1:])
+    random_criteria = np.array([criteria(candidates[rows]) for rows in random_rows])
+    mean, lowest = (
+        Criteria(*random_criteria.mean(axis=0).tolist()),
+        random_criteria.min(axis=0).tolist(),
+    )
+    best = Criteria(float(random_criteria[:, 0].max()), *lowest[1:])
     return PlanGain(names, criteria(plan), mean, best)
 
 
@@ -113,10 +122,10 @@ class VarianceGain(NamedTuple):
     """Mean variances [m²] of a prediction over the workspace, without noise; less is better.
 
     Attributes:
-        before: as it is.
-        plan: with the plan measured.
+        before: variance without new samples.
+        plan: variance after measuring the plan.
         random_mean: mean over random plans of the same size.
-        random_best: best of them.
+        random_best: least variance of a random plan.
     """
 
     before: float
@@ -126,9 +135,9 @@ class VarianceGain(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """How much more the plan lowers the variance than the mean random plan; NaN: from infinity.
+        """Decrease of the variance relative to the mean random plan; NaN if it was infinite.
 
-        One where neither lowers it.
+        It is 1 if neither lowers the variance.
         """
         if not np.isfinite(self.before):
             return np.nan
@@ -142,10 +151,10 @@ def variance_gain(
     """Compare chosen candidates with random ones.
 
     Args:
-        design: that chose.
+        design: the design that chose the plan.
         plan: (n,) row numbers of candidates.
-        n_candidates: that random plans are drawn from.
-        seed: draws them.
+        n_candidates: number of candidates for random plans.
+        seed: draws the random plans.
 
     Raises:
         DataError: the plan is empty or larger than the candidates.

@@ -1,22 +1,23 @@
-"""The measurement plan of the source paper (its Table 1): 61 joint-space and 90 Cartesian poses.
+"""List the poses of the source paper's Table 1: 61 joint-space and 90 Cartesian poses.
 
-What the paper leaves open is decided here so that every pose lies where the simulated source
-domain (Table 4: A4 = A6 = 0, A5 in 0..90 deg, A1 in -45..45 deg) lies too:
+The paper leaves some details open. They are chosen so that every pose lies in the simulated source
+domain (Table 4: A4 = A6 = 0, A5 in 0..90 deg, A1 in -45..45 deg):
 
 * A2 steps by 15 deg, which gives 60 poses; the 61st is a reference pose with the tool down.
-* "A5 and A6 adjusted to the measurement": A6 = 0, and A5 keeps the tool level where 0..90 deg
-  can, else it takes the nearer end.
+* "A5 and A6 adjusted to the measurement": A6 = 0, and A5 keeps the tool level if it can within
+  0..90 deg; otherwise it is at the nearer end.
 * The Cartesian group's three levels are 300, 550 and 800 mm (a step of 250; the printed "interval
-  300" does not give three levels inside 300..800). The tool lies in the arm's plane; A5 goes
-  through 15, 30, 45, 60 and 75 deg from pose to pose, because A4 shows in the deflection only
-  where A5 is bent, and takes the nearest of these where the joint limits do not permit.
+  300" does not give three levels inside 300..800). The tool lies in the arm's plane. A5 takes 15,
+  30, 45, 60 and 75 deg in turn, because A4 affects the deflection only if A5 is bent. If the joint
+  limits exclude this angle, A5 takes the nearest of the five.
 
-`bent_wrist_poses` decides A5 of the joint-space group otherwise: as near 90 deg, in steps of 5, as
-permits a TCP that is 250 mm off A1's axis and an arm clear of itself by 20 mm (capsules along base
-column, upper arm, forearm and hand). At 13 poses no A5 in 0..90 deg permits the 250 mm; there the
-second condition decides alone. `tests/datasets/planning/test_poses.py` computes it.
+`bent_wrist_poses` chooses A5 of the joint-space group differently: as near to 90 deg as possible,
+in steps of 5 deg. The TCP has to be 250 mm off A1's axis, and the arm 20 mm clear of itself
+(capsules along base column, upper arm, forearm and hand). At 13 poses no A5 in 0..90 deg reaches
+the 250 mm; there only the second condition applies.
+`tests/datasets/planning/test_poses.py` computes it.
 
-Collisions with what stands around the robot are not checked.
+Collisions with objects around the robot are not checked.
 """
 
 from __future__ import annotations
@@ -55,13 +56,13 @@ _BENT_A5_DEG = {
 }
 """Number of a joint-space pose -> A5 of `bent_wrist_poses`; 90 at the others."""
 _START = np.deg2rad((-90.0, 90.0))
-"""A2 and A3 the inverse kinematics starts from: elbow up."""
-_LONGEST_STEP = 0.3  # rad; a full Newton step may leap to the other elbow
+"""A2 and A3 at the start of the inverse kinematics: elbow up."""
+_MAX_STEP = 0.3  # rad; a full Newton step may change the elbow configuration
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Where a robot is measured.
+    """Poses of a measurement.
 
     Attributes:
         q: (n, n_joints) rad.
@@ -75,7 +76,7 @@ class Poses:
 
 
 def paper_poses(robot: Robot) -> Poses:
-    """Return the 61 + 90 poses of the KR10, named J01.. and C01..; errors as `cartesian_poses`."""
+    """Return the 61 + 90 poses of the KR10, named J01.. and C01..; see `cartesian_poses`."""
     joint_space, cartesian = joint_space_poses(), cartesian_poses(robot)
     names = [f"J{i + 1:02d}" for i in range(len(joint_space))]
     names += [f"C{i + 1:02d}" for i in range(len(cartesian))]
@@ -87,7 +88,7 @@ def paper_poses(robot: Robot) -> Poses:
 
 
 def bent_wrist_poses(robot: Robot) -> Poses:
-    """Return the poses of `paper_poses` with another A5 in joint space; errors as there."""
+    """Return `paper_poses` with another A5 in joint space, and its errors."""
     level = paper_poses(robot)
     q = level.q.copy()
     numbers = range(1, (level.group == "joint-space").sum() + 1)
@@ -115,22 +116,22 @@ def cartesian_poses(robot: Robot) -> FloatArray:
     """
     grid = np.array([*itertools.product(CARTESIAN_X_MM, CARTESIAN_Y_MM, CARTESIAN_Z_MM)])
     angles = np.array(_CARTESIAN_A5_DEG)
-    wanted = np.resize(angles, len(grid))
-    nearest = np.argsort(np.abs(angles - wanted[:, None]), axis=1, kind="stable")
-    found = np.full((len(grid), robot.n_joints), np.nan)
+    preferred_a5 = np.resize(angles, len(grid))
+    nearest = np.argsort(np.abs(angles - preferred_a5[:, None]), axis=1, kind="stable")
+    poses = np.full((len(grid), robot.n_joints), np.nan)
     for a5_deg in angles[nearest].T:
-        left = np.flatnonzero(np.isnan(found[:, 0]))
-        q = _solved(robot, grid[left] / 1000.0, np.deg2rad(a5_deg[left]))
+        unsolved = np.flatnonzero(np.isnan(poses[:, 0]))
+        q = _inverse_kinematics(robot, grid[unsolved] / 1000.0, np.deg2rad(a5_deg[unsolved]))
         inside = ((robot.lower <= q) & (q <= robot.upper)).all(axis=1)
-        found[left[inside]] = q[inside]
-    if np.isnan(found).any():
-        point = grid[np.isnan(found[:, 0])][0]
+        poses[unsolved[inside]] = q[inside]
+    if np.isnan(poses).any():
+        point = grid[np.isnan(poses[:, 0])][0]
         raise DataError(f"the TCP cannot reach {point} mm inside the joint limits")
-    return found
+    return poses
 
 
-def _solved(robot: Robot, targets: FloatArray, a5: FloatArray) -> FloatArray:
-    """Return (n, 6) poses with the TCP at `targets` (n, 3) m and A5 (n,) rad given; NaN: none.
+def _inverse_kinematics(robot: Robot, targets: FloatArray, a5: FloatArray) -> FloatArray:
+    """Return (n, 6) poses for TCPs `targets` (n, 3) m and A5 (n,) rad; NaN: no solution.
 
     Newton's method on A1, A2 and A3 with A4 = A6 = 0.
     """
@@ -143,5 +144,5 @@ def _solved(robot: Robot, targets: FloatArray, a5: FloatArray) -> FloatArray:
             break
         rows = robot.jacobian(q[is_off])[:, :3, :3]
         step = (np.linalg.pinv(rows, rcond=1e-6) @ missing[is_off, :, None])[:, :, 0]
-        q[is_off, :3] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+        q[is_off, :3] += np.clip(step, -_MAX_STEP, _MAX_STEP)
     return np.where(is_off[:, None], np.nan, q)

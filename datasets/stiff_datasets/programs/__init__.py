@@ -1,1 +1,1 @@
-"""Robot programs: motion targets read out of a maker's language, and written back in place."""
+"""Robot programs: read motion targets in a manufacturer's language, and write them back."""

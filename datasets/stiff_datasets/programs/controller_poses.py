@@ -1,6 +1,6 @@
-"""Poses and joint positions of a model's robot from a controller's numbers, and back.
+"""Convert a controller's numbers to a robot's poses and joint positions, and back.
 
-A target is a pose of the tool frame in a base frame; a model's robot has the pose of its last
+A target is a pose of the tool frame in a base frame. A model's robot has the pose of its last
 joint's frame in the description's base frame, and a point of the tool, the TCP.
 """
 
@@ -15,7 +15,7 @@ from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.types import FloatArray, Robot
 
-SAME_TCP_M = 1e-4
+TCP_TOLERANCE_M = 1e-4
 """m between a program's tool centre point and the model's; controllers round to 0.001 mm."""
 
 
@@ -24,8 +24,8 @@ class ProgramPoses:
     """Targets as a robot's poses.
 
     Attributes:
-        position: (n, 3) of the TCP, description's base frame, m; NaN for joint angles.
-        rotation: (n, 3, 3) of the last joint's frame; NaN for joint angles.
+        position: (n, 3) TCP, description's base frame, m; NaN for joint angles.
+        rotation: (n, 3, 3) orientation of the last joint's frame; NaN for joint angles.
         q: (n, n_joints) joint positions of the description, rad or m; NaN for poses.
         bases: (n_frames, 4, 4) the program's base frames in the description's base frame, m.
         tools: (n_frames, 4, 4) its tool frames in the last joint's frame, m.
@@ -39,7 +39,7 @@ class ProgramPoses:
 
 
 def controller_of(robot: Robot) -> Controller:
-    """Return how a robot's controller counts; as the description does if it does not say."""
+    """Return the conventions of a robot's controller; the default is the description's."""
     return robot.controller or Controller.same_as_description(robot.n_joints)
 
 
@@ -62,22 +62,22 @@ def program_poses(
 
     Args:
         program: the targets.
-        robot: of the model.
-        tool: (4, 4) in the controller's flange frame, m, for programs that do not hold theirs.
-        workpiece: (4, 4) of the base frame in the controller's world frame, m, likewise.
+        robot: robot of the model.
+        tool: (4, 4) tool in the controller's flange frame, m, for programs without this frame.
+        workpiece: (4, 4) base frame in the controller's world frame, m, likewise.
 
     Raises:
-        ConfigError: a frame is needed and not given, or given and the program holds it.
-        DataError: the program's tool is not the model's, or it has other joints.
+        ConfigError: a frame is needed and not given, or given although the program contains it.
+        DataError: the program's tool is not the model's, or the joints differ.
     """
     controller, language, n = controller_of(robot), program.language, len(program)
     bases, tools = _frames(program, tool, workpiece)
-    flange = robot.flange @ controller.flange  # of the controller, in the last joint's frame
+    flange = robot.flange @ controller.flange  # the controller's flange in the last joint's frame
     lever = np.linalg.inv(flange) @ np.r_[robot.tcp, 1.0]
     used = {*program.frame_index.tolist()}
     for index in used:
-        off = np.abs(tools[index][:3, 3] - lever[:3]).max()
-        if off > SAME_TCP_M:
+        tcp_distance = np.abs(tools[index][:3, 3] - lever[:3]).max()
+        if tcp_distance > TCP_TOLERANCE_M:
             row = int(np.argmax(program.frame_index == index))
             text = ",".join(f"{number:g}" for number in (tools[index][:3, 3] * 1e3).round(3) + 0.0)
             valid = ",".join(f"{number:g}" for number in (lever[:3] * 1e3).round(3) + 0.0)
@@ -111,7 +111,7 @@ def program_poses(
 
 
 def lengths_in_base(language: Language, base: FloatArray, position: FloatArray) -> FloatArray:
-    """Return (n, 3) positions in the program's base frame and unit; arguments as `pose_numbers`."""
+    """Return (n, 3) positions in the program's base frame and unit; see `pose_numbers`."""
     turn = base[:, :3, :3].transpose(0, 2, 1)
     lengths = np.einsum("nij,nj->ni", turn, position - base[:, :3, 3])
     return np.asarray(lengths / language.metres)
@@ -127,11 +127,11 @@ def pose_numbers(
     """Return (n, 3 + n_turns) poses in the program's base frame and units.
 
     Args:
-        language: of the program.
+        language: language of the program.
         base: (n, 4, 4) base frames in the description's base frame, m.
         tool: (n, 4, 4) tool frames in the last joint's frame, m.
-        position: (n, 3) of the TCP, description's base frame, m.
-        rotation: (n, 3, 3) of the last joint's frame.
+        position: (n, 3) TCP, description's base frame, m.
+        rotation: (n, 3, 3) orientation of the last joint's frame.
     """
     turn = base[:, :3, :3].transpose(0, 2, 1)
     orientations = language.from_rotations(turn @ rotation @ tool[:, :3, :3])
@@ -143,7 +143,7 @@ def _frames(
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the (4, 4) base and tool of each pair of frames, m."""
     poses = []
-    for side, (option, given, word) in enumerate(
+    for side, (option, given_frame, frame_name) in enumerate(
         (("workpiece", workpiece, "base frame"), ("tool", tool, "tool frame"))
     ):
         side_poses, unknown = [], dict[str, int]()
@@ -155,24 +155,25 @@ def _frames(
                 side_poses.append(values)
                 continue
             unknown.setdefault(frame.name, int(np.argmax(rows)))
-            side_poses.append(np.eye(4) if given is None else given)
-        if unknown and given is None:
+            side_poses.append(np.eye(4) if given_frame is None else given_frame)
+        if unknown and given_frame is None:
             name, row = next(iter(unknown.items()))
             raise ConfigError(
-                f"{program.place(row)}: the program does not hold the {word} {name} (valid: "
+                f"{program.place(row)}: the program does not hold the {frame_name} {name} (valid: "
                 "x,y,z,a,b,c in mm and deg, KUKA's angles)",
                 option,
             )
         if len(unknown) > 1:
             (first, _), (second, row) = [*unknown.items()][:2]
             raise ConfigError(
-                f"{program.place(row)}: {second} is another {word} than {first} before (valid: one "
-                "frame that the program does not hold)",
+                f"{program.place(row)}: {second} is another {frame_name} than {first} before "
+                "(valid: one frame that the program does not hold)",
                 option,
             )
-        if given is not None and not unknown:
+        if given_frame is not None and not unknown:
             raise ConfigError(
-                f"the program holds its {word} {program.frames[0][side].name} (valid: no {option})",
+                f"the program holds its {frame_name} {program.frames[0][side].name} "
+                f"(valid: no {option})",
                 option,
             )
         poses.append(side_poses)

@@ -1,4 +1,4 @@
-"""Write corrected targets into a program, and everything else as it was."""
+"""Write corrected targets into a program without other changes."""
 
 from __future__ import annotations
 
@@ -17,20 +17,25 @@ from stiff_datasets.programs.joint_choice import configuration_numbers
 from stiff_datasets.programs.program_file import Edit, RobotProgram, edited_texts, number_text
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot
 
-SAME_M, SAME_RAD = 1e-6, 1e-6
-"""Commands of one target datum that are the same."""
+SAME_COMMAND_M, SAME_COMMAND_RAD = 1e-6, 1e-6
+"""Differences up to which commands of one target are equal."""
 
 
 def shared_target_conflicts(program: RobotProgram, targets: CorrectedTargets) -> IntArray:
-    """Return the rows that share their target with a motion of another command."""
+    """Return the rows whose target also belongs to a motion with another command."""
     compensation = targets.at_targets
     key = np.column_stack([program.text_index, program.places[:, 0, 0]])
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    at = first[group.ravel()]
-    off = np.abs(compensation.position - compensation.position[at]).max(axis=1) > SAME_M
-    off |= program.has_joints & (np.abs(compensation.q - compensation.q[at]).max(axis=1) > SAME_RAD)
-    off |= compensation.converged != compensation.converged[at]
-    return np.asarray(np.flatnonzero(np.isin(at, at[off])))
+    first_row = first[group.ravel()]
+    differs = (
+        np.abs(compensation.position - compensation.position[first_row]).max(axis=1)
+        > SAME_COMMAND_M
+    )
+    differs |= program.has_joints & (
+        np.abs(compensation.q - compensation.q[first_row]).max(axis=1) > SAME_COMMAND_RAD
+    )
+    differs |= compensation.converged != compensation.converged[first_row]
+    return np.asarray(np.flatnonzero(np.isin(first_row, first_row[differs])))
 
 
 def corrected_texts(
@@ -40,14 +45,14 @@ def corrected_texts(
     targets: CorrectedTargets,
     q_before: FloatArray,
 ) -> tuple[list[str], list[int]]:
-    """Return the texts of the corrected program, and the rows whose configuration has new numbers.
+    """Return the texts of the corrected program, and rows with a new configuration.
 
     Args:
-        program: as it was read.
-        robot: of the joint positions.
-        poses: its frames.
+        program: the original program.
+        robot: robot of the joint positions.
+        poses: frames of the program.
         targets: the commands.
-        q_before: (n, n_joints) joint positions at the targets as they were, rad or m.
+        q_before: (n, n_joints) joint positions at the original targets, rad or m.
     """
     edits: list[Edit] = []
     language = program.language
@@ -57,20 +62,20 @@ def corrected_texts(
     pose_rows, joint_rows = rows[~program.has_joints[rows]], rows[program.has_joints[rows]]
     numbers = np.full((len(program), 7), np.nan)
     if len(pose_rows):
-        bases = poses.bases[index[pose_rows]]  # orientations stay as they are
+        bases = poses.bases[index[pose_rows]]  # orientations do not change
         numbers[pose_rows, :3] = lengths_in_base(language, bases, position[pose_rows])
     if len(joint_rows):
         angles = controller_of(robot).from_description(q[joint_rows]) / language.radians
         numbers[joint_rows, : robot.n_joints] = angles
-    seen = set[tuple[int, int]]()
+    edited_places = set[tuple[int, int]]()
     for row in rows.tolist():
         text_index = int(program.text_index[row])
         decimals = language.decimals[1 if program.has_joints[row] else 0]
         text = program.texts[text_index]
-        spot = (text_index, int(program.places[row, 0, 0]))
-        if spot in seen:
+        target_place = (text_index, int(program.places[row, 0, 0]))
+        if target_place in edited_places:
             continue
-        seen.add(spot)
+        edited_places.add(target_place)
         for value, (start, end) in zip(
             numbers[row].tolist(), program.places[row].tolist(), strict=True
         ):
@@ -99,7 +104,7 @@ def _insertions(
     poses: ProgramPoses,
     targets: CorrectedTargets,
 ) -> list[Edit]:
-    """Return the motions that are put between targets."""
+    """Return the edits that insert motions between targets."""
     language, compensation = program.language, targets.compensation
     done = targets.at_targets.converged
     points = np.flatnonzero(~targets.is_target & compensation.converged & done[targets.row])

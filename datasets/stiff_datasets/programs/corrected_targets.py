@@ -1,4 +1,4 @@
-"""A program's targets corrected for the predicted deflection, with points between on request."""
+"""Correct a program's targets for the predicted deflection, optionally with points between."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from stiff_protocols.paths.compensation import Compensation, compensate
 from stiff_protocols.paths.path import ToolPath
 
 BLOCK = 20_000
-"""Points that are corrected at once; a program of a million targets needs no more memory."""
+"""Points per correction step, so that memory is limited for a million targets."""
 SHARES = (0.25, 0.5, 0.75)
-"""Places along a straight motion at which its error between the corrected ends is predicted."""
-MOST_SEGMENTS = 2000
-"""Straight motions, the longest ones, for which that is done."""
+"""Shares of a straight motion at which the error between the corrected ends is predicted."""
+MAX_SEGMENTS = 2000
+"""Largest number of straight motions for this prediction, the longest first."""
 NOT_REACHED = "out of reach between this target and the one before"
 
 
@@ -32,12 +32,12 @@ class CorrectedTargets:
     """Points of a program: its targets, and points on the way to them.
 
     Attributes:
-        row: (n,) number of the target to which the motion leads.
-        share: (n,) of the way from the target before it; 1 at the target itself.
-        rotation: (n, 3, 3) of the last joint's frame.
+        row: (n,) number of the motion's target.
+        share: (n,) share of the path from the previous target; 1 at the target itself.
+        rotation: (n, 3, 3) orientation of the last joint's frame.
         wrench: (n, 6) N and N m at the TCP, base frame.
         compensation: points, commands and predicted deflections.
-        is_straight: (n,) the tool moves to the point along a straight line from the point before.
+        is_straight: (n,) true if the tool moves to the point along a straight line.
     """
 
     row: IntArray
@@ -49,11 +49,11 @@ class CorrectedTargets:
 
     @property
     def is_target(self) -> BoolArray:
-        """(n,) whether the point is a target of the program, and not between two."""
+        """(n,) true if the point is a target of the program, not a point between targets."""
         return np.asarray(self.share == 1.0)
 
     def without(self, rows: IntArray, reason: str) -> CorrectedTargets:
-        """Return the targets with some of them, by their number, left for a reason."""
+        """Return the targets with the `rows` left unchanged for a reason."""
         problem = self.compensation.problem.astype(object)
         problem[np.flatnonzero(self.is_target)[rows]] = reason
         return replace(self, compensation=replace(self.compensation, problem=problem.astype(str)))
@@ -91,24 +91,24 @@ def correct_targets(
     """Return the commands of a program's targets.
 
     Args:
-        predict: deflections of a model.
-        robot: of the joint positions.
+        predict: returns the deflections of a model.
+        robot: robot of the joint positions.
         program: the targets.
-        position: (n, 3) of the TCP, base frame, m.
-        rotation: (n, 3, 3) of the last joint's frame.
+        position: (n, 3) TCP, base frame, m.
+        rotation: (n, 3, 3) orientation of the last joint's frame.
         q: (n, n_joints) rad or m.
         wrench: (n, 6) N and N m at the TCP, base frame.
-        problem: (n,) why a target is left; "" for the targets that are corrected.
-        every_m: straight motions get points at most so far apart, m; None: they get none.
-        tolerance_m: as of `compensate`, m.
-        max_iterations: as of `compensate`.
+        problem: (n,) reason why a target is not corrected; "" for corrected targets.
+        every_m: largest distance of points inserted in straight motions, m; None: no points.
+        tolerance_m: see `compensate`, m.
+        max_iterations: see `compensate`.
     """
     n = len(program)
     driven = problem == ""
     straight = np.zeros(n, dtype=bool)
     straight[1:] = program.is_linear[1:] & program.follows[1:] & driven[1:] & driven[:-1]
     count = np.ones(n, dtype=np.int64)
-    if every_m is not None:  # a motion to joint angles cannot be copied to a pose
+    if every_m is not None:  # a motion to joint angles cannot be copied with a pose
         length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
         parts = np.ceil(np.nan_to_num(length) / every_m - 1e-9).astype(np.int64)
         count = np.where(straight & ~program.has_joints, np.maximum(parts, 1), 1)
@@ -118,7 +118,7 @@ def correct_targets(
     point, turn, joints, reason = position[row], rotation[row], q[row], problem[row]
     between = np.flatnonzero(share < 1.0)
     if len(between):
-        point[between], turn[between], joints[between], reached = _between(
+        point[between], turn[between], joints[between], reached = _interpolated_points(
             robot, position, rotation, q, row[between], share[between]
         )
         lost = {*row[between[~reached]].tolist()}
@@ -136,7 +136,7 @@ def correct_targets(
     return CorrectedTargets(row, share, turn, wrench[row], compensation, straight[row])
 
 
-def _between(
+def _interpolated_points(
     robot: Robot,
     position: FloatArray,
     rotation: FloatArray,
@@ -144,7 +144,7 @@ def _between(
     row: IntArray,
     share: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """Return positions, rotations and joints on the way to rows, and whether they are reached."""
+    """Return positions, rotations and joints between rows, and true if reached."""
     from scipy.spatial.transform import Rotation
 
     part = share[:, None]
@@ -168,7 +168,7 @@ def _compensated(
     tolerance_m: float,
     max_iterations: int,
 ) -> Compensation:
-    """Return the commands of points, block by block; those with a problem stay as they are."""
+    """Return the commands of points, block by block; points with a problem do not change."""
     n = len(position)
     command, joints, deflection, before = (
         position.copy(),
@@ -197,27 +197,26 @@ def _compensated(
 def errors_between(
     predict: Deflection, robot: Robot, targets: CorrectedTargets
 ) -> tuple[IntArray, FloatArray]:
-    """Return how far the tool is predicted off straight lines between corrected points.
+    """Predict the errors on straight lines between corrected points.
 
-    Only the ends of a motion are corrected; between them the command is a straight line, and the
-    deflection is not. The longest `MOST_SEGMENTS` motions are looked at.
+    Only the ends of a motion are corrected. Between them the command is a straight line, but the
+    deflection is not. Only the longest `MAX_SEGMENTS` motions are evaluated.
 
     Returns:
-        (m,) numbers of the points that the motions lead to, and (m,) the largest error on the way,
-        m.
+        (m,) numbers of the motions' end points, and (m,) largest error of each motion, m.
     """
     compensation = targets.compensation
     done = compensation.problem == ""
     ends = np.flatnonzero(targets.is_straight[1:] & done[1:] & done[:-1]) + 1
     length = np.linalg.norm(compensation.wanted[ends] - compensation.wanted[ends - 1], axis=1)
-    ends = np.sort(ends[np.argsort(-length, kind="stable")[:MOST_SEGMENTS]])
+    ends = np.sort(ends[np.argsort(-length, kind="stable")[:MAX_SEGMENTS]])
     if not len(ends):
         return ends, np.empty(0)
     row, share = np.repeat(ends, len(SHARES)), np.tile(SHARES, len(ends))
-    point, _, q, reached = _between(
+    point, _, q, reached = _interpolated_points(
         robot, compensation.position, targets.rotation, compensation.q, row, share
     )
     part = share[:, None]
     wanted_points = (1.0 - part) * compensation.wanted[row - 1] + part * compensation.wanted[row]
-    off = np.linalg.norm(point + predict(q, targets.wrench[row]) - wanted_points, axis=1)
-    return ends, np.where(reached, off, np.nan).reshape(-1, len(SHARES)).max(axis=1)
+    error_m = np.linalg.norm(point + predict(q, targets.wrench[row]) - wanted_points, axis=1)
+    return ends, np.where(reached, error_m, np.nan).reshape(-1, len(SHARES)).max(axis=1)

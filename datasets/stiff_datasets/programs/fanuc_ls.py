@@ -1,10 +1,10 @@
-"""FANUC TP programs as .ls text: motions of /MN with the positions of /POS.
+"""Read FANUC TP programs as .ls text: motions of /MN with positions of /POS.
 
-Lengths are in mm, angles in deg; W, P, R turn about the fixed axes X, Y, Z. Numbers of the user
-frame (UF) and the tool frame (UT) stand in each position; the frames themselves are in the
-controller. CONFIG holds the wrist (F: joint 5 is positive, N: it is not), the elbow (U, D), the
+Lengths are in mm, angles in deg; W, P, R turn about the fixed axes X, Y, Z. Each position contains
+the numbers of the user frame (UF) and the tool frame (UT); the frames themselves are in the
+controller. CONFIG contains the wrist (F: joint 5 is positive, N: it is not), the elbow (U, D), the
 shoulder (T, B) and full turns of joints 1, 4 and 6. These rules reproduce 16 poses of ROBOGUIDE for
-an M-20iD/25 (GitHub LeroyDu56/robconv), against which they were checked by hand.
+an M-20iD/25 (GitHub LeroyDu56/robconv), which was checked by hand.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def _motions(
     """Yield the helper point and the target of a motion."""
     statement = text.strip()
     if letter == "A":
-        yield LeftMotion(start, statement, "arc motion (its points are each other's helper points)")
+        yield LeftMotion(start, statement, "arc motion (its points are also helper points)")
         return
     if letter == "C":
         yield LeftMotion(start, statement, "helper point of a circular motion")
@@ -152,7 +152,7 @@ def _motions(
 
 
 def _frame(name: str, fields: Mapping[str, Sequence[Tree[Token] | Token]]) -> Frame:
-    """Return the frame of a number; 0 is the world or the flange, the controller has the rest."""
+    """Return the frame of a number: 0 is world or flange, others are in the controller."""
     number = str(fields[name][1]) if name in fields else "?"
     return Frame(f"{name} {number}", NO_FRAME if number == "0" else ())
 
@@ -187,7 +187,7 @@ def insert(
     numbers: Sequence[Sequence[str]],
     config: Sequence[Sequence[int]],
 ) -> list[Edit]:
-    """Return edits that put motions to literal targets before others; see `Language.insert`."""
+    """Return edits that insert motions to literal targets; see `Language.insert`."""
     text = program.texts[0]
     newline = "\r\n" if "\r\n" in text else "\n"
     first = 1 + max(int(match[1]) for match in re.finditer(r"P[ \t]*\[[ \t]*(\d+)", text))
@@ -211,7 +211,7 @@ def insert(
 
 
 def _numbered(program: RobotProgram, motions: Sequence[tuple[int, str]]) -> list[Edit]:
-    """Return inserted lines with numbers, new numbers for the others, and their count."""
+    """Return edits for inserted lines, the new line numbers and the line count."""
     text = program.texts[0]
     start, end = text.index("/MN"), text.find("/POS")
     lines = [*re.finditer(r"^([ \t]*)(\d+)(?=[ \t]*:)", text[start:end], re.MULTILINE)]

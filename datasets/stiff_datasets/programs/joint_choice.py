@@ -1,4 +1,4 @@
-"""Joint positions at which a robot reaches the targets of a program."""
+"""Choose the joint positions at a program's targets."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, TextArr
 from stiff_protocols.paths.inverse import LIMIT_SLACK, STARTS, all_configurations, is_singular
 
 NEAR_RAD = float(np.radians(2.0))
-"""A joint so near to the change of a sign or turn may have either: programs are rounded, and a
-controller does not look at the turn there."""
+"""A joint this near to a change of sign or turn may have either: programs are rounded, and
+controllers ignore the turn there."""
 BLOCK = 2000
-"""Targets whose configurations are compared at once."""
+"""Number of targets per comparison of configurations."""
 OUT_OF_REACH, BEYOND_LIMITS = "out of reach", "beyond the joint limits in every configuration"
 OTHER_CONFIGURATION = "not reachable in the configuration that is written"
 SINGULAR = "singular: the joints cannot correct it"
 FLIPS = "on the other side of a singularity than the target before"
-LONGEST_PROBLEM = 64
+MAX_PROBLEM_LENGTH = 64
 """Characters of a problem."""
 
 
@@ -31,12 +31,12 @@ class ChosenJoints:
     """Joint positions at a program's targets.
 
     Attributes:
-        q: (n, n_joints) of the description, rad or m; NaN where there are none.
-        problem: (n,) why the target cannot be driven or corrected; "" if it can.
-        config_fits: (n,) the written configuration fits `q`; true where none are
+        q: (n, n_joints) joint positions of the description, rad or m; NaN if there are none.
+        problem: (n,) reason why the target cannot be reached or corrected; "" if it can.
+        config_fits: (n,) true if the written configuration fits `q`, or no configuration is
             written.
-        possible: row of a target that is not reachable in its configuration -> the possible
-            ones.
+        possible: row of a target that is not reachable in its configuration -> possible
+            configurations.
     """
 
     q: FloatArray
@@ -46,7 +46,7 @@ class ChosenJoints:
 
 
 def configuration_numbers(language: Language, robot: Robot, q: FloatArray) -> FloatArray:
-    """Return (n, k) the numbers of a language for configurations; (n, 0) if it has none."""
+    """Return (n, k) configuration numbers of a language; (n, 0) if it has none."""
     if language.configurations is None or robot.n_joints != 6:
         return np.empty((len(q), 0))
     angles = controller_of(robot).from_description(q)
@@ -63,19 +63,20 @@ def choose_joints(
 ) -> ChosenJoints:
     """Return joint positions for each target.
 
-    A written configuration decides; without one, or along a straight line whose language does not
-    bind it, the joints move least from the target before. The first target is nearest to `start`.
+    The written configuration is used. If there is none, or if the language does not require it on
+    straight lines, the joints move least from the previous target. The first target is nearest to
+    `start`.
 
     Args:
         program: the targets.
-        robot: that drives them.
-        position: (n, 3) of `ProgramPoses`.
-        rotation: (n, 3, 3) of `ProgramPoses`.
-        q: (n, n_joints) of `ProgramPoses`.
+        robot: the robot that executes the program.
+        position: (n, 3) see `ProgramPoses`.
+        rotation: (n, 3, 3) see `ProgramPoses`.
+        q: (n, n_joints) see `ProgramPoses`.
         start: (n_joints,) joint positions near the first target, rad or m.
     """
     n = len(program)
-    chosen, problem = q.copy(), np.full(n, "", dtype=f"<U{LONGEST_PROBLEM}")
+    chosen, problem = q.copy(), np.full(n, "", dtype=f"<U{MAX_PROBLEM_LENGTH}")
     config_fits, before = np.ones(n, dtype=bool), start
     possible: dict[int, str] = {}
     is_bound = ~np.isnan(program.config[:, 0])
@@ -133,9 +134,9 @@ def choose_joints(
 
 
 def _with_turns(language: Language, robot: Robot, ways: FloatArray) -> list[FloatArray]:
-    """Return (n, m, n_joints) configurations with full turns, and three times (n, m, k) numbers.
+    """Return configurations (n, m, n_joints) with full turns, and three (n, m, k) numbers.
 
-    They belong to a little smaller and larger joint angles, and to the angles themselves.
+    The numbers belong to slightly smaller and larger joint angles, and to the angles themselves.
     """
     if not len(ways) or language.configurations is None:
         return [np.empty((0, 0, robot.n_joints)), *([np.empty((0, 0, 0))] * 3)]
@@ -159,7 +160,7 @@ def _with_turns(language: Language, robot: Robot, ways: FloatArray) -> list[Floa
 
 
 def _ways_inside(robot: Robot, ways: FloatArray, before: FloatArray) -> FloatArray:
-    """Return the configurations (m, n_joints) in the limits, with the turns next to `before`."""
+    """Return configurations (m, n_joints) inside the limits, with turns nearest to `before`."""
     turn = 2.0 * np.pi
     turns = np.rint((before - ways) / turn)
     turns += ways + turn * turns < robot.lower - LIMIT_SLACK
@@ -174,7 +175,7 @@ def _inside(robot: Robot, q: FloatArray) -> BoolArray:
 
 
 def _possible(program: RobotProgram, row: int, numbers: FloatArray) -> str:
-    """Return the configurations (m, k) of a pose, next to the one that is written."""
+    """Describe the written and the possible configurations (m, k) of a pose."""
     names, ways = program.language.config_names, np.unique(numbers, axis=0).astype(int).tolist()
     written = program.config[row, : len(names)].astype(int).tolist()
     texts = [

@@ -1,8 +1,8 @@
-"""KUKA Robot Language: targets of a .src program, with the data of its .dat file.
+"""Read KUKA Robot Language: targets of a .src program and its .dat file.
 
 Lengths are in mm, angles in deg; A, B, C turn about Z, the new Y and the new X. Status S and turn T
-say in which configuration a point-to-point motion reaches a pose (KUKA System Software, operating
-and programming instructions for system integrators, "Status and turn").
+give the configuration in which a point-to-point motion reaches a pose (KUKA System Software,
+operating and programming instructions for system integrators, "Status and turn").
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ def _motions(
 def _numbers(
     aggregate: Tree[Token], start: int, text_index: int
 ) -> tuple[list[tuple[str, Number]], list[Number], str]:
-    """Return the named numbers of a pose or of joint angles, S and T, and why there are none."""
+    """Return the named numbers of a target, S and T, and the reason if there are none."""
     values: dict[str, Token] = {}
     for component in aggregate.find_data("component"):
         first, last = component.children
@@ -186,7 +186,7 @@ def _numbers(
 
 
 def _number(token: Token, start: int) -> Number:
-    """Return a number, which S and T may write as 'B010' or 'H2'."""
+    """Return a number; S and T may be written as 'B010' or 'H2'."""
     bits = BITS.match(token)
     value = float(token) if not bits else int(bits[2], 2) if bits[1] else int(bits[4], 16)
     place, end = part_place(token, start)
@@ -207,12 +207,12 @@ def _frame(text: str, start: int) -> Frame:
 
 
 def _numbered(name: str, index: str) -> Frame:
-    """Return the frame of `BAS(#BASE, index)`, which the controller holds."""
+    """Return the frame of `BAS(#BASE, index)`, which is in the controller."""
     return Frame(f"{name}_DATA[{index}]", NO_FRAME if index in ("0", "-1") else ())
 
 
 def _inline_form(name: str, data: Mapping[str, tuple[Tree[Token], int]]) -> tuple[Frame, Frame]:
-    """Return base and tool of the frame data that an inline form names."""
+    """Return base and tool of an inline form's frame data."""
     numbers = {"BASE_NO": "?", "TOOL_NO": "?"}
     if name in data:
         for component in data[name][0].find_data("component"):
@@ -231,7 +231,7 @@ def _declarations(text: str) -> Iterator[tuple[str, tuple[Tree[Token], int]]]:
 
 
 def matches(written: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
-    """Return which status and turn fit; bits in which `low` and `high` differ may be either."""
+    """Test status and turn; bits that differ between `low` and `high` are ignored."""
     free = low.astype(np.int64) ^ high.astype(np.int64)
     return np.asarray(((written.astype(np.int64) ^ low.astype(np.int64)) & ~free) == 0)
 
@@ -240,7 +240,7 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
     """Return (n, 2) status and turn.
 
     Bit 0 of the status: the wrist centre is behind axis 1. Bit 1: joint 3 is at or above the angle
-    at which the arm is straight. Bit 2: joint 5 is negative. Bit i of the turn: joint i + 1 is
+    of the straight arm. Bit 2: joint 5 is negative. Bit i of the turn: joint i + 1 is
     negative. Bits 3 and 4 of the status do not choose a configuration and are not compared.
     """
     shoulder, elbow, wrist = signs.T
@@ -255,7 +255,7 @@ def insert(
     numbers: Sequence[Sequence[str]],
     config: Sequence[Sequence[int]],
 ) -> list[Edit]:
-    """Return edits that put motions to literal targets before others; see `Language.insert`."""
+    """Return edits that insert motions to literal targets; see `Language.insert`."""
     goals = [
         "{" + ",".join(f"{name} {text}" for name, text in zip(POSE, texts, strict=True)) + "}"
         for texts in numbers

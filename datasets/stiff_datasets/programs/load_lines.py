@@ -1,4 +1,4 @@
-"""Process loads of a program's targets from a table with a row for each line."""
+"""Read the process loads of a program's targets from a table by line number."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 from stiff_datasets.measured.row_checks import (
     Problem,
     cell_problem,
-    filled,
     numbers_and_loads,
     problems_error,
     table_problems,
+    with_missing_columns,
 )
 from stiff_datasets.measured.sample_columns import TORQUE_COLUMNS, WRENCH_COLUMNS
 from stiff_datasets.measured.sheet_files import read_sheet
@@ -28,17 +28,17 @@ def loads_by_line(file: Path, program: RobotProgram) -> FloatArray:
     Args:
         file: CSV, Excel or Parquet with the columns line, fx_N, fy_N, fz_N and, if torques act,
             tx_Nm, ty_Nm, tz_Nm; `line` is the number of the motion's line in the program, from 1.
-        program: whose targets need a load.
+        program: the program with the targets.
 
     Raises:
-        DataError: the file cannot be read, a value is wrong, a line has two loads, or a target has
-            none.
+        DataError: the file cannot be read, a value is invalid, a line has two loads, or a target
+            has no load.
     """
-    sheet = read_sheet(file, None).recognised((LINE_COLUMN, *WRENCH_COLUMNS))
+    sheet = read_sheet(file, None).with_standard_columns((LINE_COLUMN, *WRENCH_COLUMNS))
     columns = (LINE_COLUMN, *WRENCH_COLUMNS)
     if problems := table_problems(sheet, columns, TORQUE_COLUMNS):
         raise problems_error(file, problems)
-    sheet = filled(sheet, dict.fromkeys(TORQUE_COLUMNS, 0.0))
+    sheet = with_missing_columns(sheet, dict.fromkeys(TORQUE_COLUMNS, 0.0))
     numbers, wrench, problems = numbers_and_loads(sheet, (LINE_COLUMN,))
     lines, rows = np.unique(numbers[:, 0], return_index=True)
     targets = {*program.lines.tolist()}

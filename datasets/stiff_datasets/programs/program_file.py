@@ -1,6 +1,6 @@
-"""Motion targets of a robot program, and the same program with other numbers.
+"""Represent the motion targets of a robot program, and edit their numbers.
 
-A program is written back number by number, so every other character stays as it was.
+Only numbers are replaced, so every other character of the program stays unchanged.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
 from stiff_protocols.contract.files import written_whole
 
 MOST_NUMBERS, MOST_CONFIG = 7, 6
-"""Numbers of a target (a position and a quaternion), and of its configuration."""
+"""Largest count of numbers of a target (position and quaternion) and of its configuration."""
 NEAR_ZERO = 1e-6
-"""rad: an angle so near to a sign's or a turn's change is rounding."""
+"""rad: smaller distances from a change of sign or turn are rounding errors."""
 NO_FRAME = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -35,9 +35,9 @@ class Frame(NamedTuple):
     """A tool or base frame of a program.
 
     Attributes:
-        name: as the program calls it.
-        values: position and orientation, in the program's units; empty where the program does not
-            hold them.
+        name: name in the program.
+        values: position and orientation, in the program's units; empty if the program does not
+            contain them.
     """
 
     name: str
@@ -49,10 +49,10 @@ class Target(NamedTuple):
 
     Attributes:
         start, end: place of the motion's statement in the first text.
-        goal_start, goal_end: place of the target in it: a literal, or a name.
-        is_linear: the tool moves along a straight line to it.
-        follows: the motion before in the text is the one before it in the program's run, too.
-        has_joints: the numbers are joint angles, not a pose.
+        goal_start, goal_end: place of the target in the text: a literal, or a name.
+        is_linear: true if the tool moves to it along a straight line.
+        follows: true if the previous motion in the text is also the previous motion at run time.
+        has_joints: true if the numbers are joint angles, not a pose.
         numbers: joint angles, or position and orientation.
         config: numbers of the arm's configuration; may be empty.
         base, tool: frames of a pose, and the tool of joint angles.
@@ -74,12 +74,12 @@ class Target(NamedTuple):
 
 
 class LeftMotion(NamedTuple):
-    """A motion, or a part of it, that is left as it is.
+    """A motion, or a part of it, that stays unchanged.
 
     Attributes:
         start: its place in the first text.
         text: the statement.
-        reason: why it is not corrected.
+        reason: reason why it is not corrected.
     """
 
     start: int
@@ -93,7 +93,7 @@ class StatementError(Exception):
     Attributes:
         start: its place.
         text: the statement.
-        valid: what is expected.
+        valid: expected statement.
         text_index: number of the text.
     """
 
@@ -103,32 +103,32 @@ class StatementError(Exception):
 
 
 def is_either(written: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
-    """Return which written numbers are one of two."""
+    """Test if written numbers equal one of two numbers."""
     return np.asarray((written == low) | (written == high))
 
 
 @dataclass(frozen=True)
 class Language:
-    """A maker's language: how it is read, and its conventions.
+    """A manufacturer's language: its reader and its conventions.
 
     Attributes:
-        name: of the language.
+        name: name of the language.
         companion: suffix of a second file with the targets' data; "" if there is none.
         metres, radians: one unit of its lengths [m] and of its angles [rad].
-        n_turns: numbers of an orientation.
-        decimals: digits after the point of lengths, joint angles and orientations, at least.
-        read: yields targets and motions that are left, in the order of the text.
+        n_turns: count of numbers of an orientation.
+        decimals: least decimals of lengths, joint angles and orientations.
+        read: yields targets and unchanged motions, in the order of the text.
         to_rotations: (n, n_turns) numbers -> (n, 3, 3) rotations.
         from_rotations: the inverse.
         configurations: (n, 3) signs of shoulder, elbow and wrist (`arm_shape`) and (n, n_joints)
             controller's joint angles, rad -> (n, k) numbers of the configuration; None if targets
-            have none.
-        insert: (program, rows, numbers as texts, configurations) -> edits that put a motion to
+            have no configuration.
+        insert: (program, rows, numbers as texts, configurations) -> edits that insert a motion to
             each literal target before the motion of its row, in this order.
-        matches: (written, low, high) -> which numbers of a configuration fit, where `low` and
-            `high` belong to joint angles a little smaller and larger.
+        matches: (written, low, high) -> true for numbers of a configuration that fit; `low` and
+            `high` belong to slightly smaller and larger joint angles.
         config_names: names of the numbers of a configuration.
-        config_of_linear: linear motions are bound to the configuration that is written.
+        config_of_linear: true if linear motions require the written configuration.
     """
 
     name: str
@@ -164,19 +164,19 @@ class RobotProgram:
 
     Attributes:
         paths: its files: the program, and the companion with its data if there is one.
-        texts: their texts; a character is a byte.
-        language: of the program.
+        texts: their texts; each character is a byte.
+        language: language of the program.
         lines: (n,) line of each motion in the first file.
         statements, goals: (n, 2) places of the motion and of its target in the first text.
-        is_linear, follows, has_joints: (n,) as of `Target`.
+        is_linear, follows, has_joints: (n,) see `Target`.
         text_index: (n,) number of the text that holds a target's numbers.
-        values: (n, 7) numbers, in the program's units; NaN beyond the target's own.
+        values: (n, 7) numbers, in the program's units; NaN if a target has fewer.
         places: (n, 7, 2) places of these numbers.
-        config: (n, 6) numbers of the configuration; NaN where there are none.
+        config: (n, 6) numbers of the configuration; NaN if there are none.
         config_places: (n, 6, 2) their places.
-        frames: the pairs of base and tool frame that occur.
+        frames: pairs of base and tool frame in the program.
         frame_index: (n,) number of each target's pair.
-        left_motions: motions that are left as they are.
+        left_motions: motions that stay unchanged.
     """
 
     paths: tuple[Path, ...]
@@ -211,7 +211,7 @@ class RobotProgram:
 
 
 def edited_texts(texts: Sequence[str], edits: Sequence[Edit]) -> list[str]:
-    """Return texts with new numbers in their places; the rest is as it was."""
+    """Apply edits to texts; all other characters stay unchanged."""
     results = []
     for index, text in enumerate(texts):
         parts, end = [], 0
@@ -224,14 +224,14 @@ def edited_texts(texts: Sequence[str], edits: Sequence[Edit]) -> list[str]:
 
 
 def write_texts(paths: Sequence[Path], texts: Sequence[str]) -> None:
-    """Write the files of a program, byte for byte as their texts have them."""
+    """Write the files of a program, byte for byte."""
     for path, text in zip(paths, texts, strict=True):
         with written_whole(path) as temporary:
             temporary.write_bytes(text.encode("latin-1"))
 
 
 def copied_motions(program: RobotProgram, rows: Sequence[int], goals: Sequence[str]) -> list[Edit]:
-    """Return edits that put copies of motions' lines, with other targets, before these lines."""
+    """Return edits that insert copies of motions with other targets before them."""
     edits, text = [], program.texts[0]
     newline = "\r\n" if "\r\n" in text else "\n"
     for row, goal in zip(rows, goals, strict=True):
@@ -245,7 +245,7 @@ def copied_motions(program: RobotProgram, rows: Sequence[int], goals: Sequence[s
 
 
 def number_text(value: float, old: str, decimals: int) -> str:
-    """Return a number with `decimals` digits after the point, or as many as its old text has."""
-    had = len(old.partition(".")[2]) if "e" not in old.lower() else 0
-    text = f"{value:.{max(decimals, had)}f}"
+    """Format a number with `decimals` decimals, or as many as its old text has."""
+    n_old_decimals = len(old.partition(".")[2]) if "e" not in old.lower() else 0
+    text = f"{value:.{max(decimals, n_old_decimals)}f}"
     return text[1:] if float(text) == 0.0 and text[0] == "-" else text

@@ -1,6 +1,7 @@
-"""Read a robot program: its language's module yields the targets, here they become columns.
+"""Read a robot program and collect its targets in columns.
 
-A program of a million targets takes a few hundred MB.
+The module of its language yields the targets. A program of a million targets needs a few hundred
+MB.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from stiff_datasets.programs.program_file import (
 )
 from stiff_protocols.contract.errors import DataError
 
-LARGEST = 1e6
-"""Of the numbers of a target or a frame, in any unit."""
+MAX_NUMBER = 1e6
+"""Limit of the numbers of a target or a frame, in any unit."""
 LANGUAGES = {
     ".src": krl.LANGUAGE,
     ".mod": rapid.LANGUAGE,
@@ -45,8 +46,8 @@ def read_program(path: Path) -> RobotProgram:
         path: KUKA .src (with the .dat of the same name), ABB .mod, FANUC .ls, or URScript .script.
 
     Raises:
-        DataError: the file cannot be read, its language is unknown, a statement is wrong, or it
-            holds no target.
+        DataError: the file cannot be read, its language is unknown, a statement is invalid, or it
+            has no target.
     """
     language = language_of(path)
     paths = [path]
@@ -75,13 +76,13 @@ def read_program(path: Path) -> RobotProgram:
             f"{first.reason}"
         )
     frames = [value for pair in program.frames for frame in pair for value in frame.values]
-    is_large = ~(np.abs(np.nan_to_num(program.values, nan=0.0, posinf=np.inf)) <= LARGEST)
+    is_large = ~(np.abs(np.nan_to_num(program.values, nan=0.0, posinf=np.inf)) <= MAX_NUMBER)
     if is_large.any():
         row, column = np.argwhere(is_large)[0]
         value = program.values[row, column]
-        raise DataError(f"{program.place(row)}: {value:g} (valid: numbers within +-{LARGEST:g})")
-    if not all(abs(value) <= LARGEST for value in frames):
-        raise DataError(f"{path}: a frame holds a number beyond +-{LARGEST:g}")
+        raise DataError(f"{program.place(row)}: {value:g} (valid: numbers within +-{MAX_NUMBER:g})")
+    if not all(abs(value) <= MAX_NUMBER for value in frames):
+        raise DataError(f"{path}: a frame has a number beyond +-{MAX_NUMBER:g}")
     return program
 
 

@@ -1,8 +1,8 @@
-r"""ABB RAPID: targets of a module, with the targets, tools and work objects that it declares.
+r"""Read ABB RAPID: targets of a module, and its targets, tools and work objects.
 
-Lengths are in mm, joint angles in deg, orientations quaternions, w first. Each robtarget holds its
+Lengths are in mm, joint angles in deg, orientations quaternions, w first. Each robtarget has a
 configuration [cf1, cf4, cf6, cfx] (Technical reference manual: RAPID instructions, functions and
-data types, "confdata"): with `ConfL\On`, the default, a controller stops where it does not fit.
+data types, "confdata"): with `ConfL\On`, the default, a controller stops if it does not fit.
 """
 
 from __future__ import annotations
@@ -74,12 +74,12 @@ LITERALS = {"robtarget": VALID_POSE, "jointtarget": VALID_JOINTS}
 KNOWN_FRAMES = {"tool0": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)}
 KNOWN_FRAMES["wobj0"] = KNOWN_FRAMES["tool0"]
 LARGEST_MM, UNIT_LENGTH_SLACK = 1e6, 1e-3
-"""Of a frame's position, and how far the length of a quaternion may be from 1."""
+"""Limit of a frame's position, and tolerance of a quaternion's length, which is 1."""
 
 
 @dataclass(frozen=True)
 class _Data:
-    """Declared data: the value, and where its statement starts."""
+    """Declared data: the value, and the start of its statement."""
 
     kind: str
     value: Tree[Token] | Token
@@ -112,7 +112,7 @@ def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
 
 
 def _declarations(text: str) -> tuple[dict[str, _Data], set[str]]:
-    """Return data by name, and the names of data that the program assigns."""
+    """Return data by name, and the names that the program assigns."""
     data, assigned = {}, set[str]()
     for match in STATEMENT.finditer(text):
         if match["data"]:
@@ -161,10 +161,10 @@ def _motions(
             return
         value, offset, kind_of_data = declared.value, declared.start, declared.kind
     has_joints = kind == "moveabsj"
-    usual = "jointtarget" if has_joints else "robtarget"
-    if kind_of_data and kind_of_data != usual:
-        raise StatementError(start, text, f"a {usual}, {LITERALS[usual]}")
-    rows = _rows(value, offset, text, usual)
+    expected_kind = "jointtarget" if has_joints else "robtarget"
+    if kind_of_data and kind_of_data != expected_kind:
+        raise StatementError(start, text, f"a {expected_kind}, {LITERALS[expected_kind]}")
+    rows = _rows(value, offset, text, expected_kind)
     tool_option = last.children[0]
     base = "wobj0"
     for option in last.children[1:]:
@@ -197,17 +197,17 @@ def _rows(value: Tree[Token] | Token, start: int, text: str, kind: str) -> list[
 
 def _check_quaternion(values: Sequence[float], start: int, text: str) -> None:
     length = math.hypot(*values)
-    if not abs(length - 1.0) <= UNIT_LENGTH_SLACK:  # nor nan
+    if not abs(length - 1.0) <= UNIT_LENGTH_SLACK:  # also rejects NaN
         raise StatementError(start, text, f"a quaternion of length 1, here {length:.4g}")
 
 
 def _inner(value: Tree[Token] | Token) -> list[Tree[Token] | Token]:
-    """Return the items of an array, without its brackets; none of another value."""
+    """Return the items of an array without brackets; [] for another value."""
     return value.children[1:-1] if isinstance(value, Tree) else []
 
 
 def _numbers(value: Tree[Token] | Token, start: int) -> list[Number]:
-    """Return the numbers of a literal list; none of another value."""
+    """Return the numbers of a literal list; [] for another value."""
     if isinstance(value, Tree) or value.type != "NUMBERS":
         return []
     place, _ = part_place(value, start)
@@ -218,7 +218,7 @@ def _numbers(value: Tree[Token] | Token, start: int) -> list[Number]:
 
 
 def _frame(name: str, kind: str, data: Mapping[str, _Data], frames: dict[str, Frame]) -> Frame:
-    """Return a tool or work object by its name; without values if the module does not hold it."""
+    """Return a tool or work object by name; without values if it is not in the module."""
     key = name.lower()
     if key in KNOWN_FRAMES:
         return Frame(name, KNOWN_FRAMES[key])
@@ -237,11 +237,13 @@ def _frame_values(declared: _Data) -> tuple[float, ...]:
         for item in items
         if isinstance(item, Tree) and len(_inner(item)) == 2
     ]
-    is_tool = declared.kind == "tooldata"
-    held = str(items[0]).strip().upper()
-    sizes = [7] if is_tool else [7, 7]
-    if [len(pose) for pose in poses] != sizes or held != ("TRUE" if is_tool else "FALSE"):
-        valid = "a tool on the robot" if is_tool else "a work object that does not move"
+    is_tool_data = declared.kind == "tooldata"
+    robot_holds = str(items[0]).strip().upper()
+    sizes = [7] if is_tool_data else [7, 7]
+    if [len(pose) for pose in poses] != sizes or robot_holds != (
+        "TRUE" if is_tool_data else "FALSE"
+    ):
+        valid = "a tool on the robot" if is_tool_data else "a work object that does not move"
         raise StatementError(declared.start, declared.text, f"{valid}, all numbers literal")
     position, turn = np.zeros(3), np.eye(3)
     for pose in poses:
@@ -272,7 +274,7 @@ def insert(
     numbers: Sequence[Sequence[str]],
     config: Sequence[Sequence[int]],
 ) -> list[Edit]:
-    """Return edits that put motions to literal targets before others; see `Language.insert`."""
+    """Return edits that insert motions to literal targets; see `Language.insert`."""
     external = ",".join(["9E9"] * 6)
     goals = [
         f"[[{','.join(texts[:3])}],[{','.join(texts[3:])}],"

@@ -1,4 +1,4 @@
-"""Statements of a program through the grammar of its language, and the places of their parts."""
+"""Parse statements of a program, and return the places of their parts."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def parsed_statement(
     """Return the tree of a statement.
 
     Args:
-        grammar: of the language.
+        grammar: grammar of the language.
         text: the statement.
         start: its place in the program.
-        valid: what is expected, for the error.
+        valid: expected statement, for the error.
         text_index: number of the program's text.
 
     Raises:

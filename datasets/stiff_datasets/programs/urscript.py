@@ -1,8 +1,8 @@
-"""URScript: targets of a .script program, in m and rad, orientations as rotation vectors.
+"""Read URScript: targets of a .script program, in m and rad, with rotation vectors.
 
 A pose p[x, y, z, rx, ry, rz] places the tool frame of `set_tcp` in the robot's base frame
-(Universal Robots, script manual, module motion). It holds no configuration: the arm keeps the one
-that the joint angles before have chosen.
+(Universal Robots, script manual, module motion). It has no configuration: the arm keeps the
+configuration of the previous joint angles.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
 
 
 def _declarations(text: str) -> Iterator[tuple[str, tuple[Tree[Token], int]]]:
-    """Yield names that are assigned once, with a literal pose or joint angles."""
+    """Yield names assigned only once, with their literal pose or joint angles."""
     matches = [match for match in STATEMENT.finditer(text) if match["data"]]
     counts = Counter(match["name"] for match in matches)
     for match in matches:
@@ -128,7 +128,7 @@ def _motions(
         value, offset = data[name]
     numbers = _numbers(value, offset)
     if numbers is None:
-        yield LeftMotion(start, text, "the target holds an expression")
+        yield LeftMotion(start, text, "the target has an expression")
         return
     if len(numbers) != 6:
         raise StatementError(start, text, f"6 numbers, {VALID}")
@@ -152,7 +152,7 @@ def _value(argument: Tree[Token] | Token) -> Tree[Token] | Token:
 
 
 def _numbers(value: Tree[Token] | Token, start: int) -> list[Number] | None:
-    """Return the numbers of a pose or of joint angles; None where one is an expression."""
+    """Return the numbers of a pose or of joint angles; None if one is an expression."""
     tokens = value.children[1:-1] if isinstance(value, Tree) else []
     numbers = []
     for token in tokens:
@@ -168,7 +168,7 @@ def insert(
     numbers: Sequence[Sequence[str]],
     config: Sequence[Sequence[int]],
 ) -> list[Edit]:
-    """Return edits that put motions to literal targets before others; see `Language.insert`."""
+    """Return edits that insert motions to literal targets; see `Language.insert`."""
     return copied_motions(program, rows, [f"p[{', '.join(texts)}]" for texts in numbers])
 
 

@@ -1,1 +1,1 @@
-"""Robots: URDF files and the reader that turns one into a frozen `Robot`."""
+"""Robots: URDF files and their reader, which returns a frozen `Robot`."""

@@ -1,7 +1,7 @@
-"""The robots that a command can name, with the tool and the payload that they are used with.
+"""List the shipped robots with their tool and payload.
 
-A robot's tool and payload stand in the file of its twin's constants, ``twins/URDF.toml``. A robot
-without a twin has them here.
+The file of the twin's constants, ``twins/URDF.toml``, contains a robot's tool and payload. For a
+robot without a twin they are defined here.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ DEFAULT_ROBOT = "kr10-r1100-2"
 
 @dataclass(frozen=True)
 class ShippedRobot:
-    """One of stiffbench's own URDF files.
+    """A shipped URDF file.
 
     Attributes:
-        urdf: its name without the ending.
+        urdf: file name without extension.
         tcp: (3,) tool centre point in the frame of the URDF's last link, m.
-        payload_kg: None where the data's source does not name the robot's variant.
+        payload_kg: None if the data's source does not name the robot's variant.
     """
 
     urdf: str
@@ -34,7 +34,7 @@ class ShippedRobot:
     payload_kg: float | None
 
     def robot(self, tcp: Sequence[float] | None = None) -> Robot:
-        """Read it for models, with another TCP if one is given."""
+        """Read the robot for models, with another TCP if `tcp` is given."""
         return shipped_robot(self.urdf, tcp=self.tcp if tcp is None else tcp)
 
 
@@ -43,24 +43,26 @@ WITHOUT_TWIN = (ShippedRobot("fanuc_r2000ic", (0.0069, 0.2453, 0.3193), None),)
 
 @cache
 def shipped_robots() -> dict[str, ShippedRobot]:
-    """Return the names of the robots on the command line -> the robots, the default one first."""
-    found = {}
+    """Return the shipped robots: command-line name -> robot, the default first."""
+    robots_by_urdf = {}
     for file in (files("stiff_datasets") / "twins").iterdir():
         with as_file(file) as path:
             constants = read_toml(path)
-        if constants["urdf"] == path.stem:  # the others are twins of the same robots
+        if constants["urdf"] == path.stem:  # the other files are twins of the same robots
             x, y, z = constants["tcp_m"]
-            found[path.stem] = ShippedRobot(path.stem, (x, y, z), constants["payload_kg"])
-    found |= {robot.urdf: robot for robot in WITHOUT_TWIN}
-    named = {urdf.replace("_", "-"): robot for urdf, robot in sorted(found.items())}
-    return {DEFAULT_ROBOT: named[DEFAULT_ROBOT], **named}
+            robots_by_urdf[path.stem] = ShippedRobot(path.stem, (x, y, z), constants["payload_kg"])
+    robots_by_urdf |= {robot.urdf: robot for robot in WITHOUT_TWIN}
+    robots_by_name = {
+        urdf.replace("_", "-"): robot for urdf, robot in sorted(robots_by_urdf.items())
+    }
+    return {DEFAULT_ROBOT: robots_by_name[DEFAULT_ROBOT], **robots_by_name}
 
 
 def named_robot(name: str) -> ShippedRobot:
-    """Return the robot of a name.
+    """Return the robot with a name.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: no robot has this name.
     """
     robots = shipped_robots()
     if name not in robots:
@@ -70,11 +72,11 @@ def named_robot(name: str) -> ShippedRobot:
 
 @cache
 def shipped_chain(name: str, tcp: tuple[float, ...]) -> ChainModel:
-    """Read one of stiffbench's own URDF files, named without its ending."""
+    """Read a shipped URDF file, named without its extension."""
     with as_file(files("stiff_datasets.robots") / f"{name}.urdf") as path:
         return read_chain(path, tcp=tcp)
 
 
 def shipped_robot(name: str, *, tcp: Sequence[float]) -> Robot:
-    """Read one of stiffbench's own URDF files, named without its ending, into a `Robot`."""
+    """Read a shipped URDF file, named without its extension, into a `Robot`."""
     return shipped_chain(name, tuple(tcp)).robot

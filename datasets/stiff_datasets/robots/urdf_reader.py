@@ -1,10 +1,10 @@
-"""URDF -> `Robot`, through Pinocchio.
+"""Read a URDF into a `Robot` with Pinocchio.
 
 A description may be a tree: grippers, hands, heads, wheels, second arms. The robot is the chain
-from the base to one link, the tip. All other joints are locked, and what they carry is part of the
-link that it then hangs on. The default tip is the end of the longest chain, the one with the most
-moving joints, without fingers (`_fingers`). Of several ends it is the one with a usual name
-(`TIP_NAMES`), then the one behind the most fixed joints, then the last one in the file.
+from the base to one link, the tip. All other joints are locked, and the links behind them are
+merged into the link that carries them. The default tip is the end of the longest chain: the chain
+with most moving joints, without fingers (`_fingers`). Of several ends, a usual name (`TIP_NAMES`)
+comes first, then the largest number of fixed joints before the end, then the last in the file.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.types import FloatArray, JointType, Robot
 
 LONGEST_TCP_M = 5.0
-"""No tool is longer; a larger number was written in mm."""
+"""Limit of a tool's length; a larger number is in mm."""
 
 
-LARGEST_URDF = 2**24
-"""Bytes; a twin's file may name any file, and some (/dev/zero) have no end."""
-DEEPEST_XML, MOST_JOINTS = 50, 1000
-"""Of a URDF; more ends the C++ parser's stack, and with it the process."""
+MAX_URDF_BYTES = 2**24
+"""Limit of a file; a twin's file may refer to any file, and some (/dev/zero) have no end."""
+MAX_XML_DEPTH, MAX_JOINTS = 50, 1000
+"""Limits of a URDF; beyond them the C++ parser's stack overflows and ends the process."""
 TIP_NAMES = ("tool0", "tcp", "ee_link", "end_effector", "tool_link", "flange")
-"""Ends of the names that the tip of an arm usually has, the most usual one first."""
+"""Usual name endings of an arm's tip, the most usual first."""
 FINGER_NAMES = re.compile("finger|thumb|jaw|knuckle", re.IGNORECASE)
-MOST_NAMED, MOST_LISTED = 6, 20
-"""Joints and links that a note and an error name; a mobile robot has eighty links."""
+MAX_NAMED_IN_NOTE, MAX_NAMED_IN_ERROR = 6, 20
+"""Largest number of joints or links in a note or an error; a mobile robot has eighty links."""
 
 
 @dataclass(frozen=True)
 class ChainModel:
-    """A serial chain, in Pinocchio and in our own terms.
+    """A serial chain as a Pinocchio model and as a `Robot`.
 
     Attributes:
         model: Pinocchio model, fixed base.
-        robot: the same without Pinocchio.
-        notes: choices that the description left open, a sentence each.
+        robot: the same chain without Pinocchio.
+        notes: choices that the description leaves open, one sentence each.
     """
 
     model: pin.Model
@@ -64,19 +64,21 @@ def read_chain(
     Args:
         urdf: the file; its meshes are not needed.
         tcp: (3,) tool centre point in the frame of the tip, m.
-        tip: last link of the chain; None: the end of the longest one, see the top of this module.
+        tip: last link of the chain; None: the end of the longest chain, see this module.
 
     Raises:
-        ConfigError: no link is called `tip`.
+        ConfigError: no link has the name `tip`.
         DataError: the file is not a URDF, a joint of the chain is neither revolute nor prismatic or
-            follows another one, or limits are reversed.
+            mimics another joint, or limits are reversed.
     """
     tree, followers, controller = _parse(urdf)
     frame, notes = _chosen_tip(tree, followers, urdf, tip)
     path = [*tree.supports[frame.parentJoint]][1:]
     if not path:
-        where = "" if tip is None else f" between the base and the link {tip!r}"
-        raise DataError(f"{urdf}: no moving joint{where}; a stiffness model needs at least one")
+        place_text = "" if tip is None else f" between the base and the link {tip!r}"
+        raise DataError(
+            f"{urdf}: no moving joint{place_text}; a stiffness model needs at least one"
+        )
     for name in (tree.names[joint] for joint in path):
         if name in followers:
             raise DataError(
@@ -89,7 +91,7 @@ def read_chain(
             f"tcp {list(tcp)}: expected three lengths in m, each within +-{LONGEST_TCP_M:g}; are "
             "these mm?"
         )
-    model, locked = _locked_but(tree, path)
+    model, lock_note = _with_other_joints_locked(tree, path)
     flange = model.frames[model.getFrameId(frame.name, pin.FrameType.BODY)].placement
     try:
         robot = replace(_robot(model, flange, offset), controller=controller)
@@ -100,7 +102,7 @@ def read_chain(
         for name, low, joint in zip(robot.joint_names, robot.lower, model.joints[1:], strict=True)
         if joint.nq == 1 and np.isinf(low)
     ]
-    notes += [locked] if locked else []
+    notes += [lock_note] if lock_note else []
     notes += [f"limits 0..0 count as none: {_listed(unlimited)}"] if unlimited else []
     return ChainModel(model, robot, tuple(f"{urdf.name}: {note}" for note in notes))
 
@@ -108,17 +110,17 @@ def read_chain(
 def read_robot(
     urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0), tip: str | None = None
 ) -> Robot:
-    """Read a URDF into a frozen `Robot`; arguments and errors as `read_chain`."""
+    """Read a URDF into a frozen `Robot`; arguments and errors: see `read_chain`."""
     return read_chain(urdf, tcp=tcp, tip=tip).robot
 
 
 def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
     """Return a chain without Pinocchio; `tcp` (3,) m in the frame of the flange.
 
-    Exporters write 0..0 for limits of a revolute joint that nobody has set.
+    Exporters write 0..0 as limits of a revolute joint without limits.
 
     Raises:
-        DataError: no robot has such joints, limits or numbers; Pinocchio takes NaN, too.
+        DataError: joints, limits or numbers are invalid; Pinocchio also accepts NaN.
     """
     joints, kinds, axes, limits = range(1, model.njoints), [], [], []
     for joint in joints:
@@ -130,7 +132,7 @@ def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
         if not low < high:
             raise DataError(
                 f"joint {name!r} has limits {low:g}..{high:g}; expected lower below upper (or type "
-                "continuous, which has none)"
+                "continuous, which has no limits)"
             )
         kinds.append(kind)
         axes.append(axis)
@@ -152,18 +154,18 @@ def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
 
 
 def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str], Controller | None]:
-    """Return the tree, mimic joints with the joint that each one follows, and the controller."""
+    """Return the tree, mimic joint -> followed joint, and the controller."""
     try:
         with urdf.open("rb") as file:
-            content = file.read(LARGEST_URDF + 1)
+            content = file.read(MAX_URDF_BYTES + 1)
         text = content.decode()
     except UnicodeDecodeError as error:
         raise DataError(f"{urdf}: cannot read the URDF: not a text in UTF-8") from error
-    except (OSError, ValueError) as error:  # ValueError: a name that holds NUL
+    except (OSError, ValueError) as error:  # ValueError: a file name with NUL
         reason = getattr(error, "strerror", None) or error
         raise DataError(f"{urdf}: cannot read the URDF: {reason}") from error
-    if len(content) > LARGEST_URDF:
-        raise DataError(f"{urdf}: larger than {LARGEST_URDF} bytes, which no robot's URDF is")
+    if len(content) > MAX_URDF_BYTES:
+        raise DataError(f"{urdf}: larger than {MAX_URDF_BYTES} bytes, too large for a URDF")
     try:
         root = ElementTree.fromstring(text)
         _check_description(root, urdf)
@@ -172,25 +174,29 @@ def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str], Controller | None]:
         with _captured_stderr() as printed:
             model = pin.buildModelFromXML(text)
         if any("Could not parse inertial" in line for line in printed):
-            raise ValueError  # the parser leaves such a link without mass
+            raise ValueError  # the parser gives such a link no mass
         return model, followers, _controller(root.find("controller"), urdf)
     except ElementTree.ParseError as error:
         raise DataError(f"{urdf}: not a robot description (URDF): not XML: {error}") from error
     except (ValueError, RuntimeError) as error:
-        found = [re.sub(r"^Error: +|^at line \d+ in \S+$", "", line.strip()) for line in printed]
-        reason = next(filter(None, found), str(error))  # the first message is the cause
-        reason += "".join(f"; {line}" for line in found if "inertial element for Link" in line)
+        error_lines = [
+            re.sub(r"^Error: +|^at line \d+ in \S+$", "", line.strip()) for line in printed
+        ]
+        reason = next(filter(None, error_lines), str(error))  # the first message is the cause
+        reason += "".join(
+            f"; {line}" for line in error_lines if "inertial element for Link" in line
+        )
         raise DataError(f"{urdf}: not a robot description (URDF): {reason}") from error
 
 
 def _controller(element: ElementTree.Element | None, urdf: Path) -> Controller | None:
-    """Read stiffbench's own element of a URDF, which other readers skip.
+    """Read stiffbench's element of a URDF; other readers ignore it.
 
     ``<controller signs="1 1 1 1 1 1" zeros_deg="0 0 0 0 0 0" j3_from_ground="false">`` with the
     elements ``<world xyz="" rpy=""/>`` and ``<flange xyz="" rpy=""/>``; see `Controller`.
 
     Raises:
-        DataError: an attribute is missing or wrong.
+        DataError: an attribute is missing or invalid.
     """
     if element is None:
         return None
@@ -229,14 +235,14 @@ def _controller(element: ElementTree.Element | None, urdf: Path) -> Controller |
 
 
 def _check_description(root: ElementTree.Element, urdf: Path) -> None:
-    """Refuse what the C++ parser follows until the stack ends."""
+    """Reject a URDF that would overflow the stack of the C++ parser."""
     level = [root]
-    for _ in range(DEEPEST_XML):
+    for _ in range(MAX_XML_DEPTH):
         level = [child for element in level for child in element]
     if level:
-        raise DataError(f"{urdf}: more than {DEEPEST_XML} elements inside each other")
-    if len(root.findall("joint")) > MOST_JOINTS:
-        raise DataError(f"{urdf}: more than {MOST_JOINTS} joints")
+        raise DataError(f"{urdf}: more than {MAX_XML_DEPTH} elements inside each other")
+    if len(root.findall("joint")) > MAX_JOINTS:
+        raise DataError(f"{urdf}: more than {MAX_JOINTS} joints")
     children = Counter(child.get("link") for child in root.findall("joint/child"))
     for link, count in children.items():
         if count > 1:
@@ -245,22 +251,22 @@ def _check_description(root: ElementTree.Element, urdf: Path) -> None:
 
 @contextmanager
 def _captured_stderr() -> Iterator[list[str]]:
-    """Catch what the C++ parser prints on standard error, and give it as lines afterwards."""
+    """Capture the C++ parser's standard error as lines, filled at the end."""
     lines: list[str] = []
     with tempfile.TemporaryFile() as file:
-        kept = os.dup(2)
+        original_stderr = os.dup(2)
         os.dup2(file.fileno(), 2)
         try:
             yield lines
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+            os.dup2(original_stderr, 2)
+            os.close(original_stderr)
             file.seek(0)
             lines += file.read().decode(errors="replace").split("\n")
 
 
 def joint_type_and_axis(model: pin.Model, joint: int) -> tuple[JointType, FloatArray]:
-    """Read a joint's kind and (3,) unit axis off its motion subspace (linear part first).
+    """Return a joint's kind and (3,) unit axis from its motion subspace.
 
     Raises:
         DataError: the joint has more than one degree of freedom.
@@ -282,10 +288,10 @@ def joint_type_and_axis(model: pin.Model, joint: int) -> tuple[JointType, FloatA
 def _chosen_tip(
     tree: pin.Model, followers: Mapping[str, str], urdf: Path, tip: str | None
 ) -> tuple[pin.Frame, list[str]]:
-    """Return the frame of the tip, and a note where there was a choice.
+    """Return the frame of the tip, and a note if there was a choice.
 
     Raises:
-        ConfigError: no link is called `tip`.
+        ConfigError: no link has the name `tip`.
     """
     fingers, links = _fingers(tree), dict[int, pin.Frame]()
     n_fixed, carries, carries_arm = dict[int, int](), set[int](), set[int]()
@@ -298,41 +304,41 @@ def _chosen_tip(
             if frame.parentJoint not in fingers:
                 carries_arm.add(joint.parentFrame)
 
-    def worth(index: int) -> tuple[int, ...]:
+    def sort_key(index: int) -> tuple[int, ...]:
         name, joints = links[index].name, [*tree.supports[links[index].parentJoint]][1:]
         n_usable = sum(
             tree.joints[joint].nv == 1 and tree.names[joint] not in followers for joint in joints
         )
-        usual = [number for number, end in enumerate(TIP_NAMES) if name.endswith(end)]
-        rank = min(usual, default=len(TIP_NAMES))
+        name_ranks = [number for number, end in enumerate(TIP_NAMES) if name.endswith(end)]
+        rank = min(name_ranks, default=len(TIP_NAMES))
         return n_usable, n_usable - len(joints), -rank, n_fixed[index], index
 
     is_finger = {index: frame.parentJoint in fingers for index, frame in links.items()}
     ends = [index for index in links if index not in (carries if is_finger[index] else carries_arm)]
-    ends.sort(key=lambda index: (not is_finger[index], *worth(index)), reverse=True)
+    ends.sort(key=lambda index: (not is_finger[index], *sort_key(index)), reverse=True)
     tips = [links[index].name for index in ends if links[index].parentJoint]
     if tip is None and len(tips) < 2:
         return links[ends[0]], []
     if tip is None:
         note = (
-            f"the chain of {worth(ends[0])[0]} joints to the link {tips[0]!r} is taken; --tip "
-            f"LINK takes another ({_listed(tips[1:])})"
+            f"the chain of {sort_key(ends[0])[0]} joints to the link {tips[0]!r} is used; --tip "
+            f"LINK selects another ({_listed(tips[1:])})"
         )
         return links[ends[0]], [note]
     for frame in links.values():
         if frame.name == tip:
             return frame, []
     names = dict.fromkeys([*tips, *(frame.name for frame in links.values())])
-    listed = _listed([*names], MOST_LISTED)
+    listed = _listed([*names], MAX_NAMED_IN_ERROR)
     raise ConfigError(f"{urdf}: {unknown_name('link', tip, names, listed)}", "tip")
 
 
 def _fingers(tree: pin.Model) -> set[int]:
     """Return the joints of hands and grippers.
 
-    A hand is a link on which several branches of moving joints begin, each with fewer joints than
-    the chain that carries them. A joint with a finger's name (`FINGER_NAMES`) is one, too, with all
-    that it carries.
+    A hand is a link with several branches of moving joints, each with fewer joints than the chain
+    before them. A joint with a finger's name (`FINGER_NAMES`) also belongs to a hand, with all
+    joints behind it.
     """
     height = [0] * tree.njoints
     for joint in range(tree.njoints - 1, 0, -1):
@@ -349,30 +355,30 @@ def _fingers(tree: pin.Model) -> set[int]:
     return fingers
 
 
-def _locked_but(tree: pin.Model, path: Sequence[int]) -> tuple[pin.Model, str]:
-    """Return the chain of some joints, all locked_joints locked, and a note that names these.
+def _with_other_joints_locked(tree: pin.Model, path: Sequence[int]) -> tuple[pin.Model, str]:
+    """Return the chain of the joints `path`, and a note on the locked joints.
 
-    They are locked at zero, or at the limit that is nearest to it.
+    All other joints are locked at zero, or at the limit nearest to zero.
     """
     locked_joints = [joint for joint in range(1, tree.njoints) if joint not in path]
     if not locked_joints:
         return tree, ""
-    at, nonzero = pin.neutral(tree), False
+    configuration, nonzero = pin.neutral(tree), False
     for joint in locked_joints:
         entry = tree.joints[joint].idx_q
         low, high = tree.lowerPositionLimit[entry], tree.upperPositionLimit[entry]
         if tree.joints[joint].nq == 1 and not low <= 0.0 <= high and low <= high:
-            at[entry], nonzero = np.clip(0.0, low, high), True
-    place = "zero (or the nearest limit)" if nonzero else "zero"
+            configuration[entry], nonzero = np.clip(0.0, low, high), True
+    position_text = "zero (or the nearest limit)" if nonzero else "zero"
     names = [tree.names[joint] for joint in locked_joints]
     note = (
-        f"{len(names)} joint{'s' * (len(names) > 1)} off the chain locked at {place}, "
+        f"{len(names)} joint{'s' * (len(names) > 1)} off the chain locked at {position_text}, "
         f"{'its' if len(names) == 1 else 'their'} links' masses counted: {_listed(names)}"
     )
-    return pin.buildReducedModel(tree, locked_joints, at), note
+    return pin.buildReducedModel(tree, locked_joints, configuration), note
 
 
-def _listed(names: Sequence[str], most: int = MOST_NAMED) -> str:
-    """Return names with commas between, the first ones of many."""
-    rest = len(names) - most
-    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
+def _listed(names: Sequence[str], limit: int = MAX_NAMED_IN_NOTE) -> str:
+    """Join names with commas; list at most `limit` names."""
+    n_more = len(names) - limit
+    return ", ".join(names[:limit]) + (f" and {n_more} more" if n_more > 0 else "")

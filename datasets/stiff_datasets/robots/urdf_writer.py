@@ -1,4 +1,4 @@
-"""A robot as a URDF file, for robots that stiffbench has read or been given."""
+"""Write a robot as a URDF file."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import pinocchio as pin
 from stiff_datasets.robots.shipped_robots import ShippedRobot
 from stiff_protocols.contract.types import FloatArray, Robot
 
-FARTHEST = 1e6
+MAX_SLIDE_M = 1e6
 """m; limit of a prismatic joint without limits, which a URDF cannot express."""
 
 
 def shipped_urdf(robot: ShippedRobot) -> str:
-    """Return the file of a shipped robot as it is, with its sources and licence."""
+    """Return the unchanged file of a shipped robot, with its sources and licence."""
     path = files("stiff_datasets") / "robots" / f"{robot.urdf}.urdf"
     return path.read_text(encoding="utf-8")
 
@@ -24,9 +24,9 @@ def shipped_urdf(robot: ShippedRobot) -> str:
 def robot_urdf(robot: Robot) -> str:
     """Return a robot's chain as URDF: joints, limits, masses and centres of mass.
 
-    Placements read back within rounding, 1e-15 of them. A URDF does not have the TCP: it is
-    `robot.tcp_on_flange` in the frame of the last link ``tip``. Inertias, which no model uses,
-    and the controller are left out.
+    Placements read back with rounding errors of 1e-15. A URDF does not contain the TCP, which is
+    `robot.tcp_on_flange` in the frame of the last link ``tip``. The controller and the inertias,
+    which models do not use, are omitted.
     """
     links = ["base", *(f"link{i + 1}" for i in range(robot.n_joints)), "tip"]
     lines = [f'<robot name="{escape(robot.name)}">']
@@ -37,7 +37,7 @@ def robot_urdf(robot: Robot) -> str:
         low, high = float(robot.lower[i]), float(robot.upper[i])
         is_free = not np.isfinite([low, high]).all()
         if is_free and kind == "prismatic":
-            low, high = max(low, -FARTHEST), min(high, FARTHEST)
+            low, high = max(low, -MAX_SLIDE_M), min(high, MAX_SLIDE_M)
         written_kind = "continuous" if is_free and kind == "revolute" else kind
         limit = f'<limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>'
         lines += [

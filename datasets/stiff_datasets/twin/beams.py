@@ -1,10 +1,9 @@
-"""Links that bend: Timoshenko beams between the joints of a serial chain, on an elastic base.
+"""Model bending links: Timoshenko beams between the joints, on an elastic base.
 
-Each segment from one joint to the next is a straight round tube, clamped where it begins. The
-chain is statically determinate, so every segment carries the load at the TCP whatever the others
-do, and the TCP's displacement is the sum of what the segments give: matrix structural analysis
-in its compliance form (J. S. Przemieniecki, Theory of Matrix Structural Analysis, 1968, chapter 5).
-The geometry is that of the undeformed robot.
+Each segment from one joint to the next is a straight round tube, clamped at its start. The chain
+is statically determinate, so every segment carries the load at the TCP. The TCP's displacement is
+the sum of the segments' contributions. This is matrix structural analysis in compliance form (J. S.
+Przemieniecki, Theory of Matrix Structural Analysis, 1968, chapter 5) with the undeformed geometry.
 
 SI: N, N m, m, rad, Pa.
 """
@@ -22,7 +21,7 @@ from stiff_datasets.twin.spring_law import TomlTable
 from stiff_protocols.contract.types import FloatArray, Robot
 
 SHEAR_COEFFICIENT = 0.5
-"""Of a round tube with a thin wall (G. R. Cowper, J. Appl. Mech. 33, 1966)."""
+"""Coefficient of a round tube with a thin wall (G. R. Cowper, J. Appl. Mech. 33, 1966)."""
 
 Diameter = Annotated[float, Ge(1e-3), Le(2.0), Field(allow_inf_nan=False)]  # m; mm would be larger
 
@@ -48,12 +47,12 @@ class Tube(TomlTable):
 
     @property
     def area(self) -> float:
-        """Of the section, m2."""
+        """Area of the section, m2."""
         return np.pi / 4.0 * (self.outer_m**2 - (self.outer_m - 2.0 * self.wall_m) ** 2)
 
     @property
     def second_moment(self) -> float:
-        """Of the section about a diameter, m4; the polar one is twice as large."""
+        """Second moment about a diameter, m4; the polar moment is twice as large."""
         return np.pi / 64.0 * (self.outer_m**4 - (self.outer_m - 2.0 * self.wall_m) ** 4)
 
 
@@ -63,11 +62,11 @@ class Beams:
 
     Attributes:
         robot: its geometry.
-        tubes: a section a segment, n_joints + 1 of them: from the base to the first joint, from
-            joint to joint, from the last joint to the TCP. A segment without length is rigid.
-        modulus: (n_segments,) Young's, Pa.
-        poisson: the material's ratio.
-        foundation: stiffness of what the base stands on, N/m and N m/rad in every direction.
+        tubes: n_joints + 1 sections, one per segment: from the base to the first joint, from joint
+            to joint, from the last joint to the TCP. A segment without length is rigid.
+        modulus: (n_segments,) Young's modulus, Pa.
+        poisson: Poisson's ratio of the material.
+        foundation: stiffness of the base's foundation, N/m and N m/rad in every direction.
     """
 
     robot: Robot
@@ -77,7 +76,7 @@ class Beams:
     foundation: tuple[float, float] = (np.inf, np.inf)
 
     def displacement(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return how the TCP gives way, all joints held.
+        """Return the TCP's displacement by the links, with locked joints.
 
         Args:
             q: (n, n_joints) joint angles, rad.
@@ -95,9 +94,9 @@ class Beams:
         for i in range(len(self.tubes)):
             lever = tcp - ends[:, i + 1]
             moment = moment_at_tcp + np.cross(lever, force)
-            moved, turned = self._tip(i, ends[:, i + 1] - ends[:, i], force, moment)
-            shift = shift + moved + np.cross(turned, lever)
-            rotation = rotation + turned
+            tip_shift, tip_rotation = self._tip(i, ends[:, i + 1] - ends[:, i], force, moment)
+            shift = shift + tip_shift + np.cross(tip_rotation, lever)
+            rotation = rotation + tip_rotation
         return np.hstack([shift, rotation])
 
     def _tip(
@@ -105,23 +104,23 @@ class Beams:
     ) -> tuple[FloatArray, FloatArray]:
         """Return (n, 3) displacement [m] and rotation [rad] of a cantilever's end."""
         length = np.linalg.norm(segment, axis=1, keepdims=True)
-        along = segment / np.where(length > 0.0, length, 1.0)
+        direction = segment / np.where(length > 0.0, length, 1.0)
         area, second_moment = self.tubes[number].area, self.tubes[number].second_moment
         modulus = self.modulus[number]
         shear_modulus = modulus / (2.0 * (1.0 + self.poisson))
-        stretched, twisted = (
-            along * np.einsum("na,na->n", along, load)[:, None] for load in (force, moment)
+        axial_force, axial_moment = (
+            direction * np.einsum("na,na->n", direction, load)[:, None] for load in (force, moment)
         )
         bending = modulus * second_moment
         shear = SHEAR_COEFFICIENT * shear_modulus * area
-        moved = (
-            length / (modulus * area) * stretched
-            + (length**3 / (3.0 * bending) + length / shear) * (force - stretched)
-            + length**2 / (2.0 * bending) * np.cross(moment, along)
+        displacement = (
+            length / (modulus * area) * axial_force
+            + (length**3 / (3.0 * bending) + length / shear) * (force - axial_force)
+            + length**2 / (2.0 * bending) * np.cross(moment, direction)
         )
-        turned = (
-            length / (2.0 * shear_modulus * second_moment) * twisted
-            + length / bending * (moment - twisted)
-            + length**2 / (2.0 * bending) * np.cross(along, force)
+        rotation = (
+            length / (2.0 * shear_modulus * second_moment) * axial_moment
+            + length / bending * (moment - axial_moment)
+            + length**2 / (2.0 * bending) * np.cross(direction, force)
         )
-        return moved, turned
+        return displacement, rotation

@@ -1,37 +1,37 @@
-"""The constants of a digital twin: a small TOML file beside a URDF.
+"""Read the constants of a digital twin: a small TOML file next to a URDF.
 
 ::
 
     name = "my_robot_twin"
-    urdf = "my_robot.urdf"            # beside this file, or the name of a shipped robot
+    urdf = "my_robot.urdf"            # next to this file, or the name of a shipped robot
     tip = "tool0"                     # last link of the chain; default: the longest chain's end
     tcp_m = [0.0, 0.0, 0.1]           # frame of that link
     payload_kg = 5.0
-    hook_m = [0.0, 0.05, 0.0]         # where the load pulls, from the TCP, last joint's frame
+    hook_m = [0.0, 0.05, 0.0]         # point of the load, from the TCP, last joint's frame
     clearance_m = 0.2                 # the default: of random poses, to the base column
 
-    [[joint]]                         # one a joint, base to tip
-    gear = 25                         # a catalogue size, or the three figures of [joint.gear]
+    [[joint]]                         # one per joint, base to tip
+    gear = 25                         # a catalogue size, or a table, see below
     structure_Nm_per_rad = 5e5        # casing and link, in series with the gear
     tilting_ratio = 4.0               # bearing stiffness over the gear's middle slope K2
     lost_motion_arcmin = 1.0          # full width
 
-    [[joint]]                         # a prismatic one, such as a linear track
+    [[joint]]                         # a prismatic joint, such as a linear track
     drive_N_per_m = 2e7               # stiffness along its axis
     guide_Nm_per_rad = 5e6            # tilting stiffness of its guide, about both cross axes
 
 ``[noise]``, ``[scatter]`` and ``[errors]`` have defaults, see `Noise`, `Scatter` and `Errors`. A
-gear that is not in the catalogue:
+gear that is not in the catalogue is given as
 ``gear = {slopes_Nm_per_rad = [..3], breakpoints_Nm = [..2], rated_Nm = ..}``. A structure or a
-tilting ratio of ``inf`` is rigid. Links bend where the file has their sections::
+tilting ratio of ``inf`` is rigid. Links bend if the file has their sections::
 
     [beams]
     modulus_Pa = 7.0e10
     poisson = 0.33
-    foundation_N_per_m = 2e8          # what the base stands on; without it rigid
+    foundation_N_per_m = 2e8          # foundation of the base; rigid by default
     foundation_Nm_per_rad = 1e7
-    bend = "always"                   # or "effect", the default: with the effect "links" or
-                                      # physics = rigid only
+    bend = "always"                   # or "effect", the default: only with the effect "links"
+                                      # or physics = rigid
 
     [[beams.segment]]                 # base to first joint, joint to joint, last joint to TCP
     outer_m = 0.2
@@ -90,15 +90,15 @@ Length = Annotated[float, Ge(-LONGEST_TCP_M), Le(LONGEST_TCP_M)]  # m; mm would 
 Vector = tuple[Length, Length, Length]
 
 TwinPhysics = Literal["tilting", "rigid"]
-"""Bearings that tilt as the file says, or rigid bearings and links that bend."""
+"""Bearings that tilt as given in the file, or rigid bearings and links that bend."""
 
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
 SOFTEST_DRIVE, STIFFEST_DRIVE = 1e4, 1e12  # N/m
 
 ARCMIN = np.pi / 180.0 / 60.0  # rad
-LARGEST_LOST_MOTION = 60.0  # arcmin
-SMALLEST_RATIO, LARGEST_RATIO = 1.0, 8.0
-"""Tilting stiffness against axial stiffness: the range of published identifications."""
+MAX_LOST_MOTION = 60.0  # arcmin
+MIN_RATIO, MAX_RATIO = 1.0, 8.0
+"""Range of tilting over axial stiffness in published identifications."""
 
 CATALOGUE = {
     size: Gear(slopes_Nm_per_rad=slopes, breakpoints_Nm=breakpoints, rated_Nm=rated)
@@ -110,8 +110,8 @@ CATALOGUE = {
         (32, (6.7e4, 11.0e4, 12.0e4), (29.0, 108.0), 137.0),
     )
 }
-"""Strain-wave gears by size, ratio 80 and above. Recalled from the manufacturer's catalogue and so
-an assumption, but for the slopes of size 32, which were confirmed; rated torques: assumption."""
+"""Strain-wave gears by size, ratio 80 and above, recalled from the manufacturer's catalogue. The
+slopes of size 32 were confirmed. All other slopes and the rated torques are assumptions."""
 
 
 def _or_rigid(low: float, high: float) -> AfterValidator:
@@ -133,7 +133,7 @@ class JointTable(TomlTable):
     """The elasticity of one joint.
 
     Attributes:
-        gear: catalogue size or a table of its own.
+        gear: catalogue size or a separate table.
         structure_Nm_per_rad: casing and link, in series with the gear.
         tilting_ratio: stiffness across the axis over the gear's K2.
         lost_motion_arcmin: full width.
@@ -148,8 +148,8 @@ class JointTable(TomlTable):
         ),
     ]
     structure_Nm_per_rad: Annotated[float, _or_rigid(SOFTEST, STIFFEST)]
-    tilting_ratio: Annotated[float, _or_rigid(SMALLEST_RATIO, LARGEST_RATIO)]
-    lost_motion_arcmin: Annotated[NotNegative, Le(LARGEST_LOST_MOTION)]
+    tilting_ratio: Annotated[float, _or_rigid(MIN_RATIO, MAX_RATIO)]
+    lost_motion_arcmin: Annotated[NotNegative, Le(MAX_LOST_MOTION)]
 
     @model_validator(mode="after")
     def _known_gear(self) -> JointTable:
@@ -170,8 +170,8 @@ class SlideTable(TomlTable):
     """The elasticity of one prismatic joint.
 
     Attributes:
-        drive_N_per_m: along the axis.
-        guide_Nm_per_rad: tilting about the two cross axes.
+        drive_N_per_m: stiffness along the axis.
+        guide_Nm_per_rad: tilting stiffness about the two cross axes.
     """
 
     drive_N_per_m: Annotated[float, _or_rigid(SOFTEST_DRIVE, STIFFEST_DRIVE)]
@@ -195,13 +195,13 @@ AnyJoint = Annotated[
 
 
 class Noise(TomlTable):
-    """Standard deviations of the instruments; the defaults are the source paper's data sheets.
+    """Standard deviations of the instruments; the defaults are from the paper's data sheets.
 
     Attributes:
-        tracker_m: of one reading of one axis; a deflection is the difference of two readings.
-        force_N, torque_Nm: of the force sensor.
-        tail: degrees of freedom of Student's t distribution that the tracker's readings then have,
-            `tracker_m` times it; None: they are normal.
+        tracker_m: noise of one reading of one axis; a deflection is the difference of two readings.
+        force_N, torque_Nm: noise of the force sensor.
+        tail: degrees of freedom of the readings' Student's t distribution, scaled by `tracker_m`;
+            None: normal distribution.
     """
 
     tracker_m: Annotated[NotNegative, Le(1e-2)] = 1e-5
@@ -211,13 +211,13 @@ class Noise(TomlTable):
 
 
 class Scatter(TomlTable):
-    """How much robots of one type differ: relative standard deviations; assumption.
+    """Relative standard deviations between robots of one type; assumption.
 
     Attributes:
-        gear: of all three slopes of a gear together.
-        structure, tilting, lost_motion: of the constants of that name; `structure` and `tilting`
-            also of a prismatic joint's drive and guide.
-        beams: of the modulus of the links' tubes, segment by segment.
+        gear: deviation of all three slopes of a gear together.
+        structure, tilting, lost_motion: deviation of the constants of that name; `structure` and
+            `tilting` also apply to a prismatic joint's drive and guide.
+        beams: deviation of the modulus of each segment's tube.
     """
 
     gear: Share = 0.08
@@ -228,18 +228,18 @@ class Scatter(TomlTable):
 
 
 class Errors(TomlTable):
-    """How far the robot and its instruments are from what the models are told; assumption.
+    """Errors of the robot description and the instruments; assumption.
 
-    Every error has this size and a direction or sign that is drawn for the specimen.
+    Every error has this size and a direction or sign drawn for the specimen.
 
     Attributes:
-        place_m, turn_rad: of every joint's frame.
-        tcp_m: of the TCP.
-        mass: of every link, relative.
-        registration_rad: of the tracker's frame against the robot's base.
-        force_frame_rad: of the force sensor's frame.
-        force_gain: of the force sensor, relative.
-        tracker_m, tail: of heavy-tailed readings, see `Noise`.
+        place_m, turn_rad: error of every joint's frame.
+        tcp_m: error of the TCP.
+        mass: relative error of every link's mass.
+        registration_rad: error of the tracker's frame relative to the robot's base.
+        force_frame_rad: error of the force sensor's frame.
+        force_gain: relative error of the force sensor's gain.
+        tracker_m, tail: noise with heavy tails, see `Noise`.
     """
 
     place_m: Annotated[NotNegative, Le(0.01)] = 3e-4
@@ -257,10 +257,10 @@ class BeamsTable(TomlTable):
     """The links' elasticity; see `stiff_datasets.twin.beams.Beams`.
 
     Attributes:
-        modulus_Pa, poisson: of the links' material.
-        foundation_N_per_m, foundation_Nm_per_rad: of what the base stands on.
+        modulus_Pa, poisson: constants of the links' material.
+        foundation_N_per_m, foundation_Nm_per_rad: stiffness of the base's foundation.
         bend: "always", or "effect": only with the effect "links" or rigid bearings.
-        segment: one table a segment, base to TCP.
+        segment: one table per segment, base to TCP.
     """
 
     modulus_Pa: Modulus
@@ -275,17 +275,17 @@ class TwinConstants(TomlTable):
     """All constants of a twin.
 
     Attributes:
-        name: of the twin; random numbers belong to it, so twins of two names share none.
-        urdf: a file beside the TOML file, or the name of a shipped robot.
+        name: name of the twin; twins with different names have independent random numbers.
+        urdf: a file next to the TOML file, or the name of a shipped robot.
         tip: last link of the chain in the URDF; None: the end of the longest chain.
         tcp_m: tool centre point in the frame of the URDF's last link, m.
-        payload_kg: no load is heavier.
-        hook_m: lever from the TCP to where the load pulls, frame of the last joint, m.
-        clearance_m: of random poses, see `stiff_datasets.planning.reachable`; larger robots need
-            more.
-        joint: one table a joint, base to tip.
-        beams: the links' elasticity; None: they are rigid.
-        noise, scatter, errors: see there.
+        payload_kg: limit of the loads.
+        hook_m: lever from the TCP to the point of the load, frame of the last joint, m.
+        clearance_m: clearance of random poses, see `stiff_datasets.planning.reachable`; larger
+            robots need more.
+        joint: one table per joint, base to tip.
+        beams: the links' elasticity; None: rigid links.
+        noise, scatter, errors: see `Noise`, `Scatter`, `Errors`.
     """
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
@@ -311,7 +311,7 @@ class TwinConstants(TomlTable):
         """Read the rigid robot for the twin.
 
         Raises:
-            DataError: the URDF cannot be read, or its joints are not those of the tables.
+            DataError: the URDF cannot be read, or its joints do not match the tables.
         """
         try:
             if self.urdf in {robot.urdf for robot in shipped_robots().values()}:
@@ -327,12 +327,12 @@ class TwinConstants(TomlTable):
             raise DataError(
                 f"{self._path}: {len(tables)} tables [[joint]] for the joints of {self.urdf}: "
                 f"{_counted(tables)} for {_counted(kinds)} (valid: one table per joint, of its "
-                "kind, base to tip; a prismatic one has drive_N_per_m and guide_Nm_per_rad)"
+                "kind, base to tip; a prismatic joint has drive_N_per_m and guide_Nm_per_rad)"
             )
         if self.beams is not None and PRISMATIC in kinds:
             raise DataError(
                 f"{self._path}: [beams] with a prismatic joint, whose links change their length "
-                "(valid: without [beams])"
+                "(valid: no [beams])"
             )
         if self.beams is not None and len(self.beams.segment) != len(kinds) + 1:
             raise DataError(
@@ -347,13 +347,15 @@ class TwinConstants(TomlTable):
         return chain
 
     def robot(self) -> Robot:
-        """Read the rigid robot for the models; errors as `chain`."""
+        """Read the rigid robot for the models; errors: see `chain`."""
         return self.chain().robot
 
 
 def _counted(kinds: Sequence[str]) -> str:
-    """Return "1 prismatic, 6 revolute" of the kinds of joints, base to tip."""
-    return ", ".join(f"{len([*same])} {kind}" for kind, same in groupby(kinds)) or "none"
+    """Count the kinds of joints, base to tip, such as "1 prismatic, 6 revolute"."""
+    return (
+        ", ".join(f"{len([*equal_kinds])} {kind}" for kind, equal_kinds in groupby(kinds)) or "none"
+    )
 
 
 def specimen_springs(
@@ -361,50 +363,56 @@ def specimen_springs(
 ) -> tuple[JointSprings | SlideSprings, ...]:
     """Return the joint springs of one robot of a type.
 
-    Number 0 has the constants as they stand; the others differ from it by log-normal factors
-    whose standard deviations are `Scatter`'s. Links, masses and the TCP are alike in all: what
-    they differ by in production changes a deflection by a thousandth.
+    Number 0 has the nominal constants. The others differ by log-normal factors with the standard
+    deviations of `Scatter`. Links, masses and the TCP are the same in all: their production
+    tolerances change a deflection by a thousandth.
     """
     if specimen == 0:
         return constants.springs
     rng, scatter = stream("specimen", constants.name, specimen), constants.scatter
-    drawn: list[JointSprings | SlideSprings] = []
+    specimen_joints: list[JointSprings | SlideSprings] = []
     tilting_twice = (scatter.tilting, scatter.tilting)
     deviations = (scatter.gear, scatter.structure, *tilting_twice, scatter.lost_motion)
     for joint in constants.springs:
-        gear, structure, first, second, lost_motion = np.exp(rng.normal(size=5) * deviations)
-        tilts = (joint.tilting[0] * first, joint.tilting[1] * second)
+        gear_factor, structure_factor, first_tilt_factor, second_tilt_factor, lost_motion_factor = (
+            np.exp(rng.normal(size=5) * deviations)
+        )
+        tilts = (joint.tilting[0] * first_tilt_factor, joint.tilting[1] * second_tilt_factor)
         if isinstance(joint, SlideSprings):
-            drawn.append(SlideSprings(joint.drive * structure, tilts))
+            specimen_joints.append(SlideSprings(joint.drive * structure_factor, tilts))
             continue
-        slopes = tuple(slope * gear for slope in joint.gear.slopes_Nm_per_rad)
-        stiffer = joint.gear.model_copy(update={"slopes_Nm_per_rad": slopes})
-        lost = joint.lost_motion * lost_motion
-        drawn.append(JointSprings(stiffer, joint.structure * structure, tilts, lost))
-    return tuple(drawn)
+        slopes = tuple(slope * gear_factor for slope in joint.gear.slopes_Nm_per_rad)
+        gear_of_specimen = joint.gear.model_copy(update={"slopes_Nm_per_rad": slopes})
+        lost_motion_rad = joint.lost_motion * lost_motion_factor
+        specimen_joints.append(
+            JointSprings(
+                gear_of_specimen, joint.structure * structure_factor, tilts, lost_motion_rad
+            )
+        )
+    return tuple(specimen_joints)
 
 
 def specimen_beams(
-    constants: TwinConstants, robot: Robot, specimen: int, *, asked: bool
+    constants: TwinConstants, robot: Robot, specimen: int, *, must_bend: bool
 ) -> Beams | None:
-    """Return the links of one robot of a type as they stand there; None: they are rigid.
+    """Return the bending links of one robot of a type; None: rigid links.
 
     Args:
-        constants: of the type.
+        constants: constants of the type.
         robot: geometry of the specimen.
-        specimen: 0 has the moduli as they stand, the others `Scatter`'s.
-        asked: the links are to bend, by the effect "links" or with rigid bearings.
+        specimen: 0 has the nominal moduli, the others scatter as in `Scatter`.
+        must_bend: true with the effect "links" or with rigid bearings.
 
     Raises:
-        DataError: they are to bend and have no sections.
+        DataError: the links have to bend and have no sections.
     """
     table = constants.beams
-    if asked and table is None:
+    if must_bend and table is None:
         raise DataError(
             f"{constants._path}: no table [beams], which the effect 'links' and physics=rigid need "
             "(valid: sections as in stiff_datasets/twin/constants.py, or neither of the two)"
         )
-    if table is None or (table.bend == "effect" and not asked):
+    if table is None or (table.bend == "effect" and not must_bend):
         return None
     moduli = np.ones(len(table.segment))
     if specimen:
@@ -418,7 +426,7 @@ def read_constants(path: Path) -> TwinConstants:
     """Read a TOML file of constants.
 
     Raises:
-        DataError: it cannot be read, or a key or value is wrong; the message names them.
+        DataError: the file cannot be read, or a key or value is invalid; the message names it.
     """
     table = read_toml(path)
     try:
@@ -430,25 +438,25 @@ def read_constants(path: Path) -> TwinConstants:
 
 
 def _first_problem(error: ValidationError) -> str:
-    """Return what is wrong where; joints and segments count from 1."""
+    """Return the first error and its key; joints and segments count from 1."""
     problem = error.errors()[0]
-    tags = (REVOLUTE, PRISMATIC, "size", "table")  # of unions, which no file has
+    tags = (REVOLUTE, PRISMATIC, "size", "table")  # tags of unions, not in files
     path = [part + 1 if isinstance(part, int) else part for part in problem["loc"]]
-    where = ".".join(str(part) for part in path if part not in tags)
+    key_path = ".".join(str(part) for part in path if part not in tags)
     is_value = problem["type"] != "missing" and not isinstance(problem["input"], dict)
-    given = repr(problem["input"]) if is_value else ""
-    words = (where, given, problem["msg"].removeprefix("Value error, "))
-    return ": ".join(filter(None, words))
+    input_text = repr(problem["input"]) if is_value else ""
+    message_parts = (key_path, input_text, problem["msg"].removeprefix("Value error, "))
+    return ": ".join(filter(None, message_parts))
 
 
 def shipped_constants(name: str) -> TwinConstants:
-    """Read one of stiffbench's own TOML files, named without its ending."""
+    """Read a shipped TOML file, named without its extension."""
     with as_file(files("stiff_datasets") / "twins" / f"{name}.toml") as path:
         return read_constants(path)
 
 
 def shipped_twins() -> dict[str, str]:
-    """Return the names of stiffbench's own twins on the command line -> their TOML files."""
-    every = (files("stiff_datasets") / "twins").iterdir()
-    names = sorted(file.name.removesuffix(".toml") for file in every)
+    """Return the shipped twins: command-line name -> TOML file."""
+    twin_files = (files("stiff_datasets") / "twins").iterdir()
+    names = sorted(file.name.removesuffix(".toml") for file in twin_files)
     return {name.replace("_", "-"): name for name in names}

@@ -1,10 +1,10 @@
-"""Statics of a serial chain whose every joint also tilts: many samples at once.
+"""Compute the statics of a serial chain with tilting joints, for many samples.
 
-Each joint has three elastic coordinates. Those of a revolute joint are the torsion about its axis
-and two tilts across it; a prismatic one has the way along its axis and the same two tilts. The
-motions are taken in that order, the joint's link follows them. Arrays hold one sample a column,
-and a joint's frame is written in a basis of its own (two cross axes, then the joint's axis), so
-that every turn mixes two columns of the rotation matrix and no others.
+Each joint has three elastic coordinates. A revolute joint has the torsion about its axis and two
+tilts across it. A prismatic joint has the displacement along its axis and the same two tilts. The
+motions follow in this order, and then the joint's link. Arrays hold one sample per column. A
+joint's frame has its own basis (two cross axes, then the joint's axis), so that every turn mixes
+only two columns of the rotation matrix.
 
 SI: rad, N, N m, m. The first coordinate of a prismatic joint is in m, its torque is a force in N.
 """
@@ -24,7 +24,7 @@ class ElasticChain:
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Write every constant in the joints' own bases."""
+        """Transform every constant into the joints' bases."""
         bases = [_basis(robot, joint) for joint in range(robot.n_joints)]
         previous = [np.eye(3), *bases[:-1]]
         steps = [*zip(previous, robot.placements, bases, strict=True)]
@@ -84,19 +84,19 @@ class ElasticChain:
 
 
 def _basis(robot: Robot, joint: int) -> FloatArray:
-    """Return (3, 3): columns two cross axes and the joint's axis, right-handed."""
+    """Return a right-handed basis (3, 3): two cross axes, then the joint's axis."""
     axis = robot.axes[joint]
     first = np.linalg.svd(axis[None])[2][1]  # any direction across the axis
     return np.column_stack([first, np.cross(axis, first), axis])
 
 
 def _along(vector: FloatArray, frame: FloatArray) -> FloatArray:
-    """Return (3, n): the constant `vector` (3,) of the frames (column, xyz, n)."""
+    """Return (3, n) the constant `vector` (3,) of frames (column, xyz, n) in base axes."""
     return np.asarray(np.tensordot(vector, frame, axes=(0, 0)))
 
 
 def _mix(frame: FloatArray, first: int, second: int, sine: FloatArray, cosine: FloatArray) -> None:
-    """Turn the frames about their third axis, in place: first, second, third are right-handed."""
+    """Turn frames in place about their third axis, in a right-handed order."""
     turned = cosine * frame[first] + sine * frame[second]
     frame[second] = cosine * frame[second] - sine * frame[first]
     frame[first] = turned

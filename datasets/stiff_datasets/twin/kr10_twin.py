@@ -1,8 +1,7 @@
-"""The SIMULATED KUKA KR10 R1100-2: five data sets of three digital twins.
+"""Simulate the KUKA KR10 R1100-2: five SIMULATED data sets of three digital twins.
 
-Nothing here was measured. Every constant stands in `twins/kr10_*.toml` with its source or the word
-"assumption"; what the paper leaves open about poses and loads is decided in `poses.py` and
-`loads.py`.
+No data here were measured. `twins/kr10_*.toml` lists every constant with its source or the word
+"assumption". `poses.py` and `loads.py` define the poses and loads that the paper leaves open.
 """
 
 from __future__ import annotations
@@ -23,11 +22,11 @@ from stiff_protocols.contract.types import BenchmarkData, Robot
 
 
 class PlannedTwin(NamedTuple):
-    """A twin of the KR10, and where it is measured.
+    """A twin of the KR10 and its poses.
 
     Attributes:
-        name: of the file of its constants.
-        plan: the paper's poses; what it leaves open about A5 is decided twice.
+        name: name of its file of constants.
+        plan: the paper's poses, with one of two choices of A5.
     """
 
     name: str
@@ -38,13 +37,13 @@ class PlannedTwin(NamedTuple):
         return shipped_constants(self.name)
 
     def poses(self) -> Poses:
-        """Return the planned poses, which every specimen has."""
+        """Return the planned poses, the same for every specimen."""
         return _planned(self)
 
 
 @functools.cache
 def _planned(twin: PlannedTwin) -> Poses:
-    """Return the poses of a twin, which take half a second."""
+    """Compute the poses of a twin once, which takes half a second."""
     return twin.plan(twin.constants().robot())
 
 
@@ -52,18 +51,18 @@ CALIBRATIONS = {
     1: PlannedTwin("kr10_r1100_2", paper_poses),
     2: PlannedTwin("kr10_r1100_2_calibration_2", bent_wrist_poses),
 }
-"""Default twins whose VJM errors were brought near the source paper's."""
+"""Default twins, calibrated to the source paper's VJM errors."""
 CalibrationNumber = Literal[1, 2]
 Torques = Literal["table-5", "hook"]
 
 
 @dataclass(kw_only=True, eq=False)
 class PaperTwin(TwinData, ABC):
-    """A twin at the 151 planned poses, loads along the line of the source paper's Table 5.
+    """A twin at the 151 planned poses with loads along the line of the paper's Table 5.
 
     Attributes:
-        torques: "table-5": they lie along the line too, as in the paper's simulated loads;
-            "hook": they are those of one cable that pulls at a hook (see `loads.py`).
+        torques: "table-5": along the line too, as in the paper's simulated loads; "hook": torques
+            of one cable that pulls at a hook (see `loads.py`).
     """
 
     torques: Torques = "table-5"
@@ -79,19 +78,19 @@ class PaperTwin(TwinData, ABC):
         """Simulate the measurement (well under a second)."""
         loads: LoadKind = "line" if self.torques == "table-5" else "line-hook"
         twin = self.twin
-        how = {"loads": loads, "loads_per_pose": self.loads_per_pose}
-        return self.measured(twin.constants(), twin.poses(), **how)
+        options = {"loads": loads, "loads_per_pose": self.loads_per_pose}
+        return self.measured(twin.constants(), twin.poses(), **options)
 
 
 @dataclass(kw_only=True, eq=False)
 class Kr10Twin(PaperTwin):
-    """The default twin, one load a pose.
+    """The default twin, one load per pose.
 
     Attributes:
         calibration: 1, or 2: nearer to the paper, with a bent wrist and a tracker that has heavy
             tails (see the data card).
-        plan: "narrow": the paper's; "wide": as many random poses, pulled at a hook in every
-            direction.
+        plan: "narrow": the paper's poses; "wide": the same number of random poses, pulled at a hook
+            in every direction.
     """
 
     calibration: CalibrationNumber = 1
@@ -109,19 +108,19 @@ class Kr10Twin(PaperTwin):
 
     @property
     def twin(self) -> PlannedTwin:
-        """Those of the calibration."""
+        """Constants and poses of the calibration."""
         return CALIBRATIONS[self.calibration]
 
 
 class Kr10TwinMultiload(Kr10Twin):
-    """The same with five loads a pose; a fair split keeps them together."""
+    """The default twin with five loads per pose; a fair split keeps them together."""
 
     loads_per_pose = 5
 
 
 @dataclass(kw_only=True, eq=False)
 class Kr10TwinRough(PaperTwin):
-    """The default twin's poses and loads on a robot that no model here describes exactly."""
+    """The default twin's poses and loads on a robot beyond the models' assumptions."""
 
     effects: str = ALL_EFFECTS
 
@@ -130,7 +129,7 @@ class Kr10TwinRough(PaperTwin):
 
 @dataclass(kw_only=True, eq=False)
 class Kr10TwinBeam(PaperTwin):
-    """The default twin's poses and loads on a robot of linear joints whose links are beams.
+    """The default twin's poses and loads with linear joints and beams as links.
 
     Attributes:
         physics: "rigid": no bearing tilts, and the links bend.
@@ -143,10 +142,10 @@ class Kr10TwinBeam(PaperTwin):
 
 @dataclass(kw_only=True, eq=False)
 class Kr10TwinOmni(TwinData):
-    """The 151 planned poses, one load a pose: any direction, up to the payload, at a hook.
+    """The 151 planned poses, one load per pose: any direction, up to the payload, at a hook.
 
     Attributes:
-        calibration: as that of `Kr10Twin`.
+        calibration: see `Kr10Twin`.
     """
 
     calibration: CalibrationNumber = 1

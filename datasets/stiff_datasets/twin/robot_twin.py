@@ -1,4 +1,4 @@
-"""A SIMULATED robot from two files: its URDF and a small TOML of joint constants."""
+"""Simulate robots from two files: a URDF and a small TOML of joint constants."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from stiff_datasets.twin.twin_effects import ALL_EFFECTS, NO_EFFECTS
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import BenchmarkData
 
-POSES = 151  # as many as the source paper measured
+POSES = 151  # the number in the source paper
 NARROW_JOINTS = (3, 5)
-"""Columns of the joints that stay at zero in the source paper's plan: A4 and A6."""
+"""Columns of the joints at zero in the source paper's plan: A4 and A6."""
 MeasuringPlan = Literal["narrow", "wide"]
 
 
@@ -46,14 +46,14 @@ class RobotTwin(TwinData):
         """Simulate the measurement.
 
         Raises:
-            DataError: a file is missing or wrong, or a load is beyond the twin.
+            DataError: a file is missing or invalid, or a load is too large for the twin.
         """
         constants = read_constants(self.constants)
         for note in constants.chain().notes:
             warn(note)
         poses = random_poses(constants, self.poses, self.seed)
-        how = {"loads": self.loads, "loads_per_pose": self.loads_per_pose}
-        return self.measured(constants, poses, **how)
+        options = {"loads": self.loads, "loads_per_pose": self.loads_per_pose}
+        return self.measured(constants, poses, **options)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -69,14 +69,14 @@ class HookTwin(TwinData):
 
     added_later = ("physics", "plan")
 
-    def planned(self, constants: TwinConstants, heaviest: float = 1.0) -> BenchmarkData:
-        """Simulate the measurement, with loads up to `heaviest` times the payload."""
+    def planned(self, constants: TwinConstants, max_load_share: float = 1.0) -> BenchmarkData:
+        """Simulate the measurement, with loads up to `max_load_share` times the payload."""
         is_narrow = self.plan == "narrow"
         poses = random_poses(
             constants, POSES, self.seed, at_zero=NARROW_JOINTS if is_narrow else ()
         )
         loads: LoadKind = "line-hook" if is_narrow else "omni"
-        return self.measured(constants, poses, loads=loads, heaviest=heaviest)
+        return self.measured(constants, poses, loads=loads, max_load_share=max_load_share)
 
 
 class Ur5Twin(HookTwin):
@@ -91,7 +91,7 @@ ARMS = (
     *("irb120_3_06", "tx60", "lr_mate_200id", "gp12", "kr16_r1610_2"),
     *("m20ib_25", "irb4600_40_255", "kr70_r2100", "gp180", "kr240_r2900_2"),
 )
-"""Numbers 0 to 9, by payload -> names of the URDF and of the constants."""
+"""Names of the URDFs and of the constants, numbers 0 to 9, by payload."""
 
 HEAVIEST = 0.8  # of the payload
 
@@ -116,7 +116,7 @@ class ArmFamily(HookTwin):
 def random_poses(
     constants: TwinConstants, n: int, seed: int, *, at_zero: Sequence[int] = ()
 ) -> Poses:
-    """Return random reachable poses of a robot, the same for the same seed.
+    """Return random reachable poses of a robot; the seed determines them.
 
     The joints of the columns `at_zero` stay at zero.
     """

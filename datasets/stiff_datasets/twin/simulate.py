@@ -1,4 +1,4 @@
-"""Twin data sets of any size, written block by block: memory does not grow with their number."""
+"""Write twin data sets of any size block by block, with constant memory."""
 
 from __future__ import annotations
 
@@ -19,29 +19,28 @@ from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import Samples
 
 BLOCK = 16_384
-"""Samples a block at most. Part of what a seed means: another size gives other data."""
+"""Largest number of samples per block; another size gives other data for a seed."""
 
 ENDINGS = (".csv", PARQUET)
 RECORDED_DECIMALS = 6
-"""Of deg, N, N m and mm; more than a record has."""
+"""Decimals of deg, N, N m and mm; records have fewer."""
 
 
 def simulate(path: Path, experiment: TwinExperiment, n_samples: int) -> None:
-    """Write a twin's samples at random reachable poses, in the schema of `sample_columns.py`.
+    """Write a twin's samples at random reachable poses, with the columns of `sample_columns.py`.
 
-    Their group says that they are simulated, so that a file can never pass for a measurement.
+    Their group marks them as simulated, so that the file cannot be mistaken for a measurement.
 
     The same experiment gives the same file. The last pose may have fewer loads.
 
     Args:
         path: FILE.csv or FILE.parquet.
         experiment: its seed draws the poses, too.
-        n_samples: how many.
+        n_samples: number of samples.
 
     Raises:
-        ConfigError: the file's ending is another one, or it is Parquet and pyarrow is not
-            installed.
-        DataError: a load is beyond the twin.
+        ConfigError: the file has another extension, or it is Parquet and pyarrow is not installed.
+        DataError: a load is too large for the twin.
         StoreError: the file exists, or cannot be written.
     """
     if path.suffix not in ENDINGS:
@@ -53,8 +52,8 @@ def simulate(path: Path, experiment: TwinExperiment, n_samples: int) -> None:
 
 
 def _blocks(experiment: TwinExperiment, n_samples: int) -> Iterator[Samples]:
-    """Yield blocks of samples, each with poses, loads and noise of its own."""
-    constants, robot, done = experiment.constants, experiment.constants.robot(), 0
+    """Yield blocks of samples, each with other poses, loads and noise."""
+    constants, robot, n_done = experiment.constants, experiment.constants.robot(), 0
     n_poses = max(1, BLOCK // experiment.loads_per_pose)
     for block in range(-(-n_samples // (n_poses * experiment.loads_per_pose))):
         rng = stream("simulated poses", constants.name, experiment.seed, block)
@@ -64,7 +63,7 @@ def _blocks(experiment: TwinExperiment, n_samples: int) -> Iterator[Samples]:
             group=np.full(n_poses, SIMULATED_GROUP),
         )
         samples = experiment.samples(poses, block=block)
-        samples = samples.take(np.arange(min(len(samples), n_samples - done)))
+        samples = samples.take(np.arange(min(len(samples), n_samples - n_done)))
         yield samples
-        done += len(samples)
-        report("simulate", done, n_samples)
+        n_done += len(samples)
+        report("simulate", n_done, n_samples)

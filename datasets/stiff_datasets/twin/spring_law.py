@@ -1,4 +1,4 @@
-"""Elasticity of a robot joint: strain-wave gear, structure in series, bearing, lost motion."""
+"""Model a joint's elasticity: strain-wave gear, structure in series, bearing, lost motion."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.types import FloatArray
 
 LOST_MOTION_SHARE = 0.04
-"""Of the rated torque: where catalogues measure lost motion."""
+"""Share of the rated torque at which catalogues measure lost motion."""
 
-SOFTEST, STIFFEST = 10.0, 1e10  # N m/rad; a unit off by a thousand is outside
+SOFTEST, STIFFEST = 10.0, 1e10  # N m/rad; a unit wrong by a factor of 1000 is outside
 Stiffness = Annotated[float, Ge(SOFTEST), Le(STIFFEST), Field(allow_inf_nan=False)]
 Positive = Annotated[float, Gt(0), Field(allow_inf_nan=False)]
 
@@ -28,11 +28,11 @@ class TomlTable(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, given: Any) -> Any:
-        for key in given if isinstance(given, dict) else ():
+    def _known_keys(cls, table: Any) -> Any:
+        for key in table if isinstance(table, dict) else ():
             if key not in cls.model_fields:
                 raise ValueError(str(unknown_name("key", key, cls.model_fields)))
-        return given
+        return table
 
 
 class Gear(TomlTable):
@@ -88,22 +88,22 @@ class SlideSprings:
 
 
 class SpringLaw:
-    """theta = phi(tau) of all elastic coordinates; arrays are (3 n_joints, n).
+    """Spring law theta = phi(tau) of all elastic coordinates; arrays are (3 n_joints, n).
 
     The torsion of a joint is piecewise linear in the torque (gear and structure in series) plus
     the lost motion, which saturates: half its width times tanh(tau / 4 % of the rated torque).
     A tilt is linear, and so is the drive of a prismatic joint, whose theta is in m and tau in N.
 
-    Lost motion is either a curve or a hysteresis. With hysteresis the joint stands at a turning
-    point when the load comes: from there the same curve runs at twice its size (Masing's rule),
-    so that the lost motion's whole width is taken up again by every load.
+    Lost motion is either a curve or a hysteresis. With hysteresis the joint is at a turning point
+    before the load. From there the same curve applies at twice its size (Masing's rule), so that
+    every load takes up the full width of the lost motion again.
 
     Args:
-        springs: one entry a joint, base to tip.
+        springs: one entry per joint, base to tip.
     """
 
     def __init__(self, springs: Sequence[JointSprings | SlideSprings]) -> None:
-        """Put the constants in columns, (3 n_joints, 1)."""
+        """Arrange the constants in columns (3 n_joints, 1)."""
         rows = [row for joint in springs for row in _rows(joint)]
         columns = np.array(rows).T[:, :, None]
         self._compliance = columns[:3]  # rad/(N m) of the three segments
@@ -115,19 +115,21 @@ class SpringLaw:
 
         Args:
             torque: N m.
-            turning: torque at the turning point, from where hysteresis counts, N m; None: lost
-                motion is a curve without memory.
+            turning: torque at the turning point of the hysteresis, N m; None: lost motion is a
+                curve without memory.
         """
         size = np.abs(torque)
         first, second = self._breakpoints
-        bent = (
+        spring_angle = (
             self._compliance[0] * np.minimum(size, first)
             + self._compliance[1] * np.clip(size - first, 0.0, second - first)
             + self._compliance[2] * np.maximum(size - second, 0.0)
         )
-        begin, times = (0.0, 1.0) if turning is None else (turning, 2.0)
-        lost = np.tanh((torque - begin) / (times * self._lost_motion_torque))
-        return np.asarray(np.copysign(bent, torque) + times * self._half_lost_motion * lost)
+        start_torque, scale = (0.0, 1.0) if turning is None else (turning, 2.0)
+        lost_motion_share = np.tanh((torque - start_torque) / (scale * self._lost_motion_torque))
+        return np.asarray(
+            np.copysign(spring_angle, torque) + scale * self._half_lost_motion * lost_motion_share
+        )
 
 
 def _rows(joint: JointSprings | SlideSprings) -> list[tuple[float, ...]]:
@@ -135,11 +137,11 @@ def _rows(joint: JointSprings | SlideSprings) -> list[tuple[float, ...]]:
     if isinstance(joint, SlideSprings):
         return [_linear(stiffness) for stiffness in (joint.drive, *joint.tilting)]
     torsion = [1.0 / slope + 1.0 / joint.structure for slope in joint.gear.slopes_Nm_per_rad]
-    lost = (joint.lost_motion / 2.0, LOST_MOTION_SHARE * joint.gear.rated_Nm)
+    lost_motion = (joint.lost_motion / 2.0, LOST_MOTION_SHARE * joint.gear.rated_Nm)
     tilts = [_linear(stiffness) for stiffness in joint.tilting]
-    return [(*torsion, *joint.gear.breakpoints_Nm, *lost), *tilts]
+    return [(*torsion, *joint.gear.breakpoints_Nm, *lost_motion), *tilts]
 
 
 def _linear(stiffness: float) -> tuple[float, ...]:
-    """Return the constants of a linear spring: one compliance, and breakpoints of no meaning."""
+    """Return the constants of a linear spring: one compliance, arbitrary breakpoints."""
     return (*(1.0 / stiffness,) * 3, 1.0, 2.0, 0.0, 1.0)

@@ -1,7 +1,7 @@
-"""An experiment on a digital twin: loads, readings with the instruments' noise, records.
+"""Simulate an experiment on a digital twin: loads, noisy readings, records.
 
-Records are rounded as a log would be, and more coarsely than rounding errors, so that machines
-agree on the data's hash.
+Records are rounded like a log. The steps are coarser than rounding errors, so that the data's hash
+is the same on every machine.
 """
 
 from __future__ import annotations
@@ -52,18 +52,18 @@ class TwinExperiment:
     """A twin's measurement.
 
     Attributes:
-        constants: of the twin.
-        loads: how the wrenches lie.
-        specimen: which robot of the type.
+        constants: constants of the twin.
+        loads: kind of the wrenches.
+        specimen: number of the robot of the type.
         seed: draws loads and noise; the robot does not depend on it.
-        loads_per_pose: how many.
+        loads_per_pose: number of loads per pose.
         physics: "rigid": no bearing tilts, and the links bend; all random numbers are the same.
-        effects: what it has beyond the default twin, see `twin_effects.py`.
-        heaviest: the largest pull at a hook, over the payload.
+        effects: effects in addition to the default twin, see `twin_effects.py`.
+        max_load_share: largest pull at a hook, relative to the payload.
         twin: the robot.
 
     Raises:
-        DataError: the links are to bend, and `constants` have no beams.
+        DataError: the links have to bend, and `constants` have no beams.
     """
 
     constants: TwinConstants
@@ -74,7 +74,7 @@ class TwinExperiment:
     loads_per_pose: int = 1
     physics: TwinPhysics = "tilting"
     effects: Collection[str] = ()
-    heaviest: float = 1.0
+    max_load_share: float = 1.0
 
     def __post_init__(self) -> None:
         """Build the twin."""
@@ -91,14 +91,14 @@ class TwinExperiment:
                 else joint
                 for joint in springs
             ]
-        asked = LINKS in self.effects or is_rigid
+        must_bend = LINKS in self.effects or is_rigid
         self.twin = DigitalTwin(
             robot,
             springs,
-            beams=specimen_beams(constants, robot, specimen, asked=asked),
+            beams=specimen_beams(constants, robot, specimen, must_bend=must_bend),
             hysteresis=HYSTERESIS in self.effects,
         )
-        # "line" and "line-hook" share their forces: only what the torques do differs
+        # "line" and "line-hook" share their forces; only the torques differ
         loads = self.loads.split("-")[0]
         self._key = (constants.name, loads, self.loads_per_pose, specimen, self.seed)
 
@@ -106,65 +106,71 @@ class TwinExperiment:
         """Measure every load at each of the poses, pose by pose.
 
         Args:
-            poses: where.
+            poses: the poses.
             block: another number gives other loads and noise.
 
         Raises:
-            DataError: a load is beyond the twin.
+            DataError: a load is too large for the twin.
         """
         q = self.logged_q(poses)
         wrench = self.wrenches(q, block=block)
         return self.recorded(poses, wrench, self.twin.readings(q, wrench), block=block)
 
     def measured(self, poses: Poses) -> BenchmarkData:
-        """Return `samples` with the robot and with what the twin knows; error as `samples`.
+        """Return `samples` with the robot and the twin's exact deflections; error as `samples`.
 
-        "oracle" is what the twin itself predicts from the recorded joint angles and wrenches,
-        "noise" what the tracker would have shown without noise. Asked again, it answers by
-        `DigitalTwin.readings`: in its true base frame, whichever frame the tracker has.
+        "oracle" is the twin's own prediction from the recorded joint angles and wrenches, "noise"
+        the tracker's reading without noise. For other loads, `DigitalTwin.readings` gives the exact
+        deflections in the true base frame, not in the tracker's frame.
         """
         q = self.logged_q(poses)
         wrench = self.wrenches(q)
-        shown, deflection = self._instruments, self.twin.readings(q, wrench)
+        instruments, deflection = self._instruments, self.twin.readings(q, wrench)
         samples = self.recorded(poses, wrench, deflection)
-        oracle = self.twin.readings(q, shown.true_wrench(samples.wrench))
-        known = {
-            "oracle": shown.shown_deflection(oracle),
-            "noise": shown.shown_deflection(deflection),
+        oracle = self.twin.readings(q, instruments.true_wrench(samples.wrench))
+        exact_deflections = {
+            "oracle": instruments.tracker_deflection(oracle),
+            "noise": instruments.tracker_deflection(deflection),
         }
         return BenchmarkData(
-            samples, self.constants.robot(), known, self.twin.readings, self.twin.joint_turn
+            samples,
+            self.constants.robot(),
+            exact_deflections,
+            self.twin.readings,
+            self.twin.joint_turn,
         )
 
     def logged_q(self, poses: Poses) -> FloatArray:
-        """Return (n, n_joints) joint positions [rad or m] as a log holds them, a row a load."""
+        """Return (n, n_joints) logged joint positions [rad or m], one row per load."""
         angle = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
         length = (poses.q * 1000.0).round(DECIMALS_DEG) / 1000.0
         logged = np.where(self.twin.robot.turns, angle, length)
         return np.repeat(logged, self.loads_per_pose, axis=0)
 
     def wrenches(self, q: FloatArray, *, block: int = 0) -> FloatArray:
-        """Return (n, 6) the loads that act at the TCP [N, N m], base frame, at (n, n_joints) q."""
+        """Return (n, 6) loads at the TCP [N, N m], base frame, for (n, n_joints) q."""
         rng, payload = stream("loads", *self._key, block), self.constants.payload_kg
         if self.loads == "line":
             return line_wrenches(len(q), payload, rng)
         if self.loads == "line-hook":
-            force = self.heaviest * line_wrenches(len(q), payload, rng)[:, :3]
+            force = self.max_load_share * line_wrenches(len(q), payload, rng)[:, :3]
         else:
-            force = omni_forces(len(q), payload, rng, self.heaviest)
+            force = omni_forces(len(q), payload, rng, self.max_load_share)
         lever = self.twin.robot.forward(q).rotation @ np.array(self.constants.hook_m)
         return hook_wrenches(force, lever)
 
     def recorded(
         self, poses: Poses, wrench: FloatArray, deflection: FloatArray, *, block: int = 0
     ) -> Samples:
-        """Return what the instruments show of (n, 6) `wrench` and (n, 3) `deflection` [m]."""
-        rng, shown = stream("noise", *self._key, block), self._instruments
+        """Record (n, 6) `wrench` and (n, 3) `deflection` [m] with the instruments."""
+        rng, instruments = stream("noise", *self._key, block), self._instruments
         loads = np.arange(1, self.loads_per_pose + 1).astype(str)
         return Samples(
             q=self.logged_q(poses),
-            wrench=recorded_wrench(shown.shown_wrench(wrench), shown.noise, rng),
-            deflection=recorded_deflection(shown.shown_deflection(deflection), shown.noise, rng),
+            wrench=recorded_wrench(instruments.sensor_wrench(wrench), instruments.noise, rng),
+            deflection=recorded_deflection(
+                instruments.tracker_deflection(deflection), instruments.noise, rng
+            ),
             pose_id=np.repeat(poses.pose_id, self.loads_per_pose),
             load_id=np.tile(loads, len(poses.q)),
             group=np.repeat(poses.group, self.loads_per_pose),
@@ -172,7 +178,7 @@ class TwinExperiment:
 
 
 def recorded_wrench(wrench: FloatArray, noise: Noise, rng: np.random.Generator) -> FloatArray:
-    """Return (n, 6) `wrench` as the force sensor shows it."""
+    """Return (n, 6) `wrench` as recorded from the force sensor."""
     noisy = wrench + rng.normal(size=wrench.shape) * np.repeat([noise.force_N, noise.torque_Nm], 3)
     return np.hstack([noisy[:, :3].round(DECIMALS_N), noisy[:, 3:].round(DECIMALS_NM)])
 
@@ -180,7 +186,7 @@ def recorded_wrench(wrench: FloatArray, noise: Noise, rng: np.random.Generator) 
 def recorded_deflection(
     deflection: FloatArray, noise: Noise, rng: np.random.Generator
 ) -> FloatArray:
-    """Return (n, 3) `deflection` [m] as the difference of two tracker readings."""
+    """Return (n, 3) `deflection` [m] as recorded from two tracker readings."""
     size = (2, *deflection.shape)
     if noise.tail is None:
         readings = rng.normal(scale=noise.tracker_m, size=size)
@@ -192,13 +198,13 @@ def recorded_deflection(
 
 @dataclass(kw_only=True, eq=False)
 class TwinData:
-    """A twin's data set, another one for each specimen and seed.
+    """A twin's data set; each specimen and seed gives another.
 
     Attributes:
         specimen: one of ten robots of the type; 0 has the nominal constants.
         seed: draws loads, noise and poses that are not planned; the robot itself does not depend
             on it.
-        physics: "tilting": bearings tilt as the twin's file says, and links bend where `effects`
+        physics: "tilting": bearings tilt as given in the twin's file, and links bend if `effects`
             names them; "rigid": no bearing tilts, and the links bend. Poses, loads and noise are
             the same.
         effects: hysteresis, links, kinematics and sensor, separated by commas, or "none"; each is
@@ -213,13 +219,13 @@ class TwinData:
     added_later: ClassVar[tuple[str, ...]] = ("physics",)
 
     def __post_init__(self) -> None:
-        """Refuse an unknown effect with a ConfigError."""
+        """Raise a ConfigError for an unknown effect."""
         parse_effects(self.effects)
 
-    def measured(self, constants: TwinConstants, poses: Poses, **how: Any) -> BenchmarkData:
+    def measured(self, constants: TwinConstants, poses: Poses, **options: Any) -> BenchmarkData:
         """Return the samples of this specimen and seed at the poses, pose by pose.
 
-        `how` is what else a `TwinExperiment` is made of.
+        `options` are further arguments of `TwinExperiment`.
         """
         experiment = TwinExperiment(
             constants,
@@ -227,21 +233,21 @@ class TwinData:
             seed=self.seed,
             physics=self.physics,
             effects=parse_effects(self.effects),
-            **how,
+            **options,
         )
         return experiment.measured(poses)
 
 
 TOLERANCE_NM = 1e-10
-"""What a torque may still change by in the last step; rounding leaves about 1e-13 N m."""
+"""Largest change of a torque in the last step; rounding errors are about 1e-13 N m."""
 MAX_ITERATIONS = 100
 
 
 class Equilibrium(NamedTuple):
-    """The balance of springs, load and weight; elastic coordinates joint by joint.
+    """Equilibrium of springs, load and weight; elastic coordinates joint by joint.
 
     Attributes:
-        theta: (n, 3 n_joints) elastic coordinates, rad: torsion and two tilts a joint; m along a
+        theta: (n, 3 n_joints) elastic coordinates, rad: torsion and two tilts per joint; m along a
             prismatic joint.
         torque: (n, 3 n_joints) torque on the springs, N m, or N.
         tcp: (n, 3) TCP of the deformed robot, base frame, m.
@@ -257,9 +263,9 @@ class DigitalTwin:
 
     Args:
         robot: rigid kinematics, masses and TCP.
-        springs: one entry a joint, base to tip, of the joint's kind.
-        beams: links that bend; None: they are rigid.
-        hysteresis: lost motion is taken up anew by every load, see `SpringLaw`.
+        springs: one entry per joint, base to tip, of the joint's kind.
+        beams: bending links; None: rigid links.
+        hysteresis: every load takes up the lost motion again, see `SpringLaw`.
     """
 
     def __init__(
@@ -276,7 +282,7 @@ class DigitalTwin:
         self._law = SpringLaw(springs)
 
     def readings(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the TCP's displacements by one load a pose, without measurement noise.
+        """Return the TCP's displacements under one load per pose, without noise.
 
         Args:
             q: (n, n_joints) commanded joint angles, rad.
@@ -286,7 +292,7 @@ class DigitalTwin:
             (n, 3) loaded minus unloaded TCP position, m, base frame.
 
         Raises:
-            DataError: no equilibrium was found (the load is beyond the model).
+            DataError: no equilibrium was found (the load is too large).
         """
         unloaded = self.equilibrium(q, np.zeros_like(wrench))
         loaded = self.equilibrium(q, wrench, unloaded.torque if self._hysteresis else None)
@@ -296,9 +302,9 @@ class DigitalTwin:
         return moved
 
     def joint_turn(self, torque: FloatArray) -> FloatArray:
-        """Return the (n, n_joints) turn [rad] (slide [m]) of joints that nothing loads before.
+        """Return the (n, n_joints) turn [rad] (slide [m]) of unloaded joints under `torque`.
 
-        `torque` (n, n_joints) [N m or N] then loads each joint about, or along, its axis.
+        `torque` (n, n_joints) [N m or N] loads each joint about, or along, its axis.
         """
         on_springs = np.zeros((3 * torque.shape[1], len(torque)))
         on_springs[::3] = torque.T
@@ -308,26 +314,26 @@ class DigitalTwin:
     def equilibrium(
         self, q: FloatArray, wrench: FloatArray, turning: FloatArray | None = None
     ) -> Equilibrium:
-        """Return the balance of the joints under gravity and `wrench`; errors as `readings`.
+        """Return the equilibrium under gravity and `wrench`; errors as `readings`.
 
         Args:
             q: (n, n_joints) commanded joint angles, rad.
             wrench: (n, 6) load at the TCP, N and N m, base frame.
-            turning: (n, 3 n_joints) torque on the springs at the turning points, N m. None: the
-                turning point itself, where there is hysteresis.
+            turning: (n, 3 n_joints) torque on the springs at the turning points, N m. None: this
+                equilibrium is the turning point if there is hysteresis.
         """
-        q_columns, load = q.T.copy(), wrench.T.copy()  # a sample a column, as `ElasticChain`
+        q_columns, load = q.T.copy(), wrench.T.copy()  # one sample per column, see `ElasticChain`
         theta = np.zeros((3 * len(q_columns), len(q)))
         torque, tcp = self._chain.statics(q_columns, theta, load)
         for _ in range(MAX_ITERATIONS):
-            here = torque if self._hysteresis else None
-            before = torque
-            theta = self._law.angle(torque, here if turning is None else turning.T)
+            current_torque = torque if self._hysteresis else None
+            previous_torque = torque
+            theta = self._law.angle(torque, current_torque if turning is None else turning.T)
             torque, tcp = self._chain.statics(q_columns, theta, load)
-            change = np.abs(torque - before).max(axis=0)
+            change = np.abs(torque - previous_torque).max(axis=0)
             if (change < TOLERANCE_NM).all():
                 return Equilibrium(theta.T, torque.T, tcp.T)
-        worst = int(np.argmax(~(change < TOLERANCE_NM)))  # NaN is no balance either
+        worst = int(np.argmax(~(change < TOLERANCE_NM)))  # NaN counts as no equilibrium
         raise DataError(
             f"no elastic equilibrium at q = {np.rad2deg(q[worst]).round(3)} deg under the "
             f"wrench {wrench[worst].round(3)}: the load is too large for these springs"

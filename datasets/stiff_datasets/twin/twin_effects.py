@@ -1,19 +1,19 @@
-"""What a real measurement has and the default twin has not: four effects, each a switch.
+"""Define four effects of real measurements that the default twin does not have.
 
 ``hysteresis``
     Lost motion has a memory. The robot is measured unloaded, then loaded, and unloaded again
-    before the next load, so the order of a pose's loads does not matter. Each joint stands at a
-    turning point when the load comes (Masing's rule, see `spring_law.py`; assumption).
+    before the next load, so the order of a pose's loads does not matter. Each joint is at a
+    turning point before the load (Masing's rule, see `spring_law.py`; assumption).
 ``links``
     Base, links and tool bend (`beams.py`; sections in the twin's file). With `physics=rigid` they
-    bend whether or not it is named.
+    always bend.
 ``kinematics``
-    Robot, TCP and masses are not quite those that the models are told, and the tracker's frame
-    is not quite the robot's base.
+    Robot, TCP and masses deviate from the description that models get, and the tracker's frame
+    deviates from the robot's base.
 ``sensor``
     The force sensor's frame is turned and its gain is wrong, and the tracker has heavy tails.
 
-The sizes of the last two are the twin's `Errors`; the specimen draws their directions.
+The twin's `Errors` give the sizes of the last two; the specimen determines their directions.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ ALL_EFFECTS, NO_EFFECTS = ",".join(EFFECTS), "none"
 
 
 def parse_effects(text: str) -> tuple[str, ...]:
-    """Return the effects that a text names, separated by commas; "none" names none.
+    """Return the effects in a text, separated by commas; "none": no effect.
 
     Raises:
-        ConfigError: it names another one.
+        ConfigError: the text names an unknown effect.
     """
     words = [word.strip() for word in text.split(",")]
     if words == [NO_EFFECTS]:
@@ -52,12 +52,12 @@ def parse_effects(text: str) -> tuple[str, ...]:
 
 
 def real_robot(robot: Robot, errors: Errors, rng: np.random.Generator) -> Robot:
-    """Return the robot that stands there, where `robot` is what its description says."""
+    """Return the real robot, which deviates from its description `robot`."""
     placements, masses = robot.placements.copy(), robot.masses.copy()
     for joint in range(robot.n_joints):
         turn, shift = errors.turn_rad * direction(rng), errors.place_m * direction(rng)
-        off = pin.SE3(pin.exp3(turn), shift)
-        placements[joint] = (pin.SE3(placements[joint]) * off).homogeneous
+        error_placement = pin.SE3(pin.exp3(turn), shift)
+        placements[joint] = (pin.SE3(placements[joint]) * error_placement).homogeneous
         masses[joint] *= 1.0 + errors.mass * rng.choice([-1.0, 1.0])
     tcp = robot.tcp + errors.tcp_m * direction(rng)
     return replace(robot, placements=placements, masses=masses, tcp=tcp)
@@ -74,8 +74,8 @@ class Instruments:
     """A tracker and a force sensor, with their systematic errors.
 
     Attributes:
-        noise: of their readings.
-        force_gain: (2,) of force and torque; 1: right.
+        noise: noise of their readings.
+        force_gain: (2,) gain of force and torque; 1: exact.
         force_frame: (3, 3) turns a true force or torque into the sensor's frame.
         tracker_frame: (3, 3) turns a true displacement into the tracker's frame.
     """
@@ -87,7 +87,7 @@ class Instruments:
 
     @classmethod
     def of(cls, constants: TwinConstants, specimen: int, effects: Collection[str]) -> Instruments:
-        """Return those of a specimen."""
+        """Return the instruments of a specimen."""
         rng, errors = stream("instruments", constants.name, specimen), constants.errors
         noise, registration, misalignment = constants.noise, direction(rng), direction(rng)
         gain = 1.0 + errors.force_gain * rng.choice([-1.0, 1.0], size=2)
@@ -100,16 +100,16 @@ class Instruments:
             pin.exp3(errors.registration_rad * registration * (KINEMATICS in effects)),
         )
 
-    def shown_wrench(self, wrench: FloatArray) -> FloatArray:
-        """Return what the sensor shows of (n, 6) `wrench`, without noise."""
+    def sensor_wrench(self, wrench: FloatArray) -> FloatArray:
+        """Return the sensor's reading of (n, 6) `wrench`, without noise."""
         parts = wrench.reshape(-1, 2, 3) @ self.force_frame.T
         return np.asarray((parts * self.force_gain[:, None]).reshape(-1, 6))
 
-    def true_wrench(self, shown: FloatArray) -> FloatArray:
-        """Return the (n, 6) wrench that acts where the sensor shows `shown`."""
-        parts = shown.reshape(-1, 2, 3) / self.force_gain[:, None]
+    def true_wrench(self, sensor_wrench: FloatArray) -> FloatArray:
+        """Return the true (n, 6) wrench of the sensor's reading `sensor_wrench`."""
+        parts = sensor_wrench.reshape(-1, 2, 3) / self.force_gain[:, None]
         return np.asarray((parts @ self.force_frame).reshape(-1, 6))
 
-    def shown_deflection(self, deflection: FloatArray) -> FloatArray:
-        """Return what the tracker shows of (n, 3) `deflection`, without noise."""
+    def tracker_deflection(self, deflection: FloatArray) -> FloatArray:
+        """Return the tracker's reading of (n, 3) `deflection`, without noise."""
         return np.asarray(deflection @ self.tracker_frame.T)

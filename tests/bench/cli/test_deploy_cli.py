@@ -116,7 +116,7 @@ def test_what_is_odd_is_predicted_with_a_warning(predict):
     table, said = predict(f"{HEADER},note", f"{ROW},a", ROW.replace("10,", "200,", 1) + ",b")
     assert len(table) == 2
     assert "columns not used: note" in said
-    assert "outside of its limits, the first: row 3, column q1_deg" in said
+    assert "outside its limits, the first: row 3, column q1_deg" in said
 
 
 def test_a_bad_value_is_named_with_file_row_and_column(vjm_file, tmp_path):

@@ -92,7 +92,7 @@ REFUSED = {
     "data simulate --output s.xls": ["s.xls", ".csv or .parquet"],
     f"{CORRECT} --tool 0,0,200,0,0,0": ["--tool", "60,0,80 mm"],
     f"{CORRECT} --tool 0,0,200": ["--tool", "six finite numbers"],
-    f"{CORRECT} --load 0,10,-40,0,0,0": ["--load", "loads of its own"],
+    f"{CORRECT} --load 0,10,-40,0,0,0": ["--load", "has load columns"],
     f"{CORRECT} --load 0,0,1e9,0,0,0": ["--load", "1e+09", "1e+06"],
     f"{CORRECT} --start 0,0,0": ["--start", "3 joint positions", "the 6 of"],
     f"{CORRECT} --coverage 0.99": ["--coverage 0.99", "38 poses"],

@@ -296,7 +296,7 @@ def test_a_file_that_cannot_be_read_is_an_error_of_the_report(fanucs):
 
 
 def test_a_better_model_lists_the_rows_that_it_predicts_worst_when_left_out(fanucs, monkeypatch):
-    monkeypatch.setattr("stiff_datasets.measured.validation_report.FEWEST_CURVE_POSES", 9)
+    monkeypatch.setattr("stiff_datasets.measured.validation_report.MIN_CURVE_POSES", 9)
     errors = np.full((9, 3), 1e-4)
     errors[6] *= 10.0
     fanucs.report()

@@ -17,7 +17,7 @@ from stiff_datasets.measured.sample_columns import DEFLECTION_COLUMNS
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.planning.design import ProcessDesign, SpringDesign
 from stiff_datasets.planning.plan import (
-    APART,
+    MIN_POSE_DISTANCE,
     MeasurementPlan,
     candidate_plan,
     check_plan_file,
@@ -210,7 +210,7 @@ def test_a_file_that_exists_is_not_overwritten_and_others_are_refused_before_the
         ({"clearance": -0.1}, "clearance is -0.1, expected m, 0 or more"),
         ({"clearance": np.inf}, "clearance is inf"),
         ({"clearance": 5.0}, "0 of 5000 random poses of kr10_r1100_2 keep a clearance of 5 m"),
-        ({"clearance": 0.9}, r"\d+ of 5000 .* expected 100 candidates: ask for a smaller"),
+        ({"clearance": 0.9}, r"\d+ of 5000 .* expected 100 candidates: give a smaller"),
     ],
 )
 def test_what_cannot_be_planned_is_refused(kr10, changes, message):
@@ -293,7 +293,7 @@ def test_a_measured_pose_is_not_proposed_again_and_new_ones_are_numbered_on(kr10
     again = SpringDesign(regressor(kr10, left.q, left.wrench), "d-optimal")
     more, _ = chosen_plan(left, 51, again, measured=measured_at(plan, pose_id=plan.pose_id))
     assert more.pose_id[[0, -1]].tolist() == ["P10", "P60"]
-    assert np.abs(more.q[:, None] - plan.q).max(axis=2).min() > APART
+    assert np.abs(more.q[:, None] - plan.q).max(axis=2).min() > MIN_POSE_DISTANCE
 
 
 class Wave:

@@ -51,7 +51,7 @@ def deflections(data, constants):
     found = []
     for one, twin in zip(data, constants, strict=True):
         robot, q = twin.robot(), one.samples.q
-        beams = specimen_beams(twin, robot, 0, asked=True)
+        beams = specimen_beams(twin, robot, 0, must_bend=True)
         weight = np.tile([0.0, 0.0, -twin.payload_kg * STANDARD_GRAVITY], (len(q), 1))
         wrench = hook_wrenches(weight, robot.forward(q).rotation @ np.array(twin.hook_m))
         moved = DigitalTwin(robot, twin.springs, beams=beams).readings(q, wrench)

@@ -18,7 +18,7 @@ BEAM = shipped_constants("kr10_beam")
 
 @pytest.fixture()
 def beams():
-    return specimen_beams(BEAM, BEAM.robot(), 0, asked=False)
+    return specimen_beams(BEAM, BEAM.robot(), 0, must_bend=False)
 
 
 @pytest.fixture()

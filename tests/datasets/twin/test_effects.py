@@ -129,7 +129,7 @@ def test_the_force_sensor_is_turned_by_one_degree_and_its_gain_is_off_by_three_p
     wrench = rng.normal(size=(50, 6))
     for specimen in (0, 5):
         sensor = Instruments.of(CONSTANTS, specimen, EFFECTS)
-        shown = sensor.shown_wrench(wrench)
+        shown = sensor.sensor_wrench(wrench)
         np.testing.assert_allclose(sensor.true_wrench(shown), wrench, atol=1e-14)
         for part in (slice(0, 3), slice(3, 6)):
             gain = np.linalg.norm(shown[:, part], axis=1) / np.linalg.norm(wrench[:, part], axis=1)
@@ -139,7 +139,7 @@ def test_the_force_sensor_is_turned_by_one_degree_and_its_gain_is_off_by_three_p
         )
         assert np.linalg.norm(pin.log3(sensor.tracker_frame)) == pytest.approx(5e-4)
     exact = Instruments.of(CONSTANTS, 3, ())
-    np.testing.assert_array_equal(exact.shown_wrench(wrench), wrench)
+    np.testing.assert_array_equal(exact.sensor_wrench(wrench), wrench)
 
 
 def test_the_oracle_knows_all_but_the_noise():
