@@ -11,7 +11,7 @@ from itertools import takewhile, zip_longest
 from pathlib import Path
 
 from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.cell import COUNTING, Execution, Rerun
+from stiff_bench.run.cell import REUSED_STATUSES, Execution, Rerun
 from stiff_bench.run.isolate import TIMED_OUT
 from stiff_bench.run.progress import Display
 from stiff_bench.store.database import mean_seconds, stored_statuses
@@ -65,7 +65,7 @@ def untimed_fits(tasks: Iterable[CellTask], output: Path, *, rerun: Rerun) -> li
 
 def _missing(tasks: Iterable[CellTask], output: Path, rerun: Rerun) -> list[CellTask]:
     statuses = stored_statuses(output)
-    return [task for task in tasks if statuses.get(task.cell.key) not in COUNTING[rerun]]
+    return [task for task in tasks if statuses.get(task.cell.key) not in REUSED_STATUSES[rerun]]
 
 
 def time_fits(tasks: Sequence[CellTask], execution: Execution) -> list[CellResult]:

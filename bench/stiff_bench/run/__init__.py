@@ -1,1 +1,1 @@
-"""Computes cells: here, in processes of their own, or on a cluster."""
+"""Compute cells: in this process, in separate processes, or on a cluster."""

@@ -1,7 +1,7 @@
-"""Computes cells: fit, predict, and only then look at what was measured.
+"""Compute cells: fit, predict, and only then read the measurements.
 
-`fit_and_predict` may run in another process. `score` runs in the run's own, on what comes from
-there: predictions, and never a metric.
+`fit_and_predict` may run in another process. `score` runs in the process of the run. It receives
+predictions from there, never a metric.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.sanity import check_prediction
 
 Rerun = Literal["missing", "failed", "all"]
-COUNTING: Mapping[Rerun, Set[str]] = {
+REUSED_STATUSES: Mapping[Rerun, Set[str]] = {
     "missing": {"ok", "failed"},
     "failed": {"ok"},
     "all": frozenset(),
 }
-"""Statuses of the stored results that stand; what was skipped is always looked at again."""
+"""Statuses of stored results that are reused; skipped cells are always tried again."""
 
 
 @dataclass(eq=False, kw_only=True)
 class Execution:
-    """How the cells of a run are computed: here, one after another, unless a subclass does more.
+    """Compute the cells of a run in this process, one after another; subclasses do more.
 
     Attributes:
-        rerun: which cells are computed though their results are there.
-        facts: what a manifest says of it.
-        at_once: how many cells are computed side by side, as far as that is known.
+        rerun: cells that are computed again although their results are stored.
+        facts: entries for the manifest.
+        at_once: number of cells computed in parallel, as far as it is known.
         machines: environments of other machines that took part, by their addresses.
     """
 
@@ -56,7 +56,7 @@ class Execution:
         A task is taken from `tasks` when its turn comes. Closing the generator ends what runs.
 
         Raises:
-            ConfigError: there is no cluster of this address, or it has gone.
+            ConfigError: no cluster answers at this address, or it has stopped.
         """
         for task in tasks:
             display.start(task)
@@ -64,7 +64,7 @@ class Execution:
 
 
 def compute_cell(task: CellTask, run_id: str) -> CellResult:
-    """Fit, predict and score one cell here; what goes wrong in the model becomes a failed result.
+    """Fit, predict and score one cell; an error of the model gives a failed result.
 
     A model that cannot be used on this machine gives a skipped result.
     """
@@ -73,17 +73,17 @@ def compute_cell(task: CellTask, run_id: str) -> CellResult:
 
 
 def fit_input(task: CellTask) -> FitInput:
-    """Return what the fit of a cell sees and is asked: no deflection that it is scored on."""
+    """Return the input of a cell's fit, without the deflections that it is scored on."""
     return task.fit_input(
         chooses_epoch=task.chooses_epoch, seed=task.cell.model_seed, coverage=task.cell.coverage
     )
 
 
 def score(task: CellTask, given: FitInput, run_id: str, outcome: FitOutcome) -> CellResult:
-    """Score what a fit came to; what cannot be true becomes a failed result that says so."""
+    """Score the outcome of a fit; impossible predictions give a failed result with the reason."""
     if (fitted := outcome.fitted) is not None:
-        scored, failure, cause, warned = attempted(lambda: _scored(task, given, run_id, fitted))
-        outcome = replace(outcome, warnings=unrepeated((*outcome.warnings, *warned)))
+        scored, failure, cause, messages = attempted(lambda: _scored(task, given, run_id, fitted))
+        outcome = replace(outcome, warnings=unrepeated((*outcome.warnings, *messages)))
         if scored is not None:
             return replace(scored, warnings=outcome.warnings)
         outcome = replace(outcome, failure=failure, cause=cause)
@@ -101,7 +101,7 @@ def score(task: CellTask, given: FitInput, run_id: str, outcome: FitOutcome) -> 
 
 
 def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> CellResult:
-    """Return the result; what was measured at the reported rows is looked at last."""
+    """Return the result; the measurements at the reported rows are read last."""
     reference = reference_values(task, given)
     prediction = task.prediction(fitted.predicted, fitted.commands, fitted.interval, reference)
     check_prediction(prediction.predicted, len(given.q))
@@ -127,9 +127,9 @@ def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> Cel
 
 
 def reference_values(task: CellTask, given: FitInput) -> FloatArray | None:
-    """Return the scored values of the reference model, which learns from the whole training side.
+    """Return the scored values of the reference model, fitted to the whole training side.
 
-    It takes a millisecond; None: these data do not identify it.
+    It takes a millisecond. None: these data do not identify the model.
     """
     model = model_info(REFERENCE_MODEL).load()()
     train = given.train if given.validation is None else task.data.samples.take(task.training_rows)

@@ -1,4 +1,4 @@
-"""Measures what a fitted model costs."""
+"""Measure the time and memory that a fitted model needs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stiff_protocols.contract.types import FloatArray
 
 
 def peak_memory_bytes() -> int:
-    """Return the largest resident memory of this process so far; 0 where it is not known."""
+    """Return the largest resident memory of this process so far; 0 if unknown."""
     if sys.platform == "win32":
         return 0
     import resource
@@ -27,13 +27,13 @@ def peak_memory_bytes() -> int:
 
 
 class MemoryMeter:
-    """Says how far the resident memory of this process rises; on Linux alone."""
+    """Measure by how much the resident memory of this process rises (only on Linux)."""
 
     highest = 0
-    """Peak before the kernel was last told to forget it, bytes."""
+    """Peak before the kernel's counter was last reset, bytes."""
 
     def __init__(self) -> None:
-        """Start anew: the kernel forgets the peak so far, which `peak_memory_bytes` remembers."""
+        """Reset the kernel's peak; `peak_memory_bytes` keeps the highest so far."""
         self._start: int | None = None
         MemoryMeter.highest = peak_memory_bytes()
         try:
@@ -43,21 +43,21 @@ class MemoryMeter:
             pass
 
     def rise(self) -> int | None:
-        """Return the peak since the start above the start, bytes; None where it is not known."""
+        """Return the rise from the start to the peak since then, bytes; None if unknown."""
         return None if self._start is None else max(0, _status("VmHWM") - self._start)
 
 
 def _status(name: str) -> int:
     """Return an entry of /proc/self/status, bytes."""
-    found = re.search(rf"^{name}:\s+(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
-    return int(found.group(1)) * 1024 if found else 0
+    entry = re.search(rf"^{name}:\s+(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
+    return int(entry.group(1)) * 1024 if entry else 0
 
 
 MOST_SINGLE_PREDICTIONS = 21
 ROWS_AT_ONCE = 1024
 SECONDS = 0.1
-"""A model that is slower than this is not asked again and again."""
-SHORTEST = 1e-9  # a clock may stand still
+"""A model that takes longer in total is not called again."""
+SHORTEST = 1e-9  # a coarse clock may show no difference
 
 
 def latency(model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> float:
@@ -71,15 +71,15 @@ def latency(model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> float:
 
 
 def throughput(model: StiffnessModel, q: FloatArray, wrench: FloatArray, predict_s: float) -> float:
-    """Return how many rows a second a large call predicts, larger and larger up to 1,024 rows.
+    """Return the rows per second of a large call; calls grow up to 1,024 rows.
 
-    The (n, n_joints) and (n, 6) rows are repeated. Predicting them once took `predict_s`; a slow
-    model is not asked for more.
+    The (n, n_joints) and (n, 6) rows are repeated. Predicting them once took `predict_s`. A slow
+    model is not called with more rows.
     """
     seconds, times = predict_s, 1
     enough = -(-ROWS_AT_ONCE // len(q))
     while times < enough and seconds < SECONDS / 2:
-        # twice the rows take at most about twice the time, so no call lasts much longer than that
+        # twice the rows take at most about twice the time, so no call takes much longer than that
         times = min(2 * times, enough)
         many = [np.tile(rows, (times, 1)) for rows in (q, wrench)]
         seconds = _seconds(partial(model.predict, *many))

@@ -1,7 +1,7 @@
-"""Computes cells on a Dask cluster: each in a process of its own, which a worker watches.
+"""Compute cells on a Dask cluster, each in a separate process that a worker watches.
 
-As many cells are given away as there are workers, so that nobody else's is lost with one. Dask
-gives a cell whose worker ends to another one.
+As many cells are submitted as there are workers, so that a lost worker costs only its own cell.
+Dask submits a cell whose worker ended to another worker.
 """
 
 from __future__ import annotations
@@ -39,19 +39,19 @@ from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.source_code import code_below
 
 SECONDS_TO_CONNECT, SECONDS_BETWEEN_COUNTS = 10.0, 1.0
-RESUME_HINT = "the same command goes on where this run stopped"
+RESUME_HINT = "run the same command again to continue"
 
 
 @dataclass(eq=False, kw_only=True)
 class DaskCluster(Execution):
-    """Computes cells on a cluster.
+    """Compute cells on a cluster.
 
     Attributes:
         address: "tcp://HOST:PORT" of a scheduler.
-        limits: of every cell's process.
+        limits: limits of the process of every cell.
 
     Raises:
-        ConfigError: the address is none.
+        ConfigError: the address is invalid.
     """
 
     address: str
@@ -65,53 +65,55 @@ class DaskCluster(Execution):
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display
     ) -> Generator[CellResult, None, None]:
-        """Yield the result of every cell as it ends."""
+        """Yield the result of workers cell as it ends."""
         waiting = iter(tasks)
         if (task := next(waiting, None)) is None:
-            return  # and no cluster is needed
+            return  # no cluster is needed
         running: dict[Future, tuple[CellTask, FitInput]] = {}
         n_workers, counted = -1, 0.0
         with self._connected() as client:
             try:
                 while task is not None or running:
                     if time.monotonic() - counted >= SECONDS_BETWEEN_COUNTS:
-                        every = client.scheduler_info(n_workers=-1)["workers"]  # some count five
-                        before, n_workers, counted = n_workers, len(every), time.monotonic()
-                        if n_workers == 0 != before:
-                            say(f"--dask {self.address}: there is no worker; waiting for one")
+                        workers = client.scheduler_info(n_workers=-1)[
+                            "workers"
+                        ]  # the default lists five
+                        n_before, n_workers, counted = n_workers, len(workers), time.monotonic()
+                        if n_workers == 0 != n_before:
+                            say(f"--dask {self.address}: no workers yet; waiting")
                     while task is not None and len(running) < n_workers:
                         display.start(task)
                         given = fit_input(task)
                         work = work_of(task, given, self.limits)
                         future = client.submit(
-                            compute_beside_worker, work, shared_code(), pure=False
+                            compute_in_child_process, work, shared_code(), pure=False
                         )
                         running[future], task = (task, given), next(waiting, None)
                     time.sleep(SECONDS_BETWEEN_LOOKS / 10)
                     for future in [future for future in running if future.done()]:
-                        with suppress(TimeoutError):  # its worker has gone with it: computed again
+                        with suppress(TimeoutError):  # its worker ended: computed again
                             outcome = self._outcome(future)
                             of_future, given = running.pop(future)
                             yield score(of_future, given, run_id, outcome)
-            except OSError as error:  # which Dask may notice only now
-                gone = f"--dask {self.address}: the scheduler has gone; {RESUME_HINT}"
-                raise ConfigError(gone) from error
+            except OSError as error:  # Dask may notice it only now
+                message = f"--dask {self.address}: the scheduler has stopped; {RESUME_HINT}"
+                raise ConfigError(message) from error
 
     def _connected(self) -> Client:
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters, we say
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our own messages suffice
         try:
             return Client(self.address, timeout=SECONDS_TO_CONNECT)
         except (OSError, ValueError) as error:
-            why = f"no scheduler answers there ({error})"
-            raise ConfigError(f"--dask {self.address}: {why}") from error
+            reason = f"no scheduler answers there ({error}); start it, or check the address"
+            raise ConfigError(f"--dask {self.address}: {reason}") from error
 
     def _outcome(self, future: Future) -> FitOutcome:
-        """Return what became of a fit.
+        """Return the outcome of a fit.
 
         Raises:
-            ConfigError: a worker computes otherwise than we would.
-            OSError: the scheduler has gone.
-            TimeoutError: its worker has gone, with the result.
+            ConfigError: a worker has other code than this process.
+            OSError: the scheduler has stopped.
+            TimeoutError: its worker ended, and the result is lost.
         """
         if future.status == "finished":
             worker, machine, outcome = future.result(timeout=SECONDS_TO_CONNECT)
@@ -126,13 +128,13 @@ class DaskCluster(Execution):
             return FitOutcome(failure=reason, cause="killed its workers")
         raise ConfigError(
             f"--dask {self.address}: a worker cannot run this stiffbench: {type(error).__name__}: "
-            f"{error}; stop it, and {RESUME_HINT}"
+            f"{error}; stop this worker, and {RESUME_HINT}"
         )
 
 
 @cache
 def shared_code() -> str:
-    """Return hashes of our packages and versions of the libraries that numbers go through."""
+    """Return hashes of our packages and versions of the libraries that affect numbers."""
     packages = (stiff_bench, stiff_models, stiff_protocols)
     hashes = [code_below(Path(str(package.__file__)).parent) for package in packages]
     return " ".join([*hashes, *map(version, LIBRARIES)])
@@ -141,17 +143,21 @@ def shared_code() -> str:
 _environment = cache(environment)
 
 
-def compute_beside_worker(work: Work, code: str) -> tuple[str, dict[str, str], FitOutcome | None]:
-    """Compute a cell beside this worker; return the worker's address, its environment, the outcome.
+def compute_in_child_process(
+    work: Work, code: str
+) -> tuple[str, dict[str, str], FitOutcome | None]:
+    """Compute a cell in a child process of this worker.
+
+    The worker's address, its environment and the outcome are returned.
 
     Raises:
-        ConfigError: the worker's code is another than that of who asks.
+        ConfigError: the worker's code differs from the code of the run.
     """
     worker = get_worker()
     if code != shared_code():
-        raise ConfigError(f"{worker.address} has another version of stiffbench or of a library")
-    multiprocessing.current_process().daemon = False  # one may not have children; ours end with it
-    pinned(work.limits.threads)  # as the server of the fits' processes begins
+        raise ConfigError(f"{worker.address} has a different version of stiffbench or of a library")
+    multiprocessing.current_process().daemon = False  # a daemon may not start children
+    pinned(work.limits.threads)  # before the server of the fits' processes starts
     fit, key, outcome = RunningFit(work), worker.get_current_task(), None
     try:
         while outcome is None and (task := worker.state.tasks.get(key)) is not None:

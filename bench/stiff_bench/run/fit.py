@@ -1,7 +1,7 @@
-"""Fits a model and has it predict: all that happens where its code runs.
+"""Fit a model and compute its predictions, in the process where its code runs.
 
-A `FitInput` has no deflection that the model is scored on, so that a model that looks around in a
-process of its own finds none.
+A `FitInput` contains no deflection that the model is scored on. So a model in a separate process
+cannot read the test labels.
 """
 
 from __future__ import annotations
@@ -48,28 +48,28 @@ from stiff_protocols.scoring.conformal import SplitConformal
 from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_of_rows
 
 ROWS_FOR_UNITS = 256
-"""How many training rows are predicted to see that a model predicts m: enough, and soon done."""
+"""Number of training rows predicted to check that a model predicts m."""
 CURVE_POINTS = 60
-"""Of a training that are stored: enough for a figure, and little beside the predictions."""
+"""Number of stored points per training curve: enough for a figure."""
 LONGEST_MESSAGE, MOST_WARNINGS = 2000, 100
-"""Of a failure or warning, characters; and how many warnings of a cell are kept."""
-_Found = TypeVar("_Found")
+"""Characters of a failure or warning; number of stored warnings per cell."""
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """The answers of a fitted model.
+    """Predictions of a fitted model, with their costs.
 
     Attributes:
         predicted: (n, 3) m, at the commands.
-        commands: (n, n_joints) rad or m at which deflections are predicted: those that it was
-            asked for, unless the protocol corrects them with predictions.
-        cost: of the fit and the predictions.
-        interval: of the predictions; None: no intervals.
-        calibration_samples: that split-conformal intervals come from; else 0.
+        commands: (n, n_joints) rad or m at which deflections are predicted: the requested ones,
+            unless the protocol corrects them with predictions.
+        cost: cost of the fit and the predictions.
+        interval: intervals of the predictions; None: no intervals.
+        calibration_samples: number of samples that split-conformal intervals come from; else 0.
         diagnostics, chosen, curves: as in `CellResult`.
-        path_commands: (n, n_joints) rad or m, corrected, of the points of tool paths; None: it was
-            asked for none.
+        path_commands: (n, n_joints) rad or m, corrected, at the points of tool paths; None: not
+            requested.
     """
 
     predicted: FloatArray
@@ -85,14 +85,14 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class FitOutcome:
-    """The end of a fit: answers, or why there are none.
+    """Outcome of a fit: predictions, or the reason for their absence.
 
     Attributes:
-        fitted: None where it failed, or the model cannot be used on this machine.
-        failure: why there is none, in a sentence.
-        cause: of a failure, in a word or two that count it: "SIGKILL", "timed out"; else "".
-        warnings: what was warned of.
-        log: the last lines that a failed fit's own process printed.
+        fitted: the predictions; None if it failed, or the model cannot be used on this machine.
+        failure: the reason, in a sentence.
+        cause: the kind of a failure, in one or two words: "SIGKILL", "timed out"; else "".
+        warnings: the texts of the warnings.
+        log: the last lines that the process of a failed fit printed.
     """
 
     fitted: Fitted | None = None
@@ -103,17 +103,19 @@ class FitOutcome:
 
 
 def fit_and_predict(model: Choice[ModelInfo], given: FitInput) -> FitOutcome:
-    """Fit a model and ask it for predictions; what goes wrong in it becomes a failure."""
+    """Fit a model and predict; an error of the model gives a failure."""
     _seed_global_numbers(given.seed)
     with printing_to_stderr():
-        result, failure, cause, warned = attempted(lambda: model.missing() or _fitted(model, given))
+        result, failure, cause, messages = attempted(
+            lambda: model.missing() or _fitted(model, given)
+        )
     if isinstance(result, Fitted):
-        return FitOutcome(result, warnings=warned)
-    return FitOutcome(failure=result or failure, cause=cause, warnings=warned)
+        return FitOutcome(result, warnings=messages)
+    return FitOutcome(failure=result or failure, cause=cause, warnings=messages)
 
 
-def attempted(work: Callable[[], _Found]) -> tuple[_Found | None, str, str, tuple[str, ...]]:
-    """Return what work that may fail returns, why it failed, the cause, and its warnings."""
+def attempted(work: Callable[[], _Result]) -> tuple[_Result | None, str, str, tuple[str, ...]]:
+    """Return the result of work that may fail, the failure, its cause, and the warnings."""
     result, failure, cause = None, "", ""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -122,7 +124,7 @@ def attempted(work: Callable[[], _Found]) -> tuple[_Found | None, str, str, tupl
             result = work()
         except StiffBenchError as error:
             failure, cause = short(str(error)), type(error).__name__
-        except (Exception, SystemExit) as error:  # a plugin's costs that cell alone
+        except (Exception, SystemExit) as error:  # a plugin's error costs only this cell
             where = traceback.extract_tb(error.__traceback__)[-1]
             failure = f"{short(said_by(error))} ({where.filename}:{where.lineno})"
             cause = type(error).__name__
@@ -130,17 +132,17 @@ def attempted(work: Callable[[], _Found]) -> tuple[_Found | None, str, str, tupl
 
 
 def unrepeated(messages: Iterable[str]) -> tuple[str, ...]:
-    """Return each warning once, short, and not too many."""
+    """Return each warning once, shortened, at most `MOST_WARNINGS`."""
     return tuple(dict.fromkeys(map(short, messages)))[:MOST_WARNINGS]
 
 
 def short(text: str) -> str:
-    """Return a message that a model may have made megabytes long, cut to what people read."""
+    """Return a message cut to `LONGEST_MESSAGE` characters; a model may write megabytes."""
     return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} [...]"
 
 
 def _seed_global_numbers(seed: int) -> None:
-    """Give a model that draws from global random numbers the same ones wherever the cell runs."""
+    """Seed the global random numbers, so that a cell draws the same ones everywhere."""
     random.seed(seed)
     np.random.seed(seed)  # noqa: NPY002
     if (torch := sys.modules.get("torch")) is not None:
@@ -182,7 +184,7 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
             predict_tcp, given.robot, given.path_q, given.path_wrench
         )
     warn_of_rows(given.train)
-    cost = Cost(  # measured last: how often it asks the model depends on the machine's speed
+    cost = Cost(  # measured last: the number of calls depends on the machine's speed
         fit_s=fitted - start,
         predict_s=predict_s,
         latency_s=latency(model, q, wrench),
@@ -207,16 +209,16 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
 
 def _check_interval(interval: Interval, n: int, coverage: float) -> None:
     if not isinstance(interval, Interval):
-        wrong = type(interval).__name__
-        raise ModelError(f"predict_interval returned {wrong}, expected Interval")
+        type_name = type(interval).__name__
+        raise ModelError(f"predict_interval returned {type_name}, expected Interval")
     if (len(interval.lower), interval.coverage) != (n, coverage):
-        given = f"{len(interval.lower)} intervals of coverage {interval.coverage:g}"
-        wanted = f"{n} of coverage {coverage:g}"
-        raise ModelError(f"predict_interval returned {given}, expected {wanted}")
+        returned = f"{len(interval.lower)} intervals of coverage {interval.coverage:g}"
+        expected = f"{n} of coverage {coverage:g}"
+        raise ModelError(f"predict_interval returned {returned}, expected {expected}")
 
 
 def _checked(predict: Deflection) -> Deflection:
-    """Return a function whose predictions are seen to be (n, 3) finite numbers."""
+    """Return a function that checks its predictions: (n, 3) finite numbers."""
 
     def checked(q: FloatArray, wrench: FloatArray) -> FloatArray:
         predicted = predict(q, wrench)
@@ -227,23 +229,23 @@ def _checked(predict: Deflection) -> Deflection:
 
 
 def _thinned(name: str, curve: FloatArray) -> FloatArray:
-    """Return a curve of at most `CURVE_POINTS` points, first and last among them."""
+    """Return at most `CURVE_POINTS` points of a curve, with the first and the last."""
     try:
         points = np.asarray(curve, dtype=np.float64)
     except (TypeError, ValueError):
         points = np.empty(0)
     if points.ndim != 2 or points.shape[1] != 3:
-        raise ModelError(f"curves_[{name!r}] is no (n, 3) array of step, loss, validation loss")
+        raise ModelError(f"curves_[{name!r}] is not an (n, 3) array of step, loss, validation loss")
     return points[_spread_rows(len(points), CURVE_POINTS)]
 
 
 def _interval_source(
     choice: Choice[ModelInfo], given: FitInput, model: StiffnessModel
 ) -> StiffnessModel | SplitConformal | None:
-    """Return what will give the intervals: the model itself, or a second fit on fewer rows.
+    """Return the source of the intervals: the model itself, or a second fit on fewer rows.
 
-    None where there are none to give: not asked for, or the training side is too small for the
-    coverage, which is a warning and leaves the point predictions alone.
+    None: intervals are not requested, or the training side is too small for the coverage. The
+    latter is a warning; the point predictions stay the same.
     """
     if given.coverage is None:
         return None
@@ -266,5 +268,5 @@ def _interval_source(
 
 
 def _spread_rows(n_rows: int, most: int) -> IntArray:
-    """Return at most `most` row numbers, the first and the last among them."""
+    """Return at most `most` row numbers, with the first and the last."""
     return np.linspace(0, n_rows - 1, min(n_rows, most)).round().astype(np.int64)

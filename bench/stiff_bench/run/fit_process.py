@@ -1,4 +1,4 @@
-"""A fit in a process of its own: what happens there, and in the server that forks the processes.
+"""Compute a fit in a separate process, which a server forks.
 
 `isolate.py` starts a fit and watches it.
 """
@@ -32,27 +32,27 @@ from stiff_protocols.contract.errors import said_by
 from stiff_protocols.contract.progress import Progress, listening
 
 SERVER = "multiprocessing.forkserver"
-"""A word of the command line of the server, which has imported this module."""
+"""A word in the command line of the server, which has imported this module."""
 PID, LOG, PROGRESS, TEMPORARY = "pid", "log", "progress", "tmp"
-"""Names in the folder of a fit: what its process says, and its folder for temporary files."""
+"""Names in the folder of a fit: files that its process writes, and its temporary folder."""
 SECONDS_BETWEEN_REPORTS = 0.2
 TRACEBACK_AT_TIMEOUT_SHARE = 0.9
-"""Share of the time limit after which a process prints where it is."""
+"""Share of the time limit after which a process prints its traceback."""
 _SIGNAL_AT_END_OF_PARENT, _ADOPT_ORPHANS = 1, 36  # prctl(2): PR_SET_PDEATHSIG, CHILD_SUBREAPER
-_WHY_OTHER_CODE = (
-    "the model's version, its plugin's files or the library that it wraps are not what they were "
-    "when the run began, or not the same on the machine that ran this fit"
+_OTHER_CODE_REASON = (
+    "the model's version, the files of its plugin or the library that it wraps changed since the "
+    "run began, or differ on the machine that ran this fit"
 )
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the process of a fit may take.
+    """Limits of the process of a fit.
 
     Attributes:
-        threads: of every library.
-        timeout_s: wall time; None: any.
-        memory_bytes: resident, of the process and those that it starts; None: any.
+        threads: number of threads of every library.
+        timeout_s: wall time; None: no limit.
+        memory_bytes: resident memory of the process and of those that it starts; None: no limit.
     """
 
     threads: int = 1
@@ -62,16 +62,16 @@ class Limits:
 
 @dataclass(frozen=True)
 class Work:
-    """A fit on its way to a process, perhaps on another machine.
+    """Input of a fit that is sent to a process, perhaps on another machine.
 
     Attributes:
         task: the pickled line of the model and its `FitInput`, read in the fit's process after the
             plugins.
         model_version: version of the model when the run began.
         plugins: files to be imported first.
-        imports: modules that the server of the processes imports once, when it starts: those that
-            the run's process needed to make its models.
-        limits: of the process.
+        imports: modules that the server of the processes imports once, when it starts: the ones
+            that the run's process needed to make its models.
+        limits: limits of the process.
     """
 
     task: bytes
@@ -82,17 +82,17 @@ class Work:
 
 
 def compute_fit(work: Work, folder: Path) -> FitOutcome:
-    """Compute a fit in this process, which ends afterwards, and end what the fit started.
+    """Compute a fit in this process, and end the processes that the fit started.
 
     Args:
         work: the fit.
-        folder: the fit's own, where the process says how far it is.
+        folder: folder of the fit, to which the process writes its progress.
     """
     (folder / PID).write_text(str(os.getpid()))
     os.setsid()
     _prctl(_SIGNAL_AT_END_OF_PARENT, signal.SIGKILL)
     _prctl(_ADOPT_ORPHANS, 1)
-    with suppress(OSError):  # Linux: where memory runs out, these processes go before the others
+    with suppress(OSError):  # Linux: if memory runs out, the system ends these processes first
         Path("/proc/self/oom_score_adj").write_text("1000")
     log = os.open(folder / LOG, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     for number in (1, 2):
@@ -100,13 +100,13 @@ def compute_fit(work: Work, folder: Path) -> FitOutcome:
     faulthandler.enable(all_threads=False)
     os.environ["TMPDIR"] = tempfile.tempdir = str(folder / TEMPORARY)
     (folder / TEMPORARY).mkdir()
-    if os.environ.get("OMP_NUM_THREADS") != str(work.limits.threads):  # else the server began so
+    if os.environ.get("OMP_NUM_THREADS") != str(work.limits.threads):  # else the server has set it
         pinned(work.limits.threads)
     if work.limits.timeout_s is not None:
         faulthandler.dump_traceback_later(TRACEBACK_AT_TIMEOUT_SHARE * work.limits.timeout_s)
     try:
         return _outcome(work, folder)
-    except BaseException as error:  # a model may raise what would stop a program
+    except BaseException as error:  # a model may raise SystemExit or KeyboardInterrupt
         return FitOutcome(failure=short(said_by(error)), cause=type(error).__name__)
     finally:
         faulthandler.cancel_dump_traceback_later()
@@ -115,14 +115,14 @@ def compute_fit(work: Work, folder: Path) -> FitOutcome:
 
 
 def _outcome(work: Work, folder: Path) -> FitOutcome:
-    """Return what becomes of the work."""
+    """Return the outcome of the work."""
     for path in set(work.plugins).difference(plugin_files()):
         import_plugin_file(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a fit's own are collected
+        warnings.simplefilter("ignore")  # the warnings of the fit are collected
         model, given = pickle.loads(work.task)  # from the run's process
         if not model.missing() and version_of(model) != work.model_version:
-            return FitOutcome(failure=_WHY_OTHER_CODE, cause="other code")
+            return FitOutcome(failure=_OTHER_CODE_REASON, cause="other code")
         validation = None if given.validation is None else replace(given.validation)
         given = replace(given, train=replace(given.train), validation=validation)  # read-only
         with listening(_reporter(folder / PROGRESS)):
@@ -130,7 +130,7 @@ def _outcome(work: Work, folder: Path) -> FitOutcome:
 
 
 def _reporter(path: Path) -> Callable[[Progress], None]:
-    """Return what writes reports into a file, not too often."""
+    """Return a function that writes progress into a file, not too often."""
     last = 0.0
 
     def report(progress: Progress) -> None:
@@ -142,29 +142,29 @@ def _reporter(path: Path) -> Callable[[Progress], None]:
     return report
 
 
-def _prctl(what: int, how: int) -> None:
+def _prctl(option: int, value: int) -> None:
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(what, how, 0, 0, 0)
+        ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
 
 
 def _end_all_below() -> None:
-    """Kill every process below this one, also those that are started meanwhile."""
-    while below := psutil.Process().children(recursive=True):
-        for process in below:
+    """Kill every child process, also children that are started meanwhile."""
+    while children := psutil.Process().children(recursive=True):
+        for process in children:
             with suppress(psutil.Error):
                 process.kill()
-        psutil.wait_procs(below, timeout=0.1)
+        psutil.wait_procs(children, timeout=0.1)
 
 
 def folder_prefix(run: int) -> str:
-    """Return how the names of the folders begin that the fits of a run's process have."""
+    """Return the prefix of the folder names of the fits of a run."""
     return f"bench-{run}-"
 
 
-def _begin_server() -> None:
-    """Have this process end with the run's, however that ended, with all that is below it (Linux).
+def _set_up_server() -> None:
+    """End this process and its children when the process of the run ends (Linux).
 
-    It adopts what fits leave behind.
+    It adopts processes that fits leave behind.
     """
     server, run = os.getpid(), os.getppid()
 
@@ -180,8 +180,10 @@ def _begin_server() -> None:
     _prctl(_SIGNAL_AT_END_OF_PARENT, signal.SIGTERM)
     signal.signal(signal.SIGTERM, end)
     atexit.register(end)
-    warnings.filterwarnings("ignore", "forkserver: waitpid returned unexpected pid")  # an orphan
+    warnings.filterwarnings(
+        "ignore", "forkserver: waitpid returned unexpected pid"
+    )  # from an adopted process
 
 
 if any(SERVER in word for word in sys.orig_argv):
-    _begin_server()
+    _set_up_server()

@@ -1,7 +1,7 @@
-"""Computes fits in processes of their own: whatever becomes of one costs that fit alone.
+"""Compute fits in separate processes, so that a crash costs only one fit.
 
-pebble starts a process for each fit, forked from multiprocessing's server, which has imported what
-fits need and never runs a model's code. The process is ended with all that it started.
+pebble starts a process for each fit. It is forked from multiprocessing's server, which has imported
+the modules that fits need and never runs a model's code. The process is ended with its children.
 """
 
 from __future__ import annotations
@@ -50,20 +50,20 @@ from stiff_protocols.contract.record import CellResult
 
 SECONDS_BETWEEN_LOOKS = 0.1
 SECONDS_TO_HEAR = 5.0
-"""How long the result of a process that has gone may be on its way."""
+"""Time that the result of an ended process may take to arrive."""
 LONGEST_TEMPDIR = 70
-"""Bytes: a socket's whole name has at most 107 (unix(7)), of which multiprocessing needs 33."""
+"""Bytes. The full name of a socket has at most 107 (unix(7)); multiprocessing needs 33 of them."""
 LOG_LINES, LONGEST_LINE = 30, 500
 LARGEST_LOG = 2**22
-"""Bytes of a log: how large it gets before all of it is thrown away."""
+"""Size of a log at which all of it is deleted, bytes."""
 _NOISE = ("Extension modules:", "/multiprocessing/", 'File "<string>"', "/stiff_bench/", "/pebble/")
-"""In lines of faulthandler that do not concern the model: names of modules, our own beginning."""
+"""Parts of faulthandler's lines that do not concern the model."""
 _OURS = ("stiff_models.", "stiff_protocols.")
 TIMED_OUT, OUT_OF_MEMORY, NO_OUTCOME = "timed out", "out of memory", "no outcome"
 
 
 def work_of(task: CellTask, given: FitInput, limits: Limits) -> Work:
-    """Return what is sent to the process that computes the fit of a cell."""
+    """Return the input for the process that computes the fit of a cell."""
     model_info(REFERENCE_MODEL).load()
     loaded = list(sys.modules)  # another thread may import meanwhile
     return Work(
@@ -76,17 +76,17 @@ def work_of(task: CellTask, given: FitInput, limits: Limits) -> Work:
 
 
 class RunningFit:
-    """A fit in a process of its own, watched from here.
+    """Watch a fit in a separate process.
 
     Attributes:
-        future: is done when the process has ended, or has sent what became of the fit.
+        future: done when the process has ended, or has sent the outcome of the fit.
     """
 
     def __init__(self, work: Work) -> None:
         """Start the process.
 
         Raises:
-            OSError: there can be no process more.
+            OSError: no further process can be started.
         """
         self._limits, self._began = work.limits, time.monotonic()
         self._folder = Path(tempfile.mkdtemp(prefix=folder_prefix(os.getpid())))
@@ -95,7 +95,7 @@ class RunningFit:
         self._report = b""
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["stiff_bench.run.fit_process", "pebble", *work.imports])
-        start = concurrent.process(  # type: ignore[call-overload]  # pebble's hints have mp_context
+        start = concurrent.process(  # type: ignore[call-overload]  # pebble's type hints have mp_context
             daemon=False, timeout=work.limits.timeout_s, context=context
         )
         _keep_socket_names_short()
@@ -105,12 +105,14 @@ class RunningFit:
         except BaseException:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
-        self._looked = self._there = time.monotonic()  # the server of the first took seconds
+        self._looked = self._there = (
+            time.monotonic()
+        )  # the first fit starts the server, which takes seconds
 
     def outcome(self, listener: Callable[[Progress], None] = lambda _: None) -> FitOutcome | None:
-        """Return what became of the fit, and end it; None while it is computed.
+        """Return the outcome of the fit, and end it; None while it is computed.
 
-        `listener` gets its reports.
+        `listener` receives its progress.
         """
         if not self.future.done() and not self._is_lost(listener):
             return None
@@ -121,17 +123,17 @@ class RunningFit:
         return outcome
 
     def end(self) -> None:
-        """Kill the process with all that it started, and delete its folder."""
+        """Kill the process and its children, and delete its folder."""
         _kill(self._family)
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _is_lost(self, listener: Callable[[Progress], None]) -> bool:
-        """Look after the process; return whether it is gone and nothing more is to come."""
+        """Check the process; return whether it ended and no result will arrive."""
         now = time.monotonic()
         if now - self._looked < SECONDS_BETWEEN_LOOKS:
             return False
         self._looked = now
-        with suppress(OSError, TypeError, ValueError):  # none yet, or half written
+        with suppress(OSError, TypeError, ValueError):  # not yet written, or half written
             report = (self._folder / PROGRESS).read_bytes()
             if report != self._report:
                 listener(Progress(**orjson.loads(report)))
@@ -143,9 +145,9 @@ class RunningFit:
             process = psutil.Process(int((self._folder / PID).read_text()))
             alive = [process, *process.children(recursive=True)]
         except (OSError, ValueError):
-            return False  # it has not begun
+            return False  # it has not started
         except psutil.Error:
-            _kill(self._family)  # a pipe is open as long as a child of the process has it
+            _kill(self._family)  # a pipe stays open while a child of the process holds it
             return now - self._there > SECONDS_TO_HEAR
         self._there = now
         self._family.update(alive)
@@ -157,11 +159,11 @@ class RunningFit:
         return False
 
     def _ended(self) -> FitOutcome:
-        """Return what a process came to that has ended."""
+        """Return the outcome of a process that has ended."""
         limits, seconds = self._limits, time.monotonic() - self._began
         if self._too_much:
-            most = f"--memory {(limits.memory_bytes or 0) / 2**20:.0f} MiB"
-            reason = f"took {self._too_much / 2**20:.0f} MiB, more than {most}"
+            limit = f"--memory {(limits.memory_bytes or 0) / 2**20:.0f} MiB"
+            reason = f"took {self._too_much / 2**20:.0f} MiB, more than {limit}"
             return FitOutcome(failure=reason, cause=OUT_OF_MEMORY)
         if not self.future.done():
             reason = f"its process ended after {seconds:.1f} s without a result"
@@ -173,7 +175,7 @@ class RunningFit:
             return FitOutcome(failure=reason, cause=TIMED_OUT)
         except ProcessExpired as error:
             return _expired(error.exitcode, seconds)
-        except Exception as error:  # what it sent cannot be read
+        except Exception as error:  # the result cannot be unpickled
             return FitOutcome(failure=f"no outcome of the fit: {said_by(error)}", cause=NO_OUTCOME)
 
     def _last_lines(self) -> tuple[str, ...]:
@@ -181,16 +183,18 @@ class RunningFit:
             lines = (self._folder / LOG).read_text(errors="replace").splitlines()
         except OSError:
             return ()
-        telling = [line for line in lines if line and not any(noise in line for noise in _NOISE)]
-        return tuple(line[:LONGEST_LINE].rstrip() for line in telling[-LOG_LINES:])
+        model_lines = [
+            line for line in lines if line and not any(noise in line for noise in _NOISE)
+        ]
+        return tuple(line[:LONGEST_LINE].rstrip() for line in model_lines[-LOG_LINES:])
 
 
 def _keep_socket_names_short() -> None:
-    """Have multiprocessing's sockets in /tmp where TMPDIR is long, as batch systems make it."""
+    """Put multiprocessing's sockets into /tmp if TMPDIR is long, as on batch systems."""
     if len(os.fsencode(tempfile.gettempdir())) > LONGEST_TEMPDIR:
         before, tempfile.tempdir = tempfile.tempdir, "/tmp"
         try:
-            get_temp_dir()  # is chosen once
+            get_temp_dir()  # the folder is chosen once
         finally:
             tempfile.tempdir = before
 
@@ -202,8 +206,8 @@ _MAIN_LOCK = threading.Lock()
 def _main_not_imported() -> Iterator[None]:
     """Keep a process that is started inside the block from importing the main module.
 
-    multiprocessing does so in case that it needs a function of it. It takes time, and a user's
-    script without a main guard would start itself.
+    multiprocessing imports it in case it needs a function of it. The import takes time, and a
+    user's script without a main guard would run again.
     """
     with _MAIN_LOCK:
         main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
@@ -220,7 +224,7 @@ def _kill(processes: Iterable[psutil.Process]) -> None:
 
 
 def _resident(process: psutil.Process) -> int:
-    """Return the resident memory of a process, bytes; 0 if it has gone."""
+    """Return the resident memory of a process, bytes; 0 if it has ended."""
     try:
         return int(process.memory_info().rss)
     except psutil.Error:
@@ -228,20 +232,20 @@ def _resident(process: psutil.Process) -> int:
 
 
 def _expired(exit_code: int, seconds: float) -> FitOutcome:
-    """Return what became of a process with this exit code (negative: a signal's number)."""
+    """Return the outcome of a process with this exit code (negative: a signal's number)."""
     if exit_code >= 0:
         cause = f"exit status {exit_code}"
         reason = f"its process ended after {seconds:.1f} s without a result ({cause})"
         return FitOutcome(failure=reason, cause=cause)
     names = {number.value: number.name for number in signal.Signals}
     cause = names.get(-exit_code, f"signal {-exit_code}")
-    hint = ", as the system does where memory runs out" if cause == "SIGKILL" else ""
+    hint = ", as the system does when memory runs out" if cause == "SIGKILL" else ""
     reason = f"its process was ended by {cause} after {seconds:.1f} s{hint}"
     return FitOutcome(failure=reason, cause=cause)
 
 
 def end_all_fits() -> None:
-    """Kill everything below the server that forks the fits' processes."""
+    """Kill all children of the server that forks the fits' processes."""
     for server in psutil.Process().children():
         with suppress(psutil.Error):
             if any(SERVER in word for word in server.cmdline()):
@@ -250,10 +254,10 @@ def end_all_fits() -> None:
 
 @dataclass(eq=False, kw_only=True)
 class LocalProcesses(Execution):
-    """Computes cells in processes on this machine, some side by side.
+    """Compute cells in processes on this machine, several in parallel.
 
     Attributes:
-        limits: of each.
+        limits: limits of each process.
     """
 
     limits: Limits
@@ -277,13 +281,13 @@ class LocalProcesses(Execution):
                         yield score(task, given, run_id, outcome)
                 if not running:
                     return
-                futures = [one.future for one in running]
+                futures = [fit.future for fit in running]
                 wait(futures, SECONDS_BETWEEN_LOOKS, return_when=FIRST_COMPLETED)
-                for one, (task, given) in list(running.items()):
-                    if (found := one.outcome(display.step)) is not None:
-                        del running[one]
-                        yield score(task, given, run_id, found)
+                for fit, (task, given) in list(running.items()):
+                    if (result := fit.outcome(display.step)) is not None:
+                        del running[fit]
+                        yield score(task, given, run_id, result)
         finally:
-            for one in running:
-                one.end()
+            for fit in running:
+                fit.end()
             end_all_fits()

@@ -1,7 +1,7 @@
-"""How many threads the linear algebra of a process uses: one, unless the user says otherwise.
+"""Set the number of threads of linear algebra: one, unless the user sets another.
 
-The number shapes results: sums of another order round otherwise, and a training amplifies that. So
-it does not depend on how many cores there are, nor on how many cells run side by side.
+The number affects results: sums in another order round differently, and training amplifies that.
+So it depends neither on the number of cores nor on the number of cells that run in parallel.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ _VARIABLES = (
     *("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"),
     "VECLIB_MAXIMUM_THREADS",
 )
-"""Read by the libraries when they are loaded."""
+"""Environment variables that the libraries read when they are loaded."""
 
 
 def pinned(number: int | None = None) -> int:
-    """Give a number of threads to every library, loaded or not, and to child processes.
+    """Set and return the number of threads of every library and of child processes.
 
-    It is returned; None: OMP_NUM_THREADS, or 1.
+    None: OMP_NUM_THREADS, or 1.
     """
-    said = os.environ.get("OMP_NUM_THREADS", "")
-    threads = number or (int(said) if said.isdecimal() and int(said) > 0 else 1)
+    setting = os.environ.get("OMP_NUM_THREADS", "")
+    threads = number or (int(setting) if setting.isdecimal() and int(setting) > 0 else 1)
     os.environ.update(dict.fromkeys(_VARIABLES, str(threads)))
     if "numpy" in sys.modules:
         from threadpoolctl import threadpool_limits
@@ -51,12 +51,12 @@ _FOLDERS = {
 }
 """Environment variable, read when the library is imported -> folder below our cache.
 
-matplotlib would make two in the user's home, torch an empty one among the temporary files, and
-dask-jobqueue puts its settings beside Dask's; a user's own are still read from where they are."""
+Otherwise matplotlib makes two folders in the user's home, torch an empty temporary folder, and
+dask-jobqueue adds its settings to Dask's. A user's own settings are still read."""
 
 
 def keep_libraries_in_our_cache() -> None:
-    """Set the libraries' folders, unless the user did, or our cache is off or cannot be written."""
+    """Set the libraries' folders, unless the user did or our cache cannot be written."""
     folder = cache_folder()
     if folder is not None and _can_write(folder):
         for variable, name in _FOLDERS.items():
@@ -70,7 +70,7 @@ def _can_write(folder: Path) -> bool:
 
 
 def prepare() -> None:
-    """Set what libraries read when they are loaded, unless the user did."""
+    """Set the variables that libraries read when they are loaded, unless the user did."""
     # Read by OpenMP when torch is imported. Threads that spin while they wait make small networks
     # a hundred times slower as soon as another process wants their core.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

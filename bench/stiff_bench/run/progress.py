@@ -1,4 +1,4 @@
-"""Progress of a run: live bars on a terminal and in a notebook, plain lines elsewhere.
+"""Show the progress of a run: bars on terminals and in notebooks, else lines.
 
 Bars and lines of a command go to standard error: only tables go to standard output.
 """
@@ -25,33 +25,33 @@ from stiff_protocols.contract.record import CellResult
 SHOWN_LOG_LINES = 6
 SECONDS_BETWEEN_LINES, SECONDS_BETWEEN_CELLS = 5.0, 1.0
 SECONDS_BEFORE_BARS, SECONDS_BETWEEN_BARS = 0.5, 0.2
-"""In a notebook: work that is done sooner shows no bars, and they are drawn no more often."""
+"""In a notebook: shorter work shows no bars; minimum time between two drawings."""
 
 
 class Display:
-    """Is told how a run goes, and shows nothing."""
+    """Receive the progress of a run, and show nothing."""
 
     def begin(self, n_cells: int, n_cached: int) -> None:
-        """So many cells are about to be computed; `n_cached` others are there."""
+        """Begin `n_cells` cells to compute; `n_cached` more are stored."""
 
     def start(self, task: CellTask) -> None:
-        """A cell starts."""
+        """Start a cell."""
 
     def step(self, progress: Progress) -> None:
-        """A cell reports."""
+        """Receive the progress of a cell."""
 
     def end(self, result: CellResult) -> None:
-        """A cell has ended."""
+        """End a cell."""
 
 
 class RunDisplay(Display):
-    """Two bars: of cells, and of the phase of a cell.
+    """Show two bars: one for the cells, one for the phase of a cell.
 
-    Off a terminal, lines say the same: one for each cell and phase, and every few seconds between.
+    Without a terminal, lines show the same: one per cell and phase, and every few seconds between.
     """
 
     def __init__(self, bars: Bars) -> None:
-        """Add the bars, which are shown once there is something to show."""
+        """Add the bars, which stay hidden until the first cell."""
         self._bars, self._is_live = bars, bars.console.is_terminal
         self._cells = bars.add_task("fits", total=None, note="", visible=False)
         self._phase = bars.add_task("", total=None, note="", visible=False)
@@ -60,7 +60,7 @@ class RunDisplay(Display):
         self._ended = Counter[str]()
 
     def begin(self, n_cells: int, n_cached: int) -> None:
-        """Say how many cells there are."""
+        """Show the number of cells."""
         self._bars.update(self._cells, total=n_cells)
         self._n_cells, self._n_started = n_cells, 0
         self._ended = Counter({"cached": n_cached} if n_cached else {})
@@ -69,13 +69,13 @@ class RunDisplay(Display):
             self._show(f"{n_cached} of {n_all} fits are stored; {n_cells} to compute")
 
     def start(self, task: CellTask) -> None:
-        """Name the cell; off a terminal not too often, as a leave-one-out run has hundreds."""
+        """Show the cell; without a terminal not too often, as a run may have hundreds."""
         self._n_started += 1
-        cell, shown, self._begun = task.cell, task.shown, None
+        cell, labels, self._begun = task.cell, task.shown, None
         condition = f"({cell.condition}) " if cell.condition else ""
         name = (
-            f"[{self._n_started}/{self._n_cells}] {shown.model} on {shown.dataset}, "
-            f"{shown.protocol} {condition}split {cell.split_index + 1}/{task.n_splits}"
+            f"[{self._n_started}/{self._n_cells}] {labels.model} on {labels.dataset}, "
+            f"{labels.protocol} {condition}split {cell.split_index + 1}/{task.n_splits}"
         )
         self._bars.update(self._cells, description=name, visible=True)
         self._bars.update(self._phase, visible=False)
@@ -84,7 +84,7 @@ class RunDisplay(Display):
             self._show_line(f"{name} ({self._counts})" if self._counts else name)
 
     def step(self, progress: Progress) -> None:
-        """Move the second bar; a new phase starts its clock again."""
+        """Move the second bar; a new phase restarts its clock."""
         loss = "" if progress.loss is None else f", loss {progress.loss:.3g}"
         note, is_new = f"{progress.step}/{progress.total}{loss}", self._begun is None
         if self._begun != (progress.phase, progress.total):
@@ -97,7 +97,7 @@ class RunDisplay(Display):
             self._show_line(f"  {progress.phase} {note}")
 
     def end(self, result: CellResult) -> None:
-        """Move the first bar; of a cell that failed, show reason and end of the log at once."""
+        """Move the first bar; for a failed cell, show the reason and the last log lines."""
         self._ended[result.status] += 1
         self._bars.update(self._cells, advance=1, note=self._counts)
         if result.status == "failed":
@@ -107,7 +107,7 @@ class RunDisplay(Display):
 
     @property
     def _counts(self) -> str:
-        """What became of the cells so far, for people."""
+        """Return the numbers of cells by status so far, as text."""
         return ", ".join(f"{number} {status}" for status, number in self._ended.items())
 
     def _show_line(self, line: str) -> None:
@@ -116,7 +116,7 @@ class RunDisplay(Display):
             self._show(line)
 
     def _show(self, line: str) -> None:
-        """Show a line that stays, above the bars."""
+        """Show a permanent line above the bars."""
         if self._is_live:
             self._bars.console.print(one_line(line), markup=False, highlight=False)
         else:
@@ -124,7 +124,7 @@ class RunDisplay(Display):
 
 
 class NotebookDisplay(RunDisplay):
-    """The two bars as one output of a notebook's cell, which changes in place."""
+    """Show the two bars as one output of a notebook's cell, which changes in place."""
 
     def __init__(self, bars: Bars) -> None:
         """Start the clock."""
@@ -155,7 +155,7 @@ class NotebookDisplay(RunDisplay):
         self._draw()
 
     def close(self) -> None:
-        """Leave one line in place of the bars."""
+        """Replace the bars with one line."""
         if self._output is not None:
             seconds = time.monotonic() - self._started
             line = f"{self._counts or 'done'} in {seconds:.0f} s"
@@ -179,7 +179,7 @@ class NotebookDisplay(RunDisplay):
 
 @contextmanager
 def display() -> Iterator[Display]:
-    """Show progress inside the block, of cells or of other work.
+    """Show the progress of cells or other work inside the block.
 
     It is shown in the output of a notebook's cell, else on standard error.
     """
@@ -191,7 +191,7 @@ def display() -> Iterator[Display]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    # a long fit would leave the usual half a minute without a pace
+    # the default period of 30 s gives no speed for long fits
     bars = Bars(
         *columns,
         console=console,
@@ -208,6 +208,6 @@ def display() -> Iterator[Display]:
             notebook.close()
         return
     with bars:
-        shown = RunDisplay(bars)
-        with listening(shown.step):
-            yield shown
+        run_display = RunDisplay(bars)
+        with listening(run_display.step):
+            yield run_display

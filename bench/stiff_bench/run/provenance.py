@@ -1,4 +1,4 @@
-"""Where a run came from: everything beside the cells that can change a number."""
+"""Describe the environment of a run: everything that can change a number."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _VARIABLES = re.compile(
     r"(OMP|GOMP|KMP|MKL|OPENBLAS|BLIS|ONEDNN|DNNL|ATEN|TORCH|PYTORCH|CUDA|CUBLAS|NVIDIA|STIFFBENCH)"
     r"_\w+|PYTHONHASHSEED|PYTHONOPTIMIZE"
 )
-"""Environment variables that the libraries beneath us read."""
+"""Environment variables that our libraries read."""
 _DEVELOPERS = re.compile(r"""extra\s*==\s*['"](dev|perf)['"]""")
 
 
 def environment() -> dict[str, str]:
     """Return versions, processor, libraries, threads, plugins, commit and its state.
 
-    torch is asked where a model has loaded it; it is not loaded for this.
+    torch is described only if a model has loaded it.
     """
     return {
         "python": platform.python_version(),
@@ -51,14 +51,14 @@ def environment() -> dict[str, str]:
 
 def _libraries() -> Iterator[str]:
     """Yield every BLAS and OpenMP library of the process with its version and threads."""
-    for found in threadpool_info():
-        about = (found["version"], found.get("threading_layer"), found.get("architecture"))
-        words = " ".join(word for word in (found["internal_api"], *about) if word)
-        yield f"{words} ({Path(found['filepath']).name}), threads {found['num_threads']}"
+    for library in threadpool_info():
+        details = (library["version"], library.get("threading_layer"), library.get("architecture"))
+        words = " ".join(word for word in (library["internal_api"], *details) if word)
+        yield f"{words} ({Path(library['filepath']).name}), threads {library['num_threads']}"
 
 
 def _torch() -> dict[str, str]:
-    """Return torch's threads and how it multiplies matrices; the GPU: "" without one."""
+    """Return torch's threads, its arithmetic and the GPU ("": no GPU)."""
     torch = sys.modules.get("torch")
     if torch is None:
         return {"gpu": "", "torch threads": _NOT_LOADED, "torch arithmetic": _NOT_LOADED}
@@ -69,14 +69,14 @@ def _torch() -> dict[str, str]:
     return {
         "gpu": str(torch.cuda.get_device_name()) if torch.cuda.is_available() else "",
         "torch threads": str(torch.get_num_threads()),
-        "torch arithmetic": ", ".join(f"{name} {found}" for name, found in arithmetic.items()),
+        "torch arithmetic": ", ".join(f"{name} {value}" for name, value in arithmetic.items()),
     }
 
 
 def _dependencies() -> set[str]:
-    """Return the names of the packages that stiffbench may compute with, optional ones too."""
-    found = (line for line in requires(_OURS) or () if not _DEVELOPERS.search(line))
-    return {re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in found} - {_OURS}
+    """Return the names of required and optional packages of stiffbench."""
+    requirements = (line for line in requires(_OURS) or () if not _DEVELOPERS.search(line))
+    return {re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in requirements} - {_OURS}
 
 
 def _plugins() -> Iterator[str]:
@@ -91,16 +91,16 @@ def _plugins() -> Iterator[str]:
 
 def _processor() -> str:
     with suppress(OSError):
-        if found := re.search(r"^model name\s*: *(.+)", Path("/proc/cpuinfo").read_text(), re.M):
-            return found[1].strip()
+        if match := re.search(r"^model name\s*: *(.+)", Path("/proc/cpuinfo").read_text(), re.M):
+            return match[1].strip()
     return platform.processor() or "unknown"
 
 
 def _commit() -> dict[str, str]:
-    """Return the checkout's commit; empty where stiffbench is installed without one."""
+    """Return the commit of the checkout; empty if stiffbench is installed without Git."""
     words = ("status", "--porcelain=v2", "--branch", "--untracked-files=no")
     try:
-        said = subprocess.run(
+        status_lines = subprocess.run(
             ["git", "-C", str(Path(__file__).resolve().parent), *words],
             capture_output=True,
             text=True,
@@ -109,5 +109,5 @@ def _commit() -> dict[str, str]:
         ).stdout.splitlines()
     except (OSError, subprocess.SubprocessError):
         return {"commit": "", "dirty": ""}
-    commit = "".join(line.split()[2] for line in said if line.startswith("# branch.oid "))
-    return {"commit": commit, "dirty": str(any(line[0] != "#" for line in said)).lower()}
+    commit = "".join(line.split()[2] for line in status_lines if line.startswith("# branch.oid "))
+    return {"commit": commit, "dirty": str(any(line[0] != "#" for line in status_lines)).lower()}

@@ -1,4 +1,4 @@
-"""Runs the cells of a plan that have no result yet, and stores each as it ends."""
+"""Run the cells of a plan without a stored result, and store each as it ends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.plan.registry import OURS, Registry
 from stiff_bench.plan.request import RunPlan
-from stiff_bench.run.cell import COUNTING, Execution, Rerun
+from stiff_bench.run.cell import REUSED_STATUSES, Execution, Rerun
 from stiff_bench.run.costs import peak_memory_bytes
 from stiff_bench.run.fit_process import Limits
 from stiff_bench.run.isolate import LocalProcesses
@@ -30,12 +30,12 @@ from stiff_protocols.contract.record import CellResult, RunManifest
 
 @dataclass(frozen=True, repr=False)
 class Finished(BriefFields):
-    """What a run has in the end.
+    """Results of a finished run.
 
     Attributes:
-        results: of every cell, in the order of the plan.
-        cached: keys of the cells whose results or failures were there.
-        wall_s: how long it took, s.
+        results: results of every cell, in the order of the plan.
+        cached: keys of the cells whose results or failures were already stored.
+        wall_s: wall time, s.
     """
 
     results: tuple[CellResult, ...]
@@ -44,7 +44,7 @@ class Finished(BriefFields):
 
     @property
     def summary(self) -> str:
-        """What became of the cells: "18 ok, 2 failed (1 SIGKILL, 1 timed out), 3 cached"."""
+        """Count the cells by status: "18 ok, 2 failed (1 SIGKILL, 1 timed out), 3 cached"."""
         counts, causes = Counter[str](), Counter[str]()
         for result in self.results:
             if result.status == "failed":
@@ -54,8 +54,8 @@ class Finished(BriefFields):
         words = [f"{counts['ok']} ok"] if counts["ok"] or not counts["cached"] else []
         if causes:
             numbered = [f"{number} {cause}" for cause, number in causes.most_common()]
-            why = numbered if len(causes) > 1 else causes
-            words.append(f"{causes.total()} failed ({', '.join(why)})")
+            shown_causes = numbered if len(causes) > 1 else causes
+            words.append(f"{causes.total()} failed ({', '.join(shown_causes)})")
         words += [f"{counts[word]} {word}" for word in ("skipped", "cached") if counts[word]]
         return ", ".join(words)
 
@@ -72,43 +72,46 @@ def chosen_execution(
     dask: str = "",
     rerun: Rerun = "missing",
 ) -> Execution:
-    """Return how a plan is executed, from the options of the command line.
+    """Return the execution of a plan for the options of the command line.
 
-    Cells are isolated where several run at once, a limit is to hold, or a stranger's model is run.
+    Cells run in separate processes if several run in parallel, if a limit is set, or if a
+    third-party model is run.
 
     Raises:
-        ConfigError: two options contradict each other, or there is no such cluster.
+        ConfigError: two options contradict each other, or the cluster does not exist.
     """
     jobs = jobs or 1
     limits = Limits(threads, timeout, memory)
-    reasons = {
+    reasons: dict[str, object] = {
         f"--jobs {jobs}": jobs > 1,
         f"--dask {dask}": dask,
         "--timeout": timeout is not None,
         "--memory": memory is not None,
     }
-    needed = [reason for reason, holds in reasons.items() if holds]
+    needed = [reason for reason, is_set in reasons.items() if is_set]
     if isolate is False and needed:
         raise ConfigError(f"--no-isolate: {needed[0]} needs a process for each fit")
     if dask and jobs > 1:
-        raise ConfigError(f"--jobs {jobs}: the cluster of --dask says how many run at once")
-    keys = {one.info.key for one in plan.models}
-    strangers = {key for key in keys if registry.origins.get(key, OURS) != OURS}
-    isolated = bool(needed) or (bool(strangers) if isolate is None else isolate)
+        raise ConfigError(
+            f"--jobs {jobs}: omit it with --dask; the cluster sets the number of parallel fits"
+        )
+    keys = {model.info.key for model in plan.models}
+    third_party_keys = {key for key in keys if registry.origins.get(key, OURS) != OURS}
+    isolated = bool(needed) or (bool(third_party_keys) if isolate is None else isolate)
     facts = {"jobs": str(jobs), "isolated": str(isolated).lower()}
     facts |= {"threads": str(threads), "dask": dask}
-    how: dict[str, Any] = {"rerun": rerun, "facts": facts}
+    options: dict[str, Any] = {"rerun": rerun, "facts": facts}
     if dask:
         require(f"--dask {dask}", "distributed")
         from stiff_bench.run.dask_cluster import DaskCluster
 
-        return DaskCluster(address=dask, limits=limits, **how)
-    if strangers and not isolated:
-        names = ", ".join(sorted(strangers))
-        say(f"warning: {names}: in the run's own process, where a model could read test labels")
+        return DaskCluster(address=dask, limits=limits, **options)
+    if third_party_keys and not isolated:
+        names = ", ".join(sorted(third_party_keys))
+        say(f"warning: {names}: not isolated; a model could read the test labels")
     if isolated:
-        return LocalProcesses(at_once=jobs, limits=limits, **how)
-    return Execution(**how)
+        return LocalProcesses(at_once=jobs, limits=limits, **options)
+    return Execution(**options)
 
 
 def run_cells(
@@ -121,68 +124,68 @@ def run_cells(
     """Compute the cells that have no result yet, store each as it ends, and return them all.
 
     The run's manifest, with the command, is written first and completed at the end, also when the
-    run is interrupted. A cell that several parts of a study need stands once in `tasks`.
+    run is interrupted. `tasks` contains each cell once, also if several parts of a study need it.
 
     Raises:
         StoreError: a result cannot be written.
         ConfigError: the cluster does not answer.
     """
     started = time.perf_counter()
-    found = _stored(tasks, store, execution.rerun)
-    cached = set(found)
-    missing = [task for task in tasks if task.cell.key not in found]
+    results_by_key = _stored(tasks, store, execution.rerun)
+    cached = set(results_by_key)
+    missing = [task for task in tasks if task.cell.key not in results_by_key]
 
     def waiting() -> Iterator[CellTask]:
-        """Give a cell when its turn comes, unless another run has finished it meanwhile."""
+        """Yield each cell in its turn, unless another run has finished it meanwhile."""
         for task in missing:
-            other = None if execution.rerun == "all" else store.result(task.cell.key)
-            if other is None:
+            stored = None if execution.rerun == "all" else store.result(task.cell.key)
+            if stored is None:
                 yield task
             else:
-                found[task.cell.key] = _as_asked(other, task)
+                results_by_key[task.cell.key] = _with_labels(stored, task)
                 cached.add(task.cell.key)
-                display.end(other)
+                display.end(stored)
 
     display.begin(len(missing), len(cached))
-    with _described(tasks, command, store, execution) as run_id:
+    with _recorded_run(tasks, command, store, execution) as run_id:
         sets = {task.cell.data_sha256: task.data for task in tasks}
-        sets |= {one.cell.source_sha256: one.source for one in tasks if one.source is not None}
+        sets |= {task.cell.source_sha256: task.source for task in tasks if task.source is not None}
         for data in sets.values():
             store.write_data(data)
-        with closing(execution.results(waiting(), run_id, display)) as ended:
-            for result in ended:
+        with closing(execution.results(waiting(), run_id, display)) as ended_results:
+            for result in ended_results:
                 store.write_cells([result])
-                found[result.cell.key] = result
+                results_by_key[result.cell.key] = result
                 display.end(result)
-    results = tuple(found[task.cell.key] for task in tasks)
+    results = tuple(results_by_key[task.cell.key] for task in tasks)
     return Finished(results, frozenset(cached), time.perf_counter() - started)
 
 
 def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict[str, CellResult]:
-    """Return the results and failures that are there and count.
+    """Return the stored results and failures that are reused.
 
-    A cell that was skipped is looked at again: what it lacked may be installed now.
+    A skipped cell is tried again: the missing package may be installed now.
     """
     if rerun == "all":
         return {}
-    wanted = {task.cell.key: task for task in tasks}
+    tasks_by_key = {task.cell.key: task for task in tasks}
     return {
-        result.cell.key: _as_asked(result, wanted[result.cell.key])
-        for result in read_results(store.folder, wanted.keys())
-        if result.status in COUNTING[rerun]
+        result.cell.key: _with_labels(result, tasks_by_key[result.cell.key])
+        for result in read_results(store.folder, tasks_by_key.keys())
+        if result.status in REUSED_STATUSES[rerun]
     }
 
 
-def _as_asked(result: CellResult, task: CellTask) -> CellResult:
-    """Return a stored result with what this run puts beside its numbers."""
+def _with_labels(result: CellResult, task: CellTask) -> CellResult:
+    """Return a stored result with the names and number of splits of this run."""
     return replace(result, shown=task.shown, n_splits=task.n_splits)
 
 
 @contextmanager
-def _described(
+def _recorded_run(
     tasks: Sequence[CellTask], command: str, store: ResultStore, execution: Execution
 ) -> Iterator[str]:
-    """Keep the manifest of a run while it lasts, and give its name."""
+    """Write the manifest of a run at its start and end, and yield its name."""
     started = time.perf_counter()
     manifest = RunManifest(
         run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}-{uuid.uuid4().hex[:6]}",
@@ -205,7 +208,7 @@ def _described(
     try:
         yield manifest.run_id
     except BaseException:
-        with suppress(StoreError):  # what stopped the run is what is to be said
+        with suppress(StoreError):  # the first error is reported
             complete("interrupted")
         raise
     complete("finished")

@@ -1,4 +1,4 @@
-"""A model fitted to a whole data set, as `bench fit` does: nothing is kept back for a test."""
+"""Fit a model to a whole data set, as `bench fit` does, without test samples."""
 
 from __future__ import annotations
 
@@ -23,20 +23,22 @@ from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.generators import inner_validation
 
 VALIDATION_FRACTION = 0.2
-"""Of the poses, where a model chooses its epoch; as the protocols' default."""
+"""Share of the poses that choose the epoch; the protocols' default."""
 
 
 def whole_fit(
     choice: Choice[ModelInfo], samples: Samples, robot: Robot, *, seed: int = 0
 ) -> tuple[Any, str]:
-    """Return a new fitted model, and how its number of epochs was chosen ("": there is no choice).
+    """Return a new fitted model, and a note on its number of epochs.
+
+    The note is "" for models that choose no epoch.
 
     Raises:
         ConfigError: the model cannot be used here, or not for this robot.
         ModelError: the samples cannot be fitted.
     """
-    if why := choice.missing():
-        raise ConfigError(f"{choice.name!r} cannot be used here: {why}")
+    if reason := choice.missing():
+        raise ConfigError(f"{choice.name!r} cannot be used here: {reason}")
     model = choice.make()
     optional(model, "check_robot")(robot)
     train, validation = _training_side(choice, samples, seed)
@@ -44,10 +46,10 @@ def whole_fit(
     if validation is not None:
         note = (
             f"{len(validation)} samples of {len(set(validation.pose_id))} poses chose the "
-            f"number of epochs; {len(train)} samples were learned from"
+            f"number of epochs; the model is fitted to {len(train)} samples"
         )
     elif uses_validation(choice.info, model):
-        note = "one pose gives no rows to choose the epoch by: the last one was kept"
+        note = "a single pose leaves no samples to choose the epoch; the last epoch is used"
     model.fit(train, robot=robot, validation=validation, seed=seed)
     for name, value in (("robot_", robot), ("training_range_", TrainingRange.of(train))):
         if not hasattr(model, name):  # a plugin's model need not have them
@@ -60,8 +62,8 @@ def left_out_errors(
 ) -> FloatArray:
     """Return the (n, 3) errors of a second fit at poses that it did not learn from, m.
 
-    They are `SplitConformal.residuals_`: what the intervals of a model without its own come from.
-    A quarter of the poses is left out, or up to half where 90 % intervals need that many.
+    They are `SplitConformal.residuals_`, the source of intervals for models without intervals.
+    A quarter of the poses is left out, or up to half if 90 % intervals need them.
 
     Raises:
         StiffBenchError: the remaining samples cannot be fitted.
@@ -80,13 +82,13 @@ def left_out_errors(
 def cross_validated_error(
     choice: Choice[ModelInfo], samples: Samples, robot: Robot, *, seed: int = 0
 ) -> CrossValidatedError:
-    """Return the error of this model and these options at poses that its fits left out.
+    """Return the error of a model at poses that its fits left out.
 
-    Each fifth of the poses is predicted by a model that is fitted to the others as `whole_fit`
-    does; of fewer than five poses, each one.
+    Each fifth of the poses is predicted by a model that is fitted to the other poses as in
+    `whole_fit`. With fewer than five poses, each pose is left out in turn.
 
     Raises:
-        ModelError: there is only one pose.
+        ModelError: the samples have only one pose.
         StiffBenchError: the remaining samples cannot be fitted.
     """
     if len(np.unique(samples.pose_id)) < 2:
@@ -107,7 +109,7 @@ def cross_validated_error(
 def _training_side(
     choice: Choice[ModelInfo], samples: Samples, seed: int
 ) -> tuple[Samples, Samples | None]:
-    """Return the samples to learn from, and those that choose the epoch, if the model uses any."""
+    """Return the samples to learn from, and the samples that choose the epoch (None: unused)."""
     chooses = uses_validation(choice.info, choice.make())
     split = inner_validation(samples, np.arange(len(samples)), VALIDATION_FRACTION, seed)
     return training_side(samples, split, chooses_epoch=chooses)

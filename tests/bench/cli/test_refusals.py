@@ -36,7 +36,7 @@ REFUSED = {
     "run --model vjm --output bytes/out": ["--output bytes/out", "cannot create"],
     "run --model vjm --tcp 0,0,0": ["--tcp"],
     "run --model vjm --no-isolate --jobs 2": ["--no-isolate: --jobs 2 needs a process"],
-    "run --model vjm --jobs 2 --dask tcp://a:1": ["--jobs 2: the cluster of --dask says how many"],
+    "run --model vjm --jobs 2 --dask tcp://a:1": ["--jobs 2: omit it with --dask"],
     "run --model vjm --memory 8": ["--memory", "'8' (valid: a size", "2GiB"],
     "run --model vjm --dask tcp:here": [
         "--dask 'tcp:here': not an address (valid: tcp://HOST:PORT)"

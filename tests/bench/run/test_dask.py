@@ -169,11 +169,11 @@ def test_a_run_waits_for_workers_and_ends_with_one_of_other_code_and_with_the_sc
         words = [*run, "--dask", cluster.address, "--output", "out"]
         paths = f"{stub.parent}:{os.environ.get('PYTHONPATH', '')}"
         with started(*words, cwd=tmp_path) as command:
-            assert "there is no worker; waiting for one" in command.stderr.readline()
+            assert "no workers yet; waiting" in command.stderr.readline()
             stranger = cluster.start_worker(env={**os.environ, "PYTHONPATH": paths})
             _, said = command.communicate(timeout=100)
         assert command.returncode == 2
-        assert "another version of stiffbench or of a library" in said
+        assert "a different version of stiffbench or of a library" in said
         assert not n_stored(tmp_path / "out")
         kill_family(stranger.pid)
         cluster.start_worker()
@@ -182,7 +182,7 @@ def test_a_run_waits_for_workers_and_ends_with_one_of_other_code_and_with_the_sc
             kill_family(cluster.scheduler.pid)
             _, said = command.communicate(timeout=100)
         assert command.returncode == 2
-        last = f"--dask {cluster.address}: the scheduler has gone; the same command goes on"
+        last = f"--dask {cluster.address}: the scheduler has stopped; run the same command again"
         assert last in said.strip().splitlines()[-1]
         stored = n_stored(tmp_path / "out")
         cluster.start(workers=1)
