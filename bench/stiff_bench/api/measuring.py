@@ -99,7 +99,9 @@ def plan_poses(
     how = pose_plans.PlanOptions(poses, criterion, candidates, payload, clearance, seed)
     if after is None:
         with display():
-            found = pose_plans.first_plan(arm, how, is_papers=shipped_name(arm) == DEFAULT_ROBOT)
+            found = pose_plans.first_plan(
+                arm, how, is_paper_robot=shipped_name(arm) == DEFAULT_ROBOT
+            )
         measured, curve = None, []
     else:
         file = measured_file(Path(after), arm, options)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.selection import EVERYTHING, stands_for
+from stiff_bench.analysis.selection import EVERYTHING, matches_key
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
 from stiff_bench.api.tables import Comparison, Tables, screen, short_table
@@ -348,7 +348,7 @@ class Results:
             ConfigError: the model has no results.
         """
         names = list(dict.fromkeys(cell.shown.model for cell in self.cells))
-        if not isinstance(model, str) or not any(stands_for(model, name) for name in names):
+        if not isinstance(model, str) or not any(matches_key(model, name) for name in names):
             raise unknown_name("model with results", str(model), names)
         return self.select(models=[model])
 

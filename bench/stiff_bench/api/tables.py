@@ -44,7 +44,7 @@ class Text(str):
 
 def filled_table(table: Table, without: Collection[str] = ()) -> Table:
     """Return a table for people, without empty columns and those named in `without`."""
-    table = table.shown()
+    table = table.visible_table()
     texts = [*zip(*table.texts(), strict=True)]
     numbers = [
         number
