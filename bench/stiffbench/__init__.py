@@ -6,7 +6,7 @@
 >>> model.predict(data.samples.q[:2], data.samples.wrench[:2]).shape
 (2, 3)
 
-What is named here is imported when it is first used, so that `import stiffbench` takes no time.
+Each name is imported at its first use, so that `import stiffbench` is fast.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ __all__ = [*_PLACE_OF]
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from importlib.metadata import version  # 20 ms, which a command does without
+        from importlib.metadata import version  # slow import (20 ms), not needed for commands
 
         return version("stiffbench")
     if name not in _PLACE_OF:

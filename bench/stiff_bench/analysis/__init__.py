@@ -1,1 +1,1 @@
-"""What stored results say: comparisons, rankings, leaderboards."""
+"""Analyze stored results: comparisons, rankings, leaderboards."""

@@ -1,7 +1,7 @@
-"""The answer of stored results: which model, how much better than the VJM, and how sure.
+"""The answer of stored results: the best model, its gain over the VJM, and the uncertainty.
 
-The unit of a claim is the robot: data sets and protocols of one robot are averaged first, and
-fewer than `FEWEST_ROBOTS` of them allow no claim about another robot.
+Claims are about robots: data sets and protocols of a robot are averaged first. With fewer than
+`FEWEST_ROBOTS` robots there is no claim about other robots.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ NOISE_FLOOR = KNOWN["noise"]
 
 @dataclass(frozen=True)
 class ModelAnswer:
-    """One model against the VJM, over all comparisons shown.
+    """One model against the VJM, over all selected comparisons.
 
     Attributes:
         name: model with its options.
-        mark: text that must stand next to the name; "" for none.
-        median_error: over the comparisons, in the metric's unit.
+        mark: text printed next to the name; "" for none.
+        median_error: median over the comparisons, in the metric's unit.
         ratio: geometric mean of error / VJM's error over robots; None: not comparable.
         low, high: 95 % interval of the ratio over robots; None with fewer than `FEWEST_ROBOTS`.
         smallest, largest: ratio of a single comparison; None: not comparable.
@@ -66,8 +66,8 @@ class MatrixColumn(BriefFields):
 
     Attributes:
         dataset: name without its specimen.
-        protocol, condition: as shown.
-        cases: one for each specimen and seed.
+        protocol, condition: names.
+        cases: comparisons, one per specimen and seed.
     """
 
     dataset: str
@@ -77,12 +77,12 @@ class MatrixColumn(BriefFields):
 
     @property
     def is_measured(self) -> bool:
-        """True for measured data."""
+        """Return True for measured data."""
         return _is_measured(self.cases[0])
 
     @property
     def text(self) -> str:
-        """Data set, protocol and condition for people."""
+        """Return data set, protocol and condition as one line."""
         return " | ".join(filter(None, (self.dataset, self.protocol, self.condition)))
 
 
@@ -92,15 +92,15 @@ class Answer(BriefFields):
 
     Attributes:
         key: metric of the scores.
-        cases: comparisons, measured data first, then in the order in which they were asked for.
-        asked: names of the models shown; the VJM is always among them where it can be fitted.
-        left_out: reasons why comparisons are not counted, by their name.
-        seed: of the draws of poses.
+        cases: comparisons, measured data first, then in the order in which runs requested them.
+        model_names: names of the models; always with the VJM if it can be fitted.
+        left_out: reasons why comparisons do not count, by comparison name.
+        seed: seed of the draws of poses.
     """
 
     key: SortKey
     cases: tuple[ScoredCase, ...]
-    asked: tuple[str, ...]
+    model_names: tuple[str, ...]
     left_out: Mapping[str, str]
     seed: int = 0
 
@@ -117,16 +117,16 @@ class Answer(BriefFields):
     ) -> Answer:
         """Score models in stored results.
 
-        Results that select on the test part, or report training samples, count only where there
-        are no others.
+        Results that select on the test part or report training errors count only if there are no
+        other results.
 
         Args:
             stored: results with their samples.
             key: metric to score by.
-            cases: those to show; None: all of `stored`.
-            models: exact names to show; None: all.
-            seed: of the draws of poses.
-            scored: comparisons of the same results, key and seed, whose draws are used again.
+            cases: cases to score; None: all of `stored`.
+            models: exact names of models to score; None: all.
+            seed: seed of the draws of poses.
+            scored: comparisons of the same results, key and seed; their draws are reused.
 
         Raises:
             ConfigError: no model has a score.
@@ -140,8 +140,8 @@ class Answer(BriefFields):
             for case in newest
             if case not in fair
         }
-        asked_first = {id(case): number for number, case in enumerate(stored.cases)}
-        fair.sort(key=lambda case: (case.shown.kind != "measured", asked_first[id(case)]))
+        request_order = {id(case): number for number, case in enumerate(stored.cases)}
+        fair.sort(key=lambda case: (case.shown.kind != "measured", request_order[id(case)]))
         earlier = {case.name: case for case in scored}
 
         def score(case: Case) -> ScoredCase:
@@ -160,23 +160,23 @@ class Answer(BriefFields):
         return cls(key, tuple(with_scores), tuple(names), left_out, seed)
 
     def over(self, cases: Sequence[ScoredCase]) -> Answer:
-        """Return the answer of some of the comparisons, with the models that have scores in it."""
-        names = [name for name in self.asked if any(name in case.scores for case in cases)]
-        return replace(self, cases=tuple(cases), asked=tuple(names))
+        """Return the answer for some of the comparisons and the models with scores there."""
+        names = [name for name in self.model_names if any(name in case.scores for case in cases)]
+        return replace(self, cases=tuple(cases), model_names=tuple(names))
 
     @cached_property
     def robots(self) -> dict[str, list[ScoredCase]]:
-        """Robot type -> its comparisons; specimens and plans of one type are one robot."""
+        """Return comparisons by robot type; specimens and plans of a type are one robot."""
         return grouped(self.cases, lambda case: case.data.robot.name)
 
     @cached_property
     def datasets(self) -> dict[str, list[ScoredCase]]:
-        """Data set, without its specimen -> its comparisons."""
+        """Return comparisons by data set without its specimen."""
         return grouped(self.cases, lambda case: family_of(case.name))
 
     @cached_property
     def columns(self) -> tuple[MatrixColumn, ...]:
-        """Columns of the matrix, measured data sets first; one data set after the other."""
+        """Return the columns of the matrix by data set, measured ones first."""
         by_heading = grouped(
             self.cases, lambda case: (family_of(case.name), case.name.protocol, case.name.condition)
         )
@@ -185,12 +185,12 @@ class Answer(BriefFields):
         return tuple(sorted(columns, key=lambda column: order.index(column.dataset)))
 
     def column_error(self, model: str, column: MatrixColumn) -> float | None:
-        """Return a model's mean score over a column's comparisons; None: one is missing."""
+        """Return a model's mean score over a column; None: a score is missing."""
         errors = [error for case in column.cases if (error := self.error(model, case)) is not None]
         return float(np.mean(errors)) if len(errors) == len(column.cases) else None
 
     def column_ratio(self, model: str, column: MatrixColumn) -> float | None:
-        """Return the geometric mean of error / VJM's error over a column; None: one is missing."""
+        """Return the geometric mean of error / VJM's error; None: an error is missing."""
         ratios = [self.ratio(model, case) for case in column.cases]
         known_ratios = [ratio for ratio in ratios if ratio is not None]
         return (
@@ -205,8 +205,8 @@ class Answer(BriefFields):
         return float(np.mean(floors)) if len(floors) == len(column.cases) else None
 
     def best_of(self, column: MatrixColumn) -> str | None:
-        """Return the model with the best score of a column; None: no model has one."""
-        errors = {name: self.column_error(name, column) for name in self.asked}
+        """Return the model with the best score of a column; None: no scores."""
+        errors = {name: self.column_error(name, column) for name in self.model_names}
         scores = {
             name: self.key.sign * error for name, error in errors.items() if error is not None
         }
@@ -214,13 +214,13 @@ class Answer(BriefFields):
 
     @property
     def measured(self) -> dict[str, list[ScoredCase]]:
-        """Data sets that were measured -> their comparisons."""
+        """Return comparisons by measured data set."""
         return {name: cases for name, cases in self.datasets.items() if _is_measured(cases[0])}
 
     @cached_property
     def models(self) -> tuple[ModelAnswer, ...]:
-        """The models, best first; those without a score in every comparison come last."""
-        answers = [self._model(name) for name in self.asked]
+        """Return the models, best first; models with missing scores come last."""
+        answers = [self._model(name) for name in self.model_names]
         return tuple(sorted(answers, key=self._order))
 
     def _order(self, model: ModelAnswer) -> tuple[bool, float, str]:
@@ -228,11 +228,11 @@ class Answer(BriefFields):
         return model.n_cases < len(self.cases), ratio, model.name
 
     def error(self, model: str, case: ScoredCase) -> float | None:
-        """Return a model's mean score in a comparison, in the metric's unit; None: it has none."""
+        """Return a model's mean score in a comparison, in the metric's unit; None: no score."""
         return case.mean(model) if model in case.scores else None
 
     def ratio(self, model: str, case: ScoredCase) -> float | None:
-        """Return error / VJM's error; None: one is missing, or the score is not an error."""
+        """Return error / VJM's error; None: an error is missing, or scores are not errors."""
         error, reference = self.error(model, case), self.error(REFERENCE_MODEL, case)
         if error is None or not reference or error <= 0.0 or self.key.sign < 0.0:
             return None
@@ -245,7 +245,7 @@ class Answer(BriefFields):
     def verdict(
         self, model: str, case: ScoredCase, reference: str = REFERENCE_MODEL
     ) -> Verdict | None:
-        """Return whether a model ("a") or another ("b") is better; None: no test applies."""
+        """Return the verdict on a model ("a") and a reference ("b"); None: no test applies."""
         if model == reference or not {model, reference} <= case.scores.keys():
             return None
         verdicts = case.verdicts([(model, reference)])
@@ -256,7 +256,7 @@ class Answer(BriefFields):
     ) -> list[Estimate]:
         """Return estimates of error(model) - error(reference), in the metric's unit.
 
-        The first is over splits where there are several; the last over poses.
+        With several splits the first estimate is over splits; the last is over poses.
         """
         if self.key.is_cost or not {model, reference} <= case.scores.keys():
             return []
@@ -266,24 +266,24 @@ class Answer(BriefFields):
         ]
 
     def mark(self, model: str, protocol: str = "") -> str:
-        """Return the text that must stand next to a model's name, under one protocol or all."""
-        cases = [one.case for one in self.cases if protocol in ("", one.name.protocol)]
+        """Return the text printed next to a model's name, for one protocol or all."""
+        cases = [scored.case for scored in self.cases if protocol in ("", scored.name.protocol)]
         marks = [mark_of(c.competitors[model].shown) for c in cases if model in c.competitors]
         return ", ".join(filter(None, dict.fromkeys(marks)))
 
     def fit_s(self, model: str, cases: Iterable[ScoredCase]) -> float | None:
-        """Return the median time of a model's fits in comparisons, s; None: not recorded."""
+        """Return the median fit time of a model in comparisons, s; None: not recorded."""
         costs = [result.cost for case in cases for result in case.results.get(model, ())]
         times = [cost.fit_s for cost in costs if cost is not None]
         return float(np.median(times)) if times else None
 
     def noise(self, case: ScoredCase) -> float | None:
-        """Return the score of a perfect model, which is the instrument's noise; None: unknown."""
-        values = self.key.of_splits(floor) if (floor := case.known(NOISE_FLOOR)) else None
+        """Return the score of a perfect model (measurement noise); None: unknown."""
+        values = self.key.of_splits(floor) if (floor := case.known_results(NOISE_FLOOR)) else None
         return None if values is None else float(values.mean())
 
     def mean_ratio(self, model: str, cases: Iterable[ScoredCase]) -> float | None:
-        """Return the geometric mean of ratios over data sets and protocols, each counted once."""
+        """Return the geometric mean of ratios, with one vote per data set and protocol."""
         plans = grouped(cases, lambda case: (family_of(case.name), case.name.protocol))
         means = [self._mean_log(model, of_plan) for of_plan in plans.values()]
         logs = [mean for mean in means if mean is not None]
@@ -295,10 +295,10 @@ class Answer(BriefFields):
 
     @property
     def claim_robots(self) -> dict[str, list[ScoredCase]]:
-        """Robots that the headline is about: measured ones where they are enough.
+        """Return the robots of the headline: measured ones if there are enough.
 
-        Measured and simulated robots are never averaged; with fewer than `FEWEST_ROBOTS` of
-        either kind there are none.
+        Measured and simulated robots are never averaged. With fewer than `FEWEST_ROBOTS` of each
+        kind the result is empty.
         """
         for is_measured in (True, False):
             robots = {

@@ -1,4 +1,4 @@
-"""An answer as a headline, sentences and tables. SI becomes mm and % here."""
+"""Write an answer as a headline, sentences and tables, in mm and %."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.paired import LEVEL
 
 MATRIX_FORMAT = ".3f"
-"""Of mm: a thousandth is below every instrument's noise."""
+"""Format of errors in mm: 0.001 mm is below the noise of every instrument."""
 
 
 class Sentence(NamedTuple):
-    """One line of the answer: what it is about, and its text."""
+    """One line of the answer: a label and a text."""
 
     label: str
     text: str
@@ -41,10 +41,10 @@ class DatasetAnswer:
 
     Attributes:
         dataset: name without its specimen.
-        model: with the smallest error / VJM's error among those with every score.
-        ratio: that ratio, the geometric mean over the data set's comparisons.
+        model: model with the smallest error / VJM's error among models with every score.
+        ratio: error / VJM's error, geometric mean over the data set's comparisons.
         counts: verdicts on the model against the VJM; "a": the model is better.
-        n_cases: comparisons.
+        n_cases: number of comparisons.
     """
 
     dataset: str
@@ -55,17 +55,17 @@ class DatasetAnswer:
 
     @property
     def is_better(self) -> bool:
-        """True where it wins more comparisons with the VJM than it loses."""
+        """Return True if the model wins more comparisons with the VJM than it loses."""
         return self.ratio < 1.0 and self.counts["a"] > self.counts["b"]
 
 
 def dataset_answers(answer: Answer) -> list[DatasetAnswer]:
-    """Return the best model of each data set, one that beats the VJM where there is one."""
+    """Return the best model of each data set, preferably one that beats the VJM."""
     answers = []
     for dataset, cases in answer.datasets.items():
         ratios = {
             name: ratio
-            for name in answer.asked
+            for name in answer.model_names
             if all(name in case.scores for case in cases)
             and (ratio := answer.mean_ratio(name, cases)) is not None
         }
@@ -94,7 +94,7 @@ def change(ratio: float) -> str:
 
 
 def headline(answer: Answer) -> str:
-    """Return the answer in one line: a claim over robots, or the best model of each data set."""
+    """Return the answer in one line: over robots, or per data set."""
     best, robots = recommended(answer), answer.claim_robots
     if best is None or best.ratio is None:
         return _by_score(answer)
@@ -109,7 +109,7 @@ def headline(answer: Answer) -> str:
         )
     by_dataset = dataset_answers(answer)
     if len(by_dataset) == 1:
-        return _of_dataset(by_dataset[0])
+        return _dataset_headline(by_dataset[0])
     sure = [best_model for best_model in by_dataset if best_model.is_better]
     if not sure:
         return "No model is reliably better than the VJM on any of these data sets"
@@ -128,7 +128,7 @@ def _won(best: DatasetAnswer) -> str:
     return f"{best.counts['a']} of {counted(best.n_cases, 'comparison')}"
 
 
-def _of_dataset(best: DatasetAnswer) -> str:
+def _dataset_headline(best: DatasetAnswer) -> str:
     on = f"on {best.dataset}"
     if not best.is_better:
         return f"No model is reliably better than the VJM {on}"
@@ -143,13 +143,13 @@ def _by_score(answer: Answer) -> str:
 
 
 def recommended(answer: Answer) -> ModelAnswer | None:
-    """Return the best model with every score that is not the VJM; None: there is none."""
+    """Return the best complete model except the VJM; None: there is none."""
     complete = [model for model in answer.models if model.n_cases == len(answer.cases)]
     return next((model for model in complete if model.name != REFERENCE_MODEL), None)
 
 
 def sentences(answer: Answer) -> list[Sentence]:
-    """Return what must be read with the headline: certainty, gain, exceptions and data."""
+    """Return the sentences after the headline: certainty, gain, exceptions, data."""
     best = recommended(answer)
     if best is None or best.ratio is None or best.smallest is None or best.largest is None:
         return [Sentence("Data", _data(answer))]
@@ -160,7 +160,7 @@ def sentences(answer: Answer) -> list[Sentence]:
         f"{best.counts['open'] + best.counts['equivalent']} show no significant difference."
     )
     if not tested:
-        sure = "One split without poses to draw: no test applies."
+        sure = "No test applies: there is one split, and poses cannot be resampled."
     unit, factor = PRINTED[answer.key.metric.unit]
     errors = sorted(factor * case.mean(best.name) for case in answer.cases)
     span = change(best.ratio)
@@ -202,31 +202,35 @@ def _exceptions(answer: Answer, model: str) -> str:
 
 
 def _short_heading(answer: Answer, column: MatrixColumn) -> str:
-    """Return a column's name, without its protocol where there is one only."""
+    """Return a column's name, without its protocol if there is only one."""
     plans = {(column.protocol, column.condition) for column in answer.columns}
     return column.dataset if len(plans) == 1 else column.text.replace(" | ", ", ")
 
 
 def _data(answer: Answer) -> str:
-    """Return how much of the answer is measured, and what it allows to claim."""
+    """Return a text on the measured data and on the scope of the claim."""
     measured, n_sets = answer.measured, len(answer.datasets)
     text = "All data are simulated."
     if measured:
         samples = {name: len(cases[0].data.measured) for name, cases in measured.items()}
-        named = first_few([f"{name}, {counted(n, 'sample')}" for name, n in samples.items()], 2)
+        sample_counts = first_few(
+            [f"{name}, {counted(n, 'sample')}" for name, n in samples.items()], 2
+        )
         verb = "is" if len(measured) == 1 else "are"
-        text = f"{len(measured)} of {counted(n_sets, 'data set')} {verb} measured ({named})"
+        text = f"{len(measured)} of {counted(n_sets, 'data set')} {verb} measured ({sample_counts})"
         text = f"{text}: {_on_measured(answer, [*chain.from_iterable(measured.values())])}."
     if not answer.claim_robots:
         number = counted(len(answer.robots), "robot")
-        text += f" {number}: too few to say what holds for another (at least {FEWEST_ROBOTS})."
+        text += f" {number}: too few for a claim about other robots (at least {FEWEST_ROBOTS})."
     return text
 
 
 def _on_measured(answer: Answer, cases: Sequence[ScoredCase]) -> str:
-    """Return which models are reliably better than the VJM on measured data."""
+    """Return a text on the models that beat the VJM on measured data."""
     better = [
-        name for name in answer.asked if any(answer.verdict(name, case) == "a" for case in cases)
+        name
+        for name in answer.model_names
+        if any(answer.verdict(name, case) == "a" for case in cases)
     ]
     if not better:
         return "there, no model is reliably better than the VJM"
@@ -234,7 +238,7 @@ def _on_measured(answer: Answer, cases: Sequence[ScoredCase]) -> str:
 
 
 def matrix_table(answer: Answer) -> Table:
-    """Return models x (data set, protocol): the mean score, the best of each column marked."""
+    """Return mean scores by model, data set and protocol; the best ones are marked."""
     unit, factor = PRINTED[answer.key.metric.unit]
     written = MATRIX_FORMAT if unit == "mm" else number_format(answer.key.metric)
 
@@ -273,7 +277,7 @@ def matrix_table(answer: Answer) -> Table:
 
 
 def model_table(answer: Answer) -> Table:
-    """Return a row a model: median error, change against the VJM, verdicts and fit time."""
+    """Return a row per model: median error, change, verdicts and fit time."""
     unit, factor = PRINTED[answer.key.metric.unit]
     interval = Column(
         f"{percent(1.0 - LEVEL)} interval over robots",

@@ -1,8 +1,8 @@
 """Scores of models over robots, one vote each: the rows of a leaderboard.
 
-The main number of a model is its error over the VJM's: the geometric mean over robots, inside a
-robot over its data sets with equal weights. Measured robots stand beside the simulated ones and are
-never averaged with them.
+The main number of a model is its error over the VJM's: the geometric mean over robots, and for each
+robot over its data sets with equal weights. Measured robots have separate columns and are never
+averaged with simulated robots.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from stiff_protocols.scoring.over_robots import (
 from stiff_protocols.scoring.paired import LEVEL, holm
 
 SEED_OPTIONS = ("pretrain_seed",)
-"""Options of models that only repeat a training."""
+"""Options of models that only repeat a training with another seed."""
 Ratio = Callable[[str, ScoredCase], float | None]
-"""Number of a model in a comparison, whose logarithm is averaged; None: it has none."""
+"""Function for the number of a model in a comparison; the logarithms are averaged."""
 
 
 class MeasuredScore(NamedTuple):
-    """A model on measured data: error over the VJM's, and the verdict against the VJM."""
+    """Score on measured data: error over the VJM's, and the verdict against the VJM."""
 
     ratio: float
     verdict: Verdict | None
@@ -54,20 +54,20 @@ class BoardRow:
 
     Attributes:
         name: model with its options.
-        mark: text that must stand next to the name; "" for none.
+        mark: text printed next to the name; "" for none.
         mean: error over the VJM's.
-        won: robots on which no model has a smaller ratio.
+        won: number of robots on which the model has the smallest ratio.
         worst, worst_robot: largest ratio of a robot.
         without_one: smallest and largest mean with one robot left out.
-        p_reference, p_best: of the sign-flip tests against the VJM and the best model, corrected
-            (Holm) for all models; NaN for the model itself.
-        like_best: True where equivalence with the best within 5 % is shown.
-        p95: 95th percentile of the error over the VJM's; None: not known.
-        noise: error over the error that the instrument's noise alone makes; None: not known.
-        path: error left on tool paths over the VJM's; None: not known.
-        few: heading -> error over the VJM's with fewer poses.
-        groups: group of data sets -> error over the VJM's.
-        measured: measured data set -> score.
+        p_reference, p_best: p-values of the sign-flip tests against the VJM and the best model,
+            corrected (Holm) for all models; NaN for the model itself.
+        like_best: True if equivalence with the best within 5 % is significant.
+        p95: 95th percentile of the error over the VJM's; None: unknown.
+        noise: error over the error caused only by measurement noise; None: unknown.
+        path: remaining error on tool paths over the VJM's; None: unknown.
+        few: error over the VJM's with fewer poses, by heading.
+        groups: error over the VJM's by group of data sets.
+        measured: scores by measured data set.
         fit_s: median time of a fit, s; None: not recorded.
     """
 
@@ -91,20 +91,20 @@ class BoardRow:
 
     @property
     def verdict(self) -> str:
-        """Say whether the error is smaller than the VJM's over robots."""
+        """Return "better", "worse" or "open" for the error over the VJM's."""
         if not self.p_reference < LEVEL:
             return "open"
         return "better" if self.mean.ratio < 1.0 else "worse"
 
 
 class ControlRow(NamedTuple):
-    """A learned model against the physics or teacher that it begins with.
+    """A learned model against its physics model or teacher.
 
     Attributes:
         name, control: models.
         mean: error of the model over the control's.
-        p_value: of the sign-flip test, corrected (Holm) for all controls.
-        is_equal: equivalence within 5 % is shown.
+        p_value: p-value of the sign-flip test, corrected (Holm) for all controls.
+        is_equal: True if equivalence within 5 % is significant.
     """
 
     name: str
@@ -119,9 +119,9 @@ class Board(BriefFields):
     """Models over robots.
 
     Attributes:
-        answer: comparisons of one protocol, of simulated and measured robots.
-        few: heading -> comparisons with fewer poses, of the same robots.
-        groups: name -> data sets that have a column of their own.
+        answer: comparisons of one protocol, on simulated and measured robots.
+        few: comparisons with fewer poses on the same robots, by heading.
+        groups: data sets with a separate column, by its name.
     """
 
     answer: Answer
@@ -130,25 +130,27 @@ class Board(BriefFields):
 
     @cached_property
     def robots(self) -> dict[str, list[ScoredCase]]:
-        """Robot -> its comparisons; those that the averages are over."""
+        """Return comparisons by robot, for the averaged robots."""
         return self.answer.claim_robots
 
     @cached_property
     def measured(self) -> dict[str, list[ScoredCase]]:
-        """Measured data sets beside simulated robots; none where the robots are the measured."""
+        """Return measured data sets; none if the averaged robots are the measured ones."""
         kinds = {cases[0].case.shown.kind for cases in self.robots.values()}
         return {} if "measured" in kinds else self.answer.measured
 
     @cached_property
     def logs(self) -> DataFrame:
-        """(robots, models) logarithms of error / VJM's error; models with a score on all data."""
+        """Return (robots, models) logarithms of error / VJM's error of complete models."""
         return self._logs(self.answer.ratio, self.robots).dropna(axis="columns")
 
     @cached_property
     def n_splits(self) -> dict[str, tuple[int, int]]:
-        """Model with a score -> its comparisons with the robots' data, and all comparisons."""
+        """Return numbers of scored and of all comparisons, by model with a score."""
         cases = [case for of_robot in self.robots.values() for case in of_robot]
-        counts = {name: sum(name in case.scores for case in cases) for name in self.answer.asked}
+        counts = {
+            name: sum(name in case.scores for case in cases) for name in self.answer.model_names
+        }
         return {name: (count, len(cases)) for name, count in counts.items() if count}
 
     def robot_ratio(self, robot: str, name: str) -> float:
@@ -157,17 +159,17 @@ class Board(BriefFields):
 
     @cached_property
     def winners(self) -> dict[str, str]:
-        """Robot -> model with the smallest ratio."""
+        """Return the model with the smallest ratio, by robot."""
         return {str(robot): str(name) for robot, name in self.logs.idxmin(axis="columns").items()}
 
     @cached_property
     def best(self) -> str:
-        """Model with the smallest mean ratio."""
+        """Return the model with the smallest mean ratio."""
         return str(self.logs.mean().idxmin())
 
     @cached_property
     def rows(self) -> tuple[BoardRow, ...]:
-        """The models with every score, best first."""
+        """Return the models with every score, best first."""
         order = self.logs.mean().sort_values(kind="stable").index
         winners = [*self.winners.values()]
         cases = [case for of_robot in self.robots.values() for case in of_robot]
@@ -231,7 +233,7 @@ class Board(BriefFields):
         )
 
     def _p_values(self, against: str) -> dict[str, float]:
-        """Return model -> p-value against a model, corrected for all models."""
+        """Return p-values against a model by rival, corrected for all models."""
         rivals = [str(name) for name in self.logs if name != against]
         values = [sign_flip_p_value(self.logs[name] - self.logs[against]) for name in rivals]
         return dict(zip(rivals, holm(values).tolist(), strict=True))
@@ -240,8 +242,8 @@ class Board(BriefFields):
         return equivalence_p_value(self.logs[model] - self.logs[rival]) < LEVEL
 
     def _logs(self, ratio: Ratio, robots: Mapping[str, Sequence[ScoredCase]]) -> DataFrame:
-        """Return (robots, models) mean logarithms; NaN where a comparison has no number."""
-        names = self.answer.asked
+        """Return (robots, models) mean logarithms; NaN if a comparison has no number."""
+        names = self.answer.model_names
         rows = {
             robot: {name: _mean_log(name, cases, ratio) for name in names}
             for robot, cases in robots.items()
@@ -249,7 +251,7 @@ class Board(BriefFields):
         return DataFrame.from_dict(rows, orient="index", columns=[*names])
 
     def _robots_of(self, datasets: Collection[str]) -> dict[str, list[ScoredCase]]:
-        """Return robot -> comparisons on these data sets."""
+        """Return comparisons on these data sets by robot."""
         chosen = {
             robot: [case for case in cases if case.name.dataset in datasets]
             for robot, cases in self.robots.items()
@@ -269,7 +271,7 @@ class Board(BriefFields):
 
 
 def without_seeds(stored: StoredResults) -> StoredResults:
-    """Return stored results that name a model alike whatever the seed of its pre-training."""
+    """Return stored results without the pre-training seed in model names."""
 
     def renamed(texts: Presentation) -> Presentation:
         return replace(texts, model=without_options(texts.model, *SEED_OPTIONS))
@@ -283,9 +285,9 @@ def without_seeds(stored: StoredResults) -> StoredResults:
 
 
 def _mean_log(model: str, cases: Iterable[ScoredCase], ratio: Ratio) -> float:
-    """Return the mean logarithm over data sets, each counted once; NaN: one has no number.
+    """Return the mean logarithm with one vote per data set; NaN: a number is missing.
 
-    A model needs one of the splits of a data set: its error is divided by the VJM's of that split.
+    A model needs only one split of a data set: its error is divided by the VJM's on that split.
     """
     means = []
     for of_data in grouped(cases, lambda case: family_of(case.name)).values():
@@ -300,7 +302,7 @@ P95 = sort_key("norm-p95", None)
 
 
 def p95_error(model: str, case: ScoredCase) -> float | None:
-    """Return the 95th percentile of a model's 3-D error, mean over splits, m; None: unknown."""
+    """Return the 95th percentile of the 3-D error, mean over splits, m; None: unknown."""
     values = P95.of_splits(case.results[model]) if model in case.results else None
     return None if values is None else float(values.mean())
 
@@ -325,6 +327,6 @@ def _exp(log: float | None) -> float | None:
 
 
 def _present(columns: Mapping[str, Mapping[Any, float]], name: str) -> dict[str, float]:
-    """Return heading -> ratio of a model, where it has one."""
+    """Return the ratios of a model by heading; missing ones are omitted."""
     ratios = {heading: _exp(values.get(name)) for heading, values in columns.items()}
     return {heading: ratio for heading, ratio in ratios.items() if ratio is not None}

@@ -1,4 +1,4 @@
-"""A board as a headline, sentences and tables; errors are ratios there, and have no unit."""
+"""Write a board as a headline, sentences and tables; errors are ratios without unit."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from stiff_protocols.scoring.paired import LEVEL
 
 RATIO_FORMAT = ".2f"
 CLOSE_FORMAT = ".3f"
-"""Of two ratios that may be close."""
+"""Format of two ratios that may be close."""
 INTERVAL = f"{percent(1.0 - LEVEL)} interval"
 EQUAL_TEXT = f"{percent(math.exp(MARGIN) - 1.0)}"
 VERDICT_MARKS = {"a": "better", "b": "worse", "equivalent": "same", "open": "open", None: ""}
 
 
 def board_headline(board: Board) -> str:
-    """Return the answer in one line: the best model, how much better, and how sure."""
+    """Return the answer in one line: the best model, its gain and uncertainty."""
     lead, scope = leader(board), board.answer.claim_scope
     if lead is None or lead.verdict != "better":
         return f"No model is reliably better than the VJM over {scope}"
@@ -36,12 +36,12 @@ def board_headline(board: Board) -> str:
 
 
 def leader(board: Board) -> BoardRow | None:
-    """Return the best model that is not the VJM; None: there is none."""
+    """Return the best model except the VJM; None: there is none."""
     return next((row for row in board.rows if row.name != REFERENCE_MODEL), None)
 
 
 def board_sentences(board: Board) -> list[Sentence]:
-    """Return what must be read with the headline: certainty, exceptions, and measured robots."""
+    """Return the sentences after the headline: certainty, exceptions, measured robots."""
     lead = leader(board)
     if lead is None:
         return []
@@ -55,7 +55,7 @@ def _how_sure(board: Board, lead: BoardRow) -> str:
     low, high = lead.without_one
     rivals = [row.name for row in board.rows if row.name != lead.name and not row.p_best < LEVEL]
     rival_text = (
-        f"{first_few(rivals)} cannot be told apart from it."
+        f"Not significantly worse: {first_few(rivals)}."
         if rivals
         else "Every other model is significantly worse."
     )
@@ -67,7 +67,7 @@ def _how_sure(board: Board, lead: BoardRow) -> str:
 
 
 def _exceptions(board: Board, lead: BoardRow) -> Iterator[str]:
-    """Yield where another model is ahead by more than 5 %: robots, and groups of data sets."""
+    """Yield robots and groups of data sets with a clearly better model."""
     ahead = [
         f"{name} on {robot} ({board.robot_ratio(robot, name):{CLOSE_FORMAT}} against "
         f"{board.robot_ratio(robot, lead.name):{CLOSE_FORMAT}})"
@@ -88,12 +88,12 @@ def _exceptions(board: Board, lead: BoardRow) -> Iterator[str]:
 
 
 def _is_ahead(ratio: float, of_leader: float) -> bool:
-    """Say whether a ratio is smaller by more than makes no difference in practice."""
+    """Return True if a ratio is smaller by more than the practical margin."""
     return math.log(of_leader / ratio) > MARGIN
 
 
 def _data(board: Board, lead: BoardRow) -> str:
-    """Return how many robots are measured, and the models' scores there."""
+    """Return the number of measured robots, and the scores on them."""
     kinds = [cases[0].case.shown.kind for cases in board.answer.robots.values()]
     n_measured, n_all = kinds.count("measured"), len(kinds)
     verb = "is" if n_measured == 1 else "are"
@@ -114,7 +114,7 @@ def _data(board: Board, lead: BoardRow) -> str:
 
 
 def board_tables(board: Board, controls: Mapping[str, str]) -> list[Table]:
-    """Return the tables: ratios, other numbers of the same fits, certainty, and controls."""
+    """Return the tables: ratios, further numbers, certainty, and controls."""
     rows = board.rows
     tables = [_ratios(board), _more(board), _certainty(board)]
     if control_rows := board.controls(controls):
@@ -149,7 +149,7 @@ def _ratios(board: Board) -> Table:
         ],
         board.rows,
         [
-            f"{INTERVAL} over robots (Student's t of the logarithms); one vote a robot.",
+            f"{INTERVAL} over robots (Student's t of the logarithms); one vote per robot.",
             "verdict against the VJM: significant over robots (sign flips, Holm), or open; won: "
             "robots with the smallest error.",
             *_split_notes(board),
@@ -193,7 +193,7 @@ def _measured(dataset: str, row: BoardRow) -> Entry:
 
 
 def _split_notes(board: Board) -> Iterator[str]:
-    """Yield which models have fewer splits than others, and which have no score on some data."""
+    """Yield notes on models with fewer splits and on models without every score."""
     fewer = {name: counts for name, counts in board.n_splits.items() if counts[0] < counts[1]}
     for text, is_shown in (
         ("With fewer splits", True),
@@ -223,7 +223,7 @@ def _more(board: Board) -> Table:
     meanings = {"path": "tool paths: error left after the correction", "noise": over_noise}
     notes = [f"{text}." for attribute, text in meanings.items() if single[attribute] in values]
     if len(values) > 1:
-        notes.insert(0, f"All numbers{' but noise' * ('noise' in values)} are over the VJM's.")
+        notes.insert(0, f"All numbers{' except noise' * ('noise' in values)} are over the VJM's.")
     model = Column("model", "text", value=lambda row: row.name)
     return Table.of(
         "Other numbers of the same models, geometric means over robots",
@@ -267,7 +267,7 @@ def _certainty(board: Board) -> Table:
         board.rows,
         [
             "p: all choices of signs of the robots' differences, corrected (Holm) for all models.",
-            f"within {EQUAL_TEXT}: two one-sided t tests show it.",
+            f"within {EQUAL_TEXT}: shown by two one-sided t tests.",
         ],
         about={"table": "certainty"},
     )
@@ -275,7 +275,7 @@ def _certainty(board: Board) -> Table:
 
 def _controls(rows: Sequence[ControlRow]) -> Table:
     return Table.of(
-        "Models against their own beginning",
+        "Models against their physics model or teacher",
         [
             Column("model", "text", value=lambda row: row.name),
             Column("against", "text", value=lambda row: row.control),

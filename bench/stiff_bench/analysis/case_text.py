@@ -1,4 +1,4 @@
-"""One comparison as a terminal shows it: a table of models, the verdict, and facts."""
+"""Write one comparison for a terminal: a table of models, the verdict, and facts."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _METRICS = tuple(METRICS[key] for key in ("norm", "mae", "norm-p95", "norm-max",
 
 @dataclass(frozen=True)
 class _Row:
-    """A row of the table: results of a model, or a bound that a simulation knows."""
+    """A row of the table: results of a model, or a known bound of a simulation."""
 
     name: Name
     results: Sequence[CellResult]
@@ -41,7 +41,7 @@ class _Row:
     status: str = ""
 
     def value(self, metric: str, axis: str, *, spread: bool = False) -> Entry:
-        """Return a mean over splits, as printed; with its deviation where asked for."""
+        """Return the printed mean over splits, with `spread` also its standard deviation."""
         mean = metric_values(self.results, _METRICS).get((metric, axis)) if self.results else None
         if mean is None:
             return None
@@ -51,7 +51,7 @@ class _Row:
 def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
     """Return models by 3-D error: change against the VJM, axes and the largest error.
 
-    The best comes first; models without a result, and the noise floor, come last.
+    The best model comes first. Models without a result and the noise floor come last.
     """
     models = sorted(case.models, key=case.mean)
     rows = [
@@ -65,7 +65,7 @@ def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
     rows += [_Row(Name(name), (), status=case.missing[name]) for name in sorted(case.missing)]
     has_paths = case.case.has_paths
     bounds = (NOISE_FLOOR, KNOWN["uncorrected"]) if has_paths else (NOISE_FLOOR,)
-    rows += [_Row(Name(name), results) for name in bounds if (results := case.known(name))]
+    rows += [_Row(Name(name), results) for name in bounds if (results := case.known_results(name))]
     axes = [
         Column(axis.upper(), format=MATRIX_FORMAT, value=partial(_axis_error, axis))
         for axis in AXES
@@ -125,7 +125,7 @@ def case_title(case: ScoredCase) -> str:
 
 
 def verdict_sentence(answer: Answer, case: ScoredCase) -> str:
-    """Return whether the best model is better than the VJM, by how much, and how sure that is."""
+    """Return the comparison of the best model with the VJM, with its uncertainty."""
     rivals = [name for name in case.models if name != REFERENCE_MODEL]
     if REFERENCE_MODEL not in case.scores or not rivals:
         return ""
@@ -133,7 +133,7 @@ def verdict_sentence(answer: Answer, case: ScoredCase) -> str:
     model = min(winners or rivals, key=case.mean)
     verdict, results = answer.verdict(model, case), answer.estimates(model, case)
     if verdict is None or not results:
-        return f"{model} against vjm: one split and one pose allow no test."
+        return f"{model} against vjm: no test is possible with one split and one pose."
     gain = MM * (case.mean(REFERENCE_MODEL) - case.mean(model))
     amount = f"{abs(gain):.3f} mm {'less' if gain >= 0.0 else 'more'} error"
     main = max(results, key=lambda result: result.high - result.low)
@@ -153,7 +153,7 @@ def verdict_sentence(answer: Answer, case: ScoredCase) -> str:
 
 
 def _of_fits(case: ScoredCase) -> str:
-    """Return a limit of the verdict where the spread over splits is unknown; else ""."""
+    """Return a warning if the spread over splits is unknown; else ""."""
     if case.errors.of_splits is not None:
         return ""
     splits = "One split does" if len(case.slots) == 1 else "Pooled splits do"
@@ -161,21 +161,21 @@ def _of_fits(case: ScoredCase) -> str:
 
 
 def _interval(estimate: Estimate, gain: float) -> str:
-    """Return bounds of the gain, or of the loss where the model is worse."""
+    """Return bounds of the gain, or of the loss if the model is worse."""
     bounds = (-estimate.high, -estimate.low) if gain >= 0.0 else (estimate.low, estimate.high)
     low, high = (f"{MM * bound:.3f}" for bound in bounds)
     return f"{percent(1.0 - LEVEL)} interval {low} to {high}"
 
 
 def _disagreement(results: Sequence[Estimate], gain: float) -> str:
-    """Return in words where splits are sure and poses are not, or the other way; else ""."""
+    """Return a sentence if splits and poses disagree on significance; else ""."""
     if all(estimate.excludes_zero for estimate in results):
         return " Its interval excludes zero, but not after correction for all pairs of models."
     return f" {DISAGREEMENTS[disagreement(results[0], results[-1])]}".rstrip()
 
 
 def case_facts(case: ScoredCase) -> str:
-    """Return kind of the data and the sizes of training and test part."""
+    """Return the kind of the data and the sizes of training and test part."""
     results = next(iter(case.results.values()))
     trained = [result.n_train for result in results]
     tested = [len(result.prediction.rows) for result in results if result.prediction is not None]
@@ -206,17 +206,18 @@ def answer_screen(
     verbose: bool = False,
     console: Console | None = None,
 ) -> str:
-    """Return an answer as a terminal shows it: a table, the verdict, facts, and the next steps.
+    """Return an answer for a terminal: a table, the verdict, facts, and next steps.
 
-    One comparison is a table of its models; several are a matrix, and with `verbose` their tables.
+    One comparison is printed as a table of its models, several as a matrix. With `verbose` the
+    tables of several comparisons follow.
 
     Args:
-        answer: at least one comparison.
-        facts: what was run, and where it is stored.
-        failures: which fits have no result, and why.
-        options: of the next commands, after a space, such as " --results my/runs".
-        verbose: with every note.
-        console: of `screen_console`; None: that of the terminal.
+        answer: answer with at least one comparison.
+        facts: text on the run and its results folder.
+        failures: lines on fits without a result, with reasons.
+        options: options of the next commands, after a space, such as " --results my/runs".
+        verbose: True to print all notes.
+        console: console of `screen_console`; None: the terminal.
     """
     console = console or screen_console()
     single_case = answer.cases[0] if len(answer.cases) == 1 else None
@@ -236,7 +237,7 @@ def answer_screen(
     for line in failures:
         print_lines(console, line, style=WORSE)
     listed = list(chain(*map(case_notes, answer.cases)))
-    notes = Table("", (), (), listed, brief=not verbose).shown()
+    notes = Table("", (), (), listed, brief=not verbose).visible_table()
     for note in notes.notes:
         print_lines(console, note, style="dim")
     best = next((model.name for model in answer.models if model.name != REFERENCE_MODEL), "")
@@ -248,7 +249,7 @@ def answer_screen(
         "more metrics: --metric stde",
     ]
     line = f"Next: {' · '.join(next_steps)}"
-    if len(line) > console.width:  # a command is not broken
+    if len(line) > console.width:  # one command per line, so that commands are not wrapped
         line = "\n      ".join([f"Next: {next_steps[0]}", *next_steps[1:]])
     console.print(line, style="dim", soft_wrap=True)
     return screen_of(console)

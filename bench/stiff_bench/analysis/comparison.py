@@ -1,4 +1,4 @@
-"""`bench compare A B`: how much two models differ, axis by axis, and how sure that is."""
+"""`bench compare A B`: the difference of two models per axis, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stiff_bench.analysis.collected import (
     same_name_other_data,
 )
 from stiff_bench.analysis.scored_case import scored_case, shared_errors, with_reference
-from stiff_bench.analysis.selection import EVERYTHING, Selection, competitor_meant
+from stiff_bench.analysis.selection import EVERYTHING, Selection, resolve_model_name
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.analysis.verdict import (
     Estimate,
@@ -38,7 +38,7 @@ from stiff_protocols.contract.types import AXES
 
 NORM = "norm"
 ERRORS = {**{axis: sort_key("mae", axis) for axis in AXES}, NORM: sort_key(NORM, None)}
-"""What is compared: the absolute error along each axis, and the length of the error vector."""
+"""Compared errors: the absolute error along each axis, and the length of the error vector."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Row:
     Attributes:
         error: one of `ERRORS`.
         means: mean absolute errors of A and of B, m.
-        over_splits: by the corrected t test; None where there is one split or all are pooled.
-        over_poses: by the bootstrap over poses, with the fitted models held fixed.
-        verdict: of all of them together; without splits it is of the fitted models alone.
+        over_splits: estimate of the corrected t test; None with one split or pooled splits.
+        over_poses: estimate of the bootstrap over poses, with the fitted models held fixed.
+        verdict: verdict of all estimates; without splits it holds only for the fitted models.
     """
 
     error: str
@@ -61,18 +61,20 @@ class Row:
 
     @property
     def difference(self) -> float:
-        """A less B, m; negative where A is better."""
+        """Return A minus B, m; negative if A is better."""
         return self.means[0] - self.means[1]
 
     @property
     def estimate(self) -> Estimate:
-        """The estimate that is shown first: over splits where there is one."""
+        """Return the estimate over splits if there is one, else over poses."""
         return self.over_splits or self.over_poses
 
     @property
     def cautious(self) -> Estimate:
-        """The estimate with the wider interval: the one to speak of where one alone is named."""
-        return max(self.estimate, self.over_poses, key=lambda one: one.high - one.low)
+        """Return the estimate with the wider interval, for texts with a single interval."""
+        return max(
+            self.estimate, self.over_poses, key=lambda estimate: estimate.high - estimate.low
+        )
 
 
 @dataclass(frozen=True)
@@ -80,13 +82,13 @@ class Comparison:
     """A and B in one case.
 
     Attributes:
-        a, b: what must stand beside their numbers.
-        results: of A and of B, on the splits that both have.
-        n_poses: that were tested.
-        rows: one for each of `ERRORS`.
-        missing: what A or B lacks, or both of what was asked for, one line each.
-        among_all: the verdict as leaderboard and report page have it, p corrected for all pairs of
-            models there; None: there are no others, or A or B does not take part in their ranking.
+        a, b: labels and warnings that are printed with their numbers.
+        results: results of A and of B on their common splits.
+        n_poses: number of tested poses.
+        rows: one row per entry of `ERRORS`.
+        missing: lines about requested splits without a result of A or B.
+        among_all: verdict on leaderboard and report page, with p corrected for all pairs of models.
+            None if there are no other models, or if A or B is not ranked.
     """
 
     case: Case
@@ -100,12 +102,12 @@ class Comparison:
 
     @property
     def name(self) -> CaseName:
-        """Name of the case."""
+        """Return the name of the case."""
         return self.case.name
 
     @property
     def n_splits(self) -> int:
-        """How many splits both have."""
+        """Return the number of common splits."""
         return len(self.results[0])
 
     def row(self, error: str) -> Row:
@@ -114,20 +116,20 @@ class Comparison:
 
     @property
     def over_splits(self) -> bool:
-        """Whether the spread over splits is known."""
+        """Return True if the spread over splits is known."""
         return self.rows[0].over_splits is not None
 
     @property
     def selects_on_test(self) -> bool:
-        """Whether the protocol lets models choose on the test part."""
+        """Return True if the protocol lets models use the test part for a choice."""
         return self.a.selects_on_test or self.b.selects_on_test
 
 
 def paired_results(case: Case, a: str, b: str) -> tuple[list[CellResult], list[CellResult]]:
-    """Return the results of two models of a case on the splits that both have.
+    """Return the results of two models on their common splits of a case.
 
     Raises:
-        DataError: one has no results there, or they share no split.
+        DataError: a model has no results there, or they share no split.
     """
     for name in (a, b):
         if not case.competitors[name].done:
@@ -140,13 +142,13 @@ def paired_results(case: Case, a: str, b: str) -> tuple[list[CellResult], list[C
 
 
 def compare(case: Case, a: str, b: str, data: StoredData, question: Question) -> Comparison:
-    """Compare two models of a case on the splits that both have.
+    """Compare two models on their common splits of a case.
 
     Raises:
-        DataError: one has no results there, they share no split, or one pose alone was tested.
+        DataError: a model has no results there, they share no split, or only one pose was tested.
     """
     results = paired_results(case, a, b)
-    rows = np.concatenate([one.prediction.rows for one in results[0] if one.prediction])
+    rows = np.concatenate([result.prediction.rows for result in results[0] if result.prediction])
     n_poses = len(np.unique(data.samples.pose_id[rows]))
     if n_poses < 2:
         raise DataError("a bootstrap over poses needs at least 2 poses, there is 1")
@@ -166,7 +168,7 @@ def _among_all(case: Case, a: str, b: str, data: StoredData, question: Question)
     try:
         every = [*case.competitors]
         scored = with_reference(scored_case(case, every, ERRORS[NORM], data, question.seed))
-    except StoreError:  # two others share no split
+    except StoreError:  # two other models share no split
         return None
     if len(scored.scores) < 3 or not {a, b} <= scored.scores.keys():
         return None
@@ -177,8 +179,8 @@ def _among_all(case: Case, a: str, b: str, data: StoredData, question: Question)
 def _rows(
     results: Sequence[Sequence[CellResult]], data: StoredData, question: Question
 ) -> Iterator[Row]:
-    """Yield the rows with their verdicts; over splits too where there are several."""
-    means, found = [], []
+    """Yield the rows with their verdicts; with several splits also over splits."""
+    means, row_estimates = [], []
     for key in ERRORS.values():
         a, b = (key.of_splits(of_model) for of_model in results)
         if a is None or b is None:
@@ -186,39 +188,42 @@ def _rows(
         means.append((float(a.mean()), float(b.mean())))
         errors = shared_errors(key, results, [a, b], data, question.seed)
         of_methods = estimates(errors, [(0, 1)], question, all_p_values=True)
-        found.append([estimate for (estimate,) in of_methods])
-    # the axes are corrected for one another (Holm); the length is a question of its own
-    by_method = [[*corrected(of_axes), length] for *of_axes, length in zip(*found, strict=True)]
+        row_estimates.append([estimate for (estimate,) in of_methods])
+    # the axes are corrected for each other (Holm); the length is a separate question
+    by_method = [
+        [*corrected(of_axes), length] for *of_axes, length in zip(*row_estimates, strict=True)
+    ]
     for error, of_both, *of_row in zip(ERRORS, means, *by_method, strict=True):
         over_splits = of_row[0] if len(of_row) > 1 else None
         yield Row(error, of_both, over_splits, of_row[-1], decide(of_row, question.confidence))
 
 
 def _missing(case: Case, a: str, b: str) -> Iterator[str]:
-    """Yield how many splits were never run, on how many A or B has no result, and why."""
-    both = [case.competitors[name] for name in (a, b)]
-    run = {slot for one in both for slot in (*one.done, *one.failures)}
-    asked = max(one.n_asked for one in both)
-    if len(run) < asked:
-        yield f"{len(run)} of {asked} splits asked for were run"
-    for one in both:
-        lacking = sorted(run - one.done.keys())
-        failures = [one.failures.get(slot) for slot in lacking]
+    """Yield lines about splits without a result of A or B, with the reasons."""
+    competitors = [case.competitors[name] for name in (a, b)]
+    run = {slot for competitor in competitors for slot in (*competitor.done, *competitor.failures)}
+    n_requested = max(competitor.n_asked for competitor in competitors)
+    if len(run) < n_requested:
+        yield f"{len(run)} of {n_requested} requested splits were run"
+    for competitor in competitors:
+        missing_slots = sorted(run - competitor.done.keys())
+        failures = [competitor.failures.get(slot) for slot in missing_slots]
         reasons = dict.fromkeys(failure.why_none if failure else "not run" for failure in failures)
-        if lacking:
-            yield f"{one.name} lacks {len(lacking)} of {len(run)} splits ({'; '.join(reasons)})"
+        if missing_slots:
+            n_missing = f"{len(missing_slots)} of {len(run)} splits"
+            yield f"{competitor.name} has no result on {n_missing} ({'; '.join(reasons)})"
 
 
 @dataclass(frozen=True)
 class ModelComparison:
-    """Two models wherever both were run.
+    """Two models in all cases in which both were run.
 
     Attributes:
         a, b: names.
-        comparisons: one a case; at least one.
-        where: all places and who is better there, if there is one case.
-        notes: what could not be compared, and what was left out.
-        provenance: which stiffbench made the results.
+        comparisons: one per case; at least one.
+        where: all subgroups with the better model, if there is only one case.
+        notes: cases that were not compared, and results that do not count.
+        provenance: versions of stiffbench that made the results.
     """
 
     a: str
@@ -237,49 +242,54 @@ def compare_folder(
     question: Question,
     selection: Selection = EVERYTHING,
 ) -> ModelComparison:
-    """Compare two models in every case shown in which both have results on the same splits.
+    """Compare two models in every selected case with common splits.
 
     Raises:
-        ConfigError: a name is unknown, A is B, or they were never run on the same.
+        ConfigError: a name is unknown, A is B, or they have no case in common.
         StoreError: the folder holds no results, or corrupt ones.
     """
     stored = StoredResults.read(folder)
-    a, b = (competitor_meant(word, stored.cases) for word in (a, b))
+    a, b = (resolve_model_name(word, stored.cases) for word in (a, b))
     if a == b:
-        raise ConfigError(f"compare {a!r} with another model than itself")
+        raise ConfigError(f"both models are {a!r}; give two different models")
     chosen = selection.cases_of(stored.cases)
     chosen.sort(key=lambda case: (natural_key(case.name.text), case.name))
-    called = labels(one.name for one in chosen)
-    run = {name: [called[one.name] for one in chosen if name in one.competitors] for name in (a, b)}
+    case_labels = labels(case.name for case in chosen)
+    run = {
+        name: [case_labels[case.name] for case in chosen if name in case.competitors]
+        for name in (a, b)
+    }
     data_of = stored.data_of
     comparisons, notes = list[Comparison](), list[str]()
     for case in chosen:
         if not {a, b} <= case.competitors.keys():
             continue
         if case.competitors[a].shown.reports_training:
-            notes.append(f"not compared: {called[case.name]}: {TRAINING_MARK}.")
+            notes.append(f"not compared: {case_labels[case.name]}: {TRAINING_MARK}.")
             continue
         data = data_of(case.name.data_sha256)
         try:
             comparisons.append(compare(case, a, b, data, question))
         except DataError as error:
-            notes.append(f"not compared: {called[case.name]}: {error}.")
+            notes.append(f"not compared: {case_labels[case.name]}: {error}.")
     if not comparisons:
         where_run = "; ".join(f"{name} was run in {_named(places)}" for name, places in run.items())
-        others = "".join(f"; {line}" for line in same_name_other_data(chosen, data_of))
+        data_notes = "".join(f"; {line}" for line in same_name_other_data(chosen, data_of))
         raise ConfigError(
-            " ".join(notes) or f"{a} and {b} have no comparison in common: {where_run}{others}"
+            " ".join(notes) or f"{a} and {b} have no comparison in common: {where_run}{data_notes}"
         )
-    for name, other in ((a, b), (b, a)):
-        if alone := [place for place in run[name] if place not in run[other]]:
-            notes.append(f"{name} alone was run in {_named(alone)}.")
+    for name, other_name in ((a, b), (b, a)):
+        if places := [place for place in run[name] if place not in run[other_name]]:
+            notes.append(f"only {name} was run in {_named(places)}.")
     where = []
     if len(comparisons) == 1:
-        (only,) = comparisons
-        where = where_better(*only.results, data_of(only.name.data_sha256), question)
-    shared = [one.case for one in comparisons]
+        (comparison,) = comparisons
+        where = where_better(*comparison.results, data_of(comparison.name.data_sha256), question)
+    shared = [comparison.case for comparison in comparisons]
     counts = {
-        name: Counter(result.run_id for one in comparisons for result in one.results[number])
+        name: Counter(
+            result.run_id for comparison in comparisons for result in comparison.results[number]
+        )
         for number, name in enumerate((a, b))
     }
     return ModelComparison(

@@ -1,6 +1,6 @@
-"""A comparison as a headline, tables and notes. Here SI becomes mm.
+"""Write a comparison as a headline, tables and notes; lengths are converted to mm.
 
-docs/comparing.md says what the columns and marks mean.
+The columns and marks are explained in docs/comparing.md.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from stiff_bench.analysis.verdict import (
     decide,
     disagreement,
 )
-from stiff_bench.analysis.where import Place, telling
+from stiff_bench.analysis.where import Place, best_divisions
 from stiff_bench.store.names import grouped, label_parts, labels
 from stiff_bench.tables.metric_table import mark_of, setting
 from stiff_bench.tables.table import (
@@ -49,75 +49,82 @@ VERDICTS: dict[Verdict, str] = {
     "open": "no significant difference",
 }
 SELECTS_ON_TEST = "selects on the test part"
-"""Stands beside a case whose protocol lets models do so."""
+"""Mark of a case whose protocol lets models choose on the test part."""
 FEWEST_DATASETS = 5
-"""With fewer data sets no p value over them is given."""
+"""Fewest data sets for a p value over data sets."""
 
 
 def comparison_tables(report: ModelComparison) -> list[Table]:
-    """Return the tables; csv has the estimates alone, json all tables and all notes."""
+    """Return the tables; csv has only the estimates, json all tables and all notes."""
     if len(report.comparisons) > 1:
-        named = {"cases": _cases(report)}
+        tables = {"cases": _cases(report)}
         if (over_datasets := _over_datasets(report)).rows:
-            named["over datasets"] = over_datasets
+            tables["over datasets"] = over_datasets
     else:
-        named = {"errors": _errors(report)}
+        tables = {"errors": _errors(report)}
         if report.where:
-            named["where"] = _places(report, telling(report.where))
-    *_, last = named
-    named[last] = replace(named[last], notes=list(dict.fromkeys(_notes(report))), brief=True)
+            tables["where"] = _places(report, best_divisions(report.where))
+    *_, last_name = tables
+    tables[last_name] = replace(
+        tables[last_name], notes=list(dict.fromkeys(_notes(report))), brief=True
+    )
     about = {"a": report.a, "b": report.b}
-    shown = [
-        replace(one, about={**about, "table": name}, formats=WRITTEN) for name, one in named.items()
+    file_tables = [
+        replace(table, about={**about, "table": name}, formats=WRITTEN)
+        for name, table in tables.items()
     ]
     estimates = replace(_estimates(report), about={**about, "table": "estimates"})
-    notes = shown[-1].notes
+    notes = file_tables[-1].notes
     differences = replace(_differences(report), about={**about, "table": "differences"})
     on_screen = replace(differences, notes=notes, brief=True, formats=(SCREEN,))
-    return [*shown, replace(estimates, formats=("csv", "json")), on_screen]
+    return [*file_tables, replace(estimates, formats=("csv", "json")), on_screen]
 
 
 def sentence(report: ModelComparison) -> str:
-    """Return the result in one sentence, or more where some verdicts are of one training alone.
+    """Return the result in a few sentences.
 
-    Among several cases those that select on the test part are counted apart. Where the verdicts
-    among all models are others, they follow.
+    Cases that select on the test part are counted separately. If the verdicts among all models
+    differ, they follow.
     """
-    return " ".join(filter(None, [_of_the_pair(report), _among_all(report)]))
+    return " ".join(filter(None, [_describe_result(report), _among_all(report)]))
 
 
 def _among_all(report: ModelComparison) -> str:
-    """Return the verdicts that leaderboard and report page show; "" where they are the same."""
-    fair = [one for one in report.comparisons if not one.selects_on_test]
-    verdicts = [(one, one.among_all) for one in fair or report.comparisons if one.among_all]
-    if all(one.row(NORM).verdict == verdict for one, verdict in verdicts):
+    """Return the verdicts of leaderboard and report page; "" if they are the same."""
+    fair = [comparison for comparison in report.comparisons if not comparison.selects_on_test]
+    verdicts = [
+        (comparison, comparison.among_all)
+        for comparison in fair or report.comparisons
+        if comparison.among_all
+    ]
+    if all(comparison.row(NORM).verdict == verdict for comparison, verdict in verdicts):
         return ""
-    is_usual = report.question == Question(seed=report.question.seed)  # theirs
+    is_usual = report.question == Question(seed=report.question.seed)  # as on the leaderboard
     source = ", as leaderboard and report page show" * is_usual
     count = Counter(verdict for _, verdict in verdicts)
-    place, said = "of each comparison", _numbers_of(report, count)
+    place, outcome = "of each comparison", _numbers_of(report, count)
     if len(report.comparisons) == 1:
         (verdict,) = count
         better = {"a": f"{report.a} is better", "b": f"{report.b} is better"}
-        place, said = "here", better.get(verdict, VERDICTS[verdict])
-    return f"Among all models {place}{source} (p corrected for all pairs, Holm): {said}."
+        place, outcome = "here", better.get(verdict, VERDICTS[verdict])
+    return f"Among all models {place}{source} (p corrected for all pairs, Holm): {outcome}."
 
 
-def _of_the_pair(report: ModelComparison) -> str:
-    """Return the result on A and B, each pair asked by itself."""
+def _describe_result(report: ModelComparison) -> str:
+    """Return the result on A and B, without a correction for other models."""
     if len(report.comparisons) == 1:
-        return _of_one(report, report.comparisons[0])
-    fair = [one for one in report.comparisons if not one.selects_on_test]
-    over_splits = [one for one in fair if one.over_splits]
-    of_fits = [one for one in fair if not one.over_splits]
+        return _describe_comparison(report, report.comparisons[0])
+    fair = [comparison for comparison in report.comparisons if not comparison.selects_on_test]
+    over_splits = [comparison for comparison in fair if comparison.over_splits]
+    of_fits = [comparison for comparison in fair if not comparison.over_splits]
     parts = []
-    for found, kind in (
+    for comparisons, kind in (
         (over_splits, " over several splits" if of_fits else ""),
         (of_fits, " on one split or pooled splits (these fits)"),
     ):
-        if found:
-            count = Counter(one.row(NORM).verdict for one in found)
-            number = counted(len(found), "comparison")
+        if comparisons:
+            count = Counter(comparison.row(NORM).verdict for comparison in comparisons)
+            number = counted(len(comparisons), "comparison")
             parts.append(f"Of {number}{kind}: {_numbers_of(report, count)}.")
     if n_unfair := len(report.comparisons) - len(fair):
         parts.append(
@@ -134,10 +141,10 @@ def _numbers_of(report: ModelComparison, count: Counter[Verdict]) -> str:
     )
 
 
-def _of_one(report: ModelComparison, found: Comparison) -> str:
-    name, row = found.name, found.row(NORM)
-    fits = "" if found.over_splits else "these fits"
-    splits = counted(found.n_splits, "split")
+def _describe_comparison(report: ModelComparison, comparison: Comparison) -> str:
+    name, row = comparison.name, comparison.row(NORM)
+    fits = "" if comparison.over_splits else "these fits"
+    splits = counted(comparison.n_splits, "split")
     on = f"on {name.dataset} ({_joined(name.protocol, name.condition, splits, fits)})"
     level, main = percent(report.question.confidence), row.cautious
     over = "splits" if main is row.over_splits else "poses"
@@ -152,7 +159,7 @@ def _of_one(report: ModelComparison, found: Comparison) -> str:
     if row.verdict == "open":
         return (
             f"No significant difference between {report.a} and {report.b} {on}: mean 3-D error of "
-            f"{report.a} minus that of {report.b} {MM * row.difference:.3f} mm ({interval})."
+            f"{report.a} minus {report.b} {MM * row.difference:.3f} mm ({interval})."
             f"{_why_open(row)}"
         )
     better, worse = (report.a, report.b) if a_better else (report.b, report.a)
@@ -163,7 +170,7 @@ def _of_one(report: ModelComparison, found: Comparison) -> str:
 
 
 def _why_open(row: Row) -> str:
-    """Return in words where splits are sure and poses are not, or the other way; else ""."""
+    """Return a sentence if splits and poses disagree on significance, else ""."""
     if row.over_splits is None:
         return ""
     return f" {DISAGREEMENTS[disagreement(row.over_splits, row.over_poses)]}".rstrip()
@@ -174,51 +181,55 @@ def _rope(report: ModelComparison) -> str:
 
 
 def _chance(chance: float) -> str:
-    """Return a probability for people; no estimate is certain."""
+    """Format a probability; it is never written as 0 or 1."""
     return "> 0.99" if chance > 0.99 else "< 0.01" if chance < 0.01 else f"{chance:.2f}"
 
 
 def _notes(report: ModelComparison) -> Iterator[str]:
-    """Yield what must be read with the numbers, most important first."""
-    for one in report.comparisons:
-        if one.a.regime != one.b.regime:
-            a, b = (one.regime or "trained on measured deflections" for one in (one.a, one.b))
-            yield f"Different training data: {one.a.model}: {a}; {one.b.model}: {b}."
-        if one.a.picked_on_test != one.b.picked_on_test:
-            picked = one.a if one.a.picked_on_test else one.b
-            yield f"{one.name.protocol}: {picked.model} alone picked its epoch on the test part."
-        if one.a.selects_on_test:
-            yield one.a.warning
-    if not all(one.over_splits for one in report.comparisons):
+    """Yield notes on the numbers, most important first."""
+    for comparison in report.comparisons:
+        if comparison.a.regime != comparison.b.regime:
+            a, b = (
+                presentation.regime or "trained on measured deflections"
+                for presentation in (comparison.a, comparison.b)
+            )
+            yield f"Different training data: {comparison.a.model}: {a}; {comparison.b.model}: {b}."
+        if comparison.a.picked_on_test != comparison.b.picked_on_test:
+            picked = comparison.a if comparison.a.picked_on_test else comparison.b
+            protocol = comparison.name.protocol
+            yield f"{protocol}: only {picked.model} picked its epoch on the test part."
+        if comparison.a.selects_on_test:
+            yield comparison.a.warning
+    if not all(comparison.over_splits for comparison in report.comparisons):
         yield (
             "these fits: one split or pooled splits do not show how results vary with the training "
             "samples; repeated-holdout with --splits 5 does."
         )
     if report.where:
-        found = Counter(place.verdict for place in report.where)
+        counts = Counter(place.verdict for place in report.where)
         yield (
             f"where: {len(report.where)} subgroups tested, Holm-corrected; {report.a} better in "
-            f"{found['a']}, {report.b} in {found['b']}."
+            f"{counts['a']}, {report.b} in {counts['b']}."
         )
-    called = labels(one.name for one in report.comparisons)
-    for one in report.comparisons:
-        place = f"{called[one.name]}: " if len(report.comparisons) > 1 else ""
-        yield from (f"{place}{line}." for line in one.missing)
+    case_labels = labels(comparison.name for comparison in report.comparisons)
+    for comparison in report.comparisons:
+        place = f"{case_labels[comparison.name]}: " if len(report.comparisons) > 1 else ""
+        yield from (f"{place}{line}." for line in comparison.missing)
     yield from report.notes
-    yield from (caveat for one in report.comparisons for caveat in one.a.caveats)
+    yield from (caveat for comparison in report.comparisons for caveat in comparison.a.caveats)
     yield from report.provenance
 
 
 _UNIT, _LENGTH, _DIFFERENCE = PRINTED["m"][0], ".4f", "+.4f"
 
 
-def _p_text(found: Quantity) -> str:
-    p_value = found.value or 0.0
+def _p_text(quantity: Quantity) -> str:
+    p_value = quantity.value or 0.0
     return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
-def _chance_text(found: Quantity) -> str:
-    return _chance(found.value or 0.0)
+def _chance_text(quantity: Quantity) -> str:
+    return _chance(quantity.value or 0.0)
 
 
 def _interval(estimate: Estimate) -> Quantity:
@@ -228,9 +239,9 @@ def _interval(estimate: Estimate) -> Quantity:
 def _number_columns(
     report: ModelComparison, of: Callable[[Any], Any] = lambda row: row
 ) -> list[Column]:
-    """Return the columns that all tables share; a new one is one entry.
+    """Return the columns that all tables share.
 
-    `of` returns, of what a row of the table is of, what has `means` [m] and an `estimate`.
+    `of` converts a row of the table to an object with `means` [m] and an `estimate`.
     """
 
     def column(name: str, value: Callable[[Any], Entry], unit: str, spec: Any) -> Column:
@@ -254,10 +265,13 @@ def _text_column(name: str, value: Callable[[Any], Entry], hidden: bool = False)
 
 
 def _errors(report: ModelComparison) -> Table:
-    (found,) = report.comparisons
-    name = found.name
-    a, b = (Name(shown.model, mark_of(shown)) for shown in (found.a, found.b))
-    where = setting(found.a, name.condition, found.n_splits, name.seed)
+    (comparison,) = report.comparisons
+    name = comparison.name
+    a, b = (
+        Name(presentation.model, mark_of(presentation))
+        for presentation in (comparison.a, comparison.b)
+    )
+    where = setting(comparison.a, name.condition, comparison.n_splits, name.seed)
     over_poses = Column(
         *("interval over poses", "number", _UNIT, _DIFFERENCE),
         value=lambda row: _interval(row.over_poses),
@@ -269,25 +283,30 @@ def _errors(report: ModelComparison) -> Table:
                 "mean error", lambda row: "3-D" if row.error == NORM else row.error.upper()
             ),
             *_number_columns(report),
-            *([over_poses] if found.over_splits else []),
+            *([over_poses] if comparison.over_splits else []),
             _text_column("verdict", lambda row: _shown_verdict(row, report)),
         ],
-        found.rows,
+        comparison.rows,
         unit=_UNIT,
     )
 
 
 def _cases(report: ModelComparison) -> Table:
-    called = label_parts(one.name for one in report.comparisons)
-    kinds = " and ".join(dict.fromkeys(one.a.kind for one in report.comparisons))
+    case_labels = label_parts(comparison.name for comparison in report.comparisons)
+    kinds = " and ".join(dict.fromkeys(comparison.a.kind for comparison in report.comparisons))
     return Table.of(
         f"A = {report.a}, B = {report.b} | {len(report.comparisons)} comparisons ({kinds}) | "
         "mean 3-D error, mm",
         [
-            _text_column("comparison", lambda one: Name(_joined(*called[one.name]), _marks(one))),
-            Column("splits", value=lambda one: one.n_splits),
-            *_number_columns(report, lambda one: one.row(NORM)),
-            _text_column("verdict", lambda one: _shown_verdict(one.row(NORM), report)),
+            _text_column(
+                "comparison",
+                lambda comparison: Name(_joined(*case_labels[comparison.name]), _marks(comparison)),
+            ),
+            Column("splits", value=lambda comparison: comparison.n_splits),
+            *_number_columns(report, lambda comparison: comparison.row(NORM)),
+            _text_column(
+                "verdict", lambda comparison: _shown_verdict(comparison.row(NORM), report)
+            ),
         ],
         report.comparisons,
         unit=_UNIT,
@@ -295,14 +314,14 @@ def _cases(report: ModelComparison) -> Table:
 
 
 def _differences(report: ModelComparison) -> Table:
-    """Return a row a case for a terminal: change in mm and %, deciding interval and verdict."""
-    called = label_parts(comparison.name for comparison in report.comparisons)
+    """Return a row per case for a terminal: change, deciding interval and verdict."""
+    case_labels = label_parts(comparison.name for comparison in report.comparisons)
     interval = f"{percent(report.question.confidence)} interval"
     return Table.of(
         f"A = {report.a}, B = {report.b} · mean 3-D error in mm",
         [
             _text_column(
-                "comparison", lambda pair: Name(_joined(*called[pair.name]), _marks(pair))
+                "comparison", lambda pair: Name(_joined(*case_labels[pair.name]), _marks(pair))
             ),
             *(
                 Column(name, format=".3f", value=partial(_mean, number))
@@ -328,7 +347,7 @@ def _change(comparison: Comparison) -> Entry:
 
 
 def _brief_verdict(row: Row) -> str:
-    """Return the verdict; where splits and poses differ, what each says."""
+    """Return the verdict; if splits and poses disagree, with both."""
     if row.verdict != "open" or row.over_splits is None:
         return "open" if row.verdict == "open" else _verdict(row)
     sure = disagreement(row.over_splits, row.over_poses)
@@ -355,29 +374,35 @@ def _places(report: ModelComparison, places: Sequence[Place]) -> Table:
 
 
 def _over_datasets(report: ModelComparison) -> Table:
-    """Sum up over the data sets of one robot type, wherever there are several.
+    """Summarize the data sets of each robot type with several data sets.
 
-    Splits of one data set are never counted as data sets, nor are repeats of it with another seed:
-    their differences are averaged, and where they disagree, the verdict is open. Where one name
-    stands for different data, there is no sum.
+    Splits or repeats with another seed do not count as data sets. Differences of repeats are
+    averaged; if repeats disagree, the verdict is open. A name used for different data is left out.
     """
     rows: list[list[Entry]] = []
-    of_name = {one.name: one for one in report.comparisons}
-    groups = grouped(of_name, lambda one: (family_of(one), one.protocol, one.condition, one.seed))
+    of_name = {comparison.name: comparison for comparison in report.comparisons}
+    groups = grouped(
+        of_name, lambda name: (family_of(name), name.protocol, name.condition, name.seed)
+    )
     alike = Counter(place[:3] for place, names in groups.items() if len(names) > 1)
     for (*_, seed), names in groups.items():
         place = family_of(names[0]), names[0].protocol, names[0].condition
         group = [of_name[name] for name in names]
-        datasets = [*grouped(group, lambda one: dataset_of(one.name)).values()]
+        datasets = [*grouped(group, lambda comparison: dataset_of(comparison.name)).values()]
         if len(datasets) < 2 or len({name.dataset for name in names}) < len(names):
             continue
-        each = [[one.row(NORM) for one in repeats] for repeats in datasets]
-        differences = [float(np.mean([row.difference for row in of_one])) for of_one in each]
-        verdicts = [{row.verdict for row in of_one} for of_one in each]
-        count = Counter(one.pop() if len(one) == 1 else "open" for one in verdicts)
-        fits = "" if all(one.over_splits for one in group) else "these fits"
+        dataset_rows = [[comparison.row(NORM) for comparison in repeats] for repeats in datasets]
+        differences = [
+            float(np.mean([row.difference for row in repeats])) for repeats in dataset_rows
+        ]
+        verdicts = [{row.verdict for row in repeats} for repeats in dataset_rows]
+        count = Counter(
+            repeat_verdicts.pop() if len(repeat_verdicts) == 1 else "open"
+            for repeat_verdicts in verdicts
+        )
+        fits = "" if all(comparison.over_splits for comparison in group) else "these fits"
         repeated = f"seed {seed}" if alike[place] > 1 else ""
-        selects = any(one.selects_on_test for one in group)
+        selects = any(comparison.selects_on_test for comparison in group)
         rows.append(
             [
                 Name(_joined(*place, repeated, fits), SELECTS_ON_TEST * selects),
@@ -401,21 +426,26 @@ def _over_datasets(report: ModelComparison) -> Table:
 
 
 def _estimates(report: ModelComparison) -> Table:
-    """Return what each method says of each error in each case."""
+    """Return the estimates of each method for each error in each case."""
     rows: list[dict[str, Any]] = []
-    for one in report.comparisons:
-        name, (n_train, n_test) = one.name, split_sizes(one.results[0])
+    for comparison in report.comparisons:
+        name, (n_train, n_test) = comparison.name, split_sizes(comparison.results[0])
         about = {
             **asdict(name),
-            **{"splits": one.n_splits, "selects_on_test": one.selects_on_test},
-            **{"mark_a": mark_of(one.a), "mark_b": mark_of(one.b)},
-            **{"n_train": n_train, "n_test": n_test, "n_poses": one.n_poses},
+            **{"splits": comparison.n_splits, "selects_on_test": comparison.selects_on_test},
+            **{"mark_a": mark_of(comparison.a), "mark_b": mark_of(comparison.b)},
+            **{"n_train": n_train, "n_test": n_test, "n_poses": comparison.n_poses},
         }
-        for row in one.rows:
-            for method, found in (("over splits", row.over_splits), ("over poses", row.over_poses)):
-                says = {"error": row.error, "method": method, "verdict": _verdict(row)}
-                if found is not None:
-                    rows.append({**about, **says, "numbers": replace(row, over_splits=found)})
+        for row in comparison.rows:
+            for method, estimate in (
+                ("over splits", row.over_splits),
+                ("over poses", row.over_poses),
+            ):
+                labels_of_row = {"error": row.error, "method": method, "verdict": _verdict(row)}
+                if estimate is not None:
+                    rows.append(
+                        {**about, **labels_of_row, "numbers": replace(row, over_splits=estimate)}
+                    )
     *texts, numbers = rows[0]
     return Table.of(
         "Estimates by each method | mean error, mm",
@@ -425,11 +455,11 @@ def _estimates(report: ModelComparison) -> Table:
     )
 
 
-def _marks(found: Comparison) -> str:
-    """Return what must stand beside a case among others: its own mark, A's and B's."""
-    a, b = mark_of(found.a), mark_of(found.b)
+def _marks(comparison: Comparison) -> str:
+    """Return the marks of a case in a table: of its protocol, of A and of B."""
+    a, b = mark_of(comparison.a), mark_of(comparison.b)
     marks = [f"A and B: {a}"] if a and a == b else [f"A: {a}" if a else "", f"B: {b}" if b else ""]
-    return "; ".join(filter(None, [SELECTS_ON_TEST if found.selects_on_test else "", *marks]))
+    return "; ".join(filter(None, [SELECTS_ON_TEST if comparison.selects_on_test else "", *marks]))
 
 
 def _joined(*parts: str) -> str:
@@ -437,13 +467,13 @@ def _joined(*parts: str) -> str:
 
 
 def _verdict(row: Row) -> str:
-    """Return a row's verdict for people, and whether it is of the fitted models alone."""
+    """Return the verdict in words, with a mark if it holds only for these fits."""
     of_fits = row.over_splits is None and row.verdict != "open"
     return f"{VERDICTS[row.verdict]}{' (these fits)' if of_fits else ''}"
 
 
 def _shown_verdict(row: Row, report: ModelComparison) -> str:
-    """Return the verdict; where splits found a winner and the poses did not, that too."""
+    """Return the verdict, with a mark if only the splits decide."""
     if row.over_splits is None or row.verdict != "open":
         return _verdict(row)
     of_splits = decide([row.over_splits], report.question.confidence)
@@ -451,7 +481,7 @@ def _shown_verdict(row: Row, report: ModelComparison) -> str:
 
 
 def place_text(place: Place) -> str:
-    """Return which place it is, with unit."""
+    """Return the name of a place, with unit."""
     name, unit = place.factor.name, place.factor.unit
     if isinstance(place.values, str):
         return f"{name}: {place.values}"

@@ -1,4 +1,4 @@
-"""What a run would compute, and about how long that takes: `bench run --plan`."""
+"""Forecast the fits of a run and their time: `bench run --plan`."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from stiff_bench.tables.units import counted, first_few
 from stiff_protocols.contract.record import CellResult
 
 LONGEST_FIT_S, LONGEST_S = 10.0, 30.0
-"""Seconds after which the timing of one fit is stopped, and after which no other is started."""
+"""Seconds after which the timing of a fit is stopped, and after which no new fit is started."""
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a run would compute of one model, or of all.
+    """Forecast of a run for one model, or for all.
 
     Attributes:
         model: key with the options that differ from their defaults.
-        n_cells: in all.
-        n_cached: whose results are there.
-        n_unknown: how many of the others take a time that is not known.
-        seconds: expected time of the others whose time is known, one after another, s.
-        n_timed: how many of the others have the time of a fit that was timed for the plan.
-        is_lower_bound: a timing was stopped, so that they take longer than `seconds`.
-        failure: why a fit that was timed gave no result; "" where it did.
+        n_cells: number of fits.
+        n_cached: number of fits with a stored result.
+        n_unknown: number of missing fits with unknown time.
+        seconds: expected time of the missing fits with known time, in sequence, s.
+        n_timed: number of missing fits whose time comes from a fit timed for the plan.
+        is_lower_bound: True if a timing was stopped: the fits take longer than `seconds`.
+        failure: reason why a timed fit gave no result; "" if it did.
     """
 
     model: str
@@ -50,10 +50,10 @@ class Forecast:
 
 
 def untimed_fits(tasks: Iterable[CellTask], output: Path, *, rerun: Rerun) -> list[CellTask]:
-    """Return a fit to time for each model and data set whose model has no stored fit.
+    """Return a fit to time per data set of each model without stored fits.
 
-    It is the missing one that learns from the fewest rows. Each model comes once before any comes
-    with its second data set.
+    It is the missing fit with the fewest training rows. The first data sets of all models come
+    before the second ones.
     """
     means = mean_seconds(output)
     untimed = [task for task in _missing(tasks, output, rerun) if task.shown.model not in means]
@@ -69,9 +69,9 @@ def _missing(tasks: Iterable[CellTask], output: Path, rerun: Rerun) -> list[Cell
 
 
 def time_fits(tasks: Sequence[CellTask], execution: Execution) -> list[CellResult]:
-    """Return what became of some fits, of as many as `LONGEST_S` allow; nothing is stored.
+    """Run some fits for up to `LONGEST_S` and return their results; nothing is stored.
 
-    The execution stops each after `LONGEST_FIT_S`.
+    The execution stops each fit after `LONGEST_FIT_S`.
     """
     end = time.monotonic() + LONGEST_S
     started = takewhile(lambda _: time.monotonic() < end, tasks)
@@ -80,7 +80,7 @@ def time_fits(tasks: Sequence[CellTask], execution: Execution) -> list[CellResul
 
 
 def _taken_s(timed: CellResult) -> float | None:
-    """Return how long a fit and its predictions took, until it was stopped; None: it failed."""
+    """Return the seconds of a fit and its predictions; None: it failed."""
     if timed.cost is not None:
         return timed.cost.fit_s + timed.cost.predict_s
     return LONGEST_FIT_S if timed.cause == TIMED_OUT else None
@@ -89,26 +89,26 @@ def _taken_s(timed: CellResult) -> float | None:
 def forecast(
     tasks: Iterable[CellTask], output: Path, *, rerun: Rerun, timed: Sequence[CellResult] = ()
 ) -> list[Forecast]:
-    """Return what a run would compute of each model, in the order of the tasks, and "all" last.
+    """Return the forecast of each model in the order of the tasks, then of "all".
 
-    Nothing is computed or written; the folder of the results need not be there. Times are means of
-    the stored fits of the same models, else times of fits measured now on the same data set, or on
-    another one.
+    Nothing is computed or written; the results folder need not exist. Times are means of the
+    model's stored fits. Without stored fits they are times of fits measured now, on the same or
+    another data set.
 
     Raises:
-        StiffBenchError: a data set cannot be loaded or divided, or the stored results not read.
+        StiffBenchError: a data set cannot be loaded or split, or stored results cannot be read.
     """
     tasks, means = list(tasks), mean_seconds(output)
     missing = grouped(_missing(tasks, output, rerun), lambda task: task.shown.model)
-    found = []
+    forecasts = []
     for model, of_model in grouped(tasks, lambda task: task.shown.model).items():
         to_compute = missing.get(model, [])
-        of_fits = {one.shown.dataset: one for one in timed if one.shown.model == model}
-        taken = {data: s for data, one in of_fits.items() if (s := _taken_s(one)) is not None}
+        of_fits = {fit.shown.dataset: fit for fit in timed if fit.shown.model == model}
+        taken = {data: s for data, fit in of_fits.items() if (s := _taken_s(fit)) is not None}
         is_known, usual_s = model in means or bool(taken), 0.0
         if is_known:
             usual_s = means[model] if model in means else sum(taken.values()) / len(taken)
-        found.append(
+        forecasts.append(
             Forecast(
                 model,
                 n_cells=len(of_model),
@@ -116,25 +116,25 @@ def forecast(
                 n_unknown=0 if is_known else len(to_compute),
                 seconds=sum(taken.get(task.shown.dataset, usual_s) for task in to_compute),
                 n_timed=len(to_compute) if taken else 0,
-                is_lower_bound=any(one.cause == TIMED_OUT for one in of_fits.values()),
-                failure=next((one.why_none for d, one in of_fits.items() if d not in taken), ""),
+                is_lower_bound=any(fit.cause == TIMED_OUT for fit in of_fits.values()),
+                failure=next((fit.why_none for d, fit in of_fits.items() if d not in taken), ""),
             )
         )
     total = Forecast(
         "all",
-        n_cells=sum(model.n_cells for model in found),
-        n_cached=sum(model.n_cached for model in found),
-        n_unknown=sum(model.n_unknown for model in found),
-        seconds=sum(model.seconds for model in found),
-        n_timed=sum(model.n_timed for model in found),
-        is_lower_bound=any(model.is_lower_bound for model in found),
+        n_cells=sum(model.n_cells for model in forecasts),
+        n_cached=sum(model.n_cached for model in forecasts),
+        n_unknown=sum(model.n_unknown for model in forecasts),
+        seconds=sum(model.seconds for model in forecasts),
+        n_timed=sum(model.n_timed for model in forecasts),
+        is_lower_bound=any(model.is_lower_bound for model in forecasts),
     )
-    return [*found, total]
+    return [*forecasts, total]
 
 
-def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:
-    """Return the numbers of cells by model, and of all together."""
-    *models, _ = found
+def forecast_table(forecasts: Sequence[Forecast], jobs: int) -> Table:
+    """Return a table of the numbers of fits by model, and of all."""
+    *models, _ = forecasts
     timed = [model.model for model in models if model.n_timed]
     stopped = [model.model for model in models if model.is_lower_bound]
     notes = ["time: h:min:s in sequence, from the mean of the model's stored fits"]
@@ -144,8 +144,8 @@ def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:
             "splits take longer"
         )
     if stopped:
-        which = first_few(stopped)
-        notes.append(f"more than: a fit was stopped after {LONGEST_FIT_S:g} s: {which}")
+        model_names = first_few(stopped)
+        notes.append(f"more than: a fit was stopped after {LONGEST_FIT_S:g} s: {model_names}")
     notes += [
         f"{model.model}: the timed fit gave no result: {model.failure}"
         for model in models
@@ -154,13 +154,13 @@ def forecast_table(found: Sequence[Forecast], jobs: int) -> Table:
     return Table.of(
         "Fits to compute",
         [
-            Column("model", "text", value=lambda one: one.model),
-            Column("fits", value=lambda one: one.n_cells),
-            Column("cached", value=lambda one: one.n_cached),
-            Column("to compute", value=lambda one: one.n_cells - one.n_cached),
+            Column("model", "text", value=lambda row: row.model),
+            Column("fits", value=lambda row: row.n_cells),
+            Column("cached", value=lambda row: row.n_cached),
+            Column("to compute", value=lambda row: row.n_cells - row.n_cached),
             Column("time", unit="s", format=_time_text, value=_time_left),
         ],
-        found,
+        forecasts,
         notes,
         about={"jobs": jobs},
     )
@@ -177,7 +177,7 @@ def _time_text(duration: Quantity) -> str:
 
 
 def forecast_line(total: Forecast, jobs: int) -> str:
-    """Return e.g. "40 fits, 10 cached, 30 to compute; about 0:02:30 with 2 jobs"."""
+    """Return a line: "40 fits, 10 cached, 30 to compute; about 0:02:30 with 2 jobs"."""
     n_missing = total.n_cells - total.n_cached
     cells = f"{counted(total.n_cells, 'fit')}, {total.n_cached} cached, {n_missing} to compute"
     about = "more than" if total.is_lower_bound else "about"

@@ -1,4 +1,4 @@
-"""Models over robots where there are enough of them, else over each data set; no ranks.
+"""Build leaderboards: models over robots if there are enough, else per data set; no ranks.
 
 `leaderboard_tables` prints a leaderboard; `board` has the statistics over robots.
 """
@@ -32,12 +32,12 @@ from stiff_protocols.contract.errors import ConfigError
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """The comparisons that may stand in one table.
+    """The comparisons of one table.
 
     Attributes:
-        selects_on_test: their protocols let models pick the epoch on the test part.
+        selects_on_test: True if their protocols let models pick the epoch on the test part.
         answer: scores of all comparisons.
-        missing: missing scores: model -> comparison -> why there is none.
+        missing: reasons for missing scores, by model and comparison.
     """
 
     selects_on_test: bool
@@ -46,18 +46,18 @@ class Section:
 
     @property
     def cases(self) -> tuple[ScoredCase, ...]:
-        """All comparisons."""
+        """Return all comparisons."""
         return self.answer.cases
 
     @cached_property
     def plans(self) -> dict[tuple[str, str], Answer]:
-        """Protocol and condition -> its comparisons."""
+        """Return comparisons by protocol and condition."""
         plans = grouped(self.cases, lambda case: (case.name.protocol, case.name.condition))
         return {name: self.answer.over(cases) for name, cases in plans.items()}
 
     @cached_property
     def boards(self) -> dict[tuple[str, str], Board]:
-        """Protocol and condition -> board, where there are robots enough."""
+        """Return boards by protocol and condition, for plans with enough robots."""
         is_error = self.answer.key.sign > 0.0 and not self.answer.key.is_cost
         return {
             name: board
@@ -67,19 +67,19 @@ class Section:
 
     @cached_property
     def models(self) -> tuple[str, ...]:
-        """All models: those with every score first, the best of them first."""
+        """Return all models: complete ones first, best first."""
         with_scores = [model.name for model in self.answer.models]
         return tuple(dict.fromkeys([*with_scores, *self.missing]))
 
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """One section or more, fair protocols first.
+    """One or more sections, fair protocols first.
 
     Attributes:
-        key: what models are sorted by.
-        notes: what is left out, and why.
-        provenance: which stiffbench made the results shown.
+        key: metric that sorts the models.
+        notes: left-out results with reasons.
+        provenance: versions of stiffbench that made the results.
     """
 
     key: SortKey
@@ -95,10 +95,10 @@ def build_leaderboard(
     *,
     seed: int = 0,
 ) -> Leaderboard:
-    """Return the leaderboard of stored results; `seed` draws poses.
+    """Return the leaderboard of stored results; `seed` is the seed of pose draws.
 
     Raises:
-        ConfigError: a name has no results, or there is nothing to compare.
+        ConfigError: a name has no results, or no two models can be compared.
         StoreError: samples are corrupt, or two models share no split.
     """
     cases = selection.cases_of(stored.cases)
@@ -107,30 +107,30 @@ def build_leaderboard(
     usable = [case for case in newest if not case.shown.reports_training]
     names = selection.models_of(usable)
     n_run = {case: sum(name in case.competitors for name in names) for case in usable}
-    shown = [case for case in usable if n_run[case] > 1]
+    comparable = [case for case in usable if n_run[case] > 1]
     lonely = [case for case in usable if n_run[case] == 1]
     notes = list(_data_notes(cases, data_of))
     if lonely:
         first = labels(case.name for case in usable)[lonely[0].name] + and_more(lonely)
         notes.append(f"{first} is left out: none of the other models was run there.")
-    if not shown:
+    if not comparable:
         reasons = "".join(f"; {note.removesuffix('.')}" for note in notes)
         raise ConfigError(
             "there is nothing to compare: no two models have results on the same data, "
             f"protocol and condition (models with results: {', '.join(names) or 'none'}){reasons}"
         )
-    names = [name for name in names if any(name in c.competitors for c in shown)]
+    names = [name for name in names if any(name in c.competitors for c in comparable)]
     sections = tuple(
         _section(part, names, key, data_of, seed)
         for selects in (False, True)
-        if (part := [case for case in shown if case.shown.selects_on_test == selects])
+        if (part := [case for case in comparable if case.shown.selects_on_test == selects])
     )
     run_ids = Counter(
         result.run_id
         for section in sections
-        for one in section.cases
-        for model in one.scores
-        for result in one.results[model]
+        for case in section.cases
+        for model in case.scores
+        for result in case.results[model]
     )
     made_by = (sources(stored.folder, stored.runs, run_ids),)
     return Leaderboard(key, sections, tuple(notes), made_by)
@@ -148,32 +148,32 @@ def _section(
         for case in cases
     ]
     missing = {
-        name: lacking
+        name: reasons
         for name in names
-        if any(name in one.case.competitors for one in scored)
-        and (lacking := {one.name: one.missing[name] for one in scored if name in one.missing})
+        if any(name in case.case.competitors for case in scored)
+        and (reasons := {case.name: case.missing[name] for case in scored if name in case.missing})
     }
-    measured_first = sorted(scored, key=lambda one: one.case.shown.kind != "measured")
-    asked = dict.fromkeys(name for one in scored for name in one.scores)
-    answer = Answer(key, tuple(measured_first), tuple(asked), {}, seed)
+    measured_first = sorted(scored, key=lambda case: case.case.shown.kind != "measured")
+    model_names = dict.fromkeys(name for case in scored for name in case.scores)
+    answer = Answer(key, tuple(measured_first), tuple(model_names), {}, seed)
     return section_of(answer, missing)
 
 
 def section_of(
     answer: Answer, missing: Mapping[str, Mapping[CaseName, str]] | None = None
 ) -> Section:
-    """Return the section of an answer whose comparisons may stand in one table."""
+    """Return the section of an answer whose comparisons fit in one table."""
     return Section(answer.cases[0].case.shown.selects_on_test, answer, missing or {})
 
 
 def _data_notes(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Iterator[str]:
     for line in same_name_other_data(cases, data_of):
-        yield f"{line.removesuffix('.')}, those of the newest run count, the others are left out."
+        yield f"{line.removesuffix('.')}; only the data of the newest run count."
     yield from left_out_notes(cases)
     for protocol in sorted({c.name.protocol for c in cases if c.shown.reports_training}):
         yield f"{protocol} is left out: {TRAINING_MARK}."
 
 
 def and_more(things: Sequence[object]) -> str:
-    """Return " (and 2 more)" of three things, the first of which is named; "" of one."""
+    """Return " (and 2 more)" for three things; "" for one."""
     return f" (and {len(things) - 1} more)" if len(things) > 1 else ""

@@ -1,7 +1,7 @@
-"""A leaderboard as tables: a board over robots, or each data set by itself. SI becomes mm here.
+"""Write a leaderboard as tables: a board over robots, or a table per data set, in mm.
 
-A new column of the costs is one entry of `COSTS`. docs/comparing.md says what the columns and marks
-mean.
+To add a column of costs, add an entry to `COSTS`. The columns and marks are explained in
+docs/comparing.md.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ BEST, LIKE_BEST = "*", "≈"
 
 
 def leaderboard_tables(board: Leaderboard) -> list[Table]:
-    """Return the tables of all sections; json has each model's score in each case, too."""
+    """Return the tables of all sections; json also has all scores of all cases."""
     return [
         table
         for section in board.sections
@@ -49,7 +49,7 @@ def leaderboard_tables(board: Leaderboard) -> list[Table]:
 
 
 def section_tables(section: Section, board: Leaderboard) -> list[Table]:
-    """Return the tables of each protocol and condition, and the costs, of one section."""
+    """Return the tables of a section per protocol and condition, and its costs."""
     tables = [table for plan in section.plans for table in _plan_tables(section, plan)]
     if tables:
         tables[0] = replace(tables[0], notes=[*_section_notes(section, board), *tables[0].notes])
@@ -59,7 +59,7 @@ def section_tables(section: Section, board: Leaderboard) -> list[Table]:
 
 
 def _plan_tables(section: Section, plan: tuple[str, str]) -> Iterator[Table]:
-    """Yield the board of a protocol and condition; without one, a table a data set."""
+    """Yield the board of a protocol and condition, or a table per data set."""
     if plan in section.boards:
         yield from plan_board(section.boards[plan], plan)
         return
@@ -67,7 +67,7 @@ def _plan_tables(section: Section, plan: tuple[str, str]) -> Iterator[Table]:
 
 
 def dataset_tables(section: Section) -> list[Table]:
-    """Return a table for each data set, protocol and condition."""
+    """Return a table per data set, protocol and condition."""
     return [table for answer in section.plans.values() for table in _of_datasets(section, answer)]
 
 
@@ -104,7 +104,7 @@ class _ModelInCase:
         return [] if is_reference else self.answer.estimates(self.name.text, self.case)
 
     def score(self) -> Quantity:
-        """Return mean and deviation over splits, as printed, with the mark of the best."""
+        """Return mean and standard deviation over splits, with the mark of the best."""
         _, factor = PRINTED[self.answer.key.metric.unit]
         if self.name.text not in self.case.scores:
             return Quantity(status=self.case.failed(self.name.text))
@@ -118,7 +118,7 @@ class _ModelInCase:
         return Quantity(float(values.mean()), spread, n=len(values), mark=mark)
 
     def change(self) -> float | None:
-        """Return error over the VJM's less one, in %."""
+        """Return the change of the error against the VJM's, in %."""
         ratio = self.answer.ratio(self.name.text, self.case)
         return None if ratio is None else 100.0 * (ratio - 1.0)
 
@@ -135,7 +135,7 @@ class _ModelInCase:
         return Quantity(low=factor * estimate.low, high=factor * estimate.high)
 
     def verdict(self) -> str | None:
-        """Say whether the model is better than the VJM."""
+        """Return the verdict against the VJM."""
         if self.name.text == REFERENCE_MODEL:
             return "baseline"
         verdict = self.answer.verdict(self.name.text, self.case)
@@ -143,7 +143,7 @@ class _ModelInCase:
 
 
 def _dataset_table(section: Section, answer: Answer) -> Table:
-    """Return the models on one data set, best first, with intervals over splits and poses."""
+    """Return the models on a data set, best first, with intervals."""
     key = answer.key
     unit, _ = PRINTED[key.metric.unit]
     apart = f" | {SELECTION_MARK}s: not a fair comparison" if section.selects_on_test else ""
@@ -161,9 +161,9 @@ def _dataset_table(section: Section, answer: Answer) -> Table:
             for name in present
         ]
     first = answer.cases[0]
-    called = labels(case.name for case in answer.cases)
+    case_labels = labels(case.name for case in answer.cases)
     several = [] if len(answer.cases) == 1 else text_columns("seed")
-    title = called[first.name] if not several else first.name.text
+    title = case_labels[first.name] if not several else first.name.text
     intervals = [
         Column(
             f"over {name}",
@@ -211,7 +211,7 @@ def _signed(key: SortKey, case: ScoredCase, name: str) -> float:
 
 
 def _marks(answer: Answer, key: SortKey) -> Iterator[str]:
-    """Yield what the marks mean, and what few splits can show."""
+    """Yield explanations of the marks, and a note if there are few splits."""
     like = (
         ""
         if key.is_cost
@@ -227,7 +227,7 @@ def _marks(answer: Answer, key: SortKey) -> Iterator[str]:
 
 
 FEW_SPLITS = 5
-"""With fewer, only very large differences are significant among several models."""
+"""Number of splits below which only very large differences are significant."""
 
 
 def _few_splits(scored: Sequence[ScoredCase]) -> Iterator[str]:
@@ -238,7 +238,7 @@ def _few_splits(scored: Sequence[ScoredCase]) -> Iterator[str]:
 
 
 def _section_notes(section: Section, board: Leaderboard) -> Iterator[str]:
-    """Yield what must be read with all tables, most important first."""
+    """Yield notes on all tables, most important first."""
     yield from dict.fromkeys(
         scored.case.shown.warning for scored in section.cases if scored.case.shown.warning
     )
@@ -246,35 +246,40 @@ def _section_notes(section: Section, board: Leaderboard) -> Iterator[str]:
     if not section.boards and not answer.key.is_cost:
         number = counted(len(answer.robots), "robot")
         yield (
-            f"{number}: too few to say what holds for another; a board over robots needs at "
+            f"{number}: too few for a claim about other robots; a board over robots needs at "
             f"least {FEWEST_ROBOTS} simulated or {FEWEST_ROBOTS} measured ones."
         )
-    called = labels(scored.case.name for scored in section.cases)
+    case_labels = labels(scored.case.name for scored in section.cases)
     if section.missing and section.boards.keys() != section.plans.keys():
-        yield f"Scores are missing: {_lacking(section.missing, called)}."
+        yield f"Scores are missing: {_missing_text(section.missing, case_labels)}."
     cut = [scored for scored in section.cases if scored.left_out]
     if cut:
-        yield f"{called[cut[0].name]}{and_more(cut)}: {cut[0].left_out}."
+        yield f"{case_labels[cut[0].name]}{and_more(cut)}: {cut[0].left_out}."
     if board.notes:
         yield f"{board.notes[0].removesuffix('.')}{and_more(board.notes)}."
 
 
-MOST_LACKING = 4
-"""Number of missing results that are named one by one."""
+MOST_LISTED = 4
+"""Largest number of missing results that are listed individually."""
 
 
-def _lacking(missing: Mapping[str, Mapping[CaseName, str]], called: Mapping[CaseName, str]) -> str:
-    """Return the missing results of each model with reasons; of many, their number."""
-    every = sum(map(len, missing.values())) <= MOST_LACKING
+def _missing_text(
+    missing: Mapping[str, Mapping[CaseName, str]], case_labels: Mapping[CaseName, str]
+) -> str:
+    """Return the missing results of each model with reasons, or their numbers."""
+    every = sum(map(len, missing.values())) <= MOST_LISTED
     parts = []
     for model, of_model in missing.items():
         reasons = grouped(of_model, of_model.__getitem__).items()
-        places = [f"{', '.join(map(called.__getitem__, cases))}: {why}" for why, cases in reasons]
+        places = [
+            f"{', '.join(map(case_labels.__getitem__, cases))}: {reason}"
+            for reason, cases in reasons
+        ]
         named = f" ({'; '.join(places)})" if every else ""
-        parts.append(f"{len(of_model)} of {len(called)} results of {model}{named}")
+        parts.append(f"{len(of_model)} of {len(case_labels)} results of {model}{named}")
     if every:
         return ", ".join(parts)
-    return f"{first_few(parts)}; `--format json` lists them, and why"
+    return f"{first_few(parts)}; `--format json` lists them with reasons"
 
 
 class Model(NamedTuple):
@@ -285,19 +290,19 @@ class Model(NamedTuple):
 
     @property
     def marked(self) -> Name:
-        """Name with its mark."""
+        """Return the name with its mark."""
         return Name(self.name, self.section.answer.mark(self.name))
 
     @property
     def costs(self) -> list[Cost]:
-        """Costs of the fits that the scores are of, as far as they were recorded."""
+        """Return the recorded costs of the scored fits."""
         cases = [case for case in self.section.cases if self.name in case.scores]
         costs = (result.cost for case in cases for result in case.results[self.name])
         return [cost for cost in costs if cost is not None]
 
 
 def _costs(section: Section) -> Table:
-    """Return what models cost, in their order; models without recorded costs are omitted."""
+    """Return the costs of models; models without recorded costs are omitted."""
     models = [Model(section, name) for name in section.models]
     n_fits = sum(len(model.costs) for model in models)
     return Table.of(
@@ -314,7 +319,7 @@ def _about(section: Section, table: str) -> dict[str, object]:
 
 
 def _spread(key: str, model: Model) -> Quantity | None:
-    """Return median and range of a cost, as printed, over the fits that know it."""
+    """Return median and range of a cost over the fits that recorded it."""
     metric = METRICS[key]
     assert metric.of_cost is not None
     _, factor = PRINTED[metric.unit]
@@ -323,22 +328,22 @@ def _spread(key: str, model: Model) -> Quantity | None:
 
 
 def _range(cost: Quantity, unit: str, number: Callable[[float], str]) -> str:
-    """Return "2 ms (1 to 3)", or "2 ms" where all are alike."""
+    """Return "2 ms (1 to 3)", or "2 ms" if all are equal."""
     median, low, high = (number(value or 0.0) for value in (cost.value, cost.low, cost.high))
-    shown = f"{median} {unit}".rstrip()
-    return shown if low == high else f"{shown} ({low} to {high})"
+    text = f"{median} {unit}".rstrip()
+    return text if low == high else f"{text} ({low} to {high})"
 
 
 def _time(cost: Quantity) -> str:
-    """Return a time [ms] in the unit that suits its size."""
+    """Return a time [ms] in a suitable unit."""
     units = (("us", 1e3), ("ms", 1.0), ("s", 1e-3))
     median = cost.value or 0.0
-    unit, factor = next((one for one in units if median * one[1] < 999.5), units[-1])
+    unit, factor = next((size for size in units if median * size[1] < 999.5), units[-1])
     return _range(cost, unit, lambda value: _three_digits(value * factor))
 
 
 def _three_digits(value: float) -> str:
-    """Return a positive number with three digits that count: 0.0123, 1.23, 12,300."""
+    """Format a positive number with three significant digits: 0.0123, 1.23, 12,300."""
     decimals = 2 - math.floor(math.log10(value)) if value > 0.0 else 0
     return f"{round(value, decimals):,.15g}"
 
@@ -360,11 +365,11 @@ COSTS = (
     _cost_column("memory", "memory [MiB]", lambda cost: _range(cost, "", "{:.1f}".format)),
     Column("fits", value=lambda model: len(model.costs)),
 )
-"""The columns of the costs, made from a `Model`."""
+"""Columns of the costs; each value comes from a `Model`."""
 
 
 def _scores(section: Section, board: Leaderboard) -> Table:
-    """Return each model's score in each case, or why it has none."""
+    """Return the scores of all models in all cases, or the reasons for missing ones."""
     unit, factor = PRINTED[board.key.metric.unit]
     rows: list[list[Entry]] = [
         [
@@ -382,7 +387,7 @@ def _scores(section: Section, board: Leaderboard) -> Table:
         f"Scores | {board.key.text}",
         [
             *text_columns(
-                "model", *(one.name for one in fields(CaseName)), "splits", "splits left out"
+                "model", *(field.name for field in fields(CaseName)), "splits", "splits left out"
             ),
             Column(board.key.text, unit=unit, format=number_format(board.key.metric)),
         ],

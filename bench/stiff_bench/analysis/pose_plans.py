@@ -1,4 +1,4 @@
-"""Which poses to measure, first or after those that are measured, and what they would gain."""
+"""Choose the poses to measure, first or next, and estimate their gain."""
 
 from __future__ import annotations
 
@@ -57,20 +57,20 @@ from stiff_protocols.scoring.sanity import check_prediction
 from stiff_protocols.splits.sample_efficiency import SampleEfficiency
 
 FIRST_POSES, NEXT_POSES = 151, 10
-"""That are planned; the paper measured 151."""
+"""Default numbers of planned poses; the paper measured 151."""
 FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
 WORKSPACE_POSES = 500
-"""Random loads that stand for all that the robot can reach."""
+"""Number of random loads that represent the reachable workspace."""
 FEWEST_FOR_PROCESS = 10
-"""Poses; the length scales of a kernel that was fitted to fewer mean nothing."""
+"""Fewest poses to plan with a Gaussian process: with fewer its length scales are meaningless."""
 DRAWS, SIZES = 10, 6
 SMALLEST_SIZE, FEWEST_FOR_CURVE = 5, 15
-"""Poses that are learned from at least; and those that there must be for a learning curve."""
+"""Fewest training poses of a learning curve, and fewest measured poses for a curve."""
 
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """How poses are chosen: the arguments of `stiffbench.plan_poses`."""
+    """Options of the choice of poses: the arguments of `stiffbench.plan_poses`."""
 
     poses: int | None
     criterion: Criterion | None
@@ -79,22 +79,22 @@ class PlanOptions:
     clearance: float
     seed: int
 
-    def drawn(self, robot: Robot, n_poses: int, further: int = 0) -> MeasurementPlan:
-        """Return the candidates for a choice of so many poses, and further random loads."""
+    def draw_candidates(self, robot: Robot, n_poses: int, further: int = 0) -> MeasurementPlan:
+        """Draw candidates for a choice of `n_poses` poses, and further random loads."""
         n = further + (self.candidates or max(FEWEST_CANDIDATES, CANDIDATES_A_POSE * n_poses))
-        how = {"payload_kg": self.payload_kg, "clearance": self.clearance}
-        return candidate_plan(robot, n, seed=self.seed, **how)
+        limits = {"payload_kg": self.payload_kg, "clearance": self.clearance}
+        return candidate_plan(robot, n, seed=self.seed, **limits)
 
 
 @dataclass(frozen=True, eq=False)
 class PosePlan:
-    """A plan, and what it gains over random ones.
+    """A plan, and its gain over random plans.
 
     Attributes:
-        plan: the poses.
-        gain: over random ones, as numbers.
-        table: the same for people.
-        findings: sentences beneath.
+        plan: planned poses.
+        gain: gain over random plans.
+        table: gain as a table.
+        findings: sentences printed below the table.
     """
 
     plan: MeasurementPlan
@@ -110,12 +110,12 @@ class PosePlan:
         measured: Measured | None = None,
         curve: Sequence[str] = (),
     ) -> str:
-        """Return what the plan gains, and what to do with the `file` that holds it.
+        """Return a text on the plan's gain and the next steps with its `file`.
 
-        `robot_words` are options of a command that name the robot.
+        `robot_words` are command line options that name the robot.
         """
         size = np.linalg.norm(self.plan.wrench[0, :3])
-        after = f" after those of {measured.file}" if measured else ""
+        after = f" after {measured.file}" if measured else ""
         append = f", and append the rows to {measured.file}" if measured else ""
         lines = [
             f"{file}: {counted(len(self.plan.q), 'pose')} of {robot.name}{after}, one suggested "
@@ -135,22 +135,22 @@ class PosePlan:
         return "\n".join(lines)
 
 
-def first_plan(robot: Robot, how: PlanOptions, *, is_papers: bool = False) -> PosePlan:
-    """Return a plan for a robot of which nothing is measured.
+def first_plan(robot: Robot, how: PlanOptions, *, is_paper_robot: bool = False) -> PosePlan:
+    """Return a plan for a robot without measurements.
 
-    With `is_papers` it is the source paper's KR10, whose plan and stiffnesses are known.
+    With `is_paper_robot` the robot is the source paper's KR10, with known plan and stiffnesses.
 
     Raises:
         ConfigError: an argument is out of range.
     """
     n_poses = FIRST_POSES if how.poses is None else how.poses
     reference = np.full(robot.n_joints, REFERENCE_COMPLIANCE)
-    pool = how.drawn(robot, n_poses)
+    pool = how.draw_candidates(robot, n_poses)
     regressors = regressor(robot, pool.q, pool.wrench)
-    if is_papers:
+    if is_paper_robot:
         stiffness = published_stiffness()
         reference = np.array([1.0 / stiffness[joint] for joint in robot.joint_names])
-    if is_papers and how.poses is None and how.criterion is None:
+    if is_paper_robot and how.poses is None and how.criterion is None:
         name = "the paper's plan"
         plan = paper_plan(robot, how.payload_kg, how.seed, how.clearance)
     else:
@@ -164,13 +164,13 @@ def first_plan(robot: Robot, how: PlanOptions, *, is_papers: bool = False) -> Po
         reference_compliance=reference,
         seed=how.seed,
     )
-    judged = (gain.plan, gain.random_mean, gain.random_best)
+    compared_plans = (gain.plan, gain.random_mean, gain.random_best)
     rows: list[list[Entry]] = [
-        ["condition number", *(each.condition for each in judged)],
-        ["log det of information", *(each.log_det for each in judged)],
+        ["condition number", *(plan_numbers.condition for plan_numbers in compared_plans)],
+        ["log det of information", *(plan_numbers.log_det for plan_numbers in compared_plans)],
     ]
-    if is_papers:  # errors are relative to stiffnesses that must be known
-        errors = (100.0 * each.worst_error for each in judged)
+    if is_paper_robot:  # errors are relative to known stiffnesses
+        errors = (100.0 * plan_numbers.worst_error for plan_numbers in compared_plans)
         rows.insert(1, ["worst joint's standard error [%]", *errors])
     names = (name, f"mean of {N_RANDOM} random", "best random")
     worse = ": worse than random poses" * (gain.efficiency < 1.0)
@@ -189,13 +189,13 @@ def _table(first: str, names: Sequence[str], rows: Sequence[Sequence[Entry]], sp
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What is measured already.
+    """Measured samples, and the model to fit to them.
 
     Attributes:
-        file: its name.
-        samples: of it.
-        robot: that was measured.
-        model: that will be fitted to all poses in the end.
+        file: name of the measured file.
+        samples: samples of the file.
+        robot: measured robot.
+        model: model to fit to all poses after the measurement.
     """
 
     file: str
@@ -205,17 +205,17 @@ class Measured:
 
     @property
     def n_poses(self) -> int:
-        """How many poses are measured."""
+        """Return the number of measured poses."""
         return len(np.unique(self.samples.pose_id))
 
     @property
     def is_process(self) -> bool:
-        """Whether the model says itself how unknown deflections go together."""
+        """Return True if the model predicts the covariance of unknown deflections."""
         return offers(self.model.cls, "covariance")
 
     @cached_property
     def springs(self) -> Any:
-        """The reference model, joint springs, fitted to the samples; DataError: none shows."""
+        """Return joint springs fitted to the samples; DataError: they cannot be fitted."""
         try:
             with warnings.catch_warnings(action="ignore"):
                 return fitted_physics("vjm", self.samples, self.robot)
@@ -225,53 +225,53 @@ class Measured:
     def design(
         self, pool: MeasurementPlan, workspace: Loads, criterion: Criterion, seed: int
     ) -> Design:
-        """Return what chooses among the candidates of `pool` for predictions in the workspace."""
+        """Return the design that chooses among candidates for predictions in the workspace."""
         samples, robot = self.samples, self.robot
         if self.is_process:
             model, _ = whole_fit(self.model, samples, robot, seed=seed)
             return ProcessDesign(model, pool, workspace)
-        left = samples.deflection - self.springs.predict(samples.q, samples.wrench)
+        residuals = samples.deflection - self.springs.predict(samples.q, samples.wrench)
         free = max(samples.deflection.size - robot.n_joints, 1)
         return SpringDesign(
             regressor(robot, pool.q, pool.wrench),
             criterion,
             regressor(robot, workspace.q, workspace.wrench),
             regressor(robot, samples.q, samples.wrench),
-            max(float((left**2).sum()) / free, DEFLECTION_NOISE**2),
+            max(float((residuals**2).sum()) / free, DEFLECTION_NOISE**2),
         )
 
 
 def next_plan(
     measured: Measured, how: PlanOptions, workspace: Path | str | None = None
 ) -> PosePlan:
-    """Return a plan that goes on where a measurement ended.
+    """Return a plan that continues a measurement.
 
-    `workspace` is a file of poses and wrenches where predictions are to be good; None: all that the
-    robot can reach.
+    `workspace` is a file of poses and wrenches at which predictions should be accurate; None: the
+    reachable workspace.
 
     Raises:
-        ConfigError: an argument is wrong, or the criterion is not one of the model.
-        DataError: a file cannot be read, or holds too few poses for the model.
+        ConfigError: an argument is wrong, or the model does not support the criterion.
+        DataError: a file cannot be read, or has too few poses for the model.
     """
     model, robot, samples = measured.model, measured.robot, measured.samples
     n_new = NEXT_POSES if how.poses is None else how.poses
     criterion = how.criterion or "i-optimal"
     if measured.is_process and criterion != "i-optimal":
         raise ConfigError(
-            f"{criterion}: of joint springs (valid with {model.name}: i-optimal)", "criterion"
+            f"{criterion}: only for joint springs (valid with {model.name}: i-optimal)", "criterion"
         )
     if measured.is_process and measured.n_poses < FEWEST_FOR_PROCESS:
         raise DataError(
-            f"{measured.file}: {measured.n_poses} poses; {model.name} plans from "
-            f"{FEWEST_FOR_PROCESS} poses on (valid before: --model {REFERENCE_MODEL})"
+            f"{measured.file}: {measured.n_poses} poses; {model.name} needs at least "
+            f"{FEWEST_FOR_PROCESS} poses to plan (with fewer use --model {REFERENCE_MODEL})"
         )
     if workspace is None:
-        drawn = how.drawn(robot, n_new, WORKSPACE_POSES)
+        drawn = how.draw_candidates(robot, n_new, WORKSPACE_POSES)
         where: Loads = drawn.take(slice(WORKSPACE_POSES))
         pool = drawn.take(slice(WORKSPACE_POSES, None))
         place = f"{WORKSPACE_POSES} random reachable poses, the suggested force in any direction"
     else:
-        where, pool = read_loads(Path(workspace), robot), how.drawn(robot, n_new)
+        where, pool = read_loads(Path(workspace), robot), how.draw_candidates(robot, n_new)
         place = f"{counted(len(where.q), 'row')} of {workspace}"
     pool = unmeasured(pool, samples, robot)
     design = measured.design(pool, where, criterion, how.seed)
@@ -287,8 +287,8 @@ def next_plan(
     )
     sizes = np.column_stack([np.sqrt(variances), half]) * MM  # (4, 2)
     rows: list[list[Entry]] = [
-        [name, *(size if np.isfinite(size) else None for size in both)]
-        for name, both in zip(names, sizes.tolist(), strict=True)
+        [name, *(size if np.isfinite(size) else None for size in entries)]
+        for name, entries in zip(names, sizes.tolist(), strict=True)
     ]
     headings = ("standard error [mm]", f"half of the {percent(CONFIDENCE)} interval [mm]")
     table = _table("prediction with poses", headings, rows, ".4f")
@@ -296,7 +296,7 @@ def next_plan(
 
 
 def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
-    """Return what a plan gains where, a sentence a line."""
+    """Return sentences on a plan's gain, one per line."""
     springs, model = not measured.is_process, measured.model
     predicting = REFERENCE_MODEL if springs else model.name
     lines = [f"Predictions of {predicting}, per axis, over the workspace: {place}."]
@@ -309,17 +309,17 @@ def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
         lines.append(f"Not identifiable from the measured poses: {', '.join(unknown)}.")
     if springs and model.info.key != REFERENCE_MODEL:
         lines.append(
-            f"{model.name} cannot estimate what a pose would teach it: the poses are chosen for "
-            "joint springs."
+            f"{model.name} cannot estimate the gain of a pose: the poses are chosen for joint "
+            "springs."
         )
     return lines
 
 
 def curve_errors(measured: Measured, seed: int) -> CurveErrors:
-    """Fit the model to nested subsets of the poses, and test it on poses that are in none of them.
+    """Fit the model to nested subsets of the poses, and test it on other poses.
 
-    The splits are those of the protocol `sample-efficiency`: in each draw a fifth of the poses is
-    the test part of every size.
+    The splits are taken from the protocol `sample-efficiency`: in each draw a fifth of the poses is
+    the test part for all sizes.
 
     Raises:
         DataError: there are too few poses.
@@ -328,7 +328,7 @@ def curve_errors(measured: Measured, seed: int) -> CurveErrors:
     samples = measured.samples
     poses, pose_of_row = np.unique(samples.pose_id, return_inverse=True)
     if len(poses) < FEWEST_FOR_CURVE:
-        raise DataError(f"{len(poses)} poses, it needs at least {FEWEST_FOR_CURVE}")
+        raise DataError(f"{len(poses)} poses; at least {FEWEST_FOR_CURVE} are needed")
     protocol = SampleEfficiency()
     most = len(poses) - int(protocol.test_fraction * len(poses))
     least = max(SMALLEST_SIZE, most / 8)
@@ -354,7 +354,7 @@ def curve_errors(measured: Measured, seed: int) -> CurveErrors:
 
 
 def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
-    """Return the learning curve up to `n_new` more poses, a line each; or why there is none."""
+    """Return the learning curve up to `n_new` more poses as lines, or the error."""
     name = f"{measured.model.name} on {measured.file}"
     try:
         errors = curve_errors(measured, seed)
@@ -373,13 +373,13 @@ def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
         for size in more
         for low, high in [[MM * end for end in curve.interval(size, now)]]
     )
-    told = "" if curve.told else " (assumed, the errors do not tell it)"
+    remark = "" if curve.exponent_is_fitted else " (assumed, the errors do not determine it)"
     return [
-        f"Learning curve of {name}, tested on poses held out (* fitted curve):",
+        f"Learning curve of {name}, tested on held-out poses (* fitted curve):",
         "",
         plain_text(Table("", columns, rows)),
         "",
         f"The mean error is {law(now) * MM:.3f} mm now, {steps}: an extrapolation by a + b n^-c "
-        f"with {percent(CONFIDENCE)} intervals, c = {law.c:.2f}{told}, for poses like the measured "
-        "ones.",
+        f"with {percent(CONFIDENCE)} intervals, c = {law.c:.2f}{remark}, for poses like the "
+        "measured ones.",
     ]

@@ -1,6 +1,6 @@
-"""The scores of models in one case: who takes part, and all verdicts on pairs of them.
+"""The scores of models in one case, and all verdicts on pairs of them.
 
-`ScoredCase.verdicts` is what leaderboard, report page and, of all models, compare say of a pair.
+Leaderboard, report page and compare (among all models) take verdicts from `ScoredCase.verdicts`.
 """
 
 from __future__ import annotations
@@ -34,33 +34,33 @@ from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.paired import ROPE_M
 
 SEED, SPECIMEN = "seed", "specimen"
-"""Options of data sets that only repeat one, and that make another robot of its type."""
+"""Options of data sets for a repeat with new noise, and for another robot of the same type."""
 
 
 def dataset_of(name: CaseName) -> str:
-    """Return a data set's name without the option that only repeats it."""
+    """Return a data set's name without its seed."""
     return without_options(name.dataset, SEED)
 
 
 def family_of(name: CaseName) -> str:
-    """Return a data set's name without the options that make another robot of its type."""
+    """Return a data set's name without its seed and specimen."""
     return without_options(name.dataset, SEED, SPECIMEN)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScoredCase(BriefFields):
-    """A case with the scores of those who take part in it.
+    """A case with the scores of its ranked models.
 
     Attributes:
-        case: the stored results.
-        key: what they are ranked by.
-        data: the samples of the case's data set.
-        seed: of the draws of poses.
-        slots: the splits that all who take part have; they alone count.
-        results: model that takes part -> its results on these splits, in order.
-        scores: model -> (J,) its value on each of these splits, in the metric's unit; one value
-            where the protocol scores all splits together.
-        missing: model -> why it has no score.
+        case: stored results.
+        key: metric that ranks the models.
+        data: samples of the case's data set.
+        seed: seed of the draws of poses.
+        slots: splits that all ranked models have; only these count.
+        results: results on these splits by ranked model, in order.
+        scores: (J,) values on these splits by model, in the metric's unit; one value if the
+            protocol scores all splits together.
+        missing: reasons for a missing score, by model.
     """
 
     case: Case
@@ -74,32 +74,32 @@ class ScoredCase(BriefFields):
 
     @property
     def name(self) -> CaseName:
-        """Name of the case."""
+        """Return the name of the case."""
         return self.case.name
 
     @property
     def models(self) -> tuple[str, ...]:
-        """The models that take part, in the order of their names."""
+        """Return the ranked models, sorted by name."""
         return tuple(sorted(self.scores))
 
     @cached_property
     def errors(self) -> SharedErrors:
-        """Errors that the verdicts are made from, a column for each of `models`."""
+        """Return the errors for the verdicts, with a column per model of `models`."""
         results = [self.results[model] for model in self.models]
         scores = [self.scores[model] for model in self.models]
         return shared_errors(self.key, results, scores, self.data, self.seed)
 
     @cached_property
     def _p_values(self) -> FloatArray | None:
-        """(m, m) p-values of all pairs of `models`, corrected for one another."""
+        """Return (m, m) p-values of all pairs of `models`, corrected for all pairs."""
         return corrected_p_values(self.errors)
 
     def verdicts(
         self, pairs: Sequence[tuple[str, str]], question: Question | None = None
     ) -> list[Verdict] | None:
-        """Return the verdicts on pairs of models that take part, corrected for all their pairs.
+        """Return the verdicts on pairs of ranked models, corrected for all pairs.
 
-        None: no test applies. Without a question a difference of `ROPE_M` makes none in practice.
+        None: no test applies. The default question ignores differences up to `ROPE_M`.
         """
         if self.key.is_cost or self._p_values is None:
             return None
@@ -109,8 +109,8 @@ class ScoredCase(BriefFields):
         question = question or Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
         return decide_pairs(self.errors, columns, question, p_values)
 
-    def known(self, name: str) -> list[CellResult]:
-        """Return what a simulation knows on these splits, a name of `KNOWN`; else nothing."""
+    def known_results(self, name: str) -> list[CellResult]:
+        """Return results of a known bound (a name of `KNOWN`) on these splits; or none."""
         for results in self.results.values():
             bounds = [known_result(result, name) for result in results]
             if bounds and all(bound is not None for bound in bounds):
@@ -122,19 +122,21 @@ class ScoredCase(BriefFields):
         return float(self.scores[model].mean())
 
     def like_best(self, models: Sequence[str]) -> set[str] | None:
-        """Return which of these models are not found worse than the best of them.
+        """Return the models that are not clearly worse than the best of them.
 
-        None: no test applies. All of them take part.
+        None: no test applies. All given models must be ranked.
         """
         best = min(models, key=lambda model: self.key.sign * self.mean(model))
-        others = [model for model in models if model != best]
-        verdicts = self.verdicts([(best, other) for other in others])
+        other_models = [model for model in models if model != best]
+        verdicts = self.verdicts([(best, model) for model in other_models])
         if verdicts is None:
             return None
-        return {best} | {one for one, of in zip(others, verdicts, strict=True) if of != "a"}
+        return {best} | {
+            model for model, of in zip(other_models, verdicts, strict=True) if of != "a"
+        }
 
     def failed(self, model: str) -> str:
-        """Return "FAILED" or "SKIPPED" where a model was run and gave no result; else ""."""
+        """Return "FAILED" or "SKIPPED" if a model was run without a result; else ""."""
         competitor = self.case.competitors.get(model)
         if model not in self.missing or competitor is None or not competitor.failures:
             return ""
@@ -142,7 +144,7 @@ class ScoredCase(BriefFields):
 
     @property
     def left_out(self) -> str:
-        """Which splits do not count, for people; "" where all do."""
+        """Return a note on splits that do not count; "" if all count."""
         every = {slot for model in self.scores for slot in self.case.competitors[model].done}
         n_count, n_all = len(self.slots), len(every)
         return f"only the {n_count} of {n_all} splits that all have count" * (n_all > n_count)
@@ -155,11 +157,11 @@ def shared_errors(
     data: StoredData,
     seed: int,
 ) -> SharedErrors:
-    """Return the errors of models on the same splits, a column each.
+    """Return the errors of models on the same splits, with a column per model.
 
-    `scores` are the (J,) values of the key on J splits, or one of splits scored together. A pose of
-    the data set that is not tested has no rows, so that cases with different test poses of one data
-    set are drawn together.
+    `scores` are the (J,) values of the key on J splits, or one value of splits scored together.
+    Untested poses of the data set have no rows. Cases with different test poses of a data set thus
+    share the draws.
 
     Raises:
         DataError: the models were not tested on the same rows.
@@ -184,11 +186,11 @@ def shared_errors(
 def scored_case(
     case: Case, models: Sequence[str], key: SortKey, data: StoredData, seed: int
 ) -> ScoredCase:
-    """Return who of the models takes part, and with which scores.
+    """Return the scores of the models that can be ranked.
 
-    A model that was asked for fewer splits, and has them all, takes part, and only the splits that
-    all have count. One that lacks a value is missing, and so is one whose run did not come to its
-    end, unless it has every split that the finished ones share: it takes none from the others.
+    Only the splits that all ranked models have count. A model with fewer requested splits is ranked
+    if it has them all. A model without a value is missing. A model with an unfinished run is
+    missing, too, unless it has every split that the finished models share.
 
     Raises:
         StoreError: two models have no split in common.
@@ -210,19 +212,19 @@ def scored_case(
         apart = next((pair for pair in pairs if not case.shared_slots(pair)), present)
         raise StoreError(
             f"{case.name.text}: {' and '.join(apart)} were run on different splits and share "
-            "none, so they cannot be compared; leave one out or run it anew"
+            "none, so they cannot be compared; leave one of them out or run it again"
         )
     for model in present:
         if len(results[model]) > len(slots):
             results[model] = case.results(model, slots)
             scores[model] = key.of_splits(results[model])
-    known = {model: values for model in present if (values := scores[model]) is not None}
-    counting = {model: results[model] for model in present}
-    return ScoredCase(case, key, data, seed, slots, counting, known, missing)
+    values_by_model = {model: values for model in present if (values := scores[model]) is not None}
+    counted_results = {model: results[model] for model in present}
+    return ScoredCase(case, key, data, seed, slots, counted_results, values_by_model, missing)
 
 
 def with_reference(scored: ScoredCase) -> ScoredCase:
-    """Return a case with the VJM's scores, which every cell holds, where the VJM was not run."""
+    """Add the VJM's scores, which every cell contains, if the VJM was not run."""
     if REFERENCE_MODEL in scored.case.competitors or not scored.slots:
         return scored
     (first, *_) = scored.results.values()
@@ -256,26 +258,30 @@ def _why_missing(
 
 
 def _usual_failure(competitor: Competitor) -> CellResult:
-    """Return a record of the failure that most of its splits have."""
-    alike = grouped(competitor.failures.values(), lambda one: one.why_none)
+    """Return a record of a model's most frequent failure."""
+    alike = grouped(competitor.failures.values(), lambda failure: failure.why_none)
     return max(alike.values(), key=len)[0]
 
 
 def _unfinished(case: Case, models: Sequence[str]) -> dict[str, str]:
-    """Return which of these models take no part because their run did not come to its end."""
-    found = {model: case.competitors[model] for model in models}
-    unfinished = [model for model, one in found.items() if len(one.done) < one.n_asked]
+    """Return the models that are not ranked because their run is not finished."""
+    competitors = {model: case.competitors[model] for model in models}
+    unfinished = [
+        model
+        for model, competitor in competitors.items()
+        if len(competitor.done) < competitor.n_asked
+    ]
     finished = [model for model in models if model not in unfinished]
     needed = set(case.shared_slots(finished))
     return {
-        model: f"{len(found[model].done)} of {found[model].n_asked} splits: run not finished"
-        for model in unfinished
-        if not finished or not needed <= found[model].done.keys()
+        model: f"{len(of_model.done)} of {of_model.n_asked} splits: run not finished"
+        for model, of_model in competitors.items()
+        if model in unfinished and (not finished or not needed <= of_model.done.keys())
     }
 
 
 def correction_text(cases: Sequence[ScoredCase]) -> str:
-    """Return how the verdicts on pairs of models are corrected in some cases, for people."""
+    """Return a text about the correction of p-values in cases."""
     counts = {len(case.models) * (len(case.models) - 1) // 2 for case in cases}
     if counts == {1}:
         return "one pair, p needs no correction"

@@ -1,4 +1,4 @@
-"""What a leaderboard sorts by: one number a split, from a metric and an axis."""
+"""The sort key of a leaderboard: one number per split, from a metric and an axis."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ROW_ERRORS: dict[str, Callable[[Prediction], FloatArray]] = {
     "mae": absolute_errors,
     "norm": norm_errors,
 }
-"""The metrics that are means over rows, so that poses can be resampled: key -> the rows' errors."""
+"""Row errors by metric, for metrics that are means over rows: their poses can be resampled."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class SortKey:
     """A metric on one axis, or its mean over all of its axes.
 
     Attributes:
-        metric: whose smaller or larger values are better.
-        axis: "x", "y" or "z"; "": the mean of the metric's axes, which may be one in all.
+        metric: metric with a better direction (smaller or larger).
+        axis: "x", "y" or "z"; "": the mean of the metric's axes.
     """
 
     metric: Metric
@@ -35,7 +35,7 @@ class SortKey:
 
     @property
     def text(self) -> str:
-        """Metric, axis and unit for people."""
+        """Return metric, axis and unit as one line."""
         unit, _ = PRINTED[self.metric.unit]
         of_axis = f" of {self.axis}" if self.axis else ""
         shown_unit = f" [{unit}]" if unit else ""
@@ -44,17 +44,17 @@ class SortKey:
 
     @property
     def sign(self) -> float:
-        """1 where smaller values are better, -1 where larger ones are."""
+        """Return 1 if smaller values are better, -1 if larger values are."""
         return -1.0 if self.metric.direction == "larger" else 1.0
 
     @property
     def resamples(self) -> bool:
-        """Whether the metric is a mean over rows, so that poses can be resampled."""
+        """Return True if the metric is a mean over rows, so that poses can be resampled."""
         return self.metric.key in _ROW_ERRORS
 
     @property
     def is_cost(self) -> bool:
-        """Whether it is measured on the machine: time or memory, which no test here applies to."""
+        """Return True for time or memory; no statistical test applies to these."""
         return self.metric.of_cost is not None
 
     @property
@@ -64,18 +64,18 @@ class SortKey:
     def of_splits(self, results: Sequence[CellResult]) -> FloatArray | None:
         """Return the (J,) values of a model's results on J splits, in the metric's unit.
 
-        One value where the protocol scores the predictions of all splits together; None where a
+        It is one value if the protocol scores the predictions of all splits together. None: a
         value is missing.
         """
-        found = values_of_splits(self.metric, results)
+        split_values = values_of_splits(self.metric, results)
         try:
-            of_axes = [[values[axis] for values in found] for axis in self._axes]
+            of_axes = [[values[axis] for values in split_values] for axis in self._axes]
         except KeyError:
             return None
         return np.asarray(np.mean(of_axes, axis=0))
 
     def of_rows(self, prediction: Prediction) -> FloatArray:
-        """Return the (n,) errors, m, whose mean is the value; of metrics that `resamples` alone."""
+        """Return the (n,) errors, m, whose mean is the value; only if `resamples`."""
         errors = _ROW_ERRORS[self.metric.key](prediction)
         if errors.ndim == 1:
             return errors
@@ -84,23 +84,23 @@ class SortKey:
 
 
 def sort_key(key: str, axis: str | None) -> SortKey:
-    """Return what a metric's key and an axis name.
+    """Return the sort key of a metric and an axis.
 
     Raises:
-        ConfigError: there is no such metric or axis, or it does not say which model is better.
+        ConfigError: the metric or axis is unknown, or the metric cannot rank models.
     """
-    found = metric(key)
-    if found.needs_interval:
-        why = "narrower intervals are better only at equal coverage"
-        if found.direction == "nominal":
-            why = "its best value is the nominal one"
+    chosen_metric = metric(key)
+    if chosen_metric.needs_interval:
+        reason = "narrower intervals are better only at equal coverage"
+        if chosen_metric.direction == "nominal":
+            reason = "its best value is the nominal one"
         valid = ", ".join(m.key for m in METRICS.values() if not m.needs_interval)
-        raise ConfigError(f"{key}: {why}, so it does not rank models (valid: {valid})", "metric")
+        raise ConfigError(f"{key}: {reason}, so it does not rank models (valid: {valid})", "metric")
     if axis is not None and axis not in AXES:
         raise ConfigError(f"{axis!r} (valid: {', '.join(AXES)})", "axis")
-    if axis is not None and axis not in found.axes:
+    if axis is not None and axis not in chosen_metric.axes:
         with_axes = ", ".join(m.key for m in METRICS.values() if m.axes == AXES)
         raise ConfigError(
-            f"{axis}: {key} is one value in all; metrics with axes are {with_axes}", "axis"
+            f"{axis}: {key} has no axes; use a metric with axes ({with_axes})", "axis"
         )
-    return SortKey(found, axis or "")
+    return SortKey(chosen_metric, axis or "")

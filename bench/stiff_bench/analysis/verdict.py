@@ -1,7 +1,7 @@
-"""Is A better than B? `decide` is the one rule of compare, leaderboard and report.
+"""Is A better than B? `decide` is the rule of compare, leaderboard and report.
 
-What it decides on is made by `estimates`. How often it finds a winner between equal models is
-counted in tests/protocols/scoring/test_false_positives.py.
+Its inputs come from `estimates`. The rate of wrong winners between equal models is counted in
+tests/protocols/scoring/test_false_positives.py.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from stiff_protocols.scoring.paired import (
 )
 
 Verdict = Literal["a", "b", "equivalent", "open"]
-"""Who is better; "open": they cannot be told apart, which does not mean that they are equal."""
+"""Better model; "open": no significant difference, which does not mean that they are equal."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of every pair.
+    """Settings of the tests on every pair.
 
     Attributes:
-        rope: largest difference that makes none in practice, m.
-        confidence: of intervals and verdicts.
-        seed: of the resampling.
+        rope: largest difference that is negligible in practice, m.
+        confidence: confidence of intervals and verdicts (0..1).
+        seed: seed of the resampling.
     """
 
     rope: float = ROPE_M
@@ -47,13 +47,13 @@ class Question:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What one test says about a difference of errors, A less B.
+    """Result of one test on a difference of errors, A minus B.
 
     Attributes:
         low, high: bounds of the difference, in its unit.
-        p_value: of "there is no difference", two-sided.
-        posterior: probabilities that A is better by more than the ROPE, that the difference lies
-            in it, that B is better.
+        p_value: two-sided p-value of the hypothesis of equal errors.
+        posterior: probabilities that A is better by more than the ROPE, that the difference is
+            within the ROPE, and that B is better.
     """
 
     low: float
@@ -63,15 +63,15 @@ class Estimate:
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether the interval holds one sign only."""
+        """Return True if the interval excludes zero."""
         return self.low > 0.0 or self.high < 0.0
 
 
 def decide(results: Sequence[Estimate], confidence: float) -> Verdict:
-    """Return the verdict on a difference, A less B.
+    """Return the verdict on a difference, A minus B.
 
-    Equivalent: every result gives the ROPE at least the probability `confidence` (0..1). Better:
-    the first result's p-value lies below 1 - confidence, and no interval reaches zero.
+    Equivalent: in every result the ROPE has at least the probability `confidence` (0..1). Better:
+    the first result's p-value is below 1 - confidence, and all intervals exclude zero.
     """
     if all(result.posterior.equivalent >= confidence for result in results):
         return "equivalent"
@@ -90,7 +90,7 @@ DISAGREEMENTS: dict[str, str] = {
 
 
 def disagreement(splits: Estimate, poses: Estimate) -> Literal["", "splits", "poses"]:
-    """Return which of two intervals alone excludes zero; "" where both do or none does."""
+    """Return the only one of two intervals that excludes zero; else ""."""
     is_sure = [splits.excludes_zero, poses.excludes_zero]
     if is_sure == [True, False]:
         return "splits"
@@ -98,7 +98,7 @@ def disagreement(splits: Estimate, poses: Estimate) -> Literal["", "splits", "po
 
 
 def corrected(results: Sequence[Estimate]) -> list[Estimate]:
-    """Return results whose p-values are corrected for one another (Holm)."""
+    """Correct the p-values of results for each other (Holm)."""
     p_values = holm([result.p_value for result in results]).tolist()
     return [replace(result, p_value=p) for result, p in zip(results, p_values, strict=True)]
 
@@ -110,11 +110,11 @@ class SharedErrors(BriefFields):
     A column is a model, or one axis of a model.
 
     Attributes:
-        of_splits: (J, m) on each split; None where there is one, or all are scored together.
-        test_share: part of the data set (0..1) that a split tests on.
-        of_poses: m columns on all poses of the data set, tested or not, so that whoever asks gets
-            the same draws of them; None where the value is no mean over rows.
-        seed: of the draws.
+        of_splits: (J, m) errors per split; None with one split, or if all are scored together.
+        test_share: share of the data set (0..1) that a split tests on.
+        of_poses: m columns on all poses of the data set, tested or not, so that all callers get the
+            same draws; None if the value cannot be resampled as a mean over rows.
+        seed: seed of the draws.
     """
 
     of_splits: FloatArray | None
@@ -123,8 +123,8 @@ class SharedErrors(BriefFields):
     seed: int = 0
 
     @cached_property
-    def drawn(self) -> FloatArray | None:
-        """The (B, m) means on draws of the poses; NaN where a draw holds no tested pose."""
+    def drawn_means(self) -> FloatArray | None:
+        """Return (B, m) means on draws of the poses; NaN for a draw without a tested pose."""
         return None if self.of_poses is None else resampled_means(self.of_poses, seed=self.seed)
 
 
@@ -135,37 +135,39 @@ def estimates(
     *,
     all_p_values: bool = False,
 ) -> list[list[Estimate]]:
-    """Return what each test that applies says of k pairs of columns, A and B, in tests of k.
+    """Return the estimates of each applicable test for k pairs of columns, A and B.
 
-    First the corrected t test over splits, where there are several; then, with the fitted models
-    held fixed, the tested poses: Wilcoxon's p-value, percentiles of the draws, and as probabilities
-    the shares of the draws. Wilcoxon's is NaN where the splits decide, because among thousands of
-    pairs it would take longer than all the rest; with `all_p_values` it is there, too.
+    With several splits the first test is the corrected t test over splits. The next test is over
+    the tested poses, with the fitted models held fixed: Wilcoxon's p-value, percentiles of the
+    draws, and shares of the draws as probabilities. Wilcoxon's p-value is NaN if there is a test
+    over splits, because thousands of pairs would take too long. `all_p_values` computes it always.
     """
-    a, b = [one for one, _ in pairs], [other for _, other in pairs]
-    found: list[list[Estimate]] = []
+    a, b = [first for first, _ in pairs], [second for _, second in pairs]
+    test_results: list[list[Estimate]] = []
     if errors.of_splits is not None:
         differences = errors.of_splits[:, a] - errors.of_splits[:, b]  # (J, k)
-        tests = [corrected_t(one, errors.test_share) for one in differences.T]
-        found.append(
+        tests = [corrected_t(column, errors.test_share) for column in differences.T]
+        test_results.append(
             [
                 Estimate(*t.interval(question.confidence), t.p_value, t.posterior(question.rope))
                 for t in tests
             ]
         )
-    if errors.of_poses is not None and errors.drawn is not None:
-        drawn = errors.drawn[np.isfinite(errors.drawn[:, 0])]  # a tested pose is in it
-        needed = all_p_values or not found
+    if errors.of_poses is not None and errors.drawn_means is not None:
+        drawn = errors.drawn_means[
+            np.isfinite(errors.drawn_means[:, 0])
+        ]  # draws with a tested pose
+        needed = all_p_values or not test_results
         p_values = [
             wilcoxon_signed_rank(errors.of_poses.differences(i, j)) if needed else np.nan
             for i, j in pairs
         ]
-        found.append(_over_poses(drawn[:, a] - drawn[:, b], p_values, question))
-    return found
+        test_results.append(_over_poses(drawn[:, a] - drawn[:, b], p_values, question))
+    return test_results
 
 
 def _over_poses(drawn: FloatArray, p_values: Sequence[float], question: Question) -> list[Estimate]:
-    """Return an estimate for each column of the (B, k) differences on the draws, m."""
+    """Return an estimate per column of the (B, k) differences on the draws, m."""
     tail = 0.5 * (1.0 - question.confidence)
     low, high = np.quantile(drawn, [tail, 1.0 - tail], axis=0)  # (k,)
     a_better = np.mean(drawn < -question.rope, axis=0)
@@ -186,10 +188,10 @@ def decide_pairs(
     question: Question,
     p_values: Sequence[float] | None = None,
 ) -> list[Verdict] | None:
-    """Return the verdicts on k pairs; None where no test applies: one value, no poses behind it.
+    """Return the verdicts on k pairs; None: no test applies (one value, no poses).
 
-    `p_values` are k corrected ones of the first test; None: p is not corrected. The draws are not
-    corrected: among many models Holm would ask for rarer events than they hold.
+    `p_values` are k corrected p-values of the first test; None: no correction. The draws are not
+    corrected: for many models Holm would need rarer events than the draws contain.
     """
     results = estimates(errors, pairs, question)
     if not results:
@@ -201,9 +203,9 @@ def decide_pairs(
 
 
 def corrected_p_values(errors: SharedErrors) -> FloatArray | None:
-    """Return the (m, m) p-values of the first test, corrected for all pairs of m columns (Holm).
+    """Return (m, m) p-values of the first test, corrected for all pairs (Holm).
 
-    None where no test applies.
+    None: no test applies.
     """
     if errors.of_splits is not None:
         a, b = upper = np.triu_indices(errors.of_splits.shape[1], k=1)

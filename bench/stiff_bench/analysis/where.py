@@ -1,8 +1,9 @@
-"""Where is A better than B? Regions of the workspace, sizes of the load, torques on the joints.
+"""Compare A and B in subgroups of the samples: pose regions, loads, joint torques.
 
-Each of these divides the tested samples into three places of about equal number (a part of the
-measurement plan stays one). There are dozens, so their p-values are corrected for one another
-(Holm). Of each kind the division that explains most of the differences between poses is shown.
+Each factor divides the tested samples into three subgroups ("places") of about equal size; parts of
+the measurement plan are not divided. There are dozens of places, so their p-values are corrected
+for each other (Holm). For each kind of factor, the division that explains most of the differences
+between poses is reported.
 """
 
 from __future__ import annotations
@@ -32,11 +33,11 @@ from stiff_protocols.scoring.metrics import norm_errors
 
 FactorKind = Literal["pose region", "load", "joint torque"]
 LEAST_SPREAD = 0.02
-"""What varies by a smaller part of its largest value is not divided."""
+"""Smallest range of a divided factor, relative to its largest value."""
 PARTS = 3
 FEWEST_POSES = 11
-"""Parts with fewer poses say nothing: with n poses the smallest p of the signed-rank test is 2/2^n,
-which after the correction for about 30 places is below 0.05 from 11 poses on."""
+"""Fewest poses per part. With n poses the smallest p of the signed-rank test is 2/2^n. After the
+correction for about 30 places it is below 0.05 from 11 poses on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +45,8 @@ class Factor:
     """A quantity that every sample of a data set has.
 
     Attributes:
-        kind: what it belongs to.
-        name: for people, e.g. "torque on A2".
+        kind: kind of factor.
+        name: printed name, e.g. "torque on A2".
         unit: "m", "N", "Nm", or "" for names.
         values: (n,) in that unit, or names.
     """
@@ -58,16 +59,16 @@ class Factor:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """The tested samples that a factor divides from the others, and who is better there.
+    """A subgroup of the tested samples, with the verdict on A and B there.
 
     Attributes:
-        factor: what they were divided by.
-        values: the factor's smallest and largest value there, or the name that all of them have.
-        n_samples: different ones.
-        errors: lengths of A's errors on their poses, and of B's, m.
-        estimate: over its poses, with the fitted models held fixed; its p-value is corrected for
-            all places that were looked at.
-        verdict: of the estimate.
+        factor: factor that defines the subgroup.
+        values: smallest and largest value of the factor there, or its name there.
+        n_samples: number of different samples.
+        errors: lengths of the errors of A and of B on its poses, m.
+        estimate: estimate over its poses, with the fitted models held fixed; the p-value is
+            corrected for all tested places.
+        verdict: verdict of the estimate.
     """
 
     factor: Factor
@@ -79,7 +80,7 @@ class Place:
 
     @property
     def means(self) -> tuple[float, float]:
-        """Mean length of A's error, and of B's, m."""
+        """Return the mean lengths of the errors of A and of B, m."""
         a, b = self.errors.mean.tolist()
         return a, b
 
@@ -87,7 +88,7 @@ class Place:
 def where_better(
     a: Sequence[CellResult], b: Sequence[CellResult], data: StoredData, question: Question
 ) -> list[Place]:
-    """Return all places, with the verdict on the mean length of the error in each.
+    """Return all places with verdicts on their mean length of the error.
 
     `a` and `b` are results on the same splits.
     """
@@ -100,20 +101,20 @@ def where_better(
     ]
     for_all = corrected([place.estimate for place in every])
     return [
-        replace(place, estimate=one, verdict=decide([one], question.confidence))
-        for place, one in zip(every, for_all, strict=True)
+        replace(place, estimate=estimate, verdict=decide([estimate], question.confidence))
+        for place, estimate in zip(every, for_all, strict=True)
     ]
 
 
-def telling(places: Sequence[Place]) -> list[Place]:
-    """Return the places of the division that explains most, kind by kind."""
+def best_divisions(places: Sequence[Place]) -> list[Place]:
+    """Return the places of the best explaining division of each kind."""
     divisions = grouped(places, lambda place: place.factor).values()
     of_kinds = grouped(divisions, lambda division: division[0].factor.kind).values()
     return [place for of_kind in of_kinds for place in max(of_kind, key=_explained)]
 
 
 def factors(data: StoredData) -> list[Factor]:
-    """Return what the samples of a data set are divided by."""
+    """Return the factors that divide the samples of a data set."""
     x, y, z = data.tcp.T
     force, torque = data.samples.wrench[:, :3], data.samples.wrench[:, 3:]
     return [
@@ -138,13 +139,13 @@ def _divided(
     pose_id: TextArray,
     question: Question,
 ) -> list[Place]:
-    """Return the places, not corrected; none unless there are several of `FEWEST_POSES` each."""
+    """Return the places without correction; none unless several have `FEWEST_POSES`."""
     values = factor.values[rows]
     names = values.astype(np.str_)
     if factor.unit:
         different = factor.values[np.unique(rows)].astype(np.float64)
         if np.ptp(different) < LEAST_SPREAD * np.abs(different).max():
-            return []  # such as one force at all poses, to the digits of its file
+            return []  # for example the same force at all poses, apart from rounding
         edges = np.quantile(different, np.arange(1, PARTS) / PARTS)
         names = np.searchsorted(edges, values).astype(np.str_)
     parts = [(str(name), names == name) for name in np.unique(names)]
@@ -164,9 +165,9 @@ def _divided(
 
 
 def _explained(parts: Sequence[Place]) -> float:
-    """Return which share (0..1) of the poses' differences' variance lies between the parts."""
+    """Return the share (0..1) of the variance of differences that is between the parts."""
     differences = [part.errors.differences(0, 1) for part in parts]
     together = np.concatenate(differences)
     total = float(((together - together.mean()) ** 2).sum())
-    between = sum(len(one) * (one.mean() - together.mean()) ** 2 for one in differences)
+    between = sum(len(part) * (part.mean() - together.mean()) ** 2 for part in differences)
     return float(between / total) if total > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""What `import stiffbench` offers, and all that the commands call."""
+"""The functions of `import stiffbench` and of the commands."""
 
 import importlib
 from pathlib import Path
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from stiff_bench.api import tool_paths as tool_paths
 
 RESULTS = Path("results/runs")
-"""Where `bench run` stores results, and others read them, unless the user says otherwise."""
+"""Default folder of results for `bench run` and for the commands that read results."""
 
 
 def __getattr__(name: str) -> ModuleType:
-    """Import a module of this package where it is first used: help answers without them."""
+    """Import a module of this package at its first use, so that help is fast."""
     try:
         return importlib.import_module(f"stiff_bench.api.{name}")
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""Data sets to fit, predict and compare on: shipped ones, files, arrays and DataFrames."""
+"""Load data sets: shipped ones, files, arrays and DataFrames."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 def choice_of(kind: Kind, word: str, options: Mapping[str, Any]) -> Choice[Any]:
-    """Return what a word of the command line stands for, with more options."""
+    """Return the choice for a command line word, with more options."""
     choice = chosen({kind: (word,)}, (), registry())[kind][0]
     parsed = {
         name: parse_option(f"{name}={value!r}", choice.info.key, choice.cls, name, value)
@@ -50,17 +50,17 @@ def choice_of(kind: Kind, word: str, options: Mapping[str, Any]) -> Choice[Any]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Dataset(Shown):
-    """Samples, the robot that they belong to, and the name that tables give them.
+    """Samples with their robot and a name for tables.
 
     Attributes:
-        choice: what loads it, with its options.
+        choice: source of the data with its options.
     """
 
     choice: Choice[DatasetInfo]
 
     @classmethod
     def of_file(cls, file: Path | str, robot: str | Robot | None, options: FileOptions) -> Dataset:
-        """Return the data set of a file, which is read when it is needed; see `read_samples`."""
+        """Return the data set of a file, which is read at its first use; see `read_samples`."""
         if robot is None:
             raise ConfigError(f"{file}: name the measured robot: --urdf FILE.urdf or --robot NAME")
         return cls(measured_file(Path(file), as_robot(robot), options))
@@ -76,8 +76,8 @@ class Dataset(Shown):
     ) -> Dataset:
         """Return a data set of arrays (SI units, see `Samples`).
 
-        A `StiffBenchWarning` names poses of different `pose_id` whose joint positions differ by no
-        more than `pose_tolerance` (deg, and mm of prismatic joints): a split may part them.
+        A `StiffBenchWarning` names poses of different `pose_id` whose joint positions differ by at
+        most `pose_tolerance` (deg, and mm of prismatic joints): a split may separate them.
 
         Raises:
             DataError: samples and robot have different numbers of joints.
@@ -102,9 +102,9 @@ class Dataset(Shown):
         """Return a data set of a table with the columns of a file (deg, N, N m, mm).
 
         Args:
-            frame: the table.
-            robot: that was measured.
-            name: of the data set in tables.
+            frame: table of samples.
+            robot: measured robot.
+            name: name of the data set in tables.
             no_torque: see `read_samples`.
             pose_tolerance: see `read_samples`.
 
@@ -120,22 +120,22 @@ class Dataset(Shown):
 
     @property
     def name(self) -> str:
-        """Key with the options that differ from their defaults."""
+        """Return the key with the options that differ from their defaults."""
         return self.choice.name
 
     @cached_property
     def data(self) -> BenchmarkData:
-        """What models get: samples and robot."""
+        """Return samples and robot, the input of models."""
         return loaded(self.choice)
 
     @property
     def samples(self) -> Samples:
-        """Joint positions, wrenches and deflections, in SI units."""
+        """Return joint positions, wrenches and deflections, in SI units."""
         return self.data.samples
 
     @property
     def robot(self) -> Robot:
-        """The robot."""
+        """Return the robot."""
         return self.data.robot
 
     def frame(self) -> DataFrame:
@@ -146,7 +146,7 @@ class Dataset(Shown):
 
     @property
     def card(self) -> Text:
-        """Data card in Markdown, "" without one; DataError: it is not in the package."""
+        """Return the data card in Markdown, "" for none; DataError: it cannot be read."""
         from stiff_bench.tables.dataset_facts import card_text
 
         return Text(card_text(self.choice.info.key, self.choice.info.card))
@@ -167,10 +167,10 @@ class Dataset(Shown):
         return Text(dataset_info(info, data, picture, options))
 
     def export(self, folder: Path | str) -> Text:
-        """Write CSV, URDF, data card and descriptors into a folder; return what was written.
+        """Write CSV, URDF, data card and descriptors into a folder; return a summary.
 
         Raises:
-            DataError: a file may not hold the data; see `read_samples`.
+            DataError: a file cannot represent the data; see `read_samples`.
             StoreError: a file exists, or cannot be written.
         """
         from stiff_bench.api.data_files import export_dataset
@@ -178,10 +178,10 @@ class Dataset(Shown):
         return export_dataset(self.choice, self.data, Path(folder))
 
     def __getitem__(self, rows: slice | int | Sequence[int] | Sequence[bool] | Any) -> Dataset:
-        """Return the data set of some samples: a slice, row numbers or a mask, as NumPy has it.
+        """Return the data set of some samples: a slice, row numbers or a mask, as in NumPy.
 
-        It keeps kind and caveats; its name says that it is a part. Rows of one pose belong
-        together: a part that holds only some of them makes a test on the others easier than it is.
+        It keeps kind and caveats; its name includes the selection. Select all rows of a pose: if
+        rows of a pose are in training and test data, the test is too easy.
 
         Raises:
             IndexError: a row does not exist, or the mask has another length.
@@ -207,7 +207,7 @@ class Dataset(Shown):
         return dataset_picture(self.data, title)
 
     def view(self) -> Screen:
-        """Return its kind, robot, ranges and source; in a notebook the first rows as well."""
+        """Return kind, robot, ranges and source; in a notebook also the first rows."""
         info, file = self.choice.info, self.choice.context.get("csv")
         facts = [
             ("what it is", "" if file else info.summary),
@@ -227,7 +227,7 @@ class Dataset(Shown):
 
 
 def _slice_text(rows: slice) -> str:
-    """Return a slice as it is written, such as "10:40"."""
+    """Return a slice as text, such as "10:40"."""
     start, stop, step = (
         "" if bound is None else str(bound) for bound in (rows.start, rows.stop, rows.step)
     )
@@ -235,10 +235,10 @@ def _slice_text(rows: slice) -> str:
 
 
 def as_dataset(data: object, robot: str | Robot | None = None) -> Dataset:
-    """Return a data set itself, or make one of a DataFrame and its robot.
+    """Return a data set, or make one from a DataFrame and its robot.
 
     Raises:
-        ConfigError: it is not a data set, the robot is missing, or a data set has its own.
+        ConfigError: `data` is not a data set, a DataFrame has no robot, or a data set has a second.
         DataError: a column is missing, or a value is not valid; see `Dataset.from_frame`.
     """
     from pandas import DataFrame
@@ -246,15 +246,14 @@ def as_dataset(data: object, robot: str | Robot | None = None) -> Dataset:
     if isinstance(data, DataFrame):
         if robot is None:
             raise ConfigError(
-                "a DataFrame needs its robot: Dataset.from_frame(frame, robot), or robot=... in "
+                "a DataFrame needs a robot; use Dataset.from_frame(frame, robot), or robot=... in "
                 "fit and score"
             )
         return Dataset.from_frame(data, as_robot(robot))
     if not isinstance(data, Dataset | BenchmarkData):
         raise ConfigError(
-            f"{type(data).__name__} is not a data set: load_dataset(name), read_samples(file, "
-            "robot=...), Dataset.from_frame(frame, robot) and Dataset.from_samples(samples, robot) "
-            "make one"
+            f"{type(data).__name__} is not a data set; use load_dataset(name), read_samples(file, "
+            "robot=...), Dataset.from_frame(frame, robot) or Dataset.from_samples(samples, robot)"
         )
     if robot is not None:
         raise ConfigError("is part of the data set; only a DataFrame needs it", "robot")
@@ -262,18 +261,18 @@ def as_dataset(data: object, robot: str | Robot | None = None) -> Dataset:
 
 
 def load_dataset(name: str, **options: Any) -> Dataset:
-    """Return a shipped data set, or a plugin's.
+    """Return a data set of stiffbench or of a plugin.
 
     Args:
-        name: its key, such as "kr10-twin", or a word with options, "kr10-twin@specimen=3".
-        options: of it; `bench show NAME` lists them.
+        name: key, such as "kr10-twin", or key with options, such as "kr10-twin@specimen=3".
+        options: options of the data set; `bench show NAME` lists them.
 
     Raises:
         ConfigError: the name or an option is unknown, or a value is wrong.
-        DataError: it cannot be loaded.
+        DataError: the data set cannot be loaded.
     """
     dataset = Dataset(choice_of("dataset", name, options))
-    dataset.data  # noqa: B018  # so that what is wrong is said here
+    dataset.data  # noqa: B018  # raise errors here, not at the first use
     return dataset
 
 
@@ -288,28 +287,28 @@ def read_samples(
     """Read a file of measured samples.
 
     Args:
-        file: CSV, Excel or Parquet; its columns are those of `bench data validate`.
-        robot: that was measured: the name of a shipped one, or a `Robot`.
-        no_torque: no torques were measured: their columns may be missing, or zero.
-        sheet: of an Excel file; None: the only one that holds a table.
-        pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one
-            pose, deg, and mm of prismatic joints; poses of two names that differ by no more are
-            warned of.
+        file: CSV, Excel or Parquet file with the columns of `bench data validate`.
+        robot: measured robot: a shipped name or a `Robot`.
+        no_torque: True if torques were not measured: their columns may be missing, or zero.
+        sheet: sheet of an Excel file; None: the only sheet with a table.
+        pose_tolerance: largest difference of joint positions within a pose, for rows without
+            `pose_id`, deg, and mm of prismatic joints; poses of two names within this difference
+            give a warning.
 
     Raises:
-        ConfigError: there is no such robot; or the file has no such sheet, or several with tables
-            and none is named.
-        DataError: a file cannot be read, or a value cannot be; the message names row and column.
+        ConfigError: the robot or the sheet is unknown, or `sheet` is missing for a file with
+            several tables.
+        DataError: the file or a value cannot be read; the message names row and column.
     """
     dataset = Dataset.of_file(file, robot, FileOptions(no_torque, sheet, pose_tolerance))
-    dataset.data  # noqa: B018  # so that what is wrong is said here
+    dataset.data  # noqa: B018  # raise errors here, not at the first use
     return dataset
 
 
 def dataset_of_word(
     word: str, robot: Robot | None, options: FileOptions, settings: Sequence[str]
 ) -> Dataset:
-    """Return the data set of a key or of a file, as `bench data info` names it."""
+    """Return the data set of a key or of a file, for `bench data info`."""
     path = Path(word)
     if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
         if settings:

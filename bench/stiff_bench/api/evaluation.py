@@ -1,4 +1,4 @@
-"""Fitting and testing of models under protocols: runs, and studies with their pages."""
+"""Fit and test models under protocols: runs, and studies with their pages."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ DEFAULT_DATASET = "kr10-twin"
 
 @dataclass(frozen=True)
 class Run:
-    """Fits to be computed, checked.
+    """A checked run of fits.
 
     Attributes:
-        plans: for one folder.
-        execution: how.
+        plans: plans with the same output folder.
+        execution: execution of the fits.
     """
 
     plans: Sequence[RunPlan]
@@ -67,13 +67,13 @@ class Run:
 
     @cached_property
     def tasks(self) -> list[CellTask]:
-        """Every cell of the plans."""
+        """Return all cells of the plans."""
         return list(cell_tasks(*self.plans))
 
     def forecast(self) -> Tables:
-        """Return what would be computed of each model, and how long all takes, in a sentence.
+        """Return a forecast of the fits per model, and of the total time.
 
-        One fit is timed of each model and data set whose model has no stored fit, not on a cluster.
+        For models without a stored fit, one fit per data set is timed, except on a cluster.
         """
         plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
         untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
@@ -93,11 +93,11 @@ class Run:
         return Tables(tables, plan.command, forecast_line(forecasts[-1], jobs))
 
     def board(self, results: Results) -> Tables | None:
-        """Return tables that are printed in place of the results; None: there are none."""
+        """Return tables to print instead of the results; None: print the results."""
         return None
 
     def compute(self) -> Results:
-        """Compute what is missing; return the results of all."""
+        """Compute the missing fits, and return all results."""
         plan, tasks = self.plans[0], self.tasks
         store = ResultStore(plan.output)
         for warning in dict.fromkeys(task.shown.warning for task in tasks if task.shown.warning):
@@ -122,15 +122,15 @@ class RunAgainst(Run):
 
     @cached_property
     def published_results(self) -> list[CellResult]:
-        """The published results of other models on the splits of this run.
+        """Return published results of other models on the splits of this run.
 
         Raises:
-            ConfigError: data, splits or versions of the published models are others.
+            ConfigError: the published models have other data, splits or versions.
         """
         return find_published(self.published, self.tasks)
 
     def compute(self) -> Results:
-        """Copy the published results, compute what is missing, and return all together."""
+        """Copy the published results, compute missing fits, and return all results."""
         output, published = self.plans[0].output, self.published_results
         ResultStore(output)
         keys = {result.cell.key for result in published} | {task.cell.key for task in self.tasks}
@@ -143,7 +143,7 @@ class RunAgainst(Run):
             say(f"warning: without published results: {first_few(missing)}")
         computed = super().compute()
         finished = computed.finished
-        assert finished is not None  # it was computed now
+        assert finished is not None  # set by `Run.compute`
         together = replace(
             finished,
             results=(*finished.results, *published),
@@ -152,7 +152,7 @@ class RunAgainst(Run):
         return replace(computed, finished=together)
 
     def board(self, results: Results) -> Tables | None:
-        """Return the study's board of these results; None: it has none, or too few robots."""
+        """Return the study's board of these results; None: no board, or too few robots."""
         from stiff_bench.paper.study_board import StudyResults
 
         stored = StoredResults.of_results(results.folder, results.cells)
@@ -172,9 +172,10 @@ def prepare_run(
     how: Mapping[str, Any],
     **planned: Any,
 ) -> Run:
-    """Return a run that is checked; `settings` are of the words among the first three arguments.
+    """Return a checked run.
 
-    `how` is of `chosen_execution`, the other arguments are those of `plan_run`.
+    `settings` are options of the models, data sets and protocols. `how` has the arguments of
+    `chosen_execution`, `planned` the arguments of `plan_run`.
     """
     chosen = with_reference(_chosen(models, datasets, protocols, settings), registry())
     plan = plan_run(chosen, registry(), **planned)
@@ -200,9 +201,9 @@ def model_and_data(
     settings: Sequence[str] = (),
     device: str = "auto",
 ) -> tuple[Model, Dataset]:
-    """Return the model and the data set of `bench fit`, checked as those of a run."""
+    """Return the model and the data set of `bench fit`, checked like a run."""
     if len(datasets) != 1:
-        raise ConfigError("give one of --dataset KEY and --data FILE.csv")
+        raise ConfigError("give either --dataset KEY or --data FILE.csv")
     chosen = _chosen(models, datasets, (), settings)
     plan = plan_run(chosen, registry(), output=Path(), device=device)
     if len(plan.models) != 1:
@@ -228,21 +229,21 @@ def evaluate(
     Args:
         models: names, models of `make_model` (each cell fits a new one), or classes.
         datasets: names, or data sets of `load_dataset` and `read_samples`.
-        protocol: names, with their options: "kfold@folds=10".
-        splits: how many; None: the protocol's own number.
-        seed: of splits and models.
-        metrics: keys, that the tables show; none: mae, stde and me, of tool paths norm, norm-p95,
-            norm-max and removed. All are computed.
-        coverage: nominal coverage of intervals, where a metric needs them; None: 0.9.
-        jobs: how many cells run at once, each in a process of its own. Classes that are defined in
-            a script or notebook are computed in this process.
-        device: "auto", "cpu" or "cuda", where networks run.
-        output: a folder that keeps the results: what it holds is not computed again. None: they
-            are gone with the `Results`.
+        protocol: names with options, such as "kfold@folds=10".
+        splits: number of splits; None: the protocol's number.
+        seed: seed of splits and models.
+        metrics: keys of the metrics in tables; empty: mae, stde and me, and for tool paths norm,
+            norm-p95, norm-max and removed. All metrics are computed.
+        coverage: nominal coverage of intervals, if a metric needs them; None: 0.9.
+        jobs: number of fits at the same time, each in a separate process. Classes defined in a
+            script or notebook are fitted in this process.
+        device: device of networks, "auto", "cpu" or "cuda".
+        output: folder to store the results; stored results are not computed again. None: the
+            results are deleted with the `Results` object.
 
     Raises:
-        ConfigError: a name, an option or a value is wrong, or `output` is to keep results of a
-            class that is defined in a script or notebook: nobody could tell later what it was.
+        ConfigError: a name, an option or a value is wrong, or `output` is given for a class that is
+            defined in a script or notebook, whose code could not be identified later.
         DataError: a data set cannot be loaded.
     """
     if splits is not None and splits < 1:
@@ -251,9 +252,9 @@ def evaluate(
     local = [model for model in model_choices if model.cls.__module__ == "__main__"]
     if local and (output is not None or jobs > 1):
         raise ConfigError(
-            f"{local[0].info.key}: a class of a script or notebook, whose results cannot be kept, "
-            "and which other processes cannot import; leave out output=... and jobs=..., or define "
-            "it in a file and call use_plugin(file)"
+            f"{local[0].info.key}: results of a class of a script or notebook cannot be stored, "
+            "and other processes cannot import it; leave out output=... and jobs=..., or define it "
+            "in a file and call use_plugin(file)"
         )
     data = [
         dataset if isinstance(dataset, str) else as_dataset(dataset)
@@ -275,7 +276,7 @@ def evaluate(
     )
     results = run.compute()
     if output is None:
-        # `Results.select` has results of the same run, which need the folder as well
+        # results of `Results.select` belong to the same run and need the folder, too
         weakref.finalize(results.finished, shutil.rmtree, folder, ignore_errors=True)
     return results
 
@@ -286,24 +287,24 @@ def _listed(given: Any) -> list[Any]:
 
 @dataclass(frozen=True)
 class Reproduction(Run):
-    """A study, and the page that is written of it.
+    """A study and its page.
 
     Attributes:
-        study: what is run, and what stands on the page.
-        output: folder of the study's folder, which takes page and results.
+        study: models, data sets and protocols of the run, and content of the page.
+        output: parent of the study's folder, which gets page and results.
     """
 
     study: Study
     output: Path
 
     def compute(self) -> Results:
-        """Say how long it takes, and compute what is missing."""
-        ResultStore(self.plans[0].output)  # a folder that cannot be written is said before all else
+        """Print the forecast of the time, and compute the missing fits."""
+        ResultStore(self.plans[0].output)  # report an unwritable folder first
         say(self.forecast().text)
         return super().compute()
 
     def write(self) -> Iterator[Path]:
-        """Write what the results allow, and yield each file."""
+        """Write the page and files for the available results, and yield each file."""
         from stiff_bench.paper.study_page import write_page
 
         stored = stored_statuses(self.plans[0].output)
@@ -313,7 +314,7 @@ class Reproduction(Run):
 
     @property
     def model_statuses(self) -> dict[str, str]:
-        """Model -> "verified" or "reported"; empty without models of submissions."""
+        """Return "verified" or "reported" by model; empty without submissions."""
         return board_statuses(self.plans[0].output, self.output / SUBMISSIONS.name)
 
     def write_site(self, folder: Path) -> Iterator[Path]:
@@ -342,13 +343,13 @@ def run_of_study(
     """Return the runs of a study.
 
     Args:
-        name: of a study that is shipped, or of a file that ends in .toml.
+        name: name of a shipped study, or of a .toml file.
         output: folder of the results.
-        command: for the record.
-        models: words of `--model` in place of the study's own, with the VJM; none: the study's.
-        lite: only the first split of the study's data sets `lite`.
+        command: command of the run, stored with the results.
+        models: values of `--model` instead of the study's models, with the VJM; empty: the study's.
+        lite: True to run only the first split of the study's data sets `lite`.
         against: "published", or a folder, with results of other models; "": none.
-        how: the options of `chosen_execution`.
+        how: options of `chosen_execution`.
 
     Raises:
         ConfigError: the study, a model or the folder is unknown, or the published results have
@@ -367,23 +368,23 @@ def run_of_study(
     if published is None:
         return Run(plans, execution)
     run = RunAgainst(plans, execution, study, published)
-    run.published_results  # noqa: B018  # refused before anything is computed
+    run.published_results  # noqa: B018  # raise errors before computing
     return run
 
 
 def with_reference_word(models: Sequence[str]) -> list[str]:
-    """Return words of models with the reference model before the others."""
+    """Return names of models with the reference model first."""
     return [*dict.fromkeys([REFERENCE_MODEL, *models])]
 
 
 def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reproduction:
-    """Return a study that is shipped, or that a file describes.
+    """Return the reproduction of a shipped study, or of a study file.
 
     Args:
-        name: of the study, or of a file that ends in .toml.
-        output: folder of the folder of the study's name.
-        command: for the record.
-        how: the options of `chosen_execution`; as many jobs as there are cores by default.
+        name: name of the study, or of a .toml file.
+        output: parent of the study's folder.
+        command: command of the run, stored with the results.
+        how: options of `chosen_execution`; by default one job per core.
     """
     from stiff_bench.paper.study_page import check_names
 

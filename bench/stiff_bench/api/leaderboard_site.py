@@ -1,4 +1,4 @@
-"""The web pages of a study's leaderboard: one first page, a page a model and a page a data set."""
+"""Write the web pages of a study's leaderboard: first page, models and data sets."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from stiff_protocols.contract.plugin import ModelInfo
 
 INDEX, MODELS, DATASETS = "index.html", "models", "data"
 FILES = "files"
-"""Folder of the data sets' files, beneath the pages of the data sets."""
+"""Folder of the data sets' files, inside the folder of their pages."""
 SCORES = "scores.csv"
 TITLE = "stiffbench leaderboard"
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
@@ -62,10 +62,10 @@ class LeaderboardSite:
     """The pages of a study's leaderboard.
 
     Attributes:
-        study: with a board.
+        study: study with a board.
         results: folder of its results.
-        command: that writes the pages.
-        statuses: model -> "verified" or "reported"; empty: the board has no such column.
+        command: command that writes the pages.
+        statuses: "verified" or "reported" by model; empty: the board has no such column.
     """
 
     study: Study
@@ -75,22 +75,22 @@ class LeaderboardSite:
 
     @cached_property
     def content(self) -> StudyResults:
-        """The study with its results."""
+        """Return the study with its results."""
         return StudyResults(self.study, StoredResults.read(self.results), self.statuses)
 
     @property
     def stored(self) -> StoredResults:
-        """The results, with one name for a model whatever its pre-training seed."""
+        """Return the results, without the pre-training seed in model names."""
         return self.content.merged
 
     @property
     def board(self) -> Board:
-        """The board; ConfigError: the study has none, or too few results."""
+        """Return the board; ConfigError: the study has no board, or too few results."""
         return self.content.board
 
     @cached_property
     def datasets(self) -> dict[str, Case]:
-        """Data set -> one comparison of the board on it."""
+        """Return a comparison of the board by data set."""
         return {case.name.dataset: case.case for case in self.board.answer.cases}
 
     def write(self, folder: Path) -> Iterator[Path]:
@@ -127,7 +127,7 @@ class LeaderboardSite:
     ) -> Part:
         board = self.board
         dates = [run.started[:10] for run in self.stored.runs if run.started]
-        counts = Counter(one.run_id for case in self.stored.cases for one in case.every)
+        counts = Counter(result.run_id for case in self.stored.cases for result in case.every)
         pictures = [
             embedded(figure, self.command)
             for make in (score_against_cost, score_against_poses)
@@ -182,15 +182,15 @@ class LeaderboardSite:
         )
 
     def _model_figures(self, name: str) -> Iterator[Prepared | None]:
-        """Yield the error map, and the torque-deflection curves where the model has them."""
+        """Yield the error map, and torque-deflection curves if the model has them."""
         case = next(case for case in self.datasets.values() if name in case.competitors)
         pair = {key: case.competitors[key] for key in dict.fromkeys((name, REFERENCE_MODEL))}
-        alone = replace(case, competitors={name: pair[name]})
-        for make, shown in (
-            (workspace.workspace, alone),
+        model_case = replace(case, competitors={name: pair[name]})
+        for make, figure_case in (
+            (workspace.workspace, model_case),
             (springs.springs, replace(case, competitors=pair)),
         ):
-            yield _made(partial(make, FigureSource(self.results, (shown,), (name,))))
+            yield _made(partial(make, FigureSource(self.results, (figure_case,), (name,))))
 
     def _dataset_part(self, name: str, files: Path) -> Part:
         dataset = load_dataset(name)
@@ -233,17 +233,17 @@ class LeaderboardSite:
 
 
 def _exported(name: str, folder: Path) -> Iterator[Path]:
-    """Write a data set's files anew into a folder of the pages, and yield them."""
+    """Replace a data set's files in a folder of the pages, and yield them."""
     shutil.rmtree(folder, ignore_errors=True)
     load_dataset(name).export(folder)
     yield from sorted(folder.iterdir())
 
 
 def _made(make: Callable[[], Prepared]) -> Prepared | None:
-    """Return a figure; None where the results are not enough for it."""
+    """Return a figure; None if the results are not sufficient."""
     try:
         return make()
-    except (StiffBenchError, ArithmeticError, ValueError):  # must not cost the page
+    except (StiffBenchError, ArithmeticError, ValueError):  # write the page without this figure
         return None
 
 

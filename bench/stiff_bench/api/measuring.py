@@ -1,4 +1,4 @@
-"""Before and after a measurement: plan it, check its file, simulate one."""
+"""Plan measurements, check measured files, and simulate measurements."""
 
 from __future__ import annotations
 
@@ -55,33 +55,33 @@ def plan_poses(
     sheet: str | None = None,
     pose_tolerance: float = POSE_TOLERANCE,
 ) -> Text:
-    """Write a measurement plan to fill in, and return what it gains over random plans.
+    """Write a measurement plan to fill in, and return its gain over random plans.
 
     Args:
-        output: a new FILE.csv.
-        poses: how many to choose; None: the paper's 151 poses of the KR10, or 151 chosen ones; 10
-            with `after`.
-        criterion: what chosen poses are best in: "d-optimal" (joint compliances; None stands for
-            it) or "i-optimal" (predictions; None stands for it with `after`).
-        candidates: random poses to choose from; None: 2000, or ten a pose.
-        payload: kg; None: the shipped robot's.
+        output: new FILE.csv.
+        poses: number of poses to choose; None: the paper's 151 poses of the KR10, or 151 chosen
+            poses; 10 with `after`.
+        criterion: criterion of the choice: "d-optimal" (joint compliances; the default) or
+            "i-optimal" (predictions; the default with `after`).
+        candidates: number of random poses to choose from; None: 2000, or ten per pose.
+        payload: payload, kg; None: the shipped robot's payload.
         clearance: smallest distance of the arm from the base column, m.
-        seed: of all random numbers.
-        robot: that will be measured: the name of a shipped one, or a `Robot`; None: the KR10.
-        after: file of the poses that are measured already; the plan goes on from them, and their
-            learning curve says what more poses would gain. None: there are none.
-        model: that will be fitted to all poses, with `after`; None: "vjm". The poses are chosen
-            for its predictions if it is a Gaussian process, else for those of joint springs.
-        workspace: file of poses and wrenches where predictions are to be good, with `after`; None:
-            all that the robot can reach.
-        no_torque: no torques were measured in `after`.
-        sheet: of `after`, an Excel file; None: the only one that holds a table.
-        pose_tolerance: rows of `after` without `pose_id` whose joint positions differ by no more
-            are of one pose, deg and mm.
+        seed: seed of all random numbers.
+        robot: robot to measure: a shipped name or a `Robot`; None: the KR10.
+        after: file of measured poses; the plan continues them, and their learning curve predicts
+            the gain of more poses. None: nothing is measured.
+        model: model to fit to all poses, with `after`; None: "vjm". The poses are chosen for the
+            predictions of a Gaussian process, otherwise for predictions of joint springs.
+        workspace: file of poses and wrenches at which predictions should be accurate, with `after`;
+            None: the reachable workspace.
+        no_torque: True if torques were not measured in `after`.
+        sheet: sheet of `after`, an Excel file; None: the only sheet with a table.
+        pose_tolerance: largest difference of joint positions within a pose, for rows of `after`
+            without `pose_id`, deg and mm.
 
     Raises:
         ConfigError: an argument is wrong, or the payload is unknown.
-        DataError: a file cannot be read, or is of another robot.
+        DataError: a file cannot be read, or belongs to another robot.
         StoreError: the file cannot be written, or exists.
     """
     output, arm = Path(output), as_robot(robot)
@@ -91,25 +91,27 @@ def plan_poses(
         given = {"model": model, "workspace": workspace, **asdict(options)}
         for name, value in given.items():
             if value != vars(DEFAULTS).get(name):
-                needed = "requires a measurement to go on from: --after FILE"
+                needed = "requires measured poses; add --after FILE"
                 raise ConfigError(needed, name.replace("_", "-"))
     payload = payload_of(arm) if payload is None else payload
     if payload is None:
-        raise ConfigError(f"of {arm.name} is not known; give it, in kg", "payload")
+        raise ConfigError(f"unknown for {arm.name}; give a payload in kg", "payload")
     how = pose_plans.PlanOptions(poses, criterion, candidates, payload, clearance, seed)
     if after is None:
         with display():
-            found = pose_plans.first_plan(arm, how, is_papers=shipped_name(arm) == DEFAULT_ROBOT)
+            plan = pose_plans.first_plan(
+                arm, how, is_paper_robot=shipped_name(arm) == DEFAULT_ROBOT
+            )
         measured, curve = None, []
     else:
         file = measured_file(Path(after), arm, options)
         fitted = model_choice(model or REFERENCE_MODEL, {})
         measured = pose_plans.Measured(str(after), loaded(file).samples, arm, fitted)
         with display():
-            found = pose_plans.next_plan(measured, how, workspace)
-            curve = pose_plans.curve_text(measured, len(found.plan.q), seed)
-    write_plan(output, found.plan, arm)
-    return Text(found.report(output, arm, robot_words(arm), measured, curve))
+            plan = pose_plans.next_plan(measured, how, workspace)
+            curve = pose_plans.curve_text(measured, len(plan.plan.q), seed)
+    write_plan(output, plan.plan, arm)
+    return Text(plan.report(output, arm, robot_words(arm), measured, curve))
 
 
 def validate(
@@ -120,30 +122,30 @@ def validate(
     sheet: str | None = None,
     pose_tolerance: float = POSE_TOLERANCE,
 ) -> validation.ValidationReport:
-    """Check a measured file and name the likeliest mistake in it.
+    """Check a measured file and name its most likely mistake.
 
     Args:
-        file: CSV, Excel or Parquet.
-        robot: that was measured: the name of a shipped one, or a `Robot`; None: the KR10.
-        no_torque: no torques were measured: their columns may be missing, or zero.
-        sheet: of an Excel file; None: the only one that holds a table.
-        pose_tolerance: rows without `pose_id` whose joint positions differ by no more are of one
-            pose, deg and mm; poses of two names that differ by no more are suspicious.
+        file: CSV, Excel or Parquet file.
+        robot: measured robot: a shipped name or a `Robot`; None: the KR10.
+        no_torque: True if torques were not measured: their columns may be missing, or zero.
+        sheet: sheet of an Excel file; None: the only sheet with a table.
+        pose_tolerance: largest difference of joint positions within a pose, for rows without
+            `pose_id`, deg and mm; poses of two names within this difference are suspicious.
 
     Returns:
-        A report that prints itself; its `verdict` is "ok", "suspicious" or "invalid".
+        A printable report; its `verdict` is "ok", "suspicious" or "invalid".
 
     Raises:
-        ConfigError: there is no robot of this name.
+        ConfigError: the robot's name is unknown.
     """
     options = FileOptions(no_torque, sheet, pose_tolerance)
     return validation.validate(Path(file), as_robot(robot), options, _left_out_errors)
 
 
 def _left_out_errors(samples: Samples, robot: Robot) -> FloatArray:
-    """Return (n, 3) errors [m] of `gp-springs` at samples that it did not learn from; or NaN."""
+    """Return (n, 3) errors [m] of `gp-springs` at left-out samples; NaN if it cannot be fitted."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StiffBenchWarning)  # the report says the same
+        warnings.simplefilter("ignore", StiffBenchWarning)  # the report has the same message
         try:
             model = model_info("gp-springs").load()().fit(samples, robot=robot)
         except ModelError:
@@ -163,26 +165,26 @@ def simulate(
     effects: str = "none",
     physics: TwinPhysics = "tilting",
 ) -> Text:
-    """Write a simulated data set of any size; return how many samples, and how fast.
+    """Write a simulated data set of any size, and return its size and speed.
 
     Args:
-        output: a new FILE.csv or FILE.parquet.
-        twin: a key such as "kr10-r1100-2" or "ur5", or FILE.toml with your own constants.
-        samples: how many.
-        loads: the paper's, its forces at a hook, or every direction at a hook.
-        loads_per_pose: how many at each pose.
-        specimen: which of ten robots of the type.
-        seed: draws poses, loads and noise.
+        output: new FILE.csv or FILE.parquet.
+        twin: key such as "kr10-r1100-2" or "ur5", or FILE.toml with your own constants.
+        samples: number of samples.
+        loads: loads of the paper, its forces at a hook, or all directions at a hook.
+        loads_per_pose: number of loads per pose.
+        specimen: number of the specimen, one of ten robots of the type.
+        seed: seed of poses, loads and noise.
         effects: "hysteresis", "links", "kinematics" and "sensor", separated by commas, or "none".
-        physics: "tilting": bearings as the twin's file has them; "rigid": no bearing tilts, and
+        physics: "tilting": bearings tilt as in the twin's file; "rigid": bearings do not tilt, and
             the links bend.
 
     Raises:
-        DataError: the links are to bend, and the twin's file has no sections of them.
-        ConfigError: there is no such twin or effect, or the file's ending is another one.
+        DataError: bending links need sections, which the twin's file does not have.
+        ConfigError: the twin or an effect is unknown, or the file's extension is not supported.
         StoreError: the file exists, or cannot be written.
     """
-    asked, start = parse_effects(effects), time.perf_counter()
+    chosen_effects, start = parse_effects(effects), time.perf_counter()
     experiment = TwinExperiment(
         _constants(twin),
         loads=loads,
@@ -190,7 +192,7 @@ def simulate(
         seed=seed,
         loads_per_pose=loads_per_pose,
         physics=physics,
-        effects=asked,
+        effects=chosen_effects,
     )
     with display():
         simulation.simulate(Path(output), experiment, samples)
@@ -202,7 +204,7 @@ def simulate(
 
 
 def _constants(twin: str) -> TwinConstants:
-    """Read a shipped twin's constants or those of a TOML file."""
+    """Read the constants of a shipped twin or of a TOML file."""
     shipped = shipped_twins()
     if twin in shipped:
         return shipped_constants(shipped[twin])

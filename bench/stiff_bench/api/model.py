@@ -1,4 +1,4 @@
-"""Models to fit, use and save."""
+"""Fit, use and save models."""
 
 from __future__ import annotations
 
@@ -58,18 +58,18 @@ if TYPE_CHECKING:
     from stiff_bench.figures.prepared_figure import Prepared
 
 MOST_NUMBERS = 4
-"""Reported numbers that a short view of a model shows."""
+"""Largest number of diagnostics in the short view of a model."""
 
 
 class Model(Shown):
-    """A stiffness model: the benchmarked one, with what `fit` learned.
+    """A stiffness model of the benchmark, with its fit.
 
     Attributes:
-        choice: which model, with its options.
-        fitted: the model itself, of stiffbench's contract or a plugin's class; None before `fit`.
-        note: how the number of epochs was chosen; "" where there is nothing to choose.
-        data: data set of the last `fit`, with its seed; None for a model of a file.
-        file: that it was read from; None where it was not.
+        choice: model with its options.
+        fitted: fitted object of stiffbench's or a plugin's class; None before `fit`.
+        note: method that chose the number of epochs; "" if there is no choice.
+        data: data set of the last `fit`, with its seed; None for a model from a file.
+        file: file of the model; None for a model that was not read from a file.
     """
 
     def __init__(self, choice: Choice[ModelInfo]) -> None:
@@ -83,7 +83,7 @@ class Model(Shown):
 
     @property
     def name(self) -> str:
-        """Key with the options that differ from their defaults."""
+        """Return the key with the options that differ from their defaults."""
         return self.choice.name
 
     def fit(
@@ -95,19 +95,19 @@ class Model(Shown):
     ) -> Self:
         """Fit the model to all samples of a data set.
 
-        As in a benchmark, a model that chooses its epoch on validation rows (``training="best"``)
-        gets a fifth of the poses for that; every other one learns from all, the networks with as
-        many epochs as cross-validation finds best.
+        As in a benchmark, a model with ``training="best"`` uses a fifth of the poses as validation
+        rows to choose its epoch. All other models are trained on all poses; networks use the best
+        number of epochs of a cross-validation.
 
         Args:
             data: samples and their robot, or a DataFrame with the columns of a file (deg, N, N m,
-                mm), which is checked as a file is.
-            robot: of a DataFrame: the name of a shipped robot, or a `Robot`.
-            seed: of the model, and of the poses that choose the epoch.
+                mm), which is checked like a file.
+            robot: robot of a DataFrame: the name of a shipped robot, or a `Robot`.
+            seed: seed of the model, and of the choice of validation poses.
 
         Raises:
-            ConfigError: the model cannot be used here, or not for this robot, or `data` is not a
-                data set; or a DataFrame has no robot.
+            ConfigError: the model cannot be used here or for this robot, `data` is not a data set,
+                or a DataFrame has no robot.
             DataError: a column is missing, or a value is not valid; see `Dataset.from_frame`.
             ModelError: the samples cannot be fitted.
         """
@@ -119,27 +119,27 @@ class Model(Shown):
         return self
 
     def predict(self, q: FloatArray | DataFrame, wrench: FloatArray | None = None) -> FloatArray:
-        """Return (n, 3) the deflections of the TCP, m, base frame.
+        """Return the (n, 3) deflections of the TCP, m, base frame.
 
-        The first call with rows that are unlike the training samples warns of them, with numbers;
-        ``model.training_range.extrapolates(q, wrench)`` has the rule, and says it of every row.
+        The first call with rows beyond the training range warns about them, with numbers. Use
+        ``model.training_range.extrapolates(q, wrench)`` to check each row.
 
         Args:
             q: (n, n_joints) joint positions, rad or m; or a DataFrame of poses and loads with the
-                columns of a file (deg, N, N m), which is checked as a file is.
+                columns of a file (deg, N, N m), which is checked like a file.
             wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame; None with a DataFrame.
 
         Raises:
             NotFittedError: `fit` was not called.
             DataError: a column is missing, or a value is not valid; rows count from 0.
-            ModelError: the shapes are not those of the robot.
+            ModelError: the shapes do not match the robot.
         """
         q, wrench = self._loads(q, wrench)
         predicted = np.asarray(self.fitted.predict(q, wrench))
         if not self._has_warned:
-            known, rows = self.training_range, (np.asarray(q), np.asarray(wrench))
-            words = known.extrapolates(*rows)
-            warning = extrapolation_warning(known, self.fitted.robot_, *rows, words)
+            training_range, rows = self.training_range, (np.asarray(q), np.asarray(wrench))
+            words = training_range.extrapolates(*rows)
+            warning = extrapolation_warning(training_range, self.fitted.robot_, *rows, words)
             self._has_warned = bool(warning)
             if warning:
                 warn(warning)
@@ -148,18 +148,18 @@ class Model(Shown):
     def predict_at_tcp(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, 3) deflection of the TCP, m, base frame.
 
-        A model that was fitted to another point of the tool carries it over to the TCP. Arguments
-        and errors as of `predict` with arrays.
+        A model fitted at another tool point transforms its prediction to the TCP. Arguments and
+        errors are the same as for `predict` with arrays.
         """
         self.check_fitted()
-        with blamed_on(self.file):
+        with wrap_model_errors(self.file):
             predicted = optional(self.fitted, "predict_at_tcp")(q, wrench)
             return frozen_array(predicted, "the prediction", (len(q), len(AXES)))
 
     def _loads(
         self, q: FloatArray | DataFrame, wrench: FloatArray | None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return (n, n_joints) joint positions and (n, 6) wrenches, SI units, of a DataFrame too.
+        """Return (n, n_joints) joint positions and (n, 6) wrenches in SI units.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -171,7 +171,7 @@ class Model(Shown):
         self.check_fitted()
         if not isinstance(q, DataFrame):
             if wrench is None:
-                raise ConfigError("is missing: (n, 6) N and N m; a DataFrame has its own", "wrench")
+                raise ConfigError("is missing; give (n, 6) N and N m, or a DataFrame", "wrench")
             return q, wrench
         from stiff_datasets.measured.load_file import loads_of
 
@@ -188,12 +188,12 @@ class Model(Shown):
         wrench: FloatArray | None = None,
         coverage: float = 0.9,
     ) -> Interval:
-        """Return intervals that hold the deflections with a probability, m, per axis, base frame.
+        """Return prediction intervals of the deflections per axis, m, base frame.
 
-        A model without intervals of its own gets split-conformal ones: a second fit leaves a
-        quarter of the poses out, and its errors there are the half widths. The first call after
-        `fit` makes that fit; `save` keeps the errors with the model. Away from the training samples
-        intervals are wider, as ``model.training_range.widened`` says.
+        Models without intervals use split-conformal ones: a second fit leaves out a quarter of the
+        poses, and its errors there are the half widths. The first call after `fit` makes this fit;
+        `save` stores the errors with the model. Away from the training samples the intervals are
+        wider (``model.training_range.widened``).
 
         Args:
             q: (n, n_joints) joint positions, rad or m; or a DataFrame, see `predict`.
@@ -203,9 +203,8 @@ class Model(Shown):
         Raises:
             NotFittedError: `fit` was not called.
             DataError: a column of a DataFrame is missing, or a value is not valid.
-            ConfigError: the coverage does not lie between 0 and 1, or needs more poses than there
-                were.
-            ModelError: the shapes are not those of the robot.
+            ConfigError: the coverage is not between 0 and 1, or needs more training poses.
+            ModelError: the shapes do not match the robot.
         """
         self.check_coverage(coverage)
         q, wrench = self._loads(q, wrench)
@@ -218,11 +217,11 @@ class Model(Shown):
 
     @property
     def left_out_errors(self) -> FloatArray:
-        """(n, 3) m, errors at left-out poses, which the intervals of this model come from.
+        """Return (n, 3) errors at left-out poses, m, the basis of this model's intervals.
 
         Raises:
             NotFittedError: `fit` was not called.
-            ConfigError: the model of a file has none.
+            ConfigError: the model's file has no errors.
         """
         self.check_fitted()
         errors = getattr(self.fitted, "left_out_errors_", None)
@@ -237,14 +236,14 @@ class Model(Shown):
 
     @property
     def cross_validated_error(self) -> CrossValidatedError | None:
-        """Error at poses that fits of this model to the same data left out; None: not stored.
+        """Return the cross-validated error at left-out poses; None: not stored.
 
-        The first use after `fit` makes these fits, one for each fifth of the poses; `save` keeps
-        the error with the model.
+        The first use after `fit` makes a fit per fifth of the poses; `save` stores the error with
+        the model.
 
         Raises:
             NotFittedError: `fit` was not called.
-            StiffBenchError: the data have one pose, or cannot be fitted without a fifth of them.
+            StiffBenchError: there is only one pose, or four fifths of the poses are too few to fit.
         """
         self.check_fitted()
         stored = getattr(self.fitted, "cross_validated_error_", None)
@@ -259,7 +258,7 @@ class Model(Shown):
 
     @property
     def training_range(self) -> TrainingRange:
-        """Joint positions and loads of the samples that it was fitted to; saved with the model.
+        """Return the range of joint positions and loads of the training samples.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -276,24 +275,22 @@ class Model(Shown):
         coverage: float | None = None,
         sheet: str | None = None,
     ) -> int:
-        """Predict the deflections of a file's rows, write them, and return how many rows it has.
+        """Predict and write the deflections of a file's rows; return the number of rows.
 
-        The column ``extrapolates`` names what is unlike the training samples, where a prediction is
-        a guess: ``joints`` or ``pose-gap``, ``load`` or ``load-gap``, as
-        `TrainingRange.extrapolates` defines them; it is empty elsewhere. One warning has the
-        numbers.
+        The column ``extrapolates`` names the quantities beyond the training range: ``joints`` or
+        ``pose-gap``, ``load`` or ``load-gap``, as defined in `TrainingRange.extrapolates`. It is
+        empty for all other rows. One warning gives the numbers.
 
         Args:
-            loads: a file of poses and wrenches, in the columns of a measurement.
-            output: a new file: the same rows with ``dx_mm, dy_mm, dz_mm``.
-            coverage: of intervals that are written, too (0..1); None: none are.
-            sheet: of an Excel file of loads; None: the only one that holds a table.
+            loads: file of poses and wrenches, in the columns of a measurement.
+            output: new file with the same rows and ``dx_mm, dy_mm, dz_mm``.
+            coverage: coverage (0..1) of written intervals; None: no intervals.
+            sheet: sheet of an Excel file of loads; None: the only sheet with a table.
 
         Raises:
             NotFittedError: `fit` was not called.
-            ConfigError: the coverage of intervals does not lie between 0 and 1, or needs more
-                training poses than there were.
-            DataError: the loads cannot be read, or the model that was read from a file is broken.
+            ConfigError: the coverage is not between 0 and 1, or needs more training poses.
+            DataError: the loads cannot be read, or the model from a file is corrupt.
             StoreError: the output cannot be written, or exists.
         """
         from stiff_datasets.measured.load_file import read_loads, write_predictions
@@ -302,19 +299,19 @@ class Model(Shown):
         check_new_file(Path(output))
         model, interval = self.fitted, None
         self.check_coverage(coverage)
-        with blamed_on(self.file, but=StiffBenchError):  # which is of the loads
+        with wrap_model_errors(self.file, but=StiffBenchError):  # an error of the loads
             table = read_loads(Path(loads), model.robot_, sheet)
         for oddity in table.oddities:
             say(f"warning: {oddity}")
-        with blamed_on(self.file):
+        with wrap_model_errors(self.file):
             if coverage is not None:
                 interval = self.predict_interval(table.q, table.wrench, coverage)
             predicted = frozen_array(
                 model.predict(table.q, table.wrench), "the prediction", (len(table.q), 3)
             )
-            known, rows = self.training_range, (table.q, table.wrench)
-            extrapolates = known.extrapolates(*rows)
-            warning = extrapolation_warning(known, model.robot_, *rows, extrapolates)
+            training_range, rows = self.training_range, (table.q, table.wrench)
+            extrapolates = training_range.extrapolates(*rows)
+            warning = extrapolation_warning(training_range, model.robot_, *rows, extrapolates)
         write_predictions(Path(output), table, predicted, extrapolates, interval)
         if warning:
             text = f"{warning}; see the column extrapolates"
@@ -322,11 +319,11 @@ class Model(Shown):
         return len(extrapolates)
 
     def export(self, file: Path | str) -> Text:
-        """Write a network as ONNX, and return its inputs and output with units and frame.
+        """Write a network as ONNX, and return a text on its inputs and output.
 
         Raises:
             NotFittedError: `fit` was not called.
-            ConfigError: the model is no network, or a package is missing.
+            ConfigError: the model is not a network, or a package is missing.
             StoreError: the file cannot be written, or exists.
         """
         self.check_fitted()
@@ -341,12 +338,12 @@ class Model(Shown):
         )
 
     def check_fitted(self) -> None:
-        """See that it is fitted."""
+        """Raise NotFittedError unless the model is fitted."""
         if self.fitted is None:
             raise NotFittedError(f"{self.name}: call fit first")
 
     def check_coverage(self, coverage: float | None) -> None:
-        """See that the model has intervals of this coverage, where some are asked for."""
+        """Raise ConfigError if the model has no intervals of this coverage."""
         if coverage is None:
             return
         check_coverage(coverage)
@@ -356,15 +353,15 @@ class Model(Shown):
         n = len(self.left_out_errors)
         if n < calibration_samples_needed(coverage):
             raise ConfigError(
-                f"{coverage:g}: {self.choice.info.key} left {n} poses out for its intervals, which "
-                f"allow at most {n / (n + 1.0):.4g}; more measured poses allow more",
+                f"{coverage:g}: {self.choice.info.key} left out {n} poses for its intervals, which "
+                f"allow at most {n / (n + 1.0):.4g}; lower the coverage or measure more poses",
                 "coverage",
             )
 
     def score(self, data: Dataset | BenchmarkData | DataFrame) -> DataFrame:
-        """Return the errors on a data set: a row a metric and axis, with its unit.
+        """Return the errors on a data set in a row per metric and axis, with units.
 
-        A DataFrame has the columns of a file (deg, N, N m, mm) and is of the model's robot.
+        A DataFrame has the columns of a file (deg, N, N m, mm) and belongs to the model's robot.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -385,7 +382,7 @@ class Model(Shown):
 
         Raises:
             NotFittedError: the model is not fitted.
-            ModelError: no joint spring explains the predictions.
+            ModelError: joint springs cannot explain the predictions.
         """
         from stiff_bench.figures.robot_picture import model_picture
 
@@ -394,12 +391,12 @@ class Model(Shown):
 
     @property
     def diagnostics(self) -> dict[str, float]:
-        """Numbers that the fit reports, by name and unit, such as identified stiffnesses."""
+        """Return numbers of the fit by name and unit, such as identified stiffnesses."""
         return dict(getattr(self.fitted, "diagnostics_", {}))
 
     @property
     def learned(self) -> list[str]:
-        """Lines that say what the fit found: springs, chosen options, and what else it reports."""
+        """Return lines on the fit: springs, chosen options and other numbers."""
         numbers, lines = self.diagnostics, []
         if springs := getattr(self.fitted, "springs_", None):
             lines = ["", plain_text(springs_table(springs)), ""]
@@ -415,7 +412,7 @@ class Model(Shown):
         return [*lines, *(f"- {name}: {text}" for name, text in texts.items())]
 
     def report(self, data: Dataset, seed: int) -> Text:
-        """Return what was fitted to which data, what the fit found, and the data's caveats."""
+        """Return a text on the model, its data, its fit and the data's caveats."""
         info = data.choice.info
         lines = [
             f"{self.name}, fitted to {data.name} ({info.kind}, {len(data)} samples), robot "
@@ -427,7 +424,7 @@ class Model(Shown):
         return Text("\n".join(lines))
 
     def _error_text(self) -> str:
-        """Say how far the fit is off at left-out poses, or that nobody has computed it."""
+        """Return a text on the cross-validated error, or on how to compute it."""
         stored = getattr(self.fitted, "cross_validated_error_", None)
         if not stored:
             return "Errors on new poses: `bench run`."
@@ -438,21 +435,20 @@ class Model(Shown):
         )
 
     def save(self, file: Path | str, *, cross_validate: bool = True) -> None:
-        """Write the fitted model to a file, which `load_model` and `bench predict` read.
+        """Write the fitted model to a file for `load_model` and `bench predict`.
 
-        A file that is there is replaced. After `fit`, further fits give the errors at left-out
-        poses that intervals and `cross_validated_error` need, and the file keeps them.
+        An existing file is replaced. After `fit`, further fits compute the errors at left-out poses
+        for intervals and `cross_validated_error`; the file stores these errors.
 
-        The file of a plugin's model holds the hash of the plugin's code, and is read only where
-        the plugin is named.
+        The file of a plugin's model has the hash of the plugin's code. To read it, name the plugin.
 
         Args:
-            file: its path.
-            cross_validate: False saves five fits and stores no `cross_validated_error`.
+            file: path of the file.
+            cross_validate: False avoids five fits and stores no `cross_validated_error`.
 
         Raises:
             NotFittedError: `fit` was not called.
-            ModelError: it is a class of a script, or holds what no file can.
+            ModelError: the model's class is defined in a script, or its state cannot be stored.
             StoreError: the file cannot be written.
         """
         from stiff_models.io.model_file import save
@@ -467,24 +463,24 @@ class Model(Shown):
         save(self.fitted, Path(file), {choice.info.key: choice.params} if is_plugin else None)
 
     def _keep_left_out_errors(self) -> None:
-        """Compute what the intervals need; where that fails, the model stays without, and warns."""
+        """Compute the errors for intervals; warn if that fails."""
         try:
             _ = self.left_out_errors
-        except Exception as error:  # whatever a third-party model raises in its second fit
+        except Exception as error:  # any error of a third-party model in its second fit
             self.fitted.left_out_errors_ = np.empty((0, len(AXES)))
             text = f"{self.name} is saved without intervals: {said_by(error)}"
             warn(text, stacklevel=3)
 
     def _keep_cross_validated_error(self) -> None:
-        """Compute the error at left-out poses; where that fails, there is none, and a warning."""
+        """Compute the cross-validated error; warn if that fails."""
         try:
             _ = self.cross_validated_error
-        except Exception as error:  # whatever a third-party model raises in another fit
+        except Exception as error:  # any error of a third-party model in another fit
             text = f"{self.name} is saved without a cross-validated error: {said_by(error)}"
             warn(text, stacklevel=3)
 
     def view(self) -> Screen:
-        """Return whether it is fitted, to which data, and the parameters that it learned."""
+        """Return a screen with the model's data, accuracy and fitted parameters."""
         info = self.choice.info
         facts = [("what it is", info.summary)]
         if self.fitted is None:
@@ -515,7 +511,7 @@ class Model(Shown):
 
 
 def model_choice(model: str | type | Model, options: dict[str, Any]) -> Choice[ModelInfo]:
-    """Return what a name, a class or a model stands for."""
+    """Return the model and options for a name, a class or a model."""
     if isinstance(model, Model):
         choice = model.choice
     elif isinstance(model, str):
@@ -528,12 +524,12 @@ def model_choice(model: str | type | Model, options: dict[str, Any]) -> Choice[M
 
 
 def make_model(model: str | type, **options: Any) -> Model:
-    """Return a model that is not fitted.
+    """Return an unfitted model.
 
     Args:
-        model: its key, such as "ft-mlp" or "sklearn:ensemble.RandomForestRegressor", a word with
-            options, "ft-mlp@freeze=full", or a class of yours that keeps the contract.
-        options: of it; `bench show NAME` lists them.
+        model: key, such as "ft-mlp" or "sklearn:ensemble.RandomForestRegressor", name with
+            options, such as "ft-mlp@freeze=full", or your own class with the model interface.
+        options: options of the model; `bench show NAME` lists them.
 
     Raises:
         ConfigError: the name or an option is unknown, or a value is wrong.
@@ -542,27 +538,35 @@ def make_model(model: str | type, **options: Any) -> Model:
 
 
 def load_model(file: Path | str) -> Model:
-    """Return the fitted model that `Model.save` or `bench fit` wrote.
+    """Read a fitted model written by `Model.save` or `bench fit`.
 
     Raises:
-        DataError: the file cannot be read, is damaged, or holds a plugin's model that
-            `use_plugin` was not called for, or whose code has changed.
+        DataError: the file cannot be read or is corrupt; or it has a plugin's model, and
+            `use_plugin` was not called or the plugin's code has changed.
     """
     from stiff_models.io.model_file import key_of, load
 
-    known = registry()
-    plugins = {key: info.load() for key, info in known.models.items() if known.origins[key] != OURS}
+    plugin_registry = registry()
+    plugins = {
+        key: info.load()
+        for key, info in plugin_registry.models.items()
+        if plugin_registry.origins[key] != OURS
+    }
     fitted = load(file, plugins)
     keys = [key for key, cls in plugins.items() if type(fitted) is cls]
-    choice: Choice[ModelInfo] = Choice.of(known.model(keys[0] if keys else key_of(fitted)))
+    choice: Choice[ModelInfo] = Choice.of(
+        plugin_registry.model(keys[0] if keys else key_of(fitted))
+    )
     model = Model(choice if keys else replace(choice, params=fitted.get_params(deep=False)))
     model.fitted, model.file = fitted, Path(file)
     return model
 
 
 @contextmanager
-def blamed_on(model_file: Path | None, but: tuple[()] | type[Exception] = ()) -> Iterator[None]:
-    """Make one clear error of whatever a model from a crafted file raises, `but` for some."""
+def wrap_model_errors(
+    model_file: Path | None, but: tuple[()] | type[Exception] = ()
+) -> Iterator[None]:
+    """Convert any error of a model from a file to a DataError, except errors of type `but`."""
     try:
         yield
     except but:

@@ -1,4 +1,4 @@
-"""The search for the best posture: all turns, branches and places, predicted and ranked."""
+"""Search for the best posture: predict and rank all turns, branches and places."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from stiff_protocols.paths.postures import (
 )
 
 SAME_PLACE_MM, SAME_AXIS_DEG = 1.0, 0.5
-"""Between the tool in the given posture and the point, at most."""
+"""Largest distance between the tool in the given posture and the point."""
 FULL_TURN_DEG = 360.0
 MOST_COURSES = 500
-"""Rows of the table of a path: with many places there are thousands."""
+"""Largest number of rows in the table of a path: with many places there are thousands."""
 SAME_COST = 9
-"""Decimals of a deflection [m] to which costs are compared: wrist branches have equal ones."""
+"""Decimals of compared deflections [m]: wrist branches have equal deflections."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +49,12 @@ class PostureTask:
     """Points with their loads.
 
     Attributes:
-        name: for messages.
+        name: name for messages.
         path: poses of the last joint's frame and loads, base frame.
-        held: see `free_joints`.
-        tool: (4, 4) in the last joint's frame.
-        frame: in which the loads stay the same while the tool turns.
-        lines: (n,) numbers of the rows of a file; None of a point.
+        held: positions of held joints, see `free_joints`.
+        tool: (4, 4) tool frame in the last joint's frame.
+        frame: frame in which the loads are constant while the tool turns.
+        lines: (n,) line numbers of a file; None for a point.
     """
 
     name: str
@@ -73,7 +73,7 @@ class PostureTask:
 
 @dataclass(frozen=True, eq=False)
 class PostureSearch:
-    """One ranking; attributes as of `rank_postures`."""
+    """One ranking; see `rank_postures` for the attributes."""
 
     model: Model
     robot: Robot
@@ -86,13 +86,13 @@ class PostureSearch:
 
     @property
     def near(self) -> FloatArray:
-        """(n_joints,) middle of the training poses: whole turns of joints are next to it."""
+        """Return the (n_joints,) middle of the training poses, the reference for whole turns."""
         trained = self.model.training_range
         return 0.5 * (trained.lower + trained.upper)
 
     @property
     def axis(self) -> FloatArray:
-        """(3,) axis of the tool in the last joint's frame."""
+        """Return the (3,) axis of the tool in the last joint's frame."""
         return np.asarray(self.task.tool[:3, :3] @ self.axis_in_tool)
 
     def ranked(self, max_change: int, shifts: FloatArray) -> RankedPostures:
@@ -146,14 +146,14 @@ class PostureSearch:
         )
 
     def _put_given(self, q: FloatArray) -> None:
-        """Put the given posture, with its own whole turns of joints, in its place at turn 0."""
+        """Replace the posture at turn 0 by the given one, with its whole turns of joints."""
         if self.start is not None:
             number = branch_numbers(self.robot, self.start[None], self.task.held)[0]
             if not np.isnan(q[0, 0, number, 0]):
                 q[0, 0, number] = self.start
 
     def _order(self, course: Course) -> tuple[float, float]:
-        """Return what courses are sorted by: of equal costs the joints nearest to `near` win."""
+        """Return the sort key of courses: cost, then distance of the joints from `near`."""
         return round(course.cost, SAME_COST), float(np.abs(course.q - self.near).mean())
 
     def _given(self) -> tuple[FloatArray, FloatArray | None, str]:
@@ -249,7 +249,7 @@ class PostureSearch:
         rotations: FloatArray,
         given: RatedPosture | None,
     ) -> pd.DataFrame:
-        """Return a row for each course, in their order."""
+        """Return a row per course, in their order."""
         n, units = len(rotations), file_units(self.robot)
         turn = np.array([course.turn for course, _ in courses])  # (k, n)
         q = np.array([course.q for course, _ in courses])  # (k, n, n_joints)
@@ -305,7 +305,7 @@ class PostureSearch:
     def _reason(
         self, n_reached: IntArray, n_inside: IntArray, size: FloatArray, max_change: int
     ) -> str:
-        """Say why no posture serves all points, in one line."""
+        """Return the reason why no posture reaches all points, in one line."""
         there = np.isfinite(size).reshape(len(size), -1).any(axis=1)
         if there.all():
             words = "one turn and branch serves all points (try a smooth turn)"

@@ -1,4 +1,4 @@
-"""Postures for a task: the turn of the tool and the arm's branch with the smallest deflection."""
+"""Rank postures for a task: turns of the tool and branches of the arm, by deflection."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.api.model import Model, wrap_model_errors
 from stiff_bench.api.posture_search import FULL_TURN_DEG, PostureSearch, PostureTask
 from stiff_bench.api.ranked_postures import RankedPostures
 from stiff_bench.api.tool_paths import given_positions, held_positions
@@ -34,20 +34,20 @@ from stiff_protocols.paths.path import ToolPath
 from stiff_protocols.paths.postures import Direction
 
 SHIFTS_PER_AXIS = 5
-"""Places of the workpiece along each edge of a box."""
+"""Number of workpiece positions along each edge of a box."""
 TURNS = 72
 
 
 def axial_compliance(
     model: Model, q: FloatArray, axis: Sequence[float], force: float
 ) -> FloatArray:
-    """Return (n,) the predicted deflection along an axis per force along it, m/N.
+    """Return the (n,) predicted deflections along an axis per force along it, m/N.
 
     Args:
-        model: fitted.
+        model: fitted model.
         q: (n, n_joints) rad or m.
         axis: (3,) unit vector in the frame of the robot description's last link.
-        force: size, N; a model without linear springs depends on it.
+        force: size of the force, N; it matters for models without linear springs.
     """
     arm: Robot = model.fitted.robot_
     along = arm.forward(q).rotation @ (arm.flange[:3, :3] @ np.asarray(axis))
@@ -84,29 +84,29 @@ def rank_postures(
     Postures beyond joint limits or near singularities are left out; collisions are not checked.
 
     Args:
-        model: fitted, of an arm with six revolute joints, or whose other joints are held.
+        model: fitted model of an arm with six revolute joints, apart from held joints.
         point: x, y, z [mm], a, b, c [deg] of the tool; None with `given` or `path`.
         path: file of the points, see "Correct a tool path" in the docs.
-        load: (3,) or (6,) process load, N and N m; a path may have its own.
-        frame: "base" or "tool", in which loads are expressed; a load in the tool frame turns with
-            the tool.
+        load: (3,) or (6,) process load, N and N m; a path may have its own loads.
+        frame: frame of the loads, "base" or "tool"; a load in the tool frame turns with the tool.
         tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
             link; None: the model's TCP with the orientation of that link.
-        tool_axis: (3,) axis that the tool may turn about, in the tool frame.
-        direction: "along" or "across": the part of the deflection to rank by.
+        tool_axis: (3,) axis about which the tool may turn, in the tool frame.
+        direction: component of the deflection to rank by, "along" or "across" the axis.
         given: (n_joints,) posture to compare with, at the (first) point, deg or mm; None: the
-            point's own orientation, in the configuration nearest to the training poses.
+            point's orientation, in the configuration nearest to the training poses.
         turns: number of turns, evenly spaced over 360 deg, counted from the given posture.
-        turn: along a path: "one" for all points, or a "smooth" one that changes along it.
+        turn: turn along a path: "one" for all points, or "smooth" for a changing turn.
         turn_step: largest change of a smooth turn between two points, deg; None: one turn's step.
         place: x0, x1, y0, y1, z0, z1 [mm] of a box, base frame: the workpiece may be moved so that
-            its (first) point lies inside.
+            its (first) point is inside.
         workpiece: x, y, z [mm], a, b, c [deg] of the frame of the point or path in the base frame.
-        hold: as of `compensate_path`.
-        coverage: of the deflections' intervals (0..1), which give the uncertainty; None: none.
-        sheet: of an Excel file of a path.
-        output: a new file: all postures at a point, or the best one along the path.
-        figure: a new picture.
+        hold: see `compensate_path`.
+        coverage: coverage (0..1) of the deflections' intervals, which give the uncertainty; None:
+            no uncertainty.
+        sheet: sheet of an Excel file of a path.
+        output: new file with all postures at a point, or with the best one along the path.
+        figure: new picture.
 
     Raises:
         NotFittedError: the model is not fitted.
@@ -153,11 +153,11 @@ def rank_postures(
         held = held_positions(arm, hold or {}, start)
         task = PostureTask(str(path), table.path, held, table.tool, frame, table.lines.tolist())
     if not task.path.wrench.any():
-        raise ConfigError("is zero, so there is nothing to rank (valid: a load above 0)", "load")
+        raise ConfigError("is zero, so there is nothing to rank; give a load above 0", "load")
     search = PostureSearch(
         model, arm, task, _unit(tool_axis), direction, coverage, start, _checked_turns(turns)
     )
-    with display(), blamed_on(model.file, but=StiffBenchError):
+    with display(), wrap_model_errors(model.file, but=StiffBenchError):
         ranked = search.ranked(
             _change(turn, turn_step, turns), _shifts(place, task.path.position[0])
         )
@@ -179,7 +179,7 @@ def _point_task(
     workpiece: Sequence[float] | None,
     hold: Mapping[str, float | None],
 ) -> PostureTask:
-    """Return the task at one point; by default the given posture is there."""
+    """Return the task at one point; by default at the given posture."""
     tool_frame = tool_of(robot, tool)
     if load is None:
         raise ConfigError("is missing (valid: fx,fy,fz[,tx,ty,tz] in N and N m)", "load")
@@ -203,7 +203,7 @@ def _point_task(
 
 
 def _given_posture(robot: Robot, given: Sequence[float] | None) -> FloatArray | None:
-    """Return the (n_joints,) given posture, rad or m, checked against the joints' limits."""
+    """Return the given (n_joints,) posture, rad or m, after a check of joint limits."""
     if given is None:
         return None
     q, units = given_positions(robot, given, "given"), file_units(robot)

@@ -1,4 +1,4 @@
-"""A ranking of postures: the best one, the given one, and a table of all."""
+"""A ranking of postures: the best posture, the given posture, and a table of all."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ SCREEN_COLUMNS = (
     *("rank", "turn_deg", "turn_to_deg", "branch", "x_mm", "y_mm", "z_mm", "along_mm", "across_mm"),
     *("extrapolates", "given"),
 )
-"""Columns of the table that a terminal has room for."""
+"""Columns of the table that fit a terminal."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RankedPostures(Shown):
-    """Postures for a task, the one with the smallest predicted deflection first.
+    """Postures for a task, with the smallest predicted deflection first.
 
     Attributes:
         title: model, robot and task.
         direction: "along" or "across" the axis of the tool.
-        table: a row per posture (of a path: mean over its points), in deg and mm.
+        table: rows per posture (for a path: means over its points), in deg and mm.
         best: posture with the smallest deflection.
-        given: posture that it is compared with; None if the robot cannot take it.
+        given: posture to compare with; None if the robot cannot take it.
         given_words: origin of the given posture, or the reason why there is none.
-        coverage: of the intervals; None without.
-        n_compared: postures inside the limits and away from singularities.
-        distance: (n,) along the path, m.
+        coverage: coverage of the intervals; None: no intervals.
+        n_compared: number of postures inside the limits and away from singularities.
+        distance: (n,) distance along the path, m.
     """
 
     title: str
@@ -53,14 +53,14 @@ class RankedPostures(Shown):
 
     @property
     def saving(self) -> float:
-        """Mean deflection that the best posture saves, m; NaN without a given one."""
+        """Return the mean deflection that the best posture saves, m; NaN if unknown."""
         return float(self.given.size.mean() - self.best.size.mean()) if self.given else np.nan
 
     @property
     def uncertainty(self) -> float:
-        """Half width of the saving's interval, m; NaN without a coverage or a given posture.
+        """Return the half width of the saving's interval, m; NaN if unknown.
 
-        The errors of both postures count as independent.
+        The errors of both postures are assumed to be independent.
         """
         if self.given is None or self.given.half_width is None or self.best.half_width is None:
             return np.nan
@@ -68,11 +68,11 @@ class RankedPostures(Shown):
 
     @property
     def is_within_uncertainty(self) -> bool:
-        """Answer whether the uncertainty is larger than the saving; False if it is unknown."""
+        """Return True if the uncertainty exceeds the saving; False if it is unknown."""
         return bool(abs(self.saving) <= self.uncertainty)
 
     def view(self) -> Screen:
-        """Return the answer and the best postures."""
+        """Return a screen with the best postures."""
         best = self.best
         mean = "" if len(best.q) == 1 else "mean "
         size = MM_PER_M * best.size.mean()
@@ -110,7 +110,7 @@ class RankedPostures(Shown):
                 f"+-{half:.3g} mm ({self.coverage:.0%} interval): the saving {verdict}",
             )
         elif self.coverage is None:
-            yield "uncertainty", "none asked for; --coverage 0.9 adds the model's"
+            yield "uncertainty", "not computed; add --coverage 0.9"
         if np.any(best.shift):
             shift = ", ".join(f"{length:.4g}" for length in MM_PER_M * best.shift)
             yield "workpiece", f"moved by ({shift}) mm"
@@ -122,20 +122,20 @@ class RankedPostures(Shown):
         yield "compared", f"{counted(self.n_compared, 'posture')} inside limits, not singular"
 
     def _extrapolation(self) -> str:
-        """Say whether the best posture is unlike the training samples, and which one is not."""
+        """Return a text on postures beyond the training range."""
         words = [word for word in self.best.extrapolates if word]
         if not words:
-            return "no, the best posture is like the training samples"
+            return "no, the best posture is inside the training range"
         kinds = ", ".join(sorted({*" ".join(words).split()}))
-        text = f"the best posture is unlike the training samples: {kinds}"
+        text = f"the best posture is beyond the training range: {kinds}"
         if len(self.best.q) > 1:
             text += f" ({len(words)} of {len(self.best.q)} points)"
         alike = self.table[self.table["extrapolates"] == ""]
         if alike.empty:
-            return f"{text}; so are all others"
+            return f"{text}; all others are, too"
         first = alike.iloc[0]
         size = f"{first[f'{self.direction}_mm']:.4g} mm"
-        return f"{text}; the first that is not has rank {first['rank']}, {size}"
+        return f"{text}; the best posture inside it has rank {first['rank']}, {size}"
 
     def plot(self) -> Prepared:
         """Return the picture: deflection over the turn, or along the path."""

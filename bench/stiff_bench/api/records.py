@@ -1,4 +1,4 @@
-"""Export of stored results as records that other programs read."""
+"""Export stored results as records for other programs."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from stiff_protocols.contract.record import CellResult
 
 
 def records_of(folder: Path, results: Iterable[CellResult]) -> list[Record]:
-    """Return the records of results of a folder."""
+    """Return the records of some results of a folder."""
     environments = {run.run_id: run.environment for run in read_manifests(folder)}
     return [Record.of(result, environments.get(result.run_id, {})) for result in results]
 
 
 def export_results(results: Results, file: Path | str, fmt: ExportFormat) -> int:
-    """Write one record per fit, failed ones too, and return their number.
+    """Write one record per fit, including failed fits, and return their number.
 
     Args:
-        results: such as `open_results("results/runs")`.
-        file: to write; an existing one is replaced.
+        results: results, such as `open_results("results/runs")`.
+        file: file to write; an existing file is replaced.
         fmt: "jsonl", "csv" or "parquet". Each line of "jsonl" follows the JSON Schema in
             results/schema/record.json.
 
     Raises:
         ConfigError: nothing is selected, or the package for Parquet is not installed.
-        StoreError: the folder holds no results, or the file cannot be written.
+        StoreError: the folder has no results, or the file cannot be written.
     """
     if not has_results(results.folder):
         raise StoreError(f"{results.folder}: {why_no_results(results.folder)}")
     cells: Sequence[CellResult] = results.cells
     if not cells:
-        raise ConfigError(f"{results.folder}: holds no results to export")
+        raise ConfigError(f"{results.folder}: no results to export; select other models or data")
     export_records(records_of(results.folder, cells), Path(file), fmt)
     return len(cells)

@@ -1,6 +1,6 @@
-"""What can be named: models, data sets, protocols and metrics, a plugin's among them.
+"""List models, data sets, protocols, metrics and figures, including plugins.
 
-What needs numpy or pydantic is imported where it is used: a list of keys answers without them.
+Modules that need numpy or pydantic are imported at their use, so that lists of keys are fast.
 """
 
 from __future__ import annotations
@@ -32,46 +32,46 @@ if TYPE_CHECKING:
 
 @cache
 def registry() -> Registry:
-    """Return the models, data sets and protocols that can be named, plugins' among them."""
+    """Return the registry of models, data sets and protocols, including plugins."""
     return build_registry()
 
 
 def use_plugin(file: Path | str) -> None:
-    """Import a file that defines MODELS, DATASETS or PROTOCOLS, so that they can be named.
+    """Import a plugin file that defines MODELS, DATASETS or PROTOCOLS.
 
     Raises:
-        ConfigError: it cannot be imported, or a key is taken.
+        ConfigError: the file cannot be imported, or a key is already used.
     """
     registry().add_file(Path(file))
 
 
 def use_only(plugins: Iterable[Path]) -> None:
-    """Forget the plugins of other files, and use these."""
+    """Replace the plugins of files by these."""
     registry.cache_clear()
     for file in plugins:
         use_plugin(file)
 
 
 def list_models() -> Tables:
-    """Return the key of every model, and what it is; families such as scikit-learn's come last."""
+    """Return keys and summaries of all models; families such as scikit-learn come last."""
     families = [[family.example, family.summary] for family in registry().families]
     return _listed("models", _KEY, [*_rows(registry().models), *families])
 
 
 def list_datasets() -> Tables:
-    """Return the key of every data set, its kind, and what it is."""
-    known = registry().datasets
-    rows = [[key, known[str(key)].kind, what] for key, what in _rows(known)]
+    """Return keys, kinds and summaries of all data sets."""
+    datasets = registry().datasets
+    rows = [[key, datasets[str(key)].kind, what] for key, what in _rows(datasets)]
     return _listed("datasets", ("key", "kind", "what it is"), rows)
 
 
 def list_protocols() -> Tables:
-    """Return the key of every protocol, and what it is."""
+    """Return keys and summaries of all protocols."""
     return _listed("protocols", _KEY, _rows(registry().protocols))
 
 
 def list_metrics() -> Tables:
-    """Return the key of every metric, its unit as printed, what is best, and what it is."""
+    """Return keys, printed units, best directions and meanings of all metrics."""
     from stiff_protocols.contract.types import AXES
     from stiff_protocols.scoring.metrics import METRICS
 
@@ -83,12 +83,14 @@ def list_metrics() -> Tables:
 
 
 def list_figures() -> Tables:
-    """Return the name of every figure of results, and what it shows; numbers are the paper's."""
+    """Return names and summaries of all figures; numbers are figures of the paper."""
     from stiff_bench.figures.figure_catalog import FIGURES
     from stiff_bench.paper import paper_figures
 
     figures = {**FIGURES, **paper_figures.FIGURES}
-    summaries = {name: str(one.__doc__).partition("\n")[0] for name, one in figures.items()}
+    summaries = {
+        name: str(function.__doc__).partition("\n")[0] for name, function in figures.items()
+    }
     rows = [[name, text.removeprefix("Show ").strip(".")] for name, text in summaries.items()]
     return _listed("figures", ("name", "what it shows"), rows)
 
@@ -96,8 +98,8 @@ def list_figures() -> Tables:
 _KEY = ("key", "what it is")
 
 
-def _rows(known: Mapping[str, PluginInfo]) -> list[list[Entry]]:
-    return [[info.key, str(Name(info.summary, info.missing()))] for info in known.values()]
+def _rows(infos: Mapping[str, PluginInfo]) -> list[list[Entry]]:
+    return [[info.key, str(Name(info.summary, info.missing()))] for info in infos.values()]
 
 
 class _List(Tables):
@@ -106,7 +108,7 @@ class _List(Tables):
         return self.text_as("github")
 
     def text_as(self, fmt: str) -> str:
-        """Return the list; for people it has no title."""
+        """Return the list; as text it has no title."""
         return plain_text(self.tables[0]) if fmt == "github" else super().text_as(fmt)
 
 
@@ -119,12 +121,12 @@ def _table(headers: Sequence[str], rows: Sequence[Sequence[Entry]], title: str =
 
 
 def show(key: str) -> Text:
-    """Return what a model, data set or protocol is, and which options it has.
+    """Return the description and options of a model, data set or protocol.
 
-    Of "fanuc-drilling", to which no model is fitted, it returns the data card.
+    For "fanuc-drilling", which is not used for fits, it returns the data card.
 
     Raises:
-        ConfigError: there is none of this key.
+        ConfigError: the key is unknown.
     """
     from stiff_bench.plan.options import options_of
     from stiff_datasets.dataset_catalog import DRILLED_HOLES
@@ -141,8 +143,8 @@ def show(key: str) -> Text:
     if isinstance(info, DatasetInfo):
         parts.append(f"kind: {info.kind}")
         parts += [f"caveat: {caveat}" for caveat in info.caveats]
-    if why := info.missing():
-        parts.append(f"cannot be used here yet: {why}")
+    if reason := info.missing():
+        parts.append(f"cannot be used here yet: {reason}")
     if isinstance(info, ModelInfo):
         of_library = f", and the version of {info.library}" if info.library else ""
         parts.append(f"version: {info.version}{of_library} (part of a result's identity)")
@@ -158,7 +160,7 @@ def show(key: str) -> Text:
 
 
 def _option_lines(options: Collection[Option]) -> list[str]:
-    """Return each option with its default and valid values, then its description."""
+    """Return lines on each option: default, valid values and description."""
     width = max((len(option.name) for option in options), default=0) + 4
     lines = []
     for option in options:
@@ -186,18 +188,18 @@ def _default(option: Option) -> str:
 def check(
     key: str, *, dataset: str = "fanuc-r2000ic", settings: Sequence[str] = ()
 ) -> CheckResults:
-    """Check that a model, data set or protocol keeps its contract.
+    """Check the interface of a model, data set or protocol.
 
     Args:
-        key: of a model, data set or protocol; `use_plugin` makes those of a file known.
-        dataset: on which a model or a protocol is checked.
+        key: key of a model, data set or protocol; call `use_plugin` first for a plugin file.
+        dataset: data set for the check of a model or a protocol.
         settings: options of both, such as "knn.neighbours=3".
 
     Returns:
-        Each check with its outcome, which print themselves; `kept` says that nothing failed.
+        Printable outcomes of the checks; `kept` is True if nothing failed.
 
     Raises:
-        ConfigError: a key, option or value is wrong, or it cannot be used here.
+        ConfigError: a key, option or value is wrong, or the plugin cannot be used here.
         DataError: the data set cannot be loaded or is too small.
     """
     from stiff_bench.model_tools.plugins import checklist
@@ -206,7 +208,7 @@ def check(
 
 
 def new_model(name: str, folder: Path) -> str:
-    """Write a plugin's model and its test, and return the commands to type next."""
+    """Write a plugin's model and its test, and return the next commands."""
     from stiff_bench.model_tools import plugins
 
     return plugins.new_model(name, folder, registry())

@@ -1,4 +1,4 @@
-"""Robot programs: motion targets corrected for the predicted deflection, in place."""
+"""Correct the motion targets of robot programs for the predicted deflection, in place."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ if TYPE_CHECKING:
 
 SHARED = "another motion has this target with another command"
 MOST_LISTED = 10
-"""Motions that are left which the text names, and rows in which a configuration changed."""
+"""Largest number of listed motions or lines in the text."""
 
 
 @dataclass(frozen=True, eq=False)
 class LeftTarget:
-    """A motion that is left as it was.
+    """A motion that was not corrected.
 
     Attributes:
-        line: of the program, from 1.
-        text: the statement.
-        reason: why it is not corrected.
+        line: line of the program, from 1.
+        text: statement.
+        reason: reason why it was not corrected.
     """
 
     line: int
@@ -59,20 +59,20 @@ class LeftTarget:
 
 @dataclass(frozen=True, eq=False)
 class CorrectedProgram:
-    """A robot program whose targets put the loaded tool where the program has it.
+    """A robot program with corrected targets, which put the loaded tool at the original ones.
 
     Attributes:
-        files: that were written.
-        language: of the program.
+        files: written files.
+        language: language of the program.
         lines: (n,) line of each motion.
         path: corrected targets, in the order of the program.
-        left_motions: motions that are left as they were.
-        targets: points, commands and predicted deflections, with the points between.
+        left_motions: motions that were not corrected.
+        targets: points, commands and predicted deflections, with inserted points.
         between: (m,) predicted errors on straight motions between corrected ends, m.
         between_lines: (m,) lines of these motions.
         changed_configurations: lines whose written configuration has new numbers.
         unfit_configurations: lines whose written configuration does not fit the pose.
-        notes: what else to know, a line each.
+        notes: further notes, one per line.
     """
 
     files: tuple[Path, ...]
@@ -88,11 +88,11 @@ class CorrectedProgram:
     notes: tuple[str, ...]
 
     def plot(self) -> Prepared:
-        """Return the picture of the targets, what is removed, and the error that may remain."""
+        """Return the picture of the targets, with removed and remaining errors."""
         return self.path.plot()
 
     def __repr__(self) -> str:
-        """Return what was corrected, what may remain, and what was left."""
+        """Return a text on corrected targets, remaining errors and other motions."""
         return "\n".join(self._lines())
 
     def _lines(self) -> list[str]:
@@ -145,35 +145,35 @@ def compensate_program(
 ) -> CorrectedProgram:
     """Correct the motion targets of a robot program, and write it back in place.
 
-    Every other character stays as it was. Targets that cannot be corrected are left and listed.
+    All other characters are unchanged. Targets that cannot be corrected are not changed but listed.
 
     Args:
-        model: fitted.
+        model: fitted model.
         program: KUKA .src (with its .dat), ABB .mod, FANUC .ls or URScript .script.
-        output: a new file with the same suffix; a .dat is written next to it.
+        output: new file with the same suffix; a .dat is written next to it.
         load: (3,) or (6,) process load at every target, N and N m.
-        loads: file of loads by line of the program, in place of `load`.
-        frame: "base" or "tool", in which loads are expressed: the controller's base frame, or the
-            tool frame of each target.
+        loads: file of loads by line of the program, instead of `load`.
+        frame: frame of the loads: "base" (the controller's base frame) or "tool" (the tool frame of
+            each target).
         tool: x, y, z [mm], a, b, c [deg] of the tool in the controller's flange frame, for a
-            program that does not hold it.
+            program without tool data.
         workpiece: x, y, z [mm], a, b, c [deg] of the base frame in the controller's world frame,
-            likewise.
+            for a program without base data.
         start: (n_joints,) joint positions of the model's robot near the first target, deg or mm;
             None: the middle of the training poses.
-        every: points are put between the targets of straight motions, at most so far apart, mm.
-        strict: a target that cannot be corrected is an error.
-        tolerance: remaining predicted error at which a target is done, mm.
-        iterations: predictions of a target at most.
-        coverage: of the interval from which the remaining error is taken (0..1); None: the
+        every: largest distance of points inserted between the targets of straight motions, mm.
+        strict: True to raise an error for a target that cannot be corrected.
+        tolerance: remaining predicted error at which the iteration of a target ends, mm.
+        iterations: largest number of predictions per target.
+        coverage: coverage (0..1) of the interval that gives the remaining error; None: the
             cross-validated error of the fit.
-        figure: a new picture of the targets and of what is removed.
+        figure: new picture of the targets and of the removed deflection.
 
     Raises:
         NotFittedError: the model is not fitted.
         ConfigError: an option is wrong, or a frame or load is missing.
-        DataError: the program cannot be read, is for another robot or tool, or a target cannot be
-            reached.
+        DataError: the program cannot be read, belongs to another robot or tool, or has a target
+            that cannot be reached.
         ModelError: `strict`, and a target cannot be corrected.
         StoreError: a file cannot be written, or exists.
     """
@@ -182,7 +182,7 @@ def compensate_program(
         raise unknown_name("frame", frame, ("base", "tool"))
     model.check_fitted()
     if output.suffix.lower() != file.suffix.lower():
-        raise ConfigError(f"{output} has another suffix than {file.name}", "output")
+        raise ConfigError(f"{output}: use the extension of {file.name}", "output")
     check_new_file(output)
     if figure is not None:
         check_suffix(Path(figure))
@@ -248,7 +248,7 @@ def compensate_program(
             "count as the URDF's"
         )
     if not wrench.any():
-        notes.append("every load is zero, so there is nothing to correct")
+        notes.append("all loads are zero, so there is nothing to correct")
     corrected = CorrectedProgram(
         files=written,
         language=source.language.name,
@@ -274,11 +274,11 @@ def _joints(
     model: Model,
     start: Sequence[float] | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, TextArray, BoolArray]:
-    """Return position, rotation, joints, problems and fitting configurations of the targets."""
+    """Return position, rotation, joints, problems and configuration fits of the targets."""
     if robot.n_joints != 6:
         raise DataError(
-            f"{source.paths[0]}: programs are corrected for robots of six joints; {robot.name} has "
-            f"{robot.n_joints}"
+            f"{source.paths[0]}: only programs of robots with six joints can be corrected; "
+            f"{robot.name} has {robot.n_joints}"
         )
     training_range = model.training_range
     near = 0.5 * (training_range.lower + training_range.upper)
@@ -331,7 +331,7 @@ def _wrenches(
 
 
 def _left_targets(source: RobotProgram, reasons: Sequence[str]) -> tuple[LeftTarget, ...]:
-    """Return the motions that are left, in the order of the program."""
+    """Return the motions that were not corrected, in the order of the program."""
     text = source.texts[0]
     left_targets = [
         LeftTarget(source.line(motion.start), motion.text, motion.reason)

@@ -1,4 +1,4 @@
-"""Robots by name and by description."""
+"""Load robots by name or from a description."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from stiff_protocols.contract.types import Robot
 
 
 def load_robot(name: str = DEFAULT_ROBOT, *, tcp: Sequence[float] | None = None) -> Robot:
-    """Return a robot that stiffbench ships.
+    """Return a shipped robot.
 
     Args:
         name: "kr10-r1100-2", "ur5", "fanuc-r2000ic" or an arm of `arm-family` such as "gp12".
-        tcp: (3,) tool centre point in the frame of the last link, m; None: that of its data set.
+        tcp: (3,) tool centre point in the frame of the last link, m; None: as in its data set.
 
     Raises:
-        ConfigError: there is no such robot.
+        ConfigError: the name is unknown.
     """
     return named_robot(name).robot(tcp)
 
@@ -33,14 +33,14 @@ def read_robot(
     """Read a robot description; its meshes are not needed.
 
     Args:
-        urdf: the file.
+        urdf: URDF file.
         tcp: (3,) tool centre point in the frame of the last link, m; None: its origin.
-        tip: last link of the chain; None: the end of the longest one, which is printed where the
-            description leaves a choice.
+        tip: last link of the chain; None: end of the longest chain, which is printed if there are
+            several.
 
     Raises:
         ConfigError: no link is called `tip`.
-        DataError: it is not a URDF, or the chain has a joint that is not supported.
+        DataError: the file is not a URDF, or the chain has an unsupported joint.
     """
     chain = read_chain(Path(urdf), tcp=(0.0, 0.0, 0.0) if tcp is None else tcp, tip=tip)
     for note in chain.notes:
@@ -49,29 +49,32 @@ def read_robot(
 
 
 def as_robot(robot: str | Robot | None) -> Robot:
-    """Return a robot that is named, a robot itself, or the KR10 for None."""
+    """Return the robot for a name or a robot; the KR10 for None."""
     return robot if isinstance(robot, Robot) else load_robot(robot or DEFAULT_ROBOT)
 
 
 def shipped_name(robot: Robot) -> str:
-    """Return the name of the shipped robot that one is, with any tool; "" for another robot."""
+    """Return the shipped robot's name for any tool; "" if the robot is not shipped."""
     for name, shipped in shipped_robots().items():
         if shipped.urdf == robot.name:
-            own = shipped.robot()
+            shipped_robot = shipped.robot()
             geometry = ("placements", "axes", "lower", "upper")
-            if all(np.array_equal(getattr(own, one), getattr(robot, one)) for one in geometry):
+            if all(
+                np.array_equal(getattr(shipped_robot, attribute), getattr(robot, attribute))
+                for attribute in geometry
+            ):
                 return name
     return ""
 
 
 def payload_of(robot: Robot) -> float | None:
-    """Return the rated payload of a robot, kg; None where it is not known."""
+    """Return the rated payload of a robot, kg; None: unknown."""
     name = shipped_name(robot)
     return named_robot(name).payload_kg if name else None
 
 
 def robot_words(robot: Robot) -> str:
-    """Return what stands behind a command that names a robot, with a space before."""
+    """Return the command line options that name a robot, after a space."""
     if not (name := shipped_name(robot)):
         return " with the same --urdf, --tip and --tcp"
     tcp = robot.tcp_on_flange

@@ -1,4 +1,4 @@
-"""What stored results say: tables, comparisons, a leaderboard, a page, figures."""
+"""Read stored results: tables, comparisons, a leaderboard, a page, figures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.selection import EVERYTHING, stands_for
+from stiff_bench.analysis.selection import EVERYTHING, matches_key
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
 from stiff_bench.api.tables import Comparison, Tables, screen, short_table
@@ -40,11 +40,11 @@ class Results:
     """Results of models on data sets under protocols.
 
     Attributes:
-        folder: where they are stored.
-        metrics: keys, that `table` shows; none: the usual ones.
-        command: that made them, for the record.
-        finished: what became of the run that made them; None: they are read from the folder.
-        selection: what is shown of them.
+        folder: folder in which they are stored.
+        metrics: keys of the metrics in `table`; empty: the usual ones.
+        command: command that made them.
+        finished: finished run that made them; None: they are read from the folder.
+        selection: selected models, data sets, protocols and conditions.
     """
 
     folder: Path
@@ -61,15 +61,15 @@ class Results:
         protocols: Sequence[str] = (),
         conditions: Sequence[str] = (),
     ) -> Results:
-        """Return the results of these: names, or keys for all variants.
+        """Return the results of some names; a key selects all its variants.
 
-        An argument that is not given keeps the earlier choice.
+        An empty argument keeps the earlier selection.
 
         Args:
-            models: such as "vjm" or "ft-mlp@freeze=full".
-            datasets: such as "kr10-twin" for every specimen.
-            protocols: such as "holdout".
-            conditions: of the protocols, such as "n = 40".
+            models: models, such as "vjm" or "ft-mlp@freeze=full".
+            datasets: data sets, such as "kr10-twin" for all specimens.
+            protocols: protocols, such as "holdout".
+            conditions: conditions of the protocols, such as "n = 40".
         """
         chosen = self.selection
         return replace(
@@ -84,10 +84,10 @@ class Results:
 
     @cached_property
     def cells(self) -> tuple[CellResult, ...]:
-        """One result for each model, data set, protocol and split, failures too.
+        """Return a result per model, data set, protocol and split, including failures.
 
         Raises:
-            StoreError: the folder holds no results, or corrupt ones.
+            StoreError: the folder has no results, or corrupt ones.
         """
         if self.finished is not None:
             return self._selected(self.finished.results)
@@ -96,17 +96,22 @@ class Results:
     def _selected(
         self, results: Sequence[CellResult], stored: StoredResults | None = None
     ) -> tuple[CellResult, ...]:
-        """Return those that are shown; `stored` spares reading the folder once more."""
+        """Return the selected results; `stored` avoids reading the folder again."""
         if self.selection == EVERYTHING:
             return tuple(results)
         cases = self.selection.cases_of((stored or StoredResults.read(self.folder)).cases)
         names = self.selection.models_of(cases)
-        keys = {one.cell.key for case in cases for one in case.every if one.shown.model in names}
-        return tuple(one for one in results if one.cell.key in keys)
+        keys = {
+            result.cell.key
+            for case in cases
+            for result in case.every
+            if result.shown.model in names
+        }
+        return tuple(result for result in results if result.cell.key in keys)
 
     @property
     def _counting(self) -> Sequence[CellResult]:
-        """The results that a table is made of, in its order."""
+        """Return the results that tables use, in their order."""
         if self.finished is not None:
             return self.cells
         from stiff_bench.analysis.collected import newest_results
@@ -115,54 +120,56 @@ class Results:
         return self._selected(newest_results(stored), stored)
 
     def frame(self) -> DataFrame:
-        """Return every metric as tidy data: a row a metric, axis and split, in printed units.
+        """Return tidy data with a row per metric, axis and split, in printed units.
 
         A failed cell has one row with its reason and no value.
         """
         from pandas import DataFrame
 
         rows = []
-        for one in self.cells:
-            about = {**_about(one), "status": one.status, "failure": one.failure}
-            lines = [] if one.prediction is None else metric_lines(one.prediction, one.cost)
+        for result in self.cells:
+            about = {**_about(result), "status": result.status, "failure": result.failure}
+            lines = (
+                [] if result.prediction is None else metric_lines(result.prediction, result.cost)
+            )
             rows += [{**about, **line} for line in lines] or [about]
         return DataFrame(rows)
 
     def predictions(self) -> DataFrame:
-        """Return a row a test sample: deflection of the data set and as predicted, mm."""
+        """Return a row per test sample: measured and predicted deflection, mm."""
         from pandas import DataFrame, concat
 
         parts = []
-        for one in self.cells:
-            if (found := one.prediction) is None:
+        for result in self.cells:
+            if (prediction := result.prediction) is None:
                 continue
-            arrays = {"": found.measured, "_predicted": found.predicted}
+            arrays = {"": prediction.measured, "_predicted": prediction.predicted}
             columns = {
                 f"d{axis}{name}_mm": MM * array[:, number]
                 for name, array in arrays.items()
                 for number, axis in enumerate(AXES)
             }
-            parts.append(DataFrame({**_about(one), "row": found.rows, **columns}))
+            parts.append(DataFrame({**_about(result), "row": prediction.rows, **columns}))
         return concat(parts, ignore_index=True) if parts else DataFrame()
 
     def table(self, *metrics: str, verbose: bool = False) -> Tables:
-        """Return a table for each data set and protocol, as `bench run` prints it.
+        """Return a table per data set and protocol, as printed by `bench run`.
+
+        If results of a folder contradict each other, the newest run counts.
 
         Args:
-            metrics: keys, as `bench list metrics` shows them; none: those that were asked for, or
-                the usual ones: mae, stde and me, of tool paths norm, norm-p95, norm-max, removed.
-            verbose: with the numbers that the fits report, such as stiffnesses, beneath.
-
-        Of results that contradict each other in a folder, the newest run's count.
+            metrics: keys from `bench list metrics`; none: the requested ones, or the usual ones:
+                mae, stde and me, and for tool paths norm, norm-p95, norm-max, removed.
+            verbose: True to add the numbers reported by the fits, such as stiffnesses, below.
 
         Raises:
-            ConfigError: there is no such metric.
-            StoreError: the folder holds no results, or corrupt ones.
+            ConfigError: a metric is unknown.
+            StoreError: the folder has no results, or corrupt ones.
         """
-        shown = [metric(key) for key in metrics or self.metrics]
-        tables = build_tables(self._counting, shown)
+        chosen_metrics = [metric(key) for key in metrics or self.metrics]
+        tables = build_tables(self._counting, chosen_metrics)
         if verbose:
-            tables = [replace(one, notes=[*one.notes, *one.details]) for one in tables]
+            tables = [replace(table, notes=[*table.notes, *table.details]) for table in tables]
         return Tables(tables, self.command)
 
     def compare(
@@ -174,46 +181,46 @@ class Results:
         confidence: float = 0.95,
         seed: int = 0,
     ) -> Tables:
-        """Return whether model `a` is better than model `b`, by how much, and how sure that is.
+        """Compare two models: difference, intervals and verdict.
 
         Args:
             a: name of a model, with its options.
-            b: another one.
-            equivalence_mm: largest difference in mean error that makes none in practice, mm.
-            confidence: of intervals and verdicts (0..1).
-            seed: of the resampling of poses.
+            b: name of another model.
+            equivalence_mm: largest difference in mean error that is negligible in practice, mm.
+            confidence: confidence of intervals and verdicts (0..1).
+            seed: seed of the resampling of poses.
 
         Raises:
             ConfigError: a model has no results, or they have no splits in common.
-            StoreError: the folder holds no results, or corrupt ones.
+            StoreError: the folder has no results, or corrupt ones.
         """
         from stiff_bench.analysis.comparison import compare_folder
         from stiff_bench.analysis.comparison_text import comparison_tables, sentence
         from stiff_bench.analysis.verdict import Question
 
         question = Question(rope=equivalence_mm / MM, confidence=confidence, seed=seed)
-        found = compare_folder(self.folder, a, b, question, self.selection)
-        asked = {"equivalence_mm": equivalence_mm, "confidence": confidence}
-        about = {"a": found.a, "b": found.b, **asked}
-        return Comparison(comparison_tables(found), self.command, sentence(found), about)
+        report = compare_folder(self.folder, a, b, question, self.selection)
+        settings = {"equivalence_mm": equivalence_mm, "confidence": confidence}
+        about = {"a": report.a, "b": report.b, **settings}
+        return Comparison(comparison_tables(report), self.command, sentence(report), about)
 
     def answer(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Answer:
-        """Return which model is best, how much better than the VJM, and how sure that is.
+        """Return scores of the models against the VJM, with verdicts.
 
         Args:
-            metric: to score by; a key.
-            axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
-            seed: of the resampling of poses.
+            metric: key of the metric to score by.
+            axis: "x", "y" or "z" for a metric with axes; None: the mean over the axes.
+            seed: seed of the resampling of poses.
 
         Raises:
-            ConfigError: no model has a score, or the metric cannot rank.
-            StoreError: the folder holds no results, or corrupt ones.
+            ConfigError: no model has a score, or the metric cannot rank models.
+            StoreError: the folder has no results, or corrupt ones.
         """
         from stiff_bench.analysis.answer import Answer
         from stiff_bench.analysis.sort_key import sort_key
 
         key = sort_key(metric, axis)
-        if self.finished is not None:  # what was run now, not what else the folder holds
+        if self.finished is not None:  # only the results of this run
             return Answer.of(StoredResults.of_results(self.folder, self.cells), key, seed=seed)
         stored = StoredResults.read(self.folder)
         cases = self.selection.cases_of(stored.cases)
@@ -223,9 +230,9 @@ class Results:
     def summary(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Tables:
         """Return the answer as a headline and tables with notes.
 
-        Of one comparison the table has each model's errors; of several there is a table of the
-        models against the VJM, and one of their errors in each comparison. It takes the arguments
-        of `answer`, and raises the same errors.
+        For one comparison there is a table of the models' errors. For several there is a table of
+        the models against the VJM, and a table of their errors per comparison. Arguments and errors
+        are the same as for `answer`.
         """
         from stiff_bench.analysis import answer_text, case_text
 
@@ -246,11 +253,11 @@ class Results:
         return Tables([models, matrix], self.command, answer_text.headline(answer))
 
     def screen(self, *facts: str, verbose: bool = False) -> str:
-        """Return the answer as a terminal shows it, or the tables where no model has a score.
+        """Return the answer for a terminal, or the tables if no model has a score.
 
         Args:
-            facts: of the run, such as how long it took.
-            verbose: with a table of each comparison, and every note.
+            facts: facts about the run, such as its time.
+            verbose: True to add a table per comparison and all notes.
         """
         from stiff_bench.analysis.case_text import answer_screen
 
@@ -270,20 +277,20 @@ class Results:
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
     ) -> Tables:
-        """Return the models over robots, one vote each, or over each data set.
+        """Return the models over robots with one vote per robot, or per data set.
 
-        With five robots or more of one kind, simulated or measured, a protocol's models stand by
-        their error over the VJM's; with fewer, each data set has a table with intervals over splits
-        and poses.
+        With five or more robots of one kind (simulated or measured), models are sorted by their
+        error over the VJM's. With fewer robots there is a table per data set, with intervals over
+        splits and poses.
 
         Args:
-            metric: to sort by; a key.
-            axis: of a metric that has axes: "x", "y" or "z"; None: the mean over them.
-            seed: of the resampling of poses.
+            metric: key of the metric to sort by.
+            axis: "x", "y" or "z" for a metric with axes; None: the mean over the axes.
+            seed: seed of the resampling of poses.
 
         Raises:
-            ConfigError: fewer than two models have results, or the metric cannot rank.
-            StoreError: the folder holds no results, or corrupt ones.
+            ConfigError: fewer than two models have results, or the metric cannot rank models.
+            StoreError: the folder has no results, or corrupt ones.
         """
         from stiff_bench.analysis.leaderboard import build_leaderboard
         from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
@@ -302,38 +309,38 @@ class Results:
         metric: str = "norm",
         axis: str | None = None,
         seed: int = 0,
-        others: Sequence[Results] = (),
+        other_results: Sequence[Results] = (),
     ) -> Path:
-        """Write all that the results say as one HTML page that needs no network.
+        """Write the results as one self-contained HTML page.
 
         Args:
-            file: the page; an older one is replaced.
-            metric: to rank by; a key.
+            file: file of the page; an existing file is replaced.
+            metric: key of the metric to rank by.
             axis: see `leaderboard`.
-            seed: of the resampling of poses.
-            others: results that stand on the same page, each by itself.
+            seed: seed of the resampling of poses.
+            other_results: further results, in separate sections of the page.
 
         Raises:
-            ConfigError: the file's suffix is no page's, or a name has no results.
-            StoreError: a folder holds no results, or corrupt ones, or the file cannot be written.
+            ConfigError: the file's extension is not supported, or a name has no results.
+            StoreError: a folder has no results, or corrupt ones, or the file cannot be written.
         """
         from stiff_bench.report.report_content import PageOptions, write_report
 
-        folders = [one.folder for one in (self, *others)]
+        folders = [results.folder for results in (self, *other_results)]
         write_report(
             folders, PageOptions(self.selection, metric, axis, seed), Path(file), self.command
         )
         return Path(file)
 
     def diagnostics(self) -> DataFrame:
-        """Return what the fits report beside their errors, such as stiffnesses: a row a number."""
+        """Return the numbers reported by fits, such as stiffnesses, in a row each."""
         from pandas import DataFrame
 
         return DataFrame(
             [
-                {**_about(one), "diagnostic": name, "value": value}
-                for one in self.cells
-                for name, value in one.diagnostics.items()
+                {**_about(result), "diagnostic": name, "value": value}
+                for result in self.cells
+                for name, value in result.diagnostics.items()
             ]
         )
 
@@ -348,7 +355,7 @@ class Results:
             ConfigError: the model has no results.
         """
         names = list(dict.fromkeys(cell.shown.model for cell in self.cells))
-        if not isinstance(model, str) or not any(stands_for(model, name) for name in names):
+        if not isinstance(model, str) or not any(matches_key(model, name) for name in names):
             raise unknown_name("model with results", str(model), names)
         return self.select(models=[model])
 
@@ -356,7 +363,7 @@ class Results:
     """Results are not a sequence; `cells` has them."""
 
     def _view(self) -> Tables:
-        """Return the answer; the tables where no model has a score."""
+        """Return the answer, or the tables if no model has a score."""
         try:
             return self.summary()
         except ConfigError:
@@ -371,32 +378,32 @@ class Results:
         return self._view()._repr_html_()
 
 
-def _about(one: CellResult) -> dict[str, Any]:
+def _about(result: CellResult) -> dict[str, Any]:
     return {
-        "model": one.shown.model,
-        "dataset": one.shown.dataset,
-        "protocol": one.shown.protocol,
-        "condition": one.cell.condition,
-        "split": one.cell.split_index,
-        "seed": one.cell.seed,
+        "model": result.shown.model,
+        "dataset": result.shown.dataset,
+        "protocol": result.shown.protocol,
+        "condition": result.cell.condition,
+        "split": result.cell.split_index,
+        "seed": result.cell.seed,
     }
 
 
 def open_results(folder: Path | str) -> Results:
-    """Return what a folder holds, such as the --output of `bench run`; it is read when asked."""
+    """Return the results of a folder, such as the --output of `bench run`."""
     return Results(Path(folder), command=f"stiffbench.open_results({str(folder)!r})")
 
 
 def merge(folders: Sequence[Path | str], output: Path | str) -> Merged:
-    """Join the results of several folders, such as of several machines, in one.
+    """Join the results of several folders, for example from several machines.
 
     Args:
-        folders: that are joined; they stay as they are.
-        output: a new folder, or one that holds some.
+        folders: folders to join; they are not changed.
+        output: new folder, or a folder with results.
 
     Raises:
-        ConfigError: two folders have different numbers of one fit.
-        StoreError: a folder holds no results, or `output` cannot be written.
+        ConfigError: two folders have different numbers for the same fit.
+        StoreError: a folder has no results, or `output` cannot be written.
     """
     from stiff_bench.store import merging
 
@@ -410,22 +417,23 @@ def figure(
     model: Model | None = None,
     row: int | None = None,
 ) -> Prepared:
-    """Return a figure with its caption; a notebook shows it, and `save("my.png")` writes it.
+    """Return a figure with its caption; `save("my.png")` writes it.
 
     Args:
-        name: one of `list_figures`; numbers are the source paper's.
-        results: that it shows, or their folder; None: where `bench run` stores them, and for the
-            paper's figures `bench reproduce`. `Results.select` chooses among them; else a figure
-            shows the models that it is clear with, and the data sets in panels: measured ones
-            first, then in the order of asking. The figure "robot" draws a data set, too.
-        model: a fitted model, for the figure "robot": its prediction is drawn. Without `results`
-            it is drawn at one of its training poses.
-        row: of the data set, from 0, for the figure "robot"; None: the largest deflection.
+        name: name from `list_figures`; numbers are figures of the source paper.
+        results: results or their folder; None: the default folder of `bench run`, or of
+            `bench reproduce` for the paper's figures. Use `Results.select` to choose models and
+            data sets. By default a figure shows as many models as fit, and a panel per data set:
+            measured ones first, then in the order of the request. The figure "robot" also takes a
+            data set.
+        model: fitted model for the figure "robot", which draws its prediction; without `results`
+            at a training pose.
+        row: row of the data set, from 0, for the figure "robot"; None: the largest deflection.
 
     Raises:
-        ConfigError: there is no such figure, or a name has no results.
+        ConfigError: the figure is unknown, or a name has no results.
         NotFittedError: the model is not fitted.
-        StoreError: the folder does not hold what it shows.
+        StoreError: the folder does not have the results for the figure.
     """
     from stiff_bench.figures.figure_catalog import FIGURES
     from stiff_bench.figures.figure_source import FigureSource
@@ -442,7 +450,7 @@ def figure(
     if name in FIGURES:
         return FIGURES[name](FigureSource.of(folder or RESULTS, selection))
     for kind, word in selection.options:
-        raise ConfigError(f"{word}: the paper's figure {name} takes no choice", kind)
+        raise ConfigError(f"{word}: not supported by the paper's figure {name}; leave it out", kind)
     return papers.prepare_figure(name, folder)
 
 
@@ -457,7 +465,7 @@ def _robot_figure(
         model.check_fitted()
         if results is None:
             if row is not None:
-                raise ConfigError(f"{row}: a model has no rows; give a data set too", "row")
+                raise ConfigError(f"{row}: a model has no rows; give a data set, too", "row")
             return robot_picture.model_picture(model.fitted, model.name)
         chosen |= {"model": model.fitted, "model_name": model.name}
     if isinstance(results, _STORED):
@@ -472,16 +480,16 @@ def _robot_figure(
 def paper_table(
     number: int | str, results: Results | Path | str | None = None, *, command: str = ""
 ) -> Tables:
-    """Return a table of the source paper, beside ours where there are ours.
+    """Return a table of the source paper, next to stiffbench's results if there are any.
 
     Args:
-        number: of the table in the paper, 1 to 10.
-        results: of `bench reproduce`, or their folder; None: where it stores them.
-        command: that made it, for the record.
+        number: number of the table in the paper, 1 to 10.
+        results: results of `bench reproduce`, or their folder; None: its default folder.
+        command: command that made the table.
 
     Raises:
-        ConfigError: the paper has no table of that number, or it reads no results.
-        StoreError: the results have nothing of it.
+        ConfigError: the number is unknown, or the table does not use results.
+        StoreError: the results do not belong to the table.
     """
     from stiff_bench.paper.paper_tables import read_table
 

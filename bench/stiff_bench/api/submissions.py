@@ -52,16 +52,16 @@ def submit(
     command: str = "",
     **how: Any,
 ) -> Submission:
-    """Compute what is missing of a model's fits, and write its submission.
+    """Compute the missing fits of a model, and write its submission.
 
     Args:
-        card_file: the card; it names the model and the plugin file next to it.
-        output: folder of the submission, which must not exist.
+        card_file: card that names the model and the plugin file next to it.
+        output: new folder of the submission.
         scope: "lite" or "full".
-        results: folder that keeps the results.
-        study: name, or file.
-        command: for the record.
-        how: the options of `chosen_execution`.
+        results: folder of the results.
+        study: name or file of the study.
+        command: command of the run, stored with the results.
+        how: options of `chosen_execution`.
 
     Raises:
         ConfigError: the card is wrong, or a fit failed.
@@ -79,12 +79,12 @@ def submit(
     )
     names = {task.shown.model for task in study_run.tasks if task.model.info.key not in SHIPPED}
     if len(names) != 1:
-        raise ConfigError(f"{card_file}: model = {card.model!r}: a model of stiffbench, not yours")
+        raise ConfigError(f"{card_file}: {card.model!r} is a model of stiffbench; name your own")
     (name,) = names
     fits = [fit for fit in study_run.compute().cells if fit.shown.model == name]
     if failed := [f"{fit.shown.dataset}: {fit.why_none}" for fit in fits if fit.status != "ok"]:
         raise ConfigError(
-            f"{counted(len(failed), 'fit')} of {name} without a result, which a submission needs: "
+            f"{counted(len(failed), 'fit')} of {name} without a result; a submission needs all: "
             f"{first_few(failed)}"
         )
     run_ids = {fit.run_id for fit in fits}
@@ -106,12 +106,12 @@ def submit(
 
 @dataclass
 class VerificationRun:
-    """Checks of a submission, as they are made.
+    """Checks of a submission; iterate to run them.
 
     Attributes:
-        folder: of the submission.
-        study: name, or file.
-        refits: choice and limits of the fits that are computed again.
+        folder: folder of the submission.
+        study: name or file of the study.
+        refits: choice and limits of the fits to compute again.
     """
 
     folder: Path
@@ -129,7 +129,7 @@ class VerificationRun:
 
     @property
     def outcome(self) -> Outcome:
-        """Outcome of the checks that were made."""
+        """Return the outcome of the finished checks."""
         return outcome_of(self.checks)
 
     def write(self) -> None:
@@ -150,10 +150,10 @@ class VerificationRun:
 def add_submission(folder: Path, results: Path) -> int:
     """Store the fits of a submission in a folder of results, and return their number.
 
-    They get data, splits and reference from the VJM's results on the same splits there.
+    Data, splits and reference are taken from the VJM's results on the same splits.
 
     Args:
-        folder: of the submission, which `bench verify` must have verified or reported.
+        folder: folder of a submission that `bench verify` has verified or reported.
         results: folder with the results of the VJM in the same study.
 
     Raises:

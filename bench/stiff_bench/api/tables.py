@@ -1,4 +1,4 @@
-"""What shows itself in a terminal and in a notebook: tables, and texts."""
+"""Tables and texts that print themselves in a terminal and in a notebook."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _COLUMNS = re.compile(r"\S  +\S")
 
 
 class Text(str):
-    """A text that a notebook shows as it is printed, line by line."""
+    """A text that a notebook prints line by line."""
 
     def __repr__(self) -> str:
-        """Return the text, with sentences in lines that a screen has room for."""
+        """Return the text, with sentences wrapped to the width of a screen."""
         lines = printable(self).splitlines()
         is_table = [_COLUMNS.search(line) for line in lines]
         return "\n".join(
@@ -43,8 +43,8 @@ class Text(str):
 
 
 def filled_table(table: Table, without: Collection[str] = ()) -> Table:
-    """Return a table for people, without empty columns and those named in `without`."""
-    table = table.shown()
+    """Return the printed table, without empty columns and columns in `without`."""
+    table = table.visible_table()
     texts = [*zip(*table.texts(), strict=True)]
     numbers = [
         number
@@ -69,9 +69,9 @@ class Tables:
 
     Attributes:
         tables: typed values, with titles and notes.
-        command: that made them.
-        text: a sentence above them; "" for none.
-        about: facts on all tables, for json.
+        command: command that made them.
+        text: sentence above them; "" for none.
+        about: facts about all tables, for json.
     """
 
     tables: Sequence[Table]
@@ -81,10 +81,12 @@ class Tables:
     _details: ClassVar[Collection[str]] = ()
 
     def frame(self) -> DataFrame:
-        """Return the numbers as tidy data: a row a number."""
-        from pandas import DataFrame  # half a second, which a leaderboard does without
+        """Return the numbers as tidy data with a row per number."""
+        from pandas import DataFrame  # slow import (0.5 s), not needed for a leaderboard
 
-        return DataFrame([line for one in of_format(self.tables, "github") for line in one.lines()])
+        return DataFrame(
+            [line for table in of_format(self.tables, "github") for line in table.lines()]
+        )
 
     def text_as(self, fmt: str) -> str:
         """Return the tables as "github", "latex", "csv", "html" or "json"."""
@@ -105,16 +107,16 @@ class Tables:
 
 
 class Comparison(Tables):
-    """A comparison of two models: a terminal shows the differences, a notebook and files all."""
+    """A comparison of two models; a terminal shows only the differences."""
 
     _details = ("splits", "p", "P(A better)", "P(equivalent)", "P(B better)", "interval over poses")
     """Columns that only files have."""
 
     def __repr__(self) -> str:
-        """Return the verdict with the differences in a screen."""
+        """Return the verdict and the differences for a terminal."""
         return screen([*map(short_table, of_format(self.tables, SCREEN))], self.text)
 
 
 def screen(tables: Sequence[Table], text: str = "") -> str:
-    """Return tables in lines that a screen has room for; `text` stands above."""
+    """Return tables in the width of a screen, below a `text`."""
     return screen_text(tables, text=text, console=screen_console(WIDTH, colors=False))

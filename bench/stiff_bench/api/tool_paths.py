@@ -1,4 +1,4 @@
-"""Tool paths: an example to begin with, and commands that correct one for the deflection."""
+"""Write example tool paths, and correct tool paths for the deflection."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from stiff_bench.api.model import Model, blamed_on
+from stiff_bench.api.model import Model, wrap_model_errors
 from stiff_bench.api.remaining_error import ExpectedError, expected_error
 from stiff_bench.api.robots import as_robot, payload_of
 from stiff_bench.api.tables import Text
@@ -56,38 +56,38 @@ class CorrectedPath:
 
     Attributes:
         name: name of the path.
-        found: points, commands and predicted deflections.
+        compensation: points, commands and predicted deflections.
         prediction_error: expected error of the predictions at the commands.
-        extrapolates: (n,) words for what of a point is beyond the training range, "" for nothing.
-        beyond: details of the points that are beyond it, with numbers; "" if none is.
+        extrapolates: (n,) words for the quantities beyond the training range, "" for none.
+        beyond: details of the points beyond the training range, with numbers; "" for none.
     """
 
     name: str
-    found: Compensation
+    compensation: Compensation
     prediction_error: ExpectedError
     extrapolates: Sequence[str]
     beyond: str
 
     @property
     def removed(self) -> FloatArray:
-        """(n,) length of the predicted deflection that the commands take out, m."""
-        return np.asarray(np.linalg.norm(self.found.removed, axis=1))
+        """Return (n,) lengths of the predicted deflection that the commands correct, m."""
+        return np.asarray(np.linalg.norm(self.compensation.removed, axis=1))
 
     @property
     def expected_error(self) -> FloatArray | None:
-        """(n,) expected remaining distance from the path, m; None: not known.
+        """Return (n,) expected remaining distances from the path, m; None: unknown.
 
-        It is the expected error of the prediction. The predicted deflection of a point that was not
-        corrected is added.
+        This is the expected error of the prediction, plus the predicted deflection of points that
+        were not corrected.
         """
         errors = self.prediction_error.values
         if errors is None:
             return None
-        return np.asarray(errors + np.linalg.norm(self.found.residual, axis=1))
+        return np.asarray(errors + np.linalg.norm(self.compensation.residual, axis=1))
 
     @property
     def training_text(self) -> str:
-        """Share of points beyond the training range, and how far they are."""
+        """Return the share of points beyond the training range, with details."""
         n_beyond, n = sum(map(bool, self.extrapolates)), len(self.extrapolates)
         text = f"{n_beyond} of {n} points are beyond the training range"
         return f"{text}: {self.beyond}" if self.beyond else text
@@ -98,23 +98,25 @@ class CorrectedPath:
 
         source = self.prediction_error.source
         return path_picture(
-            self.name, self.found, self.expected_error, source, list(self.extrapolates)
+            self.name, self.compensation, self.expected_error, source, list(self.extrapolates)
         )
 
     def __repr__(self) -> str:
-        """Return the share beyond the training range, what is removed, and what may remain."""
+        """Return the share beyond the training range, and removed and remaining errors."""
         removed, errors = self.removed, self.expected_error
         source, n = self.prediction_error.source, len(removed)
         lines = [
             self.training_text,
-            f"{self.found.converged.sum()} of {n} points corrected",
+            f"{self.compensation.converged.sum()} of {n} points corrected",
             f"removed (predicted deflection): {_mean_and_largest(removed)}",
         ]
         if errors is None:
             return "\n".join([*lines, f"expected remaining error: {source}"])
         lines.append(f"expected remaining error: {_mean_and_largest(errors)} ({source})")
         if n_larger := int((errors >= removed).sum()):
-            lines.append(f"at {n_larger} of {n} points more may remain than is removed")
+            lines.append(
+                f"at {n_larger} of {n} points the remaining error may exceed the correction"
+            )
         return "\n".join(lines)
 
 
@@ -131,27 +133,27 @@ def example_path(
 ) -> Text:
     """Write a path that a robot can drive, and return a description of it.
 
-    It is in front of the robot; with a model it is about a training pose, inside the training range
-    if the robot can drive such a path.
+    The path is in front of the robot. With a model it is near a training pose, and inside the
+    training range if the robot can drive such a path.
 
     Args:
         shape: "square", "circle", "line" or "iso9283", horizontal.
-        output: a new file.
+        output: new file.
         size: edge, diameter or length; of iso9283 the edge of the cube, mm.
         points: number of points.
         load: (3,) or (6,) process load, N and N m, base frame; None: a quarter of the payload
             downwards; or with a model half of the training load that pulls downwards most.
-        robot: that drives it: the name of a shipped one, or a `Robot`; None: the model's, or the
-            KR10.
-        model: fitted, whose robot drives it.
-        hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
-            which it is held.
+        robot: robot that drives the path: a shipped name or a `Robot`; None: the model's robot, or
+            the KR10.
+        model: fitted model; its robot drives the path.
+        hold: positions of the held joints of a robot with more than six joints: name or number ->
+            deg or mm.
 
     Raises:
         NotFittedError: the model is not fitted.
         ConfigError: the shape, robot or joint is unknown, the load or a held joint is needed, or
             both a robot and a model are given.
-        DataError: no place was found where the robot can drive the path.
+        DataError: the robot cannot drive the path at any tried place.
         StoreError: the file cannot be written, or exists.
     """
     output = Path(output)
@@ -161,14 +163,14 @@ def example_path(
     if shape not in SHAPES:
         raise unknown_name("shape", shape, SHAPES)
     if model is not None and robot is not None:
-        raise ConfigError("is given, and the model has its own robot (valid: one of both)", "robot")
+        raise ConfigError("is given, but the model has its own robot; give only one", "robot")
     arm = as_robot(robot) if model is None else model.fitted.robot_
     if load is None and model is not None:
         default_load = training_load(model.training_range)
         load = None if default_load is None else default_load.tolist()
     if load is None:
         if (payload := payload_of(arm)) is None:
-            raise ConfigError(f"of {arm.name} is not known; give one, in N and N m", "load")
+            raise ConfigError(f"unknown for {arm.name}; give a load in N and N m", "load")
         load = (0.0, 0.0, -0.25 * payload * STANDARD_GRAVITY, 0.0, 0.0, 0.0)
     load = six_numbers(load)
     held = held_positions(arm, hold or {})
@@ -183,7 +185,7 @@ def example_path(
         path, n_beyond = near.path, near.n_beyond
         share = f"; {n_beyond} of {points} points are beyond the training range of {model.name}"
         if n_beyond:
-            share += " (a smaller size may lie inside)"
+            share += " (a smaller size may be inside)"
     write_path(output, path, tool_of(arm, None))
     return Text(f"{output}: {shape} of {points} points for {arm.name}, base frame{share}")
 
@@ -208,37 +210,36 @@ def compensate_path(
 ) -> CorrectedPath:
     """Correct a path for the deflection that a model predicts, and write the commands.
 
-    The command p_cmd is the fixed point of p_cmd = p - d(q(p_cmd), w): with it, the loaded tool is
-    predicted to be at p. The orientation is held, along one configuration of the arm.
+    The command p_cmd is the fixed point of p_cmd = p - d(q(p_cmd), w): with this command the loaded
+    tool is predicted to be at p. Orientation and configuration of the arm do not change.
 
     Args:
-        model: fitted.
+        model: fitted model.
         path: file of the points, see "Correct a tool path" in the docs.
-        output: a new file.
+        output: new file.
         tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
             link; None: the model's TCP with the orientation of that link.
         workpiece: x, y, z [mm], a, b, c [deg] of the path's frame in the base frame; None: the
             base frame.
         load: (3,) or (6,) process load at every point, N and N m, for a file without loads.
-        frame: "base" or "tool", in which loads are expressed.
-        start: (n_joints,) joint positions near the first point, deg or mm, which choose the
-            configuration; None: the one that is nearest to the training poses.
-        hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
-            which it is held along the path; None: where `start` or the path's own joint angles have
-            it.
+        frame: frame of the loads, "base" or "tool".
+        start: (n_joints,) joint positions near the first point, deg or mm, that choose the
+            configuration; None: the configuration nearest to the training poses.
+        hold: positions of the held joints of a robot with more than six joints: name or number ->
+            deg or mm; None: the value from `start` or from the path's joint angles.
         tolerance: largest last step of the iteration, mm.
-        iterations: predictions of a point at most.
+        iterations: largest number of predictions per point.
         on_failure: "stop" with an error at a point that cannot be corrected, or "keep" it
             uncorrected and warn.
-        coverage: of intervals that are written, too, and from which the expected remaining error
-            follows (0..1); None: none are written, see `expected_error`.
-        sheet: of an Excel file; None: the only one that holds a table.
-        figure: a new picture of the path, what is removed and what may remain.
+        coverage: coverage (0..1) of written intervals, which give the expected remaining error;
+            None: no intervals, see `expected_error`.
+        sheet: sheet of an Excel file; None: the only sheet with a table.
+        figure: new picture of the path, with removed and remaining errors.
 
     Raises:
         NotFittedError: the model is not fitted.
         ConfigError: an option is wrong, or the coverage needs more training poses.
-        DataError: the path cannot be read, or not be driven.
+        DataError: the path cannot be read or driven.
         ModelError: a point cannot be corrected.
         StoreError: a file cannot be written, or exists.
     """
@@ -267,13 +268,15 @@ def compensate_path(
     )
     for oddity in table.oddities:
         say(f"warning: {oddity}")
-    known, wrench = model.training_range, table.path.wrench
+    training_range, wrench = model.training_range, table.path.wrench
 
     with display():
-        held, driven = _driven(table, arm, hold or {}, start, 0.5 * (known.lower + known.upper))
+        held, driven = _driven(
+            table, arm, hold or {}, start, 0.5 * (training_range.lower + training_range.upper)
+        )
         if problems := path_problems(table, arm, driven):
             raise problems_error(file, problems)
-        found = compensate(
+        compensation = compensate(
             model.predict_at_tcp,
             arm,
             table.path,
@@ -282,32 +285,38 @@ def compensate_path(
             tolerance_m=tolerance / MM_PER_M,
             max_iterations=iterations,
         )
-        failures = _failures(file, table, arm, found, f"{tolerance:g} mm within {iterations}")
+        failures = _failures(
+            file, table, arm, compensation, f"{tolerance:g} mm within {iterations}"
+        )
         if failures and on_failure == "stop":
-            raise ModelError(f"{failures}; on-failure keep leaves such points uncorrected")
-        extrapolates = known.extrapolates(found.q, wrench)
+            raise ModelError(f"{failures}; use on-failure keep to leave such points uncorrected")
+        extrapolates = training_range.extrapolates(compensation.q, wrench)
         carried = 0.0
         if offers(fitted, "predict_at_tcp"):
-            with blamed_on(model.file):
-                own = fitted.predict(found.q, wrench)
-            carried = np.linalg.norm(found.deflection - own, axis=1).max()
+            with wrap_model_errors(model.file):
+                measured_point_deflection = fitted.predict(compensation.q, wrench)
+            carried = np.linalg.norm(
+                compensation.deflection - measured_point_deflection, axis=1
+            ).max()
         corrected = CorrectedPath(
             table.path.name,
-            found,
-            expected_error(model, found.q, wrench, coverage),
+            compensation,
+            expected_error(model, compensation.q, wrench, coverage),
             extrapolates,
-            extrapolation_details(known, arm, found.q, wrench, extrapolates),
+            extrapolation_details(training_range, arm, compensation.q, wrench, extrapolates),
         )
         interval = None if coverage is None else corrected.prediction_error.interval
         errors = corrected.expected_error
-        write_table(output, [corrected_table(table, arm, found, extrapolates, errors, interval)])
+        write_table(
+            output, [corrected_table(table, arm, compensation, extrapolates, errors, interval)]
+        )
     if not wrench.any():
-        say(f"warning: {file}: every load is zero, so there is nothing to correct")
+        say(f"warning: {file}: all loads are zero, so there is nothing to correct")
     if carried:
         say(
-            f"warning: {file}: the model was fitted to another point of the tool than the TCP; the "
-            f"rotation of the tool, which was not measured, changes the deflections by up to "
-            f"{MM_PER_M * carried:.3g} mm on the way to the TCP"
+            f"warning: {file}: the model was fitted at a tool point other than the TCP; the "
+            f"unmeasured rotation of the tool changes the deflections at the TCP by up to "
+            f"{MM_PER_M * carried:.3g} mm"
         )
     beyond = corrected.training_text if corrected.beyond else ""
     for warning, column in ((failures, "uncorrected"), (beyond, "extrapolates")):
@@ -320,7 +329,7 @@ def compensate_path(
 
 
 def _mean_and_largest(lengths: FloatArray) -> str:
-    """Return mean and largest of (n,) lengths, m, in mm."""
+    """Return mean and largest of (n,) lengths [m] in mm."""
     return f"{MM_PER_M * lengths.mean():.3g} mm mean, {MM_PER_M * lengths.max():.3g} mm largest"
 
 
@@ -331,38 +340,40 @@ def _driven(
     start: Sequence[float] | None,
     near: FloatArray,
 ) -> tuple[FloatArray, Followed]:
-    """Return the held joints as of `held_positions`, and joint positions along the path."""
+    """Return positions of held joints, and joint positions along the path."""
     if table.q is None:
         begin = None if start is None else given_positions(robot, start, "start")
         held = held_positions(robot, hold, begin)
         position, rotation = table.path.position, table.path.rotation
         return held, follow(robot, position, rotation, begin, near=near, held=held)
     if start is not None:
-        raise ConfigError("the path has joint angles, which choose the configuration", "start")
+        raise ConfigError("is not used: the path has joint angles; leave it out", "start")
     for name, value in hold.items():
         if value is not None:
             raise ConfigError(
-                f"{name}={value:g}: the path has joint angles, which say where the joint is held "
-                f"(valid: {name} without a value)",
+                f"{name}={value:g}: the path's joint angles determine the value (use {name} "
+                "without a value)",
                 "hold",
             )
     held = held_positions(robot, hold, table.q[0])
     return held, judged(robot, table.q, held)
 
 
-def _failures(file: Path, table: PathTable, robot: Robot, found: Compensation, valid: str) -> str:
-    """Say how many points were not corrected, and why not the first; "" where all were."""
-    if found.converged.all():
+def _failures(
+    file: Path, table: PathTable, robot: Robot, compensation: Compensation, valid: str
+) -> str:
+    """Return a text on points that were not corrected; "" if there are none."""
+    if compensation.converged.all():
         return ""
-    first = np.argmin(found.converged)
+    first = np.argmin(compensation.converged)
     problem = Problem(
-        f"{found.problem[first]} after {found.iterations[first]} iterations, contraction "
-        f"{found.contraction[first]:.3g}",
+        f"{compensation.problem[first]} after {compensation.iterations[first]} iterations, "
+        f"contraction {compensation.contraction[first]:.3g}",
         f"below 1, and {valid} iterations",
         int(table.lines[first]),
         table.pose_columns,
     )
-    points = f"{(~found.converged).sum()} of {len(table.lines)} points"
+    points = f"{(~compensation.converged).sum()} of {len(table.lines)} points"
     text = f"{file}: {points} cannot be corrected, first {problem}"
     if robot.n_joints < 6:
         text += f"; {robot.name} has {robot.n_joints} joints, too few for every pose of a tool"
@@ -370,18 +381,18 @@ def _failures(file: Path, table: PathTable, robot: Robot, found: Compensation, v
 
 
 def held_positions(
-    robot: Robot, hold: Mapping[str, float | None], own: FloatArray | None = None
+    robot: Robot, hold: Mapping[str, float | None], path_positions: FloatArray | None = None
 ) -> FloatArray:
-    """Return (n_joints,) rad or m at which joints are held along a path, NaN for the others.
+    """Return (n_joints,) positions of held joints, rad or m, NaN for the others.
 
     Args:
-        robot: whose joints these are.
-        hold: joint by name or number -> deg or mm; None: where `own` has it.
-        own: (n_joints,) rad or m.
+        robot: robot with these joints.
+        hold: deg or mm by joint name or number; None: the value from `path_positions`.
+        path_positions: (n_joints,) rad or m.
 
     Raises:
-        ConfigError: other than six joints of a larger robot are left, a joint is unknown, or a
-            value is missing or beyond the joint's limits.
+        ConfigError: the free joints of a larger robot are not six, a joint is unknown, or a value
+            is missing or beyond the joint's limits.
     """
     held, factors = np.full(robot.n_joints, np.nan), file_units(robot)
     units = ["deg" if turns else "mm" for turns in robot.turns]
@@ -407,10 +418,10 @@ def held_positions(
             if not low <= value <= high:
                 raise ConfigError(f"{name}={value:g} (valid: {low:g}..{high:g} {unit})", "hold")
             held[number] = value / factors[number]
-        elif own is not None:
-            held[number] = own[number]
+        elif path_positions is not None:
+            held[number] = path_positions[number]
         else:
-            raise ConfigError(f"{name}: at which value? {name}=VALUE, in {unit}", "hold")
+            raise ConfigError(f"{name}: the value is missing; use {name}=VALUE, in {unit}", "hold")
     return held
 
 

@@ -124,7 +124,7 @@ def report(folders: tuple[Path, ...], output: Path, selection: Selection, **rank
     provenance.
     """
     first, *others = (_stored(folder, selection) for folder in folders)
-    first.report(output, others=others, **ranking)
+    first.report(output, other_results=others, **ranking)
     say(f"{output}: written")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from stiff_bench.analysis.collected import Case, StoredResults, competitor_names, of_newest_data
-from stiff_bench.analysis.selection import EVERYTHING, Selection, competitor_meant, stands_for
+from stiff_bench.analysis.selection import EVERYTHING, Selection, matches_key, resolve_model_name
 from stiff_bench.figures.style import short
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import Slot
@@ -137,8 +137,8 @@ class FigureSource:
         """
         every_name, names = competitor_names(self.cases), dict[str, None]()
         for word in self.models:
-            matches = [name for name in every_name if stands_for(word, name)]
-            names |= dict.fromkeys(matches or [competitor_meant(word, self.cases)])
+            matches = [name for name in every_name if matches_key(word, name)]
+            names |= dict.fromkeys(matches or [resolve_model_name(word, self.cases)])
         done = {name for case in cases for name, model in case.competitors.items() if model.done}
         return [name for name in (names or every_name) if name in done]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.selection import meant
+from stiff_bench.analysis.selection import find_model
 from stiff_bench.figures.figure_source import marks
 from stiff_bench.paper.paper_models import DATASET, SEED
 from stiff_bench.store.names import Variant
@@ -100,7 +100,7 @@ class PaperResults(StoredResults):
         ]
         newest = [max(cases, key=lambda case: case.newest_run)] if cases else []
         for variant in models:
-            model, stored_name = variant.name, meant(variant, newest)
+            model, stored_name = variant.name, find_model(variant, newest)
             if stored_name is None:
                 missing.append(model)
                 continue

@@ -130,7 +130,7 @@ def page_table(table: Table) -> dict[str, Any]:
     Headings and CSS class of each column; rows of cells (text, what its column is sorted by, CSS
     class), where "" stands last; all notes; and whether the table can be sorted.
     """
-    shown = replace(table, brief=False).shown()
+    shown = replace(table, brief=False).visible_table()
     rows, notes = shown.rows[:MOST_ROWS], [*shown.notes]
     if len(rows) < len(shown.rows):
         notes.append(

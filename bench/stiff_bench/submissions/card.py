@@ -18,14 +18,14 @@ class Card(BaseModel):
     """A model and its authors.
 
     Attributes:
-        name: of the method, for people.
+        name: name of the method.
         model: name on the command line, with options: "my-model@ridge=0.1".
         plugin: file name of the plugin, next to the card.
         authors: names.
         contact: e-mail address or account; this or `url`.
-        url: of the method or its code.
+        url: address of the method or its code.
         reference: paper or report, with its DOI; "none" if there is none.
-        licence: of the plugin file, as an SPDX identifier such as "MIT".
+        licence: SPDX identifier of the plugin file's licence, such as "MIT".
         summary: the method in one or two sentences.
         tuned_on: data on which options were chosen; "none" if none were.
         hardware: machine that the method needs, such as "one CPU core".
@@ -66,7 +66,7 @@ def read_card(path: Path) -> Card:
 
 
 def describe_problem(error: ValidationError, model: type[BaseModel]) -> str:
-    """Return which field is wrong, its value, and what is valid."""
+    """Return a text with the wrong field, its value, and valid values."""
     problem: Any = min(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":

@@ -1,4 +1,4 @@
-"""Writes records as files: JSON lines, CSV or Parquet."""
+"""Write records as files: JSON lines, CSV or Parquet."""
 
 from __future__ import annotations
 

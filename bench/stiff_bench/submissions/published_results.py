@@ -1,4 +1,4 @@
-"""Finds the published results that a new model can be compared with."""
+"""Find published results to compare with a new model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import Cell, CellResult, Presentation
 
 PUBLISHED = "published"
-"""Word of `--against` for the results that the repository holds."""
+"""Value of `--against` for the results in the repository."""
 OPTION = "against"
 
 Place = tuple[str, str, str, int, int]
@@ -23,12 +23,12 @@ Place = tuple[str, str, str, int, int]
 
 
 def place_of(cell: Cell, presentation: Presentation) -> Place:
-    """Return which split of the study a fit is of."""
+    """Return the split of the study that a fit belongs to."""
     return presentation.dataset, presentation.protocol, cell.condition, cell.seed, cell.split_index
 
 
 def place_text(place: Place) -> str:
-    """Return a split of the study for people."""
+    """Return a text that names a split of the study."""
     dataset, protocol, condition, seed, index = place
     where = ", ".join(filter(None, [condition, f"seed {seed}", f"split {index}"]))
     return f"{dataset} under {protocol} ({where})"
@@ -56,7 +56,7 @@ def published_folder(word: str, study: Study) -> Path:
 
 
 def find_published(folder: Path, tasks: Sequence[CellTask]) -> list[CellResult]:
-    """Return the published results on the splits of some fits, of other models than theirs.
+    """Return published results of other models on the splits of some fits.
 
     Raises:
         ConfigError: a split has other data or other rows there, a model another version, or no
@@ -80,7 +80,7 @@ def find_published(folder: Path, tasks: Sequence[CellTask]) -> list[CellResult]:
 
 
 def missing_places(published: Iterable[CellResult], tasks: Iterable[CellTask]) -> list[str]:
-    """Return the splits of some fits without a published result, for people."""
+    """Return texts on the splits of some fits without a published result."""
     there = {place_of(result.cell, result.shown) for result in published}
     places = dict.fromkeys(place_of(task.cell, task.shown) for task in tasks)
     return [place_text(place) for place in places if place not in there]
@@ -89,7 +89,7 @@ def missing_places(published: Iterable[CellResult], tasks: Iterable[CellTask]) -
 def _differing_splits(
     cells: dict[Place, Cell], published: dict[Place, list[CellResult]]
 ) -> Iterator[str]:
-    """Yield a reason for each split whose data or rows are others there."""
+    """Yield a reason per split with other data or rows in the published results."""
     kinds = {"data": "data_sha256", "rows": "split_sha256", "source data": "source_sha256"}
     for place, results in published.items():
         for kind, name in kinds.items():

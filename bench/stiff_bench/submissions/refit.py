@@ -1,4 +1,4 @@
-"""Computes fits of a submission again, in a process that the verifier starts.
+"""Compute fits of a submission again, in a process that the verifier starts.
 
 The plugin is imported here and in the processes of the fits, never by the verifier. The verifier
 reads the results from a SQLite file, so nothing of the plugin's is unpickled there either.

@@ -26,7 +26,7 @@ def submissions_in(folder: Path = SUBMISSIONS) -> list[Submission]:
 
 
 def model_statuses(results: Path, submissions: Path = SUBMISSIONS) -> dict[str, str]:
-    """Return model -> "verified" or "reported", for the leaderboard's column.
+    """Return "verified" or "reported" by model, for the leaderboard's column.
 
     The models of stiffbench are verified: their results are computed by the repository's own
     commands. Another model is verified if `bench verify --write` verified a submission of this

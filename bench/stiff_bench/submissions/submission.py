@@ -34,7 +34,7 @@ from stiff_protocols.contract.source_code import imported_files
 CARD, CODE, RECORDS = "card.toml", "code", "records.jsonl"
 ENVIRONMENT, MANIFEST, VERIFICATION = "environment.json", "manifest.json", "verification.json"
 LARGEST_BYTES = 100 * 2**20
-"""Of a submission's file."""
+"""Size limit of a file in a submission."""
 Scope = Literal["lite", "full"]
 Content = TypeVar("Content", bound=BaseModel)
 Outcome = Literal["verified", "reported", "refused"]
@@ -89,10 +89,10 @@ class Verification(BaseModel):
 
 @dataclass(frozen=True)
 class Submission:
-    """A submission that was read; nothing in it is verified by that.
+    """A submission that was read but not verified.
 
     Attributes:
-        folder: of the submission.
+        folder: folder of the submission.
         manifest, card, records: its files.
     """
 
@@ -103,7 +103,7 @@ class Submission:
 
     @property
     def plugin(self) -> Path:
-        """The plugin file."""
+        """Return the path of the plugin file."""
         return self.folder / CODE / self.card.plugin
 
 
@@ -147,11 +147,9 @@ def write_submission(
 
 
 def check_output(folder: Path) -> None:
-    """See that the folder of a submission is new, before the work is done."""
+    """Check before the fits that the folder of a submission is new."""
     if folder.exists():
-        raise StoreError(
-            f"{folder}: exists and is not overwritten; give another name, or delete it first"
-        )
+        raise StoreError(f"{folder}: already exists; give another name, or delete it first")
 
 
 def _copy_code(plugin: Path, folder: Path) -> None:
@@ -189,7 +187,7 @@ def read_manifest(folder: Path) -> Manifest:
     """
     path = folder / MANIFEST
     if not path.is_file() or path.is_symlink():
-        raise ConfigError(f"{folder}: no {MANIFEST} in it (valid: a folder of `bench submit`)")
+        raise ConfigError(f"{folder}: no {MANIFEST} in it (use a folder of `bench submit`)")
     return _validated(Manifest, path, path.read_bytes())
 
 

@@ -1,4 +1,4 @@
-"""Verifies a submission without running any of its code in this process."""
+"""Verify a submission without running its code in this process."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Check:
 
     Attributes:
         status: "failed" refuses the submission.
-        subject: of the check, a word or two.
+        subject: subject of the check in one or two words.
         text: result or reason.
     """
 
@@ -75,17 +75,17 @@ class Check:
     text: str
 
     def __str__(self) -> str:
-        """Return a line for people."""
+        """Return the check as a line of text."""
         return f"{self.status:<12}  {self.subject}: {self.text}"
 
 
 @dataclass(frozen=True)
 class Refits:
-    """The choice and the limits of the fits that are computed again.
+    """The choice and the limits of the fits to compute again.
 
     Attributes:
-        seed: of the choice.
-        share: of all fits, at least two.
+        seed: seed of the choice.
+        share: share of all fits; at least two fits are chosen.
         timeout_s, memory_bytes: limits per fit.
         jobs: number of parallel fits.
     """

@@ -1,1 +1,1 @@
-"""Tables of numbers, and how they are printed."""
+"""Build tables of numbers and print them."""

@@ -1,4 +1,4 @@
-"""What a data set holds, in numbers: poses, loads, deflections and torques on the joints."""
+"""Describe a data set in numbers: poses, loads, deflections, and joint torques."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray
 
 COUNTING_SHARE = 0.05
-"""A principal axis counts when it holds this share of the vectors' squared length. Directions
-spread evenly within 26 degrees of a line then lie along it, within 22 degrees of a plane in it."""
+"""Smallest share of the vectors' squared length on a principal axis that counts. Directions spread
+evenly within 26 degrees of a line are then along it, within 22 degrees of a plane in it."""
 NO_SCATTER = 0.01
-"""Vectors that scatter about their mean by less than this share of their own size are one."""
+"""Smallest scatter about the mean, as a share of the vectors' size; below, vectors are equal."""
 _LIE = ("all the same", "along a line", "in a plane", "in all directions")
 MOST_GROUPS = 8  # in the printed table
 
@@ -27,27 +27,27 @@ MOST_GROUPS = 8  # in the printed table
 def principal_shares(vectors: FloatArray) -> tuple[float, ...]:
     """Return the shares of (n, 3) vectors' squared length along principal axes, descending."""
     squared = np.linalg.eigvalsh(vectors.T @ vectors)[::-1].clip(min=0.0)  # (3,) singular values^2
-    return tuple(float(one) for one in squared / (squared.sum() or 1.0))
+    return tuple(float(share) for share in squared / (squared.sum() or 1.0))
 
 
 def directions(vectors: FloatArray) -> FloatArray:
-    """Return (n, 3) vectors at unit length, without those of length zero."""
+    """Return (n, 3) vectors scaled to unit length, without zero vectors."""
     length = np.linalg.norm(vectors, axis=1)
     return np.asarray(vectors[length > 0.0] / length[length > 0.0, None])
 
 
 def about_mean(vectors: FloatArray) -> FloatArray:
-    """Return (n, 3) vectors less their mean; zeros where they are all but one."""
+    """Return (n, 3) vectors minus their mean; zeros if they are almost equal."""
     centred = vectors - vectors.mean(axis=0)
     scatters = np.linalg.norm(centred) > NO_SCATTER * np.linalg.norm(vectors)
     return np.asarray(centred * scatters)
 
 
 def facts(data: BenchmarkData) -> list[Table]:
-    """Return the facts of a data set: counts, sizes, how loads lie, and joints.
+    """Return the facts of a data set: counts, sizes, spread of loads, and joints.
 
     Raises:
-        DataError: there are no samples.
+        DataError: the data set is empty.
     """
     if len(data.samples) == 0:
         raise DataError(f"the data set of robot {data.robot.name!r} has no samples")
@@ -73,7 +73,7 @@ def _counts(data: BenchmarkData) -> Table:
 
 
 def _sizes(data: BenchmarkData) -> Table:
-    """Return least, median, mean and most of loads and deflections over the samples."""
+    """Return minimum, median, mean and maximum of loads and deflections."""
     samples = data.samples
     force, torque = samples.wrench[:, :3], samples.wrench[:, 3:]
     sizes = {
@@ -113,7 +113,7 @@ def _lie(data: BenchmarkData) -> Table:
 
 
 def _joints(data: BenchmarkData) -> Table:
-    """Return each joint's range of positions and torques, and its limits."""
+    """Return ranges of position and torque, and limits, of each joint."""
     robot, on_joints = data.robot, load_torque(data.robot, data.samples)
     weights = robot.gravity_torque(data.samples.q) if robot.masses.any() else None
     rows: list[list[Entry]] = []
@@ -148,7 +148,7 @@ def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options:
     """Return the catalogue line of a data set, its facts and the path of its picture.
 
     Raises:
-        DataError: there are no samples.
+        DataError: the data set is empty.
     """
     lines = [f"{info.key} ({info.kind}): {info.summary}"]
     if options:
@@ -157,16 +157,20 @@ def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options:
     if info.reference:
         lines.append(f"reference: {info.reference}")
     lines += [f"caveat: {caveat}" for caveat in info.caveats]
-    counts, *others = facts(data)
-    parts = ["\n".join(lines), plain_text(counts, widths=[None, 70]), *map(plain_text, others)]
+    counts, *other_tables = facts(data)
+    parts = [
+        "\n".join(lines),
+        plain_text(counts, widths=[None, 70]),
+        *map(plain_text, other_tables),
+    ]
     return "\n\n".join([*parts, f"picture: {picture}"])
 
 
 def card_text(key: str, card: str) -> str:
-    """Read a data card, named by its path inside stiff_datasets; "" without one.
+    """Read a data card by its path inside stiff_datasets; "" for no card.
 
     Raises:
-        DataError: the card is not in the package.
+        DataError: the package does not contain the card.
     """
     if not card:
         return ""
@@ -174,7 +178,7 @@ def card_text(key: str, card: str) -> str:
         text = files("stiff_datasets").joinpath(card).read_text(encoding="utf-8")
     except OSError as error:
         raise DataError(
-            f"data set {key!r}: card {card!r} cannot be read, expected a path inside the package "
-            f"stiff_datasets such as data/fanuc_r2000ic.md: {error.strerror or error}"
+            f"data set {key!r}: card {card!r} cannot be read ({error.strerror or error}); use a "
+            "path inside the package stiff_datasets such as data/fanuc_r2000ic.md"
         ) from error
     return text.strip()

@@ -1,4 +1,4 @@
-"""What models' fits reported: the notes beneath a table, and a fit's springs as a table."""
+"""Write the reports of fits: notes below a table, and a table of springs."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ SPRING_INTERVAL = 0.9
 
 
 def size_notes(results: Sequence[CellResult]) -> list[str]:
-    """Return how many samples a split's training side and its reported rows are; none if unknown.
+    """Return a note on the numbers of training and test samples; none if unknown.
 
-    The results are of one protocol.
+    The results belong to one protocol.
     """
     sizes = [
         (result.n_train, len(result.prediction.rows))
@@ -32,36 +32,38 @@ def size_notes(results: Sequence[CellResult]) -> list[str]:
         return []
     trained, tested = map(_range, zip(*sizes, strict=True))
     if results[0].shown.reports_training:
-        return [f"a split trains on {trained} samples and reports {tested}, these among them."]
+        return [f"a split trains on {trained} samples and reports {tested}, including these."]
     of_paths = " points of tool paths" if results[0].shown.measured_sha256 else ""
     trains = f"a split trains on {trained} samples, validation included, and tests on {tested}"
     return [f"{trains}{of_paths}."]
 
 
 def _range(numbers: Iterable[int]) -> str:
-    found = [*numbers]
-    return " to ".join(map(str, sorted({min(found), max(found)})))
+    sizes = [*numbers]
+    return " to ".join(map(str, sorted({min(sizes), max(sizes)})))
 
 
 def model_notes(results: Sequence[CellResult]) -> list[str]:
-    """Return all that a model's cells reported."""
+    """Return all notes of a model's fits."""
     return [*number_notes(results), *outcome_notes(results)]
 
 
 def number_notes(results: Sequence[CellResult]) -> list[str]:
-    """Return the numbers that a model's fits reported, as means; none where there are none."""
+    """Return a note with the mean diagnostics of a model's fits; none without diagnostics."""
     done = [result for result in results if result.status == "ok"]
     numbers = []
     for key in dict.fromkeys(key for result in done for key in result.diagnostics):
         values = [result.diagnostics[key] for result in done if key in result.diagnostics]
-        some = "" if len(values) == len(done) else f" (in {len(values)} of {len(done)} splits)"
-        numbers.append(f"{key} {_mean_text(values)}{some}")
+        share_text = (
+            "" if len(values) == len(done) else f" (in {len(values)} of {len(done)} splits)"
+        )
+        numbers.append(f"{key} {_mean_text(values)}{share_text}")
     over = f" (means over {len(done)} splits)" if len(done) > 1 else ""
     return [f"{results[0].shown.model}{over}: {', '.join(numbers)}."] if numbers else []
 
 
 def _mean_text(values: Sequence[float]) -> str:
-    """Return a mean for people; an infinite value (a joint found rigid) is counted apart."""
+    """Format a mean; infinite values (rigid joints) are counted separately."""
     finite = [value for value in values if not math.isinf(value)]
     if len(finite) == len(values) or not finite:
         return f"{float(np.mean(values)):.4g}"
@@ -70,16 +72,19 @@ def _mean_text(values: Sequence[float]) -> str:
 
 
 def outcome_notes(results: Sequence[CellResult]) -> list[str]:
-    """Return a model's choices, what its intervals are, warnings and reasons of failure."""
-    shown, coverage = results[0].shown, results[0].cell.coverage
+    """Return notes on chosen options, intervals, warnings and failures."""
+    presentation, coverage = results[0].shown, results[0].cell.coverage
     done = [result for result in results if result.status == "ok"]
-    notes = [f"source domain: {shown.source}."] if shown.source else []
+    notes = [f"source domain: {presentation.source}."] if presentation.source else []
     choices = Counter(in_words(result.chosen) for result in done if result.chosen)
     if choices:
-        each = "; ".join(f"{chosen}{_times(n, done)}" for chosen, n in choices.items())
-        notes.append(f"options chosen by inner cross-validation: {each}.")
-    if some := [result for result in done if 0 < result.n_labels < result.n_train]:
-        labels, of_all = _range(r.n_labels for r in some), _range(r.n_train for r in some)
+        choice_texts = "; ".join(f"{choice}{_times(n, done)}" for choice, n in choices.items())
+        notes.append(f"options chosen by inner cross-validation: {choice_texts}.")
+    if partly_labelled := [result for result in done if 0 < result.n_labels < result.n_train]:
+        labels, of_all = (
+            _range(r.n_labels for r in partly_labelled),
+            _range(r.n_train for r in partly_labelled),
+        )
         notes.append(f"trained on {labels} of {of_all} samples; the others choose the epoch.")
     if coverage is not None and any(r.prediction and r.prediction.interval for r in done):
         samples = _range(result.calibration_samples for result in done)
@@ -88,17 +93,21 @@ def outcome_notes(results: Sequence[CellResult]) -> list[str]:
         notes.append(f"{percent(coverage)} intervals are {kind}.")
     messages = [("warning", message) for result in results for message in result.warnings]
     for status in ("failed", "skipped"):
-        messages += [(status.upper(), one.failure) for one in results if one.status == status]
-    said = Counter((kind, " ".join(text.split())) for kind, text in messages)
-    notes += [f"{kind}{_times(n, results)}: {text}" for (kind, text), n in said.items()]
-    return [f"{shown.model}: {note}" for note in notes]
+        messages += [
+            (status.upper(), result.failure) for result in results if result.status == status
+        ]
+    message_counts = Counter((kind, " ".join(text.split())) for kind, text in messages)
+    notes += [f"{kind}{_times(n, results)}: {text}" for (kind, text), n in message_counts.items()]
+    return [f"{presentation.model}: {note}" for note in notes]
 
 
 def failure_lines(results: Iterable[CellResult]) -> list[str]:
-    """Return a line per reason for which fits have no result, with their models."""
+    """Return a line per reason for missing results, with the models."""
     failures = [result for result in results if result.status != "ok"]
     lines = []
-    by_reason = grouped(failures, lambda one: (one.status.upper(), " ".join(one.failure.split())))
+    by_reason = grouped(
+        failures, lambda result: (result.status.upper(), " ".join(result.failure.split()))
+    )
     for (status, reason), of_reason in by_reason.items():
         models = first_few(list(dict.fromkeys(result.shown.model for result in of_reason)))
         lines.append(f"{status}: {models} ({counted(len(of_reason), 'fit')}): {reason}")
@@ -112,7 +121,7 @@ def _times(n: int, results: Sequence[CellResult]) -> str:
 def springs_table(springs: IdentifiedSprings) -> Table:
     """Return the stiffness of each spring with its interval."""
     rows: list[list[Entry]] = []
-    for name, unit, compliance, known, (low, high) in zip(
+    for name, unit, compliance, is_known, (low, high) in zip(
         springs.names,
         springs.units,
         springs.compliance.tolist(),
@@ -121,7 +130,7 @@ def springs_table(springs: IdentifiedSprings) -> Table:
         strict=True,
     ):
         stiffness = Quantity(1.0 / compliance) if compliance else Quantity(status="rigid")
-        label = f"{name} [{unit}]" if known else f"{name} [{unit}], not identifiable: prior"
+        label = f"{name} [{unit}]" if is_known else f"{name} [{unit}], not identifiable: prior"
         rows.append([label, stiffness, Quantity(low=low, high=high)])
     return Table(
         "",

@@ -1,7 +1,7 @@
-"""Results -> paper-style tables. Here SI becomes mm and per cent.
+"""Convert results to tables like the paper's, in mm and per cent.
 
-A table holds one data set under one protocol; rows are models, columns axes x metrics. Rows of
-different data or of different splits never meet in one table.
+A table shows one data set under one protocol. Its rows are models, its columns axes x metrics. All
+rows of a table have the same data and splits.
 """
 
 from __future__ import annotations
@@ -26,23 +26,28 @@ from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric
 SELECTION_MARK = "epoch picked on test part"
 TRAINING_MARK = "training samples among those reported"
 DECIMALS = {"mm": 4, "%": 1, "": 3, "ms": 3, "MiB": 1, "1/s": 0}
-"""Of mm: as in the source paper's Table 10."""
+"""Decimals by unit; mm as in the source paper's Table 10."""
 USUAL_METRICS = ("mae", "stde", "me")
 PATH_METRICS = ("norm", "norm-p95", "norm-max", "removed")
 Values = Mapping[tuple[str, str], Quantity]
-"""(metric key, axis) -> mean over the splits and their standard deviation, as printed; no
-deviation where there is one split, or one value over all splits together."""
+"""Mean and standard deviation over splits in printed units, by (metric key, axis). There is no
+deviation with one split, or with one value for all splits together."""
 
 
 def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:
-    """Return a table for each data set, protocol, condition and seed, in the results' order.
+    """Return a table per data set, protocol, condition and seed, in the results' order.
 
-    Models on different data, pre-training data, splits or coverage stand in tables of their own.
-    Where no metrics are asked for, they are the usual ones, or those of tool paths.
+    Models on different data, pre-training data, splits or coverage are in separate tables. Without
+    `metrics` the tables show the usual metrics, or the metrics of tool paths.
     """
     groups = grouped(
         results,
-        lambda one: (one.shown.dataset, one.shown.protocol, one.cell.condition, one.cell.seed),
+        lambda result: (
+            result.shown.dataset,
+            result.shown.protocol,
+            result.cell.condition,
+            result.cell.seed,
+        ),
     )
     return [
         _table(dict(models), tuple(metrics))
@@ -55,24 +60,28 @@ def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> li
 
 
 def _tested_on(results: Sequence[CellResult]) -> frozenset[object]:
-    """Return what models must share to stand in one table, in whichever order it was stored."""
+    """Return the set of data and split hashes that models in one table share."""
     identity = attrgetter("data_sha256", "source_sha256", "split_sha256", "coverage")
     return frozenset(identity(result.cell) for result in results)
 
 
 def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -> Table:
     group = list(chain.from_iterable(by_model.values()))
-    cell, shown = group[0].cell, group[0].shown
-    usual = PATH_METRICS if shown.measured_sha256 else USUAL_METRICS
+    cell, presentation = group[0].cell, group[0].shown
+    usual = PATH_METRICS if presentation.measured_sha256 else USUAL_METRICS
     metrics = metrics or tuple(METRICS[key] for key in usual)
-    beside = _beside_models(by_model)
-    reference = {name: beside.pop(name) for name in [REFERENCE_MODEL] if name in beside}
-    by_model = reference | by_model | beside  # what only a simulation knows comes last
-    warned = shown.selects_on_test or shown.reports_training
-    notes = [*shown.caveats, *size_notes(group), *([shown.warning] * warned)]
+    extra = _extra_results(by_model)
+    reference = {name: extra.pop(name) for name in [REFERENCE_MODEL] if name in extra}
+    by_model = reference | by_model | extra  # known bounds of a simulation come last
+    warned = presentation.selects_on_test or presentation.reports_training
+    notes = [*presentation.caveats, *size_notes(group), *([presentation.warning] * warned)]
     for results in by_model.values():
         notes += outcome_notes(results)
-    of_table = published_errors(shown.published) if shown.published and not cell.condition else {}
+    of_table = (
+        published_errors(presentation.published)
+        if presentation.published and not cell.condition
+        else {}
+    )
     keys = {metric.key for metric in metrics}
     published = {
         method: values
@@ -80,17 +89,17 @@ def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -
         if not keys.isdisjoint(key for key, _ in values)
     }
     notes += [f"[{MARK}]: {NOTE}."] if published else []
-    kind, n_splits = shown.kind, len({r.cell.split_index for r in group})
+    kind, n_splits = presentation.kind, len({r.cell.split_index for r in group})
     facts: dict[str, Entry] = {
-        **{"dataset": shown.dataset, "kind": kind},
-        **{"protocol": shown.protocol, "condition": cell.condition},
+        **{"dataset": presentation.dataset, "kind": kind},
+        **{"protocol": presentation.protocol, "condition": cell.condition},
         **{"splits": n_splits, "seed": cell.seed, "source": "ours"},
     }
     of_others = {**dict.fromkeys(facts), "source": MARK}
     rows = [
         {"model": name, **facts, **values}
         for name, values in (_of_model(model, of, metrics) for model, of in by_model.items())
-        if values or name.text not in beside  # they have neither costs nor intervals
+        if values or name.text not in extra  # extra rows have no costs and intervals
     ]
     rows += [
         {"model": Name(method, MARK), **of_others, **values} for method, values in published.items()
@@ -110,32 +119,34 @@ def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -
     )
 
 
-def _beside_models(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[CellResult]]:
-    """Return the results that each cell has beside its model's own.
+def _extra_results(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[CellResult]]:
+    """Return results of the VJM and of known bounds, which every cell stores.
 
-    Every cell stores what the VJM predicts that learned from its whole training side, and what a
-    simulation knows of the test rows.
+    The VJM is fitted to all training and validation rows of the cell. The bounds are known for the
+    test rows of a simulation.
     """
     names = [name for name in (REFERENCE_MODEL, *KNOWN.values()) if name not in by_model]
     rows = {}
     for name in names:
         for results in by_model.values():
-            found = [one for result in results if (one := known_result(result, name)) is not None]
-            if len(found) == len(results):
-                rows[name] = found
+            known_results = [
+                known for result in results if (known := known_result(result, name)) is not None
+            ]
+            if len(known_results) == len(results):
+                rows[name] = known_results
                 break
     return rows
 
 
 def known_result(result: CellResult, name: str) -> CellResult | None:
-    """Return the VJM's result, or one of `KNOWN`, that a cell holds; None where it has none."""
-    found = result.prediction
-    if found is None:
+    """Return the VJM's result, or a bound of `KNOWN`, from a cell; None: not stored."""
+    stored = result.prediction
+    if stored is None:
         return None
-    known = {row: found.known.get(key) for key, row in KNOWN.items()}
-    if (other := ({REFERENCE_MODEL: found.reference} | known)[name]) is None:
+    bound_values = {row: stored.known.get(key) for key, row in KNOWN.items()}
+    if (predicted := ({REFERENCE_MODEL: stored.reference} | bound_values)[name]) is None:
         return None
-    prediction = Prediction(found.rows, other, found.measured, reference=found.reference)
+    prediction = Prediction(stored.rows, predicted, stored.measured, reference=stored.reference)
     return CellResult(
         result.cell,
         replace(result.shown, model=name, regime="", source="", picked_on_test=False),
@@ -145,29 +156,29 @@ def known_result(result: CellResult, name: str) -> CellResult | None:
     )
 
 
-def setting(shown: Presentation, condition: str, n_splits: int, seed: int) -> str:
-    """Return data set, protocol, condition, splits and seed, as a title has them."""
-    data = f"{shown.dataset} ({shown.kind})"
-    protocol = " | ".join(filter(None, (shown.protocol, condition)))
+def setting(presentation: Presentation, condition: str, n_splits: int, seed: int) -> str:
+    """Return data set, protocol, condition, splits and seed for a title."""
+    data = f"{presentation.dataset} ({presentation.kind})"
+    protocol = " | ".join(filter(None, (presentation.protocol, condition)))
     return f"{data} | {protocol}, {counted(n_splits, 'split')}, seed {seed}"
 
 
 def _title(first: CellResult, n_splits: int, metrics: Sequence[Metric]) -> str:
     """Return the setting, unit and nominal coverage in one line."""
-    cell, shown = first.cell, first.shown
+    cell, presentation = first.cell, first.shown
     spread = ", mean ± standard deviation over splits" if n_splits > 1 else ""
-    if shown.pooled:
+    if presentation.pooled:
         spread = " over the predictions of all splits"
-    units = " and ".join(filter(None, dict.fromkeys(PRINTED[one.unit][0] for one in metrics)))
+    units = " and ".join(filter(None, dict.fromkeys(PRINTED[metric.unit][0] for metric in metrics)))
     intervals = "" if cell.coverage is None else f" | {percent(cell.coverage)} intervals"
-    of_cell = setting(shown, cell.condition, n_splits, cell.seed)
+    of_cell = setting(presentation, cell.condition, n_splits, cell.seed)
     return f"{of_cell} | {units}{spread}{intervals}"
 
 
 def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
-    """Return the columns: all metrics of an axis stand together, those without axes come last.
+    """Return columns of metrics, grouped by axis; metrics without axes come last.
 
-    They read a row that has a value under (metric key, axis).
+    A row has its values under (metric key, axis).
     """
     return [
         Column(
@@ -184,14 +195,14 @@ def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
 
 
 def number_format(metric: Metric) -> str:
-    """Return how its values are written, as printed."""
+    """Return the format of a metric's values in printed units."""
     return f".{DECIMALS[PRINTED[metric.unit][0]]}f"
 
 
 def _of_model(
     model: str, results: Sequence[CellResult], metrics: Sequence[Metric]
 ) -> tuple[Name, Values]:
-    """Return a model with its values; a failed or skipped cell leaves none."""
+    """Return a model with its values; without values if a cell failed or was skipped."""
     statuses = [result.status for result in results]
     if failed := statuses.count("failed"):
         return Name(model, f"FAILED in {failed} of {len(results)} splits"), {}
@@ -201,22 +212,24 @@ def _of_model(
 
 
 def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> Values:
-    """Return a model's values over its splits, or over their predictions together.
+    """Return a model's values over its splits, or over all predictions together.
 
-    The results are of one data set and protocol; none has failed.
+    The results belong to one data set and protocol, without failures.
     """
-    found = {}
+    quantities = {}
     for metric in metrics:
-        each = values_of_splits(metric, results)
+        split_values = values_of_splits(metric, results)
         _, factor = PRINTED[metric.unit]
         for axis in metric.axes:
-            if all(axis in values for values in each):  # none where a split lacks it
-                found[metric.key, axis] = mean_over([values[axis] * factor for values in each])
-    return found
+            if all(axis in values for values in split_values):  # no value if a split has none
+                quantities[metric.key, axis] = mean_over(
+                    [values[axis] * factor for values in split_values]
+                )
+    return quantities
 
 
 def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:
-    """Return every metric as lines of tidy data, in the units that they are printed in."""
+    """Return all metrics as lines of tidy data, in printed units."""
     return [
         {
             "metric": metric.key,
@@ -230,39 +243,39 @@ def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[
 
 
 def values_of_splits(metric: Metric, results: Sequence[CellResult]) -> list[dict[str, float]]:
-    """Return axis -> value of a model on each split, in SI units.
+    """Return the values of a metric by axis, per split, in SI units.
 
-    One value where the protocol scores the predictions of all splits together; costs have one for
-    each split there, too.
+    If the protocol scores all predictions together, there is one value for all splits; costs still
+    have a value per split.
     """
     if results[0].shown.pooled and metric.of_prediction is not None:
         return [metric.values(pooled_prediction(results))]
     return [metric.of_result(result) for result in results]
 
 
-def mark_of(shown: Presentation) -> str:
-    """Return what must stand beside the model's name; "" for nothing."""
-    picked = SELECTION_MARK if shown.picked_on_test else ""
-    trained_on = TRAINING_MARK if shown.reports_training else ""
-    return ", ".join(filter(None, [shown.regime, picked, trained_on]))
+def mark_of(presentation: Presentation) -> str:
+    """Return the mark printed next to the model's name; "" for none."""
+    picked = SELECTION_MARK if presentation.picked_on_test else ""
+    trained_on = TRAINING_MARK if presentation.reports_training else ""
+    return ", ".join(filter(None, [presentation.regime, picked, trained_on]))
 
 
 def mean_over(values: Sequence[float], mark: str = "") -> Quantity:
-    """Return mean and sample deviation over splits or specimens; one alone has no deviation."""
+    """Return mean and sample deviation of values; a single value has no deviation."""
     spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
     return Quantity(float(np.mean(values)), spread, n=len(values), mark=mark)
 
 
 def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
-    """Return the predictions of several splits as one; each of them was checked."""
+    """Join the checked predictions of several splits."""
     parts = [result.prediction for result in results if result.prediction is not None]
     intervals = [part.interval for part in parts if part.interval is not None]
     references = [part.reference for part in parts if part.reference is not None]
     interval = None
     if intervals and len(intervals) == len(parts):
         interval = Interval(
-            lower=np.concatenate([one.lower for one in intervals]),
-            upper=np.concatenate([one.upper for one in intervals]),
+            lower=np.concatenate([part.lower for part in intervals]),
+            upper=np.concatenate([part.upper for part in intervals]),
             coverage=intervals[0].coverage,
         )
     return Prediction.of_stored(

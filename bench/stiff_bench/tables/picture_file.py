@@ -1,4 +1,4 @@
-"""Formats of pictures: PNG, PDF or SVG, the same file for the same content."""
+"""Check formats of pictures: PNG, PDF or SVG, with reproducible files."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ METADATA: dict[str, dict[str, Any]] = {
     ".pdf": {"CreationDate": None},
     ".svg": {"Date": None},
 }
-"""Suffix -> what `savefig` writes into the file: without the time."""
+"""Metadata for `savefig` by suffix; without the time, so that files are reproducible."""
 
 
 def check_suffix(path: Path) -> None:
-    """See that the file's suffix names a format.
+    """Check the extension of a picture file.
 
     Raises:
-        ConfigError: it does not.
+        ConfigError: the extension is not supported.
     """
     if path.suffix.lower() not in METADATA:
         raise unsupported_extension(path, METADATA)

@@ -1,4 +1,4 @@
-"""The source paper's tables, as shipped in `results/published`."""
+"""Read the source paper's tables from `results/published`."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from typing import Any
 
 MARK = "published"
 NOTE = (
-    "source paper, measured KR10, not comparable in absolute terms; most likely read on all "
-    "samples, training samples among them"
+    "source paper, measured KR10, not comparable in absolute terms; most likely computed on all "
+    "samples, including training samples"
 )
 
 
 def published_lines(table: str) -> list[dict[str, str]]:
-    """Return the lines of a published table, column -> text as printed in the paper."""
+    """Return the lines of a published table, with the texts of the paper by column."""
     text = (files("stiff_published") / f"{table}.csv").read_text(encoding="utf-8")
     return list(csv.DictReader(text.splitlines()))
 
 
 def about_table(table: str) -> dict[str, Any]:
-    """Return what `results/published/tables.toml` says of a table: caption, notes and so on."""
+    """Return the entry of a table in `results/published/tables.toml`: caption, notes and so on."""
     text = (files("stiff_published") / "tables.toml").read_text(encoding="utf-8")
     return dict(tomllib.loads(text)[table])
 
 
 def published_errors(table: str) -> dict[str, dict[tuple[str, str], float]]:
-    """Return a published error table: method -> (metric key, axis) -> mm."""
+    """Return a published error table in mm, by method and (metric key, axis)."""
     lines = published_lines(table)
     return {
         method: {(line["error"], line["axis"]): float(line[method]) for line in lines}
@@ -37,14 +37,14 @@ def published_errors(table: str) -> dict[str, dict[tuple[str, str], float]]:
 
 
 def published_stiffness() -> dict[str, float]:
-    """Return the paper's identified joint stiffnesses (its Table 3), joint -> N m/rad."""
+    """Return the paper's joint stiffnesses (its Table 3) by joint, N m/rad."""
     return {
         line["joint"]: float(line["stiffness_Nm_per_rad"]) for line in published_lines("table_3")
     }
 
 
 def claimed_reductions() -> dict[tuple[str, str], float]:
-    """Return how far below the VJM's FT-MLP's errors are said to be, (metric key, axis) -> %."""
+    """Return the published error reductions of FT-MLP against the VJM, %."""
     return {
         (line["error"], line["axis"]): float(line["reduction_percent"])
         for line in published_lines("claimed_reductions")

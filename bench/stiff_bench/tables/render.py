@@ -1,6 +1,6 @@
-"""Tables -> text: github, latex (booktabs, siunitx), csv, html or json; for every command.
+"""Write tables as text for all commands: github, latex (booktabs, siunitx), csv, html or json.
 
-Each text of a table may be hostile: it stays within its cell, and no format runs it.
+Texts of a table may be malicious. They are escaped: they stay in their cell and are never executed.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ def render(
     """Return tables as text.
 
     Args:
-        tables: in this order.
-        fmt: "github", "latex", "csv", "html", "json", or "screen" of a terminal.
-        command: that makes them; html leaves an empty one out.
-        text: a paragraph above; csv leaves it out.
-        about: facts on all tables, for json.
+        tables: tables in the order of the output.
+        fmt: "github", "latex", "csv", "html", "json", or "screen" for a terminal.
+        command: command that makes the tables; html omits an empty one.
+        text: paragraph above the tables; csv omits it.
+        about: facts about all tables, for json.
     """
     tables = of_format(tables, fmt)
     if fmt == SCREEN:
@@ -48,31 +48,33 @@ def render(
         facts = {"command": command, **({"text": text} if text else {}), **(about or {})}
         content = {**facts, "tables": [_plain(table) for table in tables]}
         return json.dumps(content, indent=2, allow_nan=False)
-    one, paragraph = {
+    render_table, paragraph = {
         "github": (_github, markdown_text),
         "latex": (_latex, latex_text),
         "html": (_html, lambda words: f"<p>{html_text(words)}</p>"),
     }[fmt]
-    said = [paragraph(one_line(text))] if text else []
+    paragraphs = [paragraph(one_line(text))] if text else []
     last = len(tables) - 1
     parts = [
-        one(table.shown(), one_line(command) if number == last or fmt == "latex" else "")
+        render_table(
+            table.visible_table(), one_line(command) if number == last or fmt == "latex" else ""
+        )
         for number, table in enumerate(tables)
     ]
     head = [LATEX_NEEDS] if fmt == "latex" else []
-    return "\n\n".join([*head, *said, *parts])
+    return "\n\n".join([*head, *paragraphs, *parts])
 
 
 def of_format(tables: Sequence[Table], fmt: str) -> list[Table]:
-    """Return the tables that a format holds."""
+    """Return the tables that are written in a format."""
     return [table for table in tables if not table.formats or fmt in table.formats]
 
 
 def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
-    """Return headings and cells in columns, without the title; then the notes.
+    """Return headings and cells in columns, then the notes, without the title.
 
-    On a terminal they are as narrow as it is. `widths` are those of columns that are broken into
-    lines elsewhere, characters.
+    On a terminal the text fits its width. Elsewhere `widths` are the widths of columns with line
+    breaks, in characters.
     """
     if sys.stdout.isatty():
         untitled = replace(table, title="")
@@ -82,7 +84,7 @@ def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
 
 
 def _columns(table: Table, fmt: str, escape: Callable[[str], str], **words: Any) -> str:
-    """Return headings and cells in a format of tabulate's."""
+    """Return headings and cells in a format of tabulate."""
     return tabulate(
         [[escape(cell) for cell in row] for row in table.texts()],
         headers=list(map(escape, table.headings())),
@@ -97,17 +99,17 @@ _MARKDOWN_SIGNS = re.compile(r"<(?=[A-Za-z/!?])|(?<=\])\(")
 
 
 def markdown_text(text: str) -> str:
-    """Escape what markdown would read as HTML, a link or a picture."""
+    """Escape characters that markdown reads as HTML, a link or a picture."""
     return _MARKDOWN_SIGNS.sub(r"\\\g<0>", text)
 
 
 def _markdown_cell(text: str) -> str:
-    """Escape what would begin a new cell, too."""
+    """Escape a text for a markdown cell."""
     return markdown_text(one_line(text)).replace("|", r"\|")
 
 
 def markdown_code(text: str) -> str:
-    """Return a text as code; more backticks than it holds together stand around it."""
+    """Return a text as markdown code, in more backticks than it contains in a row."""
     longest = max(map(len, re.findall("`+", text)), default=0)
     return f"`{text}`" if longest == 0 else f"{'`' * (longest + 1)} {text} {'`' * (longest + 1)}"
 
@@ -129,10 +131,10 @@ _SIUNITX = (
     "group-digits=none, separate-uncertainty=true, retain-zero-uncertainty=true, "
     "retain-explicit-plus=true, table-alignment-mode=none, table-alignment=right"
 )
-"""The numbers of a column have equally many decimals, so that they align at the right."""
+"""Options of siunitx; the numbers of a column have the same number of decimals."""
 _NO_WIDER_THAN_THE_LINE = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{"
 _SIDE_BY_SIDE = 6
-"""More columns of numbers in groups than these would be too small to read."""
+"""Largest number of grouped columns in one block; more would be too small to read."""
 _LATEX_ESCAPES = str.maketrans(
     {character: rf"\{character}" for character in "&%$#_{}"}
     | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
@@ -142,14 +144,14 @@ _LATEX_ESCAPES = str.maketrans(
 
 
 def latex_text(text: str) -> str:
-    """Escape what LaTeX would read as commands; what stands between backticks is code."""
+    """Escape a text for LaTeX; text between backticks becomes code."""
     escaped = one_line(text).translate(_LATEX_ESCAPES)
     escaped = re.sub(r"10\\textasciicircum\{\}(\d+)", r"$10^{\1}$", escaped)
     return re.sub(r"`([^`]+)`", r"\\texttt{\1}", escaped)
 
 
 def _latex(table: Table, command: str) -> str:
-    """Return a table environment; the notes are printed beneath, not hidden in comments."""
+    """Return a table environment, with the notes printed below the table."""
     every = [*range(len(table.columns))]
     groups = grouped(every, lambda number: table.columns[number].group)
     texts = groups.pop("", [])
@@ -174,13 +176,17 @@ def _latex(table: Table, command: str) -> str:
 
 
 def _tabular(table: Table, numbers: Sequence[int]) -> str:
-    """Return some columns of a table, beneath the names of their groups."""
+    """Return some columns of a table, with the names of their groups."""
     from pandas import DataFrame, MultiIndex  # `bench list` prints without it
 
     columns = [table.columns[number] for number in numbers]
-    heads = [(latex_text(one.group), latex_text(table.heading(one))) for one in columns]
+    heads = [(latex_text(column.group), latex_text(table.heading(column))) for column in columns]
     cells = [[_latex_cell(table.columns[n], row[n]) for n in numbers] for row in table.rows]
-    names = MultiIndex.from_tuples(heads) if any(of for of, _ in heads) else [h for _, h in heads]
+    names = (
+        MultiIndex.from_tuples(heads)
+        if any(of for of, _ in heads)
+        else [heading for _, heading in heads]
+    )
     style = DataFrame(cells, columns=names).style.hide(axis="index")
     kinds = "".join("l" if column.kind == "text" else "S" for column in columns)
     text = style.to_latex(column_format=kinds, hrules=True, siunitx=True, multicol_align="c")
@@ -188,7 +194,7 @@ def _tabular(table: Table, numbers: Sequence[int]) -> str:
 
 
 _ALIGNED = re.compile(r"[+-]?\d+(\.\d+)?( ± \d+(\.\d+)?)?")
-"""What siunitx aligns: a number, or a number with its deviation."""
+"""Texts that siunitx aligns: a number, or a number with its deviation."""
 
 
 def _latex_cell(column: Column, cell: Entry) -> str:
@@ -199,13 +205,13 @@ def _latex_cell(column: Column, cell: Entry) -> str:
 
 
 def html_text(text: str) -> str:
-    """Escape a text; what stands between backticks is code."""
+    """Escape a text for HTML; text between backticks becomes code."""
     escaped = re.sub(r"10\^(\d+)", r"10<sup>\1</sup>", html.escape(one_line(text)))
     return re.sub(r"`([^`]+)`", r"<code>\1</code>", escaped)
 
 
 def _html(table: Table, command: str) -> str:
-    body = _columns(table, "unsafehtml", html_text)  # what is printed is escaped by us
+    body = _columns(table, "unsafehtml", html_text)  # safe: `html_text` escapes the cells
     notes = "".join(f"<li>{html_text(note)}</li>" for note in table.notes)
     made_by = f"<li>made by: <code>{html.escape(command)}</code></li>" if command else ""
     return (
@@ -215,18 +221,18 @@ def _html(table: Table, command: str) -> str:
 
 
 _FORMULA = re.compile(r"[=+\-@\t\r](?![\d.]+(e[+-]?\d+)?$|inf$)")
-"""How a text begins that a spreadsheet would compute; no number does."""
+"""Beginning of texts that a spreadsheet would evaluate; numbers do not match."""
 
 
 def csv_cell(value: object) -> object:
-    """Return the cell of a CSV row; a quote before a text says that it is no formula."""
+    """Return the cell of a CSV row; texts like a formula get a quote in front."""
     if isinstance(value, float):
         return repr(float(value))
     return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value
 
 
 def _csv(tables: Sequence[Table]) -> str:
-    """Return a line a number, at full precision: facts, texts of the row, `VALUE_FIELDS`."""
+    """Return a line per number at full precision: facts, texts, `VALUE_FIELDS`."""
     from pandas import DataFrame
 
     lines = [line for table in tables for line in table.lines()]
@@ -239,7 +245,7 @@ def _csv(tables: Sequence[Table]) -> str:
 
 def _plain(table: Table) -> dict[str, object]:
     rows = [
-        {**texts, **({"values": [*map(_known, values)]} if values else {})}
+        {**texts, **({"values": [*map(_without_empty_fields, values)]} if values else {})}
         for texts, values in table.records()
     ]
     details = {"details": list(table.details)} if table.details else {}
@@ -247,10 +253,10 @@ def _plain(table: Table) -> dict[str, object]:
     return {"title": table.title, **table.about, **notes, "rows": rows}
 
 
-def _known(value: Mapping[str, object]) -> dict[str, object]:
-    """Return a number without what it has not, such as an interval.
+def _without_empty_fields(value: Mapping[str, object]) -> dict[str, object]:
+    """Return a number without its empty fields, such as a missing interval.
 
-    What JSON has no number for is null (NaN) or a text (infinity).
+    NaN becomes null and infinity a text, because JSON has no such numbers.
     """
     optional = {*VALUE_FIELDS} - {"column", "value", "unit"}
     return {k: _strict(v) for k, v in value.items() if k not in optional or v not in (None, "")}

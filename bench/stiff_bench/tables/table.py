@@ -1,7 +1,7 @@
-"""The table that every command prints and every page shows: typed values until the last step.
+"""Tables of typed values, printed by commands and pages.
 
-A table is a list of columns, each of which says how its cell is made from what a row is of.
-`render` prints it as text, the report as part of a page. Neither reads a number back out of a text.
+Each column of a table makes its cells from the records of the rows. `render` writes the table as
+text, the report writes it as part of a page. Neither parses numbers from texts.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from stiff_protocols.contract.brief_fields import BriefFields
 
 @dataclass(frozen=True)
 class Name:
-    """A name with what must stand beside it, such as that its epoch was picked on the test part."""
+    """A name with a mark, for example that its epoch was picked on the test part."""
 
     text: str
     mark: str = ""
 
     def __str__(self) -> str:
-        """Return the name with its mark, for people."""
+        """Return the name with its mark as text."""
         return f"{self.text} [{self.mark}]" if self.mark else self.text
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number of a table, in its column's unit, or why there is none.
+    """A number in a table in its column's unit, or the reason why it is missing.
 
     Attributes:
-        value: None: there is an interval, a share or a status alone.
-        spread: standard deviation; None: not known.
-        low, high: interval or range; None: there is none.
-        n: of how many splits or specimens it is the mean; csv and json alone say it.
-        share: of how many the number is of, such as 3 of 5 data sets.
-        mark: stands behind it, such as "*".
-        status: stands in its place or behind it, such as "FAILED".
+        value: number; None if there is only an interval, a share or a status.
+        spread: standard deviation; None: unknown.
+        low, high: interval or range; None: no interval.
+        n: number of averaged splits or specimens; only in csv and json.
+        share: count and total, such as 3 of 5 data sets.
+        mark: text after the number, such as "*".
+        status: text after the number or instead of it, such as "FAILED".
     """
 
     value: float | None = None
@@ -51,13 +51,13 @@ class Quantity:
 
     @property
     def order(self) -> float | None:
-        """What it is sorted by: value, else low end, else the first number of the share."""
+        """Return the sort value: value, else low end, else the share's count."""
         if self.value is not None or self.low is not None:
             return self.value if self.value is not None else self.low
         return None if self.share is None else float(self.share[0])
 
     def text(self, spec: str) -> str:
-        """Return value, spread, interval and share, each number as `format` writes it by `spec`."""
+        """Return value, spread, interval and share, each formatted with `spec`."""
         parts = []
         if self.value is not None:
             parts.append(f"{self.value:{spec}}")
@@ -73,11 +73,11 @@ class Quantity:
 
 
 Entry = str | int | float | Name | Quantity | None
-"""A float is a quantity with a value alone; None prints as a dash."""
+"""Cell of a table. A float is a quantity with only a value; None is printed as a dash."""
 
 
 def quantity(cell: Entry) -> Quantity | None:
-    """Return a cell's number, or why there is none; None where the cell is a text or empty."""
+    """Return the quantity of a cell; None for texts and empty cells."""
     if isinstance(cell, int | float):
         return Quantity(cell)
     return cell if isinstance(cell, Quantity) else None
@@ -85,20 +85,20 @@ def quantity(cell: Entry) -> Quantity | None:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table: one entry makes a new one.
+    """A column of a table.
 
     Attributes:
-        name: above it.
+        name: heading.
         kind: "number", or "text" that describes its row.
-        unit: of its numbers, as printed; "" for none.
-        format: of its numbers, as `format` reads it; or what writes a whole quantity, its unit too.
-        group: above the names of several columns.
-        about: facts on it for csv and json, such as metric and axis.
-        hidden: csv and json alone hold it, because the title says it to people.
-        marks_shown: False: csv and json alone have the marks of its cells, as a note says them.
-        by_sign: 1: cells above zero are coloured as better, below as worse; -1: the other way.
-        value: makes its cell from what a row is of, such as a model; None: the row has it under the
-            column's name. See `Table.of`.
+        unit: printed unit of its numbers; "" for none.
+        format: format specification of its numbers, or a function that writes a quantity with unit.
+        group: heading above the names of several columns.
+        about: facts about the column for csv and json, such as metric and axis.
+        hidden: True if only csv and json have the column, because the title has its value.
+        marks_shown: False if only csv and json have the marks of its cells.
+        by_sign: 1: cells above zero are coloured as better, below as worse; -1: the reverse.
+        value: function that makes the cell from the record of a row, such as a model; None: the
+            record has the cell under the column's name. See `Table.of`.
     """
 
     name: str
@@ -113,14 +113,14 @@ class Column:
     value: Callable[[Any], Entry] | None = None
 
     def text(self, cell: Entry) -> str:
-        """Return one of its cells for people, a dash where there is none."""
-        found = quantity(cell)
-        if found is None:
+        """Return a cell as text; a dash if it is empty."""
+        number = quantity(cell)
+        if number is None:
             return "-" if cell is None else str(cell)
         if callable(self.format):
-            return found.status or "-" if found.order is None else self.format(found)
-        mark = found.mark if self.marks_shown else ""
-        return " ".join(filter(None, (found.text(self.format), found.status, mark))) or "-"
+            return number.status or "-" if number.order is None else self.format(number)
+        mark = number.mark if self.marks_shown else ""
+        return " ".join(filter(None, (number.text(self.format), number.status, mark))) or "-"
 
 
 def text_columns(*names: str) -> list[Column]:
@@ -132,14 +132,14 @@ VALUE_FIELDS = (
     *("column", "value", "spread", "low", "high", "n", "part", "whole"),
     *("unit", "mark", "status"),
 )
-"""Of each number, in csv and json."""
+"""Fields of each number in csv and json."""
 MOST_NOTES = 4
 BEST_MARK = "*"
-"""Stands behind the best number of a column."""
+"""Mark of the best number of a column."""
 SCREEN = "screen"
 """Format of a terminal."""
 WRITTEN = ("github", "latex", "html", "json")
-"""Formats of long tables: not of a terminal, and not csv."""
+"""Formats of long tables: all except terminal and csv."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -147,16 +147,16 @@ class Table(BriefFields):
     """Rows of typed cells.
 
     Attributes:
-        title: above it.
-        columns: from left to right; those of text first.
-        rows: cells, one a column.
-        notes: beneath it.
-        unit: that the title names; the names of columns with another one say it.
+        title: text above the table.
+        columns: columns from left to right, text columns first.
+        rows: cells, one per column.
+        notes: texts below the table.
+        unit: unit in the title; headings of columns with another unit include it.
         about: facts for csv and json, such as data set, protocol and seed.
-        details: too long to stand beneath it; json alone has them.
-        brief: whether people see `MOST_NOTES` of its notes alone; json has all.
-        formats: that hold it, as `render` names them; none: all.
-        best_first: whether the first row is the best.
+        details: long notes, only in json.
+        brief: True to print only `MOST_NOTES` of its notes; json has all.
+        formats: formats of `render` that include the table; empty: all.
+        best_first: True if the first row is the best.
     """
 
     title: str
@@ -179,23 +179,25 @@ class Table(BriefFields):
         notes: Sequence[str] = (),
         **facts: Any,
     ) -> Self:
-        """Return a table with a row a record; each column's `value` makes its cell from it."""
+        """Return a table with a row per record, made by the columns' `value`."""
         values = [column.value or itemgetter(column.name) for column in columns]
         rows = [[value(record) for value in values] for record in records]
         return cls(title, columns, rows, notes, **facts)
 
     def heading(self, column: Column) -> str:
-        """Return a column's name, with its unit where neither title nor cells say it."""
+        """Return a column's name, with its unit unless title or cells have it."""
         named = column.unit in ("", self.unit) or callable(column.format)
         return column.name if named else f"{column.name} [{column.unit}]"
 
     def headings(self) -> list[str]:
-        """Return the heading of each column, after that of its group, in one line."""
-        return [": ".join(filter(None, (one.group, self.heading(one)))) for one in self.columns]
+        """Return the heading of each column in one line, with its group in front."""
+        return [
+            ": ".join(filter(None, (column.group, self.heading(column)))) for column in self.columns
+        ]
 
-    def shown(self) -> Table:
-        """Return what people see: no hidden columns and, where it is brief, few notes."""
-        seen = [number for number, one in enumerate(self.columns) if not one.hidden]
+    def visible_table(self) -> Table:
+        """Return the printed table: without hidden columns and, if brief, with few notes."""
+        seen = [number for number, column in enumerate(self.columns) if not column.hidden]
         rows = [[row[number] for number in seen] for row in self.rows]
         notes = list(dict.fromkeys(filter(None, self.notes)))
         if self.brief and len(notes) > MOST_NOTES:
@@ -205,14 +207,14 @@ class Table(BriefFields):
         return replace(self, columns=columns, rows=rows, notes=notes)
 
     def texts(self) -> list[list[str]]:
-        """Return each row's cells for people."""
+        """Return the cells of each row as texts."""
         return [
             [column.text(cell) for column, cell in zip(self.columns, row, strict=True)]
             for row in self.rows
         ]
 
     def records(self) -> Iterator[tuple[dict[str, object], list[dict[str, object]]]]:
-        """Yield each row: its texts by name of column, and its numbers (see `VALUE_FIELDS`)."""
+        """Yield each row: texts by column name, and numbers (see `VALUE_FIELDS`)."""
         for row in self.rows:
             texts: dict[str, object] = {}
             values = []
@@ -226,16 +228,16 @@ class Table(BriefFields):
             yield texts, values
 
     def lines(self) -> Iterator[dict[str, object]]:
-        """Yield a line for each number: the table's facts, the row's texts, and the number."""
+        """Yield a line per number: the table's facts, the row's texts, the number."""
         for texts, values in self.records():
             for value in values or [{}]:
                 yield {**self.about, **texts, **value}
 
 
 def _value(column: Column, cell: Entry) -> dict[str, object]:
-    """Return a number field by field; None where it has none."""
-    found = quantity(cell) or Quantity(status=str(cell or ""))
-    part, whole = found.share or (None, None)
-    numbers = (found.value, found.spread, found.low, found.high, found.n, part, whole)
-    texts = (column.unit, found.mark, found.status)
+    """Return the fields of a number; None for empty ones."""
+    number = quantity(cell) or Quantity(status=str(cell or ""))
+    part, total = number.share or (None, None)
+    numbers = (number.value, number.spread, number.low, number.high, number.n, part, total)
+    texts = (column.unit, number.mark, number.status)
     return dict(zip(VALUE_FIELDS, (column.name, *numbers, *texts), strict=True))

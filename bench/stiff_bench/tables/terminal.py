@@ -1,7 +1,7 @@
-"""Tables for a terminal: never wider than it, and readable without colours.
+"""Write tables for a terminal: never wider than it, and readable without colours.
 
-A table that is too wide is cut into blocks of columns below each other; each block repeats the
-first column. Texts of third parties are never read as markup.
+A wide table is divided into blocks of columns below each other. Each block repeats the first
+column. Texts of third parties are never interpreted as markup.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 SMALLEST_WIDTH, USUAL_WIDTH = 60, 100
-"""Columns of characters: of the narrowest terminal that is served, and where it is unknown."""
+"""Smallest supported width of a terminal, and width of an unknown terminal, in characters."""
 LONG_TEXT = 24
-"""A column of texts with more characters may be broken into lines; names as the last."""
+"""Width in characters above which a text column may get line breaks; names are broken last."""
 ONE_LINE = 10
-"""Longest heading that is not broken, characters."""
+"""Longest heading without line breaks, in characters."""
 GAP = 2
 BETTER, WORSE = "green", "red"
 
@@ -33,8 +33,8 @@ def screen_console(width: int | None = None, *, colors: bool | None = None) -> C
     """Return a console that writes into memory.
 
     Args:
-        width: characters; None: those of the terminal.
-        colors: None: those that the terminal of standard output has.
+        width: width in characters; None: width of the terminal.
+        colors: True for colours; None: as the terminal of standard output supports.
     """
     from rich.console import Console
 
@@ -58,7 +58,7 @@ def screen_console(width: int | None = None, *, colors: bool | None = None) -> C
 
 
 def screen_text(tables: Sequence[Table], *, text: str = "", console: Console | None = None) -> str:
-    """Return tables as a terminal shows them; `text` stands above."""
+    """Return tables for a terminal, below a `text`."""
     console = console or screen_console()
     if text:
         print_lines(console, text, style="bold")
@@ -66,18 +66,18 @@ def screen_text(tables: Sequence[Table], *, text: str = "", console: Console | N
     for number, table in enumerate(tables):
         if number:
             console.print()
-        print_table(console, table.shown())
+        print_table(console, table.visible_table())
     return screen_of(console)
 
 
 def screen_of(console: Console) -> str:
-    """Return what was printed on a console of `screen_console`."""
+    """Return the text printed on a console of `screen_console`."""
     assert isinstance(console.file, io.StringIO)
     return "\n".join(line.rstrip() for line in console.file.getvalue().rstrip("\n").split("\n"))
 
 
 def print_lines(console: Console, text: str, style: str = "") -> None:
-    """Print a text, broken between words."""
+    """Print a text with line breaks between words."""
     from rich.text import Text
 
     console.print(Text(one_line(text).replace("`", ""), style=style))
@@ -97,13 +97,16 @@ def print_table(console: Console, table: Table) -> None:
 
 
 def _blocks(table: Table, width: int) -> Iterator[dict[int, int]]:
-    """Yield the columns of each block: number -> its width in characters."""
+    """Yield the columns of each block: widths in characters by column number."""
     widths = [_column_width(table, number) for number in range(len(table.columns))]
     if not widths:
         return
     spare = width - sum(widths) - GAP * len(widths)
     texts = [n for n in range(1, len(widths)) if table.columns[n].kind == "text"]
-    for number in (*sorted(texts, key=lambda n: -widths[n]), 0):  # the longest is broken first
+    for number in (
+        *sorted(texts, key=lambda n: -widths[n]),
+        0,
+    ):  # the widest text column is narrowed first
         if spare < 0 and widths[number] > LONG_TEXT:
             narrower = max(LONG_TEXT, widths[number] + spare)
             spare += widths[number] - narrower
@@ -127,7 +130,7 @@ def _blocks(table: Table, width: int) -> Iterator[dict[int, int]]:
 
 
 def _column_width(table: Table, number: int) -> int:
-    """Return what a column needs: its longest cell, or the longest word above it."""
+    """Return the width of a column: its longest cell or word of the heading."""
     from rich.cells import cell_len
 
     column = table.columns[number]
@@ -172,7 +175,7 @@ def _is_best(entry: Entry) -> bool:
 
 
 def _cell(column: Column, entry: Entry, width: int) -> Any:
-    """Return a cell: the best of a column is bold, what is better or worse has a colour."""
+    """Return a cell; the best of a column is bold, changes are coloured."""
     from rich.text import Text
 
     text = one_line(column.text(entry))
@@ -180,7 +183,7 @@ def _cell(column: Column, entry: Entry, width: int) -> Any:
         text = text.replace(OPTION_MARK, f"\n{OPTION_MARK}")
     number = quantity(entry)
     style = ""
-    if _is_best(entry):  # in front, so that numbers stay below each other
+    if _is_best(entry):  # mark in front, so that numbers stay aligned
         text = f"{BEST_MARK} {text.removesuffix(BEST_MARK).rstrip()}"
         style = f"bold {BETTER}"
     elif number is not None and column.by_sign and number.order:

@@ -1,4 +1,4 @@
-"""How units are printed: SI inside, what the field reads outside."""
+"""Convert SI units to printed units."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ PRINTED: dict[Unit, tuple[str, float]] = {
     "B": ("MiB", 2.0**-20),
     "1/s": ("1/s", 1.0),
 }
-"""Unit of a metric -> the unit it is printed in, and how many of those it is."""
+"""Printed unit and conversion factor, by unit of a metric."""
 
 
 MM = PRINTED["m"][1]
-"""Millimetres in a metre."""
+"""Millimetres per metre."""
 
 
 def percent(share: float) -> str:
-    """Return a share for people."""
+    """Format a share as per cent."""
     return f"{100.0 * share:.4g} %"
 
 
 def counted(number: int, thing: str) -> str:
-    """Return "1 split", "5 splits"."""
+    """Return a number with its noun: "1 split", "5 splits"."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
 def first_few(names: Sequence[str], most: int = 3) -> str:
-    """Return the first of some names, and how many more there are.
+    """Return the first names, and the number of further ones.
 
     >>> first_few(["a", "b", "c", "d", "e"])
     'a, b, c and 2 more'

@@ -1,4 +1,4 @@
-"""The board: one vote a robot, measured robots apart, and a headline that follows the numbers."""
+"""The board: one vote per robot, measured robots apart, and a headline that follows the numbers."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def test_rivals_that_cannot_be_told_apart_are_named(made):
     for number, ratio in enumerate(GOOD):
         rival = ratio * (0.9 if number % 2 else 1.15)
         add_robot(made, number, {"net": ratio, "rival": rival})
-    assert "rival cannot be told apart" in sentence(board_of(made), "How sure")
+    assert "Not significantly worse: rival" in sentence(board_of(made), "How sure")
 
 
 def test_controls_compare_a_model_with_its_own_beginning(made):

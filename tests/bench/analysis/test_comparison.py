@@ -171,7 +171,7 @@ def test_splits_that_one_of_them_lacks_are_left_out_and_named(tmp_path):
     assert found.n_splits == 3
     kept = [0, 2, 4]
     assert found.row("x").means[1] == pytest.approx(np.mean([B_SPLITS[k] for k in kept]))
-    assert "a lacks 2 of 5 splits (failed: it broke)" in text_of(folder)
+    assert "a has no result on 2 of 5 splits (failed: it broke)" in text_of(folder)
     store_results(folder, PAIR, failed={"b": range(5)}, condition="n = 5")
     with pytest.raises(ConfigError, match=r"b has no result \(failed: it broke\)"):
         report_on(folder, conditions=("n = 5",))
@@ -202,7 +202,7 @@ def test_what_must_stand_beside_the_names_stands_there(tmp_path):
     assert "made (measured)" in text
     *_, last, _ = json.loads(shown(report, "json"))["tables"]
     said = "\n".join(last["notes"])
-    for note in ("Different training data", "b alone picked", "the test part picks", "by hand."):
+    for note in ("Different training data", "only b picked", "the test part picks", "by hand."):
         assert note in said
 
 
@@ -219,7 +219,7 @@ def test_a_model_may_spell_out_the_defaults_that_its_results_were_made_with(tmp_
     for word in ("knn@neighbours=6", "knn@colour=red"):
         with pytest.raises(ConfigError, match=f"'{word}'.*valid: a, knn, knn@weights"):
             report_on(folder, b=word)
-    with pytest.raises(ConfigError, match="compare 'a' with another model than itself"):
+    with pytest.raises(ConfigError, match="both models are 'a'"):
         report_on(folder, b="a@depth=3")
 
 
@@ -271,7 +271,7 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
     folder = store_results(tmp_path / "r", PAIR)
     store_results(folder, {"vjm@slopes=2": PAIR["a"]}, condition="elsewhere")
     for words, message in (
-        ({"b": "a"}, "compare 'a' with another model than itself"),
+        ({"b": "a"}, "both models are 'a'"),
         ({"b": "vjm@slopes=3"}, "'vjm@slopes=3'; did you mean 'vjm@slopes=2'"),
         ({"b": "aa"}, r"'aa'; did you mean 'a'\? \(valid: a, b, vjm@slopes=2"),
         (
@@ -297,7 +297,7 @@ def test_models_that_met_only_under_another_tcp_are_told_so(tmp_path):
     store_results(tmp_path, {"a": PAIR["a"]}, data=data)
     store_results(tmp_path, {"b": PAIR["b"]}, data=moved)
     with pytest.raises(
-        ConfigError, match=r"no comparison in common: .*; made stands for different .*: TCP \("
+        ConfigError, match=r"no comparison in common: .*; made is the name of different .*: TCP \("
     ):
         report_on(tmp_path)
 

@@ -182,7 +182,7 @@ def test_splits_that_all_models_have_count_and_there_must_be_one(made):
 @pytest.mark.parametrize(
     ("older", "newer", "said"),
     [
-        ({"version": 1}, {"version": 0}, "twin stands for different data here: samples ("),
+        ({"version": 1}, {"version": 0}, "twin is the name of different data here: samples ("),
         ({"source": "old"}, {"source": "new"}, "different pre-training data here (new, old)"),
     ],
 )
@@ -270,7 +270,7 @@ def test_a_table_shows_the_caveats_of_its_own_data_sets_alone(made):
     [
         ("coverage", None, "its best value is the nominal one"),
         ("width", None, "narrower intervals are better only at equal coverage"),
-        ("norm", "x", "metrics with axes are mae"),
+        ("norm", "x", r"metric with axes \(mae"),
         ("maw", None, "did you mean 'mae'"),
     ],
 )

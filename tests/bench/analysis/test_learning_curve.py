@@ -36,7 +36,7 @@ def test_the_law_of_errors_without_scatter_is_told_with_its_exponent(rng, c):
     law = PowerLaw(0.05e-3, 0.4e-3, c)
     errors = errors_of(law, rng)
     found = learning_curve(errors, resamples=30)
-    assert found.told
+    assert found.exponent_is_fitted
     assert found.law.c == pytest.approx(c, rel=1e-3)
     np.testing.assert_allclose(errors.mean, [law(n) for n in SIZES], rtol=1e-12)
     assert found.law(120) == pytest.approx(law(120), rel=1e-4)
@@ -70,8 +70,10 @@ def test_intervals_of_what_more_poses_gain_hold_it(rng):
 
 def test_errors_that_do_not_tell_the_exponent_get_the_usual_one(rng):
     found = learning_curve(errors_of(PowerLaw(0.1e-3, 0.1e-3, 0.5), rng, scatter=0.5), resamples=30)
-    assert not found.told and found.law.c == USUAL_EXPONENT
-    assert len({law.c for law in found.others}) == 30  # the interval holds other exponents, too
+    assert not found.exponent_is_fitted and found.law.c == USUAL_EXPONENT
+    assert (
+        len({law.c for law in found.resampled_laws}) == 30
+    )  # the interval holds other exponents, too
 
 
 @pytest.mark.parametrize("errors", [[1.0] * 6, [1.0, 1.1, 1.2, 1.3, 1.4, 1.5], [0.0] * 6])

@@ -9,7 +9,7 @@ from helpers.compared_results import N_POSES, case_in, made_data, spread, store_
 from stiff_bench.analysis.comparison import paired_results
 from stiff_bench.analysis.comparison_text import place_text
 from stiff_bench.analysis.verdict import Question
-from stiff_bench.analysis.where import telling, where_better
+from stiff_bench.analysis.where import best_divisions, where_better
 from stiff_bench.store.samples import data_content, stored_data
 
 ALL = [np.arange(N_POSES)]
@@ -35,7 +35,7 @@ def test_a_model_that_is_worse_under_heavy_loads_is_found_to_be_so_there_alone(t
     force = np.linalg.norm(made_data().samples.wrench[:, :3], axis=1)
     heavy = force > np.quantile(force, 2 / 3)
     found, _ = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=worse_where(heavy))
-    light, middle, hard = [place for place in telling(found) if place.factor.name == "force"]
+    light, middle, hard = [place for place in best_divisions(found) if place.factor.name == "force"]
     assert [place.verdict for place in (light, middle, hard)] == ["equivalent", "equivalent", "a"]
     assert hard.values == pytest.approx((force[heavy].min(), force.max()))
     difference = hard.means[0] - hard.means[1]
@@ -52,10 +52,13 @@ def test_of_each_kind_the_division_that_explains_most_is_shown(tmp_path):
     b = worse_where((torque > np.quantile(torque, 2 / 3)) + 1.0 * high)
     found, stored = found_in(tmp_path, a=spread(1e-4, 1e-5, seed=2), b=b)
     np.testing.assert_array_equal(stored.tcp, data.robot.tcp_position(data.samples.q))
-    shown = {place.factor.kind: place.factor.name for place in telling(found)}
+    shown = {place.factor.kind: place.factor.name for place in best_divisions(found)}
     assert shown["joint torque"] == f"torque on {stored.robot.joint_names[3]}"
     assert shown["pose region"] == "part of the plan"
-    assert [p.values for p in telling(found) if p.factor.kind == "pose region"] == ["far", "near"]
+    assert [p.values for p in best_divisions(found) if p.factor.kind == "pose region"] == [
+        "far",
+        "near",
+    ]
     # group, reach, height, force, six joints; the loads have no torque at the TCP to divide by
     assert len(found) == 2 + 9 * 3
 
@@ -71,7 +74,7 @@ def test_noise_is_not_sold_as_a_finding(tmp_path):
 def test_p_values_are_corrected_for_all_places_that_were_looked_at(tmp_path):
     found, _ = found_in(tmp_path, a=spread(1e-4, 1e-6), b=worse_where(np.ones(N_POSES)))
     largest = 2 * 0.5**13  # A is better at each of 13 poses
-    assert min(place.estimate.p_value for place in telling(found)) > largest
+    assert min(place.estimate.p_value for place in best_divisions(found)) > largest
     assert {place.verdict for place in found} == {"a"}
 
 
@@ -82,7 +85,7 @@ def test_a_division_needs_so_many_poses_in_every_part(tmp_path, n_tested, n_plac
     tested = every[:8] if n_tested == 8 else np.setdiff1d(every, spared[: N_POSES - n_tested])
     found, _ = found_in(tmp_path, [tested], **APART)
     assert len(found) == n_places
-    assert bool(telling(found)) == (n_places > 0)
+    assert bool(best_divisions(found)) == (n_places > 0)
 
 
 def test_a_sample_that_several_splits_test_counts_once(tmp_path):

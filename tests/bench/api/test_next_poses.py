@@ -132,7 +132,7 @@ def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur
     lengths = np.linalg.norm(samples.deflection, axis=1)
     order = np.argsort(samples.pose_id)
     np.testing.assert_allclose(zero.totals[3, 0], zero.counts[3] * lengths[order])
-    with pytest.raises(DataError, match="14 poses, it needs at least 15"):
+    with pytest.raises(DataError, match="14 poses; at least 15 are needed"):
         errors("vjm", 14)
 
 

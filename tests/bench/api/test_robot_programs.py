@@ -176,7 +176,7 @@ def test_loads_by_line_are_those_of_the_motions(tmp_path):
     loads.write_text("line,fx_N,fy_N,fz_N\n3,0,0,0\n4,0,0,-20\n5,0,0,-40\n")
     model = model_of("kr10-r1100-2")
     done = compensate_program(model, file, tmp_path / "b.src", loads=loads)
-    removed = np.linalg.norm(done.path.found.removed, axis=1)
+    removed = np.linalg.norm(done.path.compensation.removed, axis=1)
     assert removed[0] == 0.0
     assert removed[2] == pytest.approx(2.0 * removed[1], rel=1e-2)
     for text, part in (

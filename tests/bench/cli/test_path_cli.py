@@ -99,7 +99,7 @@ def test_commands_of_a_model_of_another_point_are_for_the_tcp_and_say_so(
     found, written = corrected(pd.read_csv(square), model=model, coverage=0.9)
     wrench = pd.read_csv(square)[LOADS].to_numpy()
     at_tcp = model.fitted.predict_at_tcp(np.radians(written[JOINTS].to_numpy()), wrench)
-    np.testing.assert_allclose(found.found.deflection, at_tcp, atol=1e-8)
+    np.testing.assert_allclose(found.compensation.deflection, at_tcp, atol=1e-8)
     interval = found.prediction_error.interval
     middle = 0.5 * (interval.lower + interval.upper)
     np.testing.assert_allclose(middle, at_tcp, atol=1e-8)
@@ -134,8 +134,10 @@ def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_
 
     def same(path: pd.DataFrame, **options: object) -> pd.DataFrame:
         found, again = corrected(path, **options)
-        np.testing.assert_allclose(found.found.q, usual.found.q, atol=1e-9)
-        np.testing.assert_allclose(found.found.position, usual.found.position, atol=1e-9)
+        np.testing.assert_allclose(found.compensation.q, usual.compensation.q, atol=1e-9)
+        np.testing.assert_allclose(
+            found.compensation.position, usual.compensation.position, atol=1e-9
+        )
         return again
 
     turn = Rotation.from_euler("ZYX", wanted[ANGLES], degrees=True)
@@ -166,16 +168,23 @@ def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_
 def test_joint_angles_stand_for_poses_and_choose_the_configuration(square, corrected, vjm):
     wanted = pd.read_csv(square)
     usual, written = corrected(wanted.assign(fz_N=0.0, fy_N=0.0, tz_Nm=0.0))
-    np.testing.assert_allclose(usual.found.position, usual.found.wanted, atol=1e-12)
+    np.testing.assert_allclose(usual.compensation.position, usual.compensation.wanted, atol=1e-12)
     by_joints = pd.concat([written[JOINTS], wanted[LOADS]], axis=1)
     again, _ = corrected(by_joints)
     from_poses, _ = corrected(wanted)
-    np.testing.assert_allclose(again.found.q, from_poses.found.q, atol=1e-7)
-    mirrored = np.degrees(from_poses.found.q[0]) * [1, 1, 1, 1, -1, 1] + [0, 0, 0, 180, 0, 180]
+    np.testing.assert_allclose(again.compensation.q, from_poses.compensation.q, atol=1e-7)
+    mirrored = np.degrees(from_poses.compensation.q[0]) * [1, 1, 1, 1, -1, 1] + [
+        0,
+        0,
+        0,
+        180,
+        0,
+        180,
+    ]
     other, _ = corrected(wanted, start=tuple(mirrored))
-    assert (other.found.q[:, 4] < 0.0).all()
-    assert (from_poses.found.q[:, 4] > 0.0).all()
-    assert (np.linalg.norm(other.found.residual, axis=1) < 1e-6).all()
+    assert (other.compensation.q[:, 4] < 0.0).all()
+    assert (from_poses.compensation.q[:, 4] > 0.0).all()
+    assert (np.linalg.norm(other.compensation.residual, axis=1) < 1e-6).all()
 
 
 class Wild:
@@ -208,7 +217,7 @@ def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, c
     assert (written["removed_mm"] > 0.0).tolist() == [True, False, True, True]
     assert (written["expected_error_mm"] == "").all() and "fit again" in repr(found)
     assert found.expected_error is None
-    np.testing.assert_array_equal(found.found.converged, [True, False, True, True])
+    np.testing.assert_array_equal(found.compensation.converged, [True, False, True, True])
 
 
 @pytest.mark.slow

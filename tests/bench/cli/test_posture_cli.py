@@ -132,7 +132,7 @@ def test_a_saving_within_the_models_uncertainty_is_called_so(ranked, vjm):
 def test_without_a_coverage_no_uncertainty_is_claimed(vjm):
     ranked = rank_postures(vjm, given=GIVEN, load=LOAD)
     assert np.isnan(ranked.uncertainty) and not ranked.is_within_uncertainty
-    assert "none asked for" in repr(ranked)
+    assert "not computed; add --coverage" in repr(ranked)
 
 
 def test_a_box_for_the_workpiece_never_ranks_worse_than_the_point_itself(vjm, ranked):
@@ -158,7 +158,7 @@ def test_a_smooth_turn_along_a_path_is_no_worse_than_one_turn(vjm, line, tmp_pat
     written = pd.read_csv(tmp_path / "one.csv")
     np.testing.assert_allclose(np.radians(written[JOINTS]), constant.best.q, atol=1e-9)
     corrected = sb.compensate_path(vjm, tmp_path / "one.csv", tmp_path / "commands.csv")
-    np.testing.assert_allclose(corrected.found.before, constant.best.deflection, atol=1e-9)
+    np.testing.assert_allclose(corrected.compensation.before, constant.best.deflection, atol=1e-9)
 
 
 def test_a_path_of_joint_angles_is_the_given_posture(vjm, line, tmp_path):

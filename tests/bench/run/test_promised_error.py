@@ -22,10 +22,10 @@ def promised_and_found(
     assert "0 of 41 points are beyond" in sb.example_path("square", path, points=41, model=model)
     corrected = sb.compensate_path(model, path, folder / "new.csv", coverage=coverage)
     wrench = pd.read_csv(path)[LOADS].to_numpy()
-    commands = corrected.found.q
+    commands = corrected.compensation.q
     true_deflection = data.data.under_load(commands, wrench)
     stands = data.robot.tcp_position(commands) + true_deflection
-    found_error = np.linalg.norm(stands - corrected.found.wanted, axis=1)
+    found_error = np.linalg.norm(stands - corrected.compensation.wanted, axis=1)
     return float(corrected.expected_error.mean()), float(found_error.mean())
 
 

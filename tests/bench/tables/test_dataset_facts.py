@@ -202,7 +202,7 @@ FANUC = DatasetInfo(
 
 
 def test_a_card_that_is_not_there_is_named():
-    with pytest.raises(DataError, match=r"'fanuc-r2000ic': card 'data/absent\.md'.*expected"):
+    with pytest.raises(DataError, match=r"'fanuc-r2000ic': card 'data/absent\.md'.*use a path"):
         card_text("fanuc-r2000ic", "data/absent.md")
 
 

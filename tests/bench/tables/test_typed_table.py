@@ -35,7 +35,7 @@ def lines(*tables: Table) -> list[dict[str, str]]:
 
 
 def test_people_read_value_spread_interval_share_status_and_mark_and_a_dash_for_nothing():
-    shown = SMALL.shown()
+    shown = SMALL.visible_table()
     assert shown.texts() == [
         ["a [a mark]", "0.33 ± 0.14", "1 to 2", "5"],
         ["b", "FAILED", "-", "-"],
