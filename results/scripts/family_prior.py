@@ -1,4 +1,4 @@
-"""A prior of springs learned on other robots, beside today's: tried and not offered (docs/decisions.md).
+"""A prior of springs learned on other robots, tried and not offered (docs/decisions.md).
 
 A plugin for `bench run --plugin results/scripts/family_prior.py`; the page has the whole command.
 `vjm-family`, `vjm-full-family` and `vjm-multisegment-family` have the prior learned on 13 robots
