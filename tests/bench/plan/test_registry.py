@@ -154,8 +154,8 @@ def test_a_good_line_beside_a_taken_one_is_there_and_passes_the_conformance_suit
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        *(("version", v, "is not valid (use 1, 2") for v in (0, -1, 1.0, "1", True, None)),
-        ("library", None, "no text"),
+        *(("version", v, "not valid (use 1, 2") for v in (0, -1, 1.0, "1", True, None)),
+        ("library", None, "not a text"),
     ],
 )
 def test_a_version_is_a_positive_integer_and_a_library_a_distributions_name(field, value, message):

@@ -143,7 +143,10 @@ def test_values_of_a_file_get_their_options_types(grid_file):
         ("[knn]\nneighbours = {low = 3, high = 3}", ["low 3 must lie below high 3"]),
         ("[knn]\nneighbours = {low = 1, high = 3}", ["is a range, which search=grid cannot try"]),
         ("[ft-mlp]\nepochs = {low = 0, high = 9, log = true}", ["low 0 has no logarithm"]),
-        ("[ft-mlp]\nfreeze = ['full', 'layers:7']", ["freeze=layers:7: ", "'7' is no layer"]),
+        (
+            "[ft-mlp]\nfreeze = ['full', 'layers:7']",
+            ["freeze=layers:7: ", "does not have the layer '7'"],
+        ),
         ("[ft-mpl]\nfreeze = ['full']", ["has tables for ft-mpl, none for", "(ft-mlp, knn)"]),
         ("[knn", ["not TOML: "]),
     ],

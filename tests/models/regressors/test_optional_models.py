@@ -35,7 +35,7 @@ def test_weights_that_are_not_there_are_named_and_never_fetched(key, tmp_path, m
     monkeypatch.setattr(optional_packages, "missing", lambda package: "")
     missing = getattr(optional_packages, f"missing_{key}")
     file = tmp_path / "weights.ckpt"
-    assert f"{file} is not there" in missing(str(file)) and f"{key}.model_path" in missing(
+    assert f"{file} does not exist" in missing(str(file)) and f"{key}.model_path" in missing(
         str(file)
     )
     file.touch()
@@ -86,7 +86,7 @@ def test_tabicls_own_weights_are_looked_for_in_its_cache_alone(
     monkeypatch.setitem(sys.modules, "huggingface_hub", hub)
     reason = optional_packages.missing_tabicl()
     assert (reason == "") is (kept is not None)
-    assert kept or "tabicl-regressor.ckpt is not there" in reason
+    assert kept or "tabicl-regressor.ckpt does not exist" in reason
 
 
 @pytest.mark.parametrize("model", [RealMlp(), TabPfn(), TabIcl()])

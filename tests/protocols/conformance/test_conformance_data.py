@@ -117,7 +117,10 @@ def test_a_data_set_in_mm_or_of_chance_fails(fanuc):
     ("answer", "reason"),
     [
         (lambda q, wrench: np.zeros((len(q), 2)), "shape"),
-        (lambda q, wrench: np.random.default_rng().normal(size=(len(q), 3)), "other deflections"),
+        (
+            lambda q, wrench: np.random.default_rng().normal(size=(len(q), 3)),
+            "different deflections",
+        ),
         (lambda q, wrench: np.full((len(q), 3), 1.0), "squared deflection"),
     ],
 )

@@ -62,8 +62,8 @@ def test_every_corner_of_a_square_is_a_point_of_the_path(n):
     [
         ({"size": 0.0}, "size is 0"),
         ({"n_points": 4}, "at least 5"),
-        ({"rotation": 2.0 * np.eye(3)}, "no rotation"),
-        ({"rotation": np.diag([1.0, 1.0, -1.0])}, "no rotation"),
+        ({"rotation": 2.0 * np.eye(3)}, "not a rotation"),
+        ({"rotation": np.diag([1.0, 1.0, -1.0])}, "not a rotation"),
         ({"centre": (0.0, np.nan, 0.0)}, "centre"),
     ],
 )

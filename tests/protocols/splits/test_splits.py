@@ -48,7 +48,7 @@ def test_holdout_tests_a_fifth_of_the_poses_and_leave_one_out_each_one_in_the_da
             r"validation_fraction=0.9 .*valid: at most 3/4",
         ),
         (KFold(folds=3), 10, 4, r"splits 4: kfold has 3 splits.*kfold@folds=4"),
-        (LeaveOneOut(), 10, 2, "one split a pose"),
+        (LeaveOneOut(), 10, 2, "one split per pose"),
         (SampleEfficiency(), 4, None, "4 poses cannot be divided: test_fraction=0.2"),
         (SampleEfficiency(test_fraction=0.5), 2, None, "2 poses cannot be divided: test_frac"),
         (SampleEfficiency(), 1, None, "1 poses cannot be divided: test_fraction=0.2"),

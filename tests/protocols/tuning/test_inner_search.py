@@ -191,7 +191,7 @@ def test_ranges_draw_whole_numbers_or_powers_within_their_ends_and_fit_each_cand
         (
             FtMlp(device="cpu"),
             {"freeze": ("full", "layers:9")},
-            r"^freeze=layers:9: .*'9' is no layer",
+            r"^freeze=layers:9: .*does not have the layer '9'",
         ),
         (
             DtCnn(device="cpu"),
