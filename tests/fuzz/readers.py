@@ -123,7 +123,7 @@ def _grid(folder: Path) -> Prepared:
 
 
 def _study(folder: Path) -> Prepared:
-    valid = (files("stiff_studies") / "effects.toml").read_bytes()
+    valid = (files("stiff_studies") / "intervals.toml").read_bytes()
     read = partial(_planned_study, build_registry(), folder)
     return Prepared(folder / "study.toml", (valid,), read, hard_cases.tomls(valid))
 

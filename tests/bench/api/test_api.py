@@ -242,7 +242,7 @@ def test_results_are_merged_and_drawn(twin, tmp_path):
         (lambda: sb.use_plugin("none.py"), "plugin none.py"),
         (lambda: sb.open_results("none").leaderboard(), "results none"),
         (lambda: sb.figure("9", sb.open_results("none").select(models=["gp"])), "model gp"),
-        (lambda: sb.plan_poses("x.csv", robot="fanuc-r2000ic"), "payload of fanuc"),
+        (lambda: sb.plan_poses("x.csv", robot="fanuc-r2000ic"), "payload unknown for fanuc"),
     ],
 )
 def test_errors_name_the_argument_and_no_option_of_the_command_line(call, named):
@@ -272,7 +272,7 @@ def test_a_coverage_that_needs_more_poses_is_refused_by_the_arguments_name(twin,
     few = sb.Dataset.from_samples(twin.samples.take(np.arange(16)), twin.robot)
     model = sb.make_model("vjm").fit(few)
     few.frame().to_csv(tmp_path / "loads.csv")
-    with pytest.raises(ConfigError, match=r"^coverage 0\.9: vjm left 8 poses out.*at most 0\.8889"):
+    with pytest.raises(ConfigError, match=r"^coverage 0\.9: vjm left out 8 poses.*at most 0\.8889"):
         model.predict_file(tmp_path / "loads.csv", tmp_path / "out.csv", coverage=0.9)
     model.predict_interval(few.samples.q, few.samples.wrench, 0.88)
 

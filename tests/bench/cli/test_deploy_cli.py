@@ -151,10 +151,10 @@ def test_a_plugins_model_is_saved_and_read_where_its_file_is_named(plugin_file, 
     assert refused.returncode == 2 and "--plugin" in refused.stderr
     bench(*words, "--plugin", plugin)
     assert pd.read_csv(tmp_path / "out.csv")["extrapolates"].tolist() == ["load"]
-    plugin.write_text(plugin.read_text() + "\n# other code\n")
+    plugin.write_text(plugin.read_text() + "\n# plugin file has changed\n")
     (tmp_path / "out.csv").unlink()
     refused = bench_here(*words, "--plugin", plugin, cwd=tmp_path)
-    assert refused.returncode == 2 and "other code" in refused.stderr
+    assert refused.returncode == 2 and "plugin file has changed" in refused.stderr
 
 
 def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet(

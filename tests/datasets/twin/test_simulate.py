@@ -51,6 +51,6 @@ def test_an_unknown_ending_and_a_folder_that_is_not_there_are_refused(tmp_path):
     ):
         simulate(tmp_path / "s.xls", omni(), 10)
     with pytest.raises(
-        StoreError, match=r"absent/s\.csv: cannot be written: .* no folder .*absent$"
+        StoreError, match=r"absent/s\.csv: cannot be written: .* folder .*absent does not exist"
     ):
         simulate(tmp_path / "absent" / "s.csv", omni(), 10)
