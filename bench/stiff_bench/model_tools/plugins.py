@@ -1,4 +1,4 @@
-"""What `bench check` and `bench new` do."""
+"""Check plugins (`bench check`) and write new ones (`bench new`)."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ _MARKS: dict[Status, str] = {"passed": "✓", "failed": "✗", "not applicable":
 
 @dataclass(frozen=True, repr=False)
 class CheckResults:
-    """What was checked.
+    """Outcomes of the checks of a plugin.
 
     Attributes:
-        where: of what, and on which data.
-        checks: each with its outcome.
+        where: the checked entry and its data.
+        checks: checks with their outcomes.
     """
 
     where: str
@@ -48,7 +48,7 @@ class CheckResults:
 
     @property
     def kept(self) -> bool:
-        """Whether nothing failed."""
+        """Return whether no check failed."""
         return all(check.status != "failed" for check in self.checks)
 
     def __repr__(self) -> str:
@@ -80,8 +80,8 @@ def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registr
         with display():
             return CheckResults(_named(choice), check_dataset(choice.make))
     kind: Kind = "model" if isinstance(info, ModelInfo) else "protocol"
-    found = chosen({kind: (key,), "dataset": (dataset,)}, settings, registry)
-    (subject,), (on,) = found.values()
+    choices_by_kind = chosen({kind: (key,), "dataset": (dataset,)}, settings, registry)
+    (subject,), (on,) = choices_by_kind.values()
     if isinstance(info, ModelInfo):
         subject = replace(subject, params={**info.quick, **subject.params})
     _refuse_missing(subject)
@@ -114,8 +114,8 @@ def _save_plugin(choice: Choice[Any], robot: Robot, model: Any, path: Path) -> N
 
 
 def _refuse_missing(choice: Choice[Any]) -> None:
-    if why := choice.missing():
-        raise ConfigError(f"{choice.info.key!r} cannot be checked here: {why}")
+    if reason := choice.missing():
+        raise ConfigError(f"{choice.info.key!r} cannot be checked here: {reason}")
 
 
 def _named(choice: Choice[Info]) -> str:

@@ -1,1 +1,1 @@
-"""What a run was asked for: registry, options, and the cells that follow."""
+"""Plan a run: registry, options, and the resulting cells."""

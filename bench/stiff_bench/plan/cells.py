@@ -32,21 +32,21 @@ NO_TEST = (
     "reports samples that the models learned from among the others: its errors are no test errors, "
     "and are neither ranked nor compared."
 )
-"""What a protocol that declares `reports_training` does."""
+"""Note for a protocol that declares `reports_training`."""
 NO_SOURCE = "no pre-training"
-"""Regime of a model that has no source domain, where the others' comes from another robot."""
+"""Regime of a model without source domain, if other models have one of another robot."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CellTask(Evaluation):
-    """A cell and everything that computes it: a model, and the evaluation that it takes part in.
+    """Hold a cell with its model and its evaluation.
 
     Attributes:
         cell: its identity.
-        shown: what must stand beside its numbers.
-        model: the line it was made from.
-        chooses_epoch: the model as it is set up uses validation rows.
-        n_splits: of its protocol on its data set, in one condition.
+        shown: names, marks and notes to show with its numbers.
+        model: catalogue line of the model with its options.
+        chooses_epoch: True if the model chooses its epoch by validation rows.
+        n_splits: number of splits of its protocol on its data set, in one condition.
     """
 
     cell: Cell
@@ -72,11 +72,11 @@ def made_model(choice: Choice[ModelInfo], source: BenchmarkData | None) -> Stiff
 def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
     """Yield every cell of some plans once: data set by protocol by split by model.
 
-    All splits of a data set under a protocol are checked before its first cell comes.
+    All splits of a data set under a protocol are checked before its first cell.
 
     Raises:
-        StiffBenchError: a data set cannot be loaded or divided, or is no source for another; a
-            grid of options to choose from is wrong.
+        StiffBenchError: a data set cannot be loaded or divided, or is not a valid source for
+            another; a grid of candidate options is wrong.
     """
     seen: set[str] = set()
     # plans of one study share their data sets, and what protocols make of them
@@ -89,7 +89,7 @@ def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
         return held[choice.name]
 
     for plan in plans:
-        models = {one.name: models_under(one, plan.models) for one in plan.protocols}
+        models = {protocol.name: models_under(protocol, plan.models) for protocol in plan.protocols}
         sources = {word: once(choice) for word, choice in plan.sources.items()}
         for dataset in plan.datasets:
             data = once(dataset)
@@ -109,15 +109,15 @@ def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
 def models_under(
     protocol: Choice[ProtocolInfo], models: Sequence[Choice[ModelInfo]]
 ) -> Sequence[Choice[ModelInfo]]:
-    """Return the models as a protocol has them fitted: as they are, or tuned in their own fits.
+    """Return the models for a protocol: unchanged, or tuned in their fits.
 
     Raises:
-        ConfigError: there are no candidates for these models, or one does not fit the others.
+        ConfigError: a protocol has no candidates for these models, or a candidate is wrong.
     """
     tuner, classes = make_protocol(protocol), {model.info.key: model.cls for model in models}
 
-    def parse(said: str, info: ModelInfo, name: str, text: str) -> object:
-        return parse_option(said, info.key, classes[info.key], name, text)
+    def parse(source_text: str, info: ModelInfo, name: str, text: str) -> object:
+        return parse_option(source_text, info.key, classes[info.key], name, text)
 
     grids = tuner.grids([model.info for model in models], parse)
     if grids is None:
@@ -125,8 +125,10 @@ def models_under(
     tuned = []
     for model in models:
         grid, is_set = grids.get(model.info.key, {}), {**model.params, **model.context}
-        left = {name: values for name, values in grid.items() if name not in is_set}
-        choice = TunedChoice(model.info, model.cls, model.params, model.context, tuner, left)
+        open_options = {name: values for name, values in grid.items() if name not in is_set}
+        choice = TunedChoice(
+            model.info, model.cls, model.params, model.context, tuner, open_options
+        )
         try:
             check_model(choice)
         except ConfigError as error:
@@ -136,7 +138,7 @@ def models_under(
 
 
 class _Prepared(NamedTuple):
-    """A protocol that has seen a data set, and the data as it is divided."""
+    """Hold a protocol that was prepared with a data set, and the data that it divides."""
 
     choice: Choice[ProtocolInfo]
     protocol: EvaluationProtocol
@@ -246,10 +248,10 @@ def _divided(
     data: BenchmarkData,
     plan: RunPlan,
 ) -> tuple[Sequence[Split], Mapping[str, int], Mapping[str, Split]]:
-    """Return splits that can be used and do not leak, with what was seen of them.
+    """Return valid splits without leaks, their counts, and the first split of each source.
 
-    That is how many each condition has, and the first one of each source, "" for the training
-    rows. Where the protocol is ours, splits are computed while they are looked at.
+    Counts are by condition; the source of the training rows is "". Splits of built-in protocols
+    are computed one at a time.
     """
     n_splits: Counter[str] = Counter()
     first_of_source: dict[str, Split] = {}
@@ -261,9 +263,9 @@ def _divided(
             yield split
 
     with _naming(dataset, choice):
-        found = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
-        # a stranger's collection need not give the same splits twice
-        splits = found if isinstance(found, LazySplits) else tuple(found)
+        given_splits = protocol.splits(data.samples, n_splits=plan.splits, seed=plan.seed)
+        # a third-party collection may give other splits on a second pass
+        splits = given_splits if isinstance(given_splits, LazySplits) else tuple(given_splits)
         fault = first_fault(
             seen(splits),
             len(data.samples),
@@ -273,20 +275,20 @@ def _divided(
     if fault:
         raise ConfigError(f"protocol {choice.info.key!r}: {fault}")
     if unknown := first_of_source.keys() - {"", *plan.sources}:
-        why = f"a split's source is {min(unknown)!r}, which its source_datasets does not return"
+        reason = f"a split's source is {min(unknown)!r}, which its source_datasets does not return"
         valid = ", ".join(plan.sources) or "none"
-        raise ConfigError(f"protocol {choice.info.key!r}: {why} (valid: {valid})")
+        raise ConfigError(f"protocol {choice.info.key!r}: {reason} (valid: {valid})")
     return splits, n_splits, first_of_source
 
 
 @contextmanager
 def _naming(dataset: Choice[DatasetInfo], protocol: Choice[ProtocolInfo]) -> Iterator[None]:
-    """Turn what a protocol raises inside the block into a ConfigError that names it."""
+    """Turn errors of a protocol inside the block into a ConfigError that names it."""
     try:
         yield
     except StiffBenchError as error:
         raise ConfigError(f"{dataset.name} under {protocol.name}: {error}") from error
-    except Exception as error:  # whatever a stranger's protocol raises
+    except Exception as error:  # a third-party protocol may raise anything
         raise ConfigError(f"protocol {protocol.info.key!r}: {said_by(error)}") from error
 
 
@@ -296,22 +298,22 @@ def uses_validation(info: ModelInfo, model: StiffnessModel) -> bool:
 
 
 def version_of(choice: Choice[ModelInfo]) -> str:
-    """Return what tells a model's numbers from those of an older state of it.
+    """Return the version of a model, which changes whenever its numbers may change.
 
-    Of a built-in model its version, with that of the library that it wraps; of a plugin's the hash
-    of its files too, and the versions of the built-in models whose classes it extends.
+    For a built-in model: its version and the version of the library that it wraps. For a plugin's
+    model also the hash of its files and the versions of the built-in models that it extends.
     """
     info = choice.info
     bases = {f"{base.__module__}:{base.__qualname__}" for base in choice.cls.__mro__}
     extended = [] if info in MODELS else [line for line in MODELS if line.target in bases]
     library = f"{info.library} {installed(info.library)}" if info.library else ""
     code = code_of(choice.cls, type(choice.make()))
-    words = [str(info.version), library, *(f"{one.key} {one.version}" for one in extended), code]
+    words = [str(info.version), library, *(f"{base.key} {base.version}" for base in extended), code]
     return ", ".join(filter(None, words))
 
 
 def installed(package: str) -> str:
-    """Return the version of an installed package, or that it is not."""
+    """Return the version of a package, or "not installed"."""
     try:
         return version(package)
     except PackageNotFoundError:

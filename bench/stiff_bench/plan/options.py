@@ -1,8 +1,8 @@
-"""What is chosen and with which options: catalogue lines, and the words of a command line.
+"""Turn words of a command line into catalogue lines with typed options.
 
-An option's type is the constructor argument's annotation (with `annotated_types` bounds), or the
-type of its default where there is no annotation. Words are taken apart here and nowhere else; what
-follows them has the typed `Choice`.
+The type of an option is the annotation of the constructor argument (with `annotated_types`
+bounds), or the type of its default if it has no annotation. Words are split only here; later code
+uses the typed `Choice`.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Option:
 
     @property
     def required(self) -> bool:
-        """Whether it has no default."""
+        """Return whether it has no default."""
         return self.default is inspect.Parameter.empty
 
     @property
@@ -58,13 +58,13 @@ class Option:
         try:
             schema = TypeAdapter(self.annotation).json_schema()
         except PydanticUserError:
-            return str(self.annotation)  # a stranger's own type
+            return str(self.annotation)  # a type of a third-party class
         return " or ".join(_schema_text(part) for part in schema.get("anyOf", [schema]))
 
 
 @functools.cache
 def options_of(cls: type) -> Mapping[str, Option]:
-    """Return the constructor's options by name; asked for in every cell, read off once."""
+    """Return the constructor's options by name (cached)."""
     init = cls.__init__  # type: ignore[misc]
     try:
         hints = get_type_hints(cls if is_dataclass(cls) else init, include_extras=True)
@@ -83,17 +83,18 @@ def options_of(cls: type) -> Mapping[str, Option]:
     return options
 
 
-def parse_option(said: str, key: str, cls: type, name: str, value: Any) -> Any:
-    """Turn a value, or its text, into one of an option's type that a result can store.
+def parse_option(source_text: str, key: str, cls: type, name: str, value: Any) -> Any:
+    """Turn a value, or its text, into a value of the option's type that can be stored.
 
-    `said` is what the user wrote, for messages; `key` is of the catalogue line, `cls` its class.
+    `source_text` is the text of the user, for messages. `key` is the key of the catalogue line,
+    `cls` its class.
 
     Raises:
-        ConfigError: there is no such option, or its value is wrong.
+        ConfigError: the option does not exist, or its value is wrong.
     """
     options = options_of(cls)
     if name not in options:
-        raise ConfigError(f"{said}: {unknown_name(f'{key} option', name, options)}")
+        raise ConfigError(f"{source_text}: {unknown_name(f'{key} option', name, options)}")
     option, given = options[name], os.fspath(value) if isinstance(value, os.PathLike) else value
     if option.default is None and str(given).lower() == "none":
         return None
@@ -105,21 +106,27 @@ def parse_option(said: str, key: str, cls: type, name: str, value: Any) -> Any:
     validate = TypeAdapter.validate_strings if is_text else TypeAdapter.validate_python
     try:
         str(given).encode()
-        found = validate(TypeAdapter(option.annotation), given)
+        parsed_value = validate(TypeAdapter(option.annotation), given)
     except UnicodeEncodeError:
-        raise ConfigError(f"{said}: {given!r} is not valid UTF-8") from None
+        raise ConfigError(f"{source_text}: {given!r} is not valid UTF-8") from None
     except PydanticUserError:
-        raise ConfigError(f"{said}: {name} is a {option.type_text}, which no text gives") from None
+        raise ConfigError(
+            f"{source_text}: {name} is a {option.type_text}, which no text gives"
+        ) from None
     except ValidationError as error:
-        own = (one["ctx"]["error"] for one in error.errors() if one["type"] == "value_error")
-        why = "".join(f": {reason}" for reason in own)  # pydantic's words are for programmers
-        wrong = f"{said}: invalid {name} {given!r}{why}"
+        value_errors = (item for item in error.errors() if item["type"] == "value_error")
+        reasons = "".join(
+            f": {item['ctx']['error']}" for item in value_errors
+        )  # pydantic's words are for programmers
+        wrong = f"{source_text}: invalid {name} {given!r}{reasons}"
         raise ConfigError(f"{wrong} (valid: {option.type_text})") from None
-    if isinstance(found, float) and not math.isfinite(found):
-        raise ConfigError(f"{said}: {given!r} is not finite (valid: {option.type_text})")
-    if isinstance(found, int) and not -(2**63) <= found < 2**63:
-        raise ConfigError(f"{said}: {given} takes more than the 64 bits that a result stores")
-    return found
+    if isinstance(parsed_value, float) and not math.isfinite(parsed_value):
+        raise ConfigError(f"{source_text}: {given!r} is not finite (valid: {option.type_text})")
+    if isinstance(parsed_value, int) and not -(2**63) <= parsed_value < 2**63:
+        raise ConfigError(
+            f"{source_text}: {given} takes more than the 64 bits that a result stores"
+        )
+    return parsed_value
 
 
 _BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
@@ -138,13 +145,13 @@ def _schema_text(schema: Mapping[str, Any]) -> str:
 
 def _descriptions(cls: type) -> dict[str, str]:
     """Return the entries of the "Attributes:" or "Args:" sections, base classes first."""
-    found = {}
+    texts = {}
     for base in reversed(cls.__mro__):
         doc = inspect.cleandoc(vars(base).get("__doc__") or "")
         for section in re.findall(r"^(?:Attributes|Args):\n((?: {4}.*\n?|\n)+)", doc, re.M):
             for name, text in re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", section, re.M):
-                found[name] = " ".join(text.split())
-    return found
+                texts[name] = " ".join(text.split())
+    return texts
 
 
 @dataclass(frozen=True)
@@ -165,23 +172,23 @@ class Choice(Generic[Info]):
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Every option and its value, defaults too, but for the context: what a key hashes.
+        """Return every option and its value, with defaults and without the context.
 
-        A default spelled out is the same result, and a default that changes is another one. An
-        option that the class calls `added_later` is left out where it has its default, so that
-        results from before it keep their keys and seeds.
+        The key of a result hashes it. A default that is given explicitly is the same result; a
+        changed default is another result. Options in the `added_later` of the class are omitted
+        at their default, so that older results keep their keys and seeds.
         """
         defaults = {name: option.default for name, option in options_of(self.cls).items()}
         later = getattr(self.cls, "added_later", ())
-        found = {}
+        stored_options = {}
         for name, value in {**defaults, **self.params}.items():
             if name in self.context or (name in later and value == defaults[name]):
                 continue
             plain = isinstance(value, str | int | float | type(None))
             if not plain or (isinstance(value, float) and not math.isfinite(value)):
                 value = str(value)  # JSON has no infinity and no NaN
-            found[name] = value
-        return found
+            stored_options[name] = value
+        return stored_options
 
     @classmethod
     def of(cls, info: Info, params: Mapping[str, Any] | None = None) -> Choice[Info]:
@@ -194,10 +201,10 @@ class Choice(Generic[Info]):
 
     @classmethod
     def of_stored(cls, info: Info, identity: Mapping[str, Any]) -> Choice[Info]:
-        """Return the choice that has an `identity`, as a stored cell has it.
+        """Return the choice for the `identity` in a stored cell.
 
         Raises:
-            ConfigError: there is no such option any more, or no such value of it.
+            ConfigError: the option or its value does not exist any more.
         """
         usual = cls.of(info).identity
         changed = {k: v for k, v in identity.items() if k not in usual or usual[k] != v}
@@ -208,7 +215,7 @@ class Choice(Generic[Info]):
 
     @property
     def options_text(self) -> str:
-        """What was set, for people: "name=value, ..."; "" for all defaults."""
+        """Return the options that were set: "name=value, ..."; "" for all defaults."""
         return ", ".join(f"{name}={value}" for name, value in sorted(self.params.items()))
 
     @property
@@ -228,7 +235,7 @@ class Choice(Generic[Info]):
         """Return a new object.
 
         Raises:
-            ConfigError: the constructor, which may be a stranger's, refuses.
+            ConfigError: the constructor, which may be third-party code, raises an error.
         """
         for name, option in options_of(self.cls).items():
             if option.required and name not in {**self.params, **self.context}:
@@ -269,7 +276,7 @@ class TunedChoice(Choice[ModelInfo]):
 
 @dataclass(frozen=True)
 class Chosen:
-    """What a run is of, before it is checked."""
+    """Models, data sets and protocols of a run, before they are checked."""
 
     models: Sequence[Choice[ModelInfo]]
     datasets: Sequence[Choice[DatasetInfo]]
@@ -294,11 +301,11 @@ def parse_settings(
             raise ConfigError(f"--set {setting!r}: expected KEY.OPTION=VALUE")
         if key not in classes:
             raise ConfigError(f"--set {setting!r}: {unknown_name('key', key, classes)} in this run")
-        _parse_one(parsed[key], f"--set {setting!r}", key, classes[key], name, text)
+        _parse_setting(parsed[key], f"--set {setting!r}", key, classes[key], name, text)
     return parsed
 
 
-def _own_options(
+def _word_options(
     kind: Kind, word: str, key: str, parts: Sequence[str], cls: type
 ) -> dict[str, Any]:
     """Turn the ``OPTION=VALUE`` parts of a word into checked values."""
@@ -311,26 +318,26 @@ def _own_options(
             if parsed and name not in options_of(cls):
                 unknown = unknown_name(f"{key} option", name, options_of(cls))
                 raise ConfigError(f"{word!r}: {unknown}; an @ inside a value is doubled: @@")
-            _parse_one(parsed, repr(word), key, cls, name, text)
+            _parse_setting(parsed, repr(word), key, cls, name, text)
     except ConfigError as error:
         error.argument = kind
         raise
     return parsed
 
 
-def _parse_one(
-    parsed: dict[str, Any], said: str, key: str, cls: type, name: str, text: str
+def _parse_setting(
+    parsed: dict[str, Any], source_text: str, key: str, cls: type, name: str, text: str
 ) -> None:
-    value = parse_option(said, key, cls, name, text)
+    value = parse_option(source_text, key, cls, name, text)
     if name in parsed:
-        raise ConfigError(f"{said}: {key}.{name} is set twice")
+        raise ConfigError(f"{source_text}: {key}.{name} is set twice")
     parsed[name] = value
 
 
 def chosen(
     given: Mapping[Kind, Sequence[str | Choice[Any]]], settings: Sequence[str], registry: Registry
 ) -> dict[Kind, list[Choice[Any]]]:
-    """Return what words stand for: a word's own options have the last word, then `settings`.
+    """Return the choices for words; options in a word have priority over `settings`.
 
     Args:
         given: of each kind, ``KEY@OPTION=VALUE@...``, or what is chosen already.
@@ -341,20 +348,23 @@ def chosen(
         ConfigError: a key, an option or a value is unknown or wrong.
     """
     keys = {
-        split_word(one)[0]: kind for kind, of in given.items() for one in of if type(one) is str
+        split_word(word)[0]: kind
+        for kind, words in given.items()
+        for word in words
+        if type(word) is str
     }
     infos = {key: registry.find(key, kind) for key, kind in keys.items()}
     classes = {key: info.load() for key, info in infos.items()}
     params = parse_settings(settings, classes)
 
-    def choice(kind: Kind, one: str | Choice[Any]) -> Choice[Any]:
-        if isinstance(one, Choice):
-            return one
-        key, own = split_word(one)
-        options = params[key] | _own_options(kind, one, key, own, classes[key])
+    def choice(kind: Kind, word: str | Choice[Any]) -> Choice[Any]:
+        if isinstance(word, Choice):
+            return word
+        key, parts = split_word(word)
+        options = params[key] | _word_options(kind, word, key, parts, classes[key])
         return Choice(infos[key], classes[key], options, {})
 
-    return {kind: [choice(kind, one) for one in of] for kind, of in given.items()}
+    return {kind: [choice(kind, word) for word in words] for kind, words in given.items()}
 
 
 def chosen_dataset(word: str, settings: Sequence[str], registry: Registry) -> Choice[DatasetInfo]:
@@ -374,16 +384,23 @@ def choices(
     protocols: Sequence[str] = (),
     settings: Sequence[str] = (),
 ) -> Chosen:
-    """Return what words and choices stand for; "all" stands for every model that is registered.
+    """Return the choices for words; "all" is every registered model.
 
     Raises:
         ConfigError: a key, option or value is unknown or wrong.
     """
     if not models:
         raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
-    every = [one for word in models for one in (registry.models if word == EVERY_MODEL else [word])]
-    found = chosen({"model": every, "dataset": datasets, "protocol": protocols}, settings, registry)
-    return Chosen(found["model"], found["dataset"], found["protocol"])
+    model_words = [
+        name for word in models for name in (registry.models if word == EVERY_MODEL else [word])
+    ]
+    words: dict[Kind, Sequence[str | Choice[Any]]] = {
+        "model": model_words,
+        "dataset": datasets,
+        "protocol": protocols,
+    }
+    by_kind = chosen(words, settings, registry)
+    return Chosen(by_kind["model"], by_kind["dataset"], by_kind["protocol"])
 
 
 def measured_file(path: Path, robot: Robot, options: FileOptions) -> Choice[DatasetInfo]:

@@ -67,15 +67,15 @@ class Registry:
         """Register catalogue lines.
 
         Raises:
-            ConfigError: a line is none of ours, or its key is taken or no word.
+            ConfigError: a line has another type, or its key is taken or invalid.
         """
         for info in infos:
             if not isinstance(info, ModelInfo | DatasetInfo | ProtocolInfo):
                 raise ConfigError(
-                    f"{origin}: {info!r} is no ModelInfo, DatasetInfo or ProtocolInfo"
+                    f"{origin}: {info!r} is not a ModelInfo, DatasetInfo or ProtocolInfo"
                 )
-            if why := self._why_not(info.key):
-                raise ConfigError(f"{origin}: key {info.key!r} {why}; rename it")
+            if reason := self._key_fault(info.key):
+                raise ConfigError(f"{origin}: key {info.key!r} {reason}; rename it")
             (kind,) = (kind for kind, line in _KINDS.items() if isinstance(info, line))
             getattr(self, kind)[info.key] = info
             self.origins[info.key] = origin
@@ -88,8 +88,8 @@ class Registry:
         """
         self.add(_lines_of(import_plugin_file(path), path), str(path))
 
-    def _why_not(self, key: str) -> str:
-        """Return why there can be no such key; "" where there can."""
+    def _key_fault(self, key: str) -> str:
+        """Return why a key is invalid; "" if it is valid."""
         # one key, one thing: `bench show KEY` and `--set KEY.option` do not name the kind
         if key in self.origins:
             return f"is taken by {self.origins[key]}"
@@ -97,7 +97,9 @@ class Registry:
             return "stands for every model"
         if (family := self._family(key)) is not None:
             return f"begins with {family.prefix!r}, which stands for {family.summary}"
-        return "" if KEY.fullmatch(key) else "is no word (valid: letters, digits, and . _ -)"
+        return (
+            "" if KEY.fullmatch(key) else "is not a valid key (valid: letters, digits, and . _ -)"
+        )
 
     def model(self, key: str) -> ModelInfo:
         """Return the line of a model's key; see `find`."""
@@ -110,17 +112,19 @@ class Registry:
             ConfigError: there is none.
         """
         kinds: tuple[Kind, ...] = ("model", "dataset", "protocol") if kind is None else (kind,)
-        tables: list[Mapping[str, PluginInfo]] = [getattr(self, f"{one}s") for one in kinds]
+        tables: list[Mapping[str, PluginInfo]] = [
+            getattr(self, f"{kind_name}s") for kind_name in kinds
+        ]
         for table in tables:
             if key in table:
                 return table[key]
         families = self.families if "model" in kinds else ()
         if families and (family := self._family(key)) is not None:
             return family.member(key)
-        known = [*chain(*tables), *(f"{family.prefix}..." for family in families)]
-        if (head := key.partition("@")[0]) in known:
+        valid_keys = [*chain(*tables), *(f"{family.prefix}..." for family in families)]
+        if (head := key.partition("@")[0]) in valid_keys:
             raise ConfigError(f"key {key!r} has options; give the key without them: {head!r}")
-        raise unknown_name(kind or "key", key, known)
+        raise unknown_name(kind or "key", key, valid_keys)
 
     def _family(self, key: str) -> ModelFamily | None:
         fitting = [family for family in self.families if key.startswith(family.prefix)]
@@ -130,8 +134,8 @@ class Registry:
 def build_registry() -> Registry:
     """Collect the shipped catalogues and installed plugins; `Registry.add_file` adds a file.
 
-    What an installed plugin cannot give (it raises on import, a line is no line of ours, a key is
-    taken) is said and left out.
+    Invalid plugins are reported and left out: the import fails, a line has another type, or a key
+    is taken.
     """
     registry = Registry(families=FAMILIES)
     for infos in (MODELS, DATASETS, PROTOCOLS):
@@ -162,9 +166,9 @@ def _left_out() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _guarded(origin: str) -> Iterator[None]:
-    """Import a stranger's module: whatever it raises becomes a ConfigError.
+    """Turn any error of an imported third-party module into a ConfigError.
 
-    What it prints goes to standard error: standard output belongs to the tables.
+    Its output goes to standard error: standard output belongs to the tables.
     """
     try:
         with contextlib.redirect_stdout(sys.stderr):

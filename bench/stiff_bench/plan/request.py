@@ -1,4 +1,4 @@
-"""What is to be run, checked before anything is computed."""
+"""Check a run before anything is computed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DEFAULT_COVERAGE = 0.9
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What is run, checked.
+    """Checked models, data sets, protocols and options of a run.
 
     Attributes:
         coverage: nominal coverage of the intervals; None: no metric needs any.
@@ -51,7 +51,7 @@ class RunPlan:
 
 
 def plan_run(
-    asked: Chosen,
+    requested: Chosen,
     registry: Registry,
     *,
     output: Path,
@@ -62,10 +62,10 @@ def plan_run(
     command: str = "",
     coverage: float | None = None,
 ) -> RunPlan:
-    """Check what is to be run.
+    """Check a run and return its plan.
 
     Args:
-        asked: the models, data sets and protocols.
+        requested: the models, data sets and protocols.
         registry: knows the data sets that protocols name as sources.
         output: folder of the results.
         metrics: keys.
@@ -80,10 +80,10 @@ def plan_run(
     """
     scored = tuple(metric(key) for key in dict.fromkeys(metrics))
     coverage = _coverage(coverage, scored)
-    models = _different([_on_device(choice, device) for choice in asked.models])
+    models = _different([_on_device(choice, device) for choice in requested.models])
     for model in models:
         check_model(model)
-    datasets, protocols = _different(asked.datasets), _different(asked.protocols)
+    datasets, protocols = _different(requested.datasets), _different(requested.protocols)
     for dataset in datasets:
         _made(dataset, "load")
     sources = _sources(protocols, registry)
@@ -101,52 +101,52 @@ def plan_run(
     )
 
 
-def with_reference(asked: Chosen, registry: Registry) -> Chosen:
+def with_reference(requested: Chosen, registry: Registry) -> Chosen:
     """Return what is chosen, with the reference model before the others."""
     info = registry.model(REFERENCE_MODEL)
-    if REFERENCE_MODEL in (model.name for model in asked.models):
-        return asked
-    return replace(asked, models=[Choice.of(info), *asked.models])
+    if REFERENCE_MODEL in (model.name for model in requested.models):
+        return requested
+    return replace(requested, models=[Choice.of(info), *requested.models])
 
 
 def _different(choices: Sequence[Choice[Info]]) -> tuple[Choice[Info], ...]:
-    """Return each thing once, however it was spelled.
+    """Return each choice once, however it was spelled.
 
     Raises:
         ConfigError: two things have one name, by which their results would be taken for each other.
     """
-    found: dict[str, Choice[Info]] = {}
+    choices_by_name: dict[str, Choice[Info]] = {}
     for choice in choices:
-        known = found.setdefault(choice.name, choice)
-        if (known.cls, known.context) != (choice.cls, choice.context):
+        first = choices_by_name.setdefault(choice.name, choice)
+        if (first.cls, first.context) != (choice.cls, choice.context):
             raise ConfigError(
                 f"{choice.name!r} is the name of two things: give one of them once, or another "
                 "name, as by Dataset.from_samples(samples, robot, name=...)"
             )
-    return tuple(found.values())
+    return tuple(choices_by_name.values())
 
 
 def _sources(
     protocols: Sequence[Choice[ProtocolInfo]], registry: Registry
 ) -> dict[str, Choice[DatasetInfo]]:
-    """Return the data sets that protocols name as sources; a word alone sets their options."""
-    found = {}
+    """Return the data sets that protocols name as sources; only the word sets options."""
+    datasets = {}
     for protocol in protocols:
         for word in completed(_made(protocol, "splits")).source_datasets():
             try:
-                found[word] = chosen_dataset(word, (), registry)
-                _made(found[word], "load")
+                datasets[word] = chosen_dataset(word, (), registry)
+                _made(datasets[word], "load")
             except ConfigError as error:
-                why = f"{protocol.name}: source {word!r}: {error}"
-                raise ConfigError(why, "protocol") from error
-    return found
+                message = f"{protocol.name}: source {word!r}: {error}"
+                raise ConfigError(message, "protocol") from error
+    return datasets
 
 
 def loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:
     """Load a data set.
 
     Raises:
-        DataError: it cannot be loaded; what a stranger's loader raises becomes one clear error.
+        DataError: it cannot be loaded, also if a third-party loader raises another error.
     """
     try:
         with warnings.catch_warnings(record=True) as caught:
@@ -174,15 +174,15 @@ def true_joint_turns(cell: Cell, registry: Registry) -> Callable[[FloatArray], F
     return data.joint_turn if data.sha256 == cell.data_sha256 else None
 
 
-def _coverage(asked: float | None, metrics: Sequence[Metric]) -> float | None:
+def _coverage(requested: float | None, metrics: Sequence[Metric]) -> float | None:
     """Return the intervals' coverage where a metric needs intervals: they cost a second fit."""
     if any(metric.needs_interval for metric in metrics):
-        coverage = DEFAULT_COVERAGE if asked is None else asked
+        coverage = DEFAULT_COVERAGE if requested is None else requested
         check_coverage(coverage)
         return coverage
-    if asked is not None:
-        why = "no metric of this run needs intervals; add the metric coverage or width"
-        raise ConfigError(f"{asked:g}: {why}", "coverage")
+    if requested is not None:
+        reason = "no metric of this run needs intervals; add the metric coverage or width"
+        raise ConfigError(f"{requested:g}: {reason}", "coverage")
     return None
 
 

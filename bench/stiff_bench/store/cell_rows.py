@@ -22,7 +22,7 @@ from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation
 from stiff_protocols.contract.types import KNOWN, FloatArray, Interval, Prediction
 
 _NAMES = ("model", "dataset", "protocol")
-"""In the file these are names with options; the columns `model_key` ... are keys alone."""
+"""In the file these are names with options; the columns `model_key` ... have only keys."""
 _OF_CELL = tuple(item.name for item in fields(Cell) if item.name not in _NAMES)
 _OF_RESULT = ("run_id", "status", "n_splits", "n_train", "calibration_samples", "cause", "failure")
 _SHOWN = tuple(item.name for item in fields(Presentation) if item.name not in _NAMES)
@@ -166,7 +166,7 @@ def json_text(content: Any) -> str:
 
 
 def storable(text: str) -> str:
-    """Return a text with a question mark for what is no character, as a file's name may hold."""
+    """Return a text with question marks for invalid characters, as in some file names."""
     return text if text.isascii() else text.encode(errors="replace").decode()
 
 

@@ -46,7 +46,7 @@ PACKED = f"{FILE}.xz"
 FORMAT = 5
 """Of the file, as `PRAGMA user_version` has it."""
 BUSY_S = 60.0
-"""How long a command waits for another one that writes."""
+"""Time that a command waits for another command that writes."""
 SYNCHRONOUS = "FULL"
 """SQLite's word for: a transaction is on the disk before the next one begins."""
 
@@ -62,10 +62,10 @@ PRAGMA user_version = {FORMAT};
 """
 
 
-def _corrupt(path: Path, why: str, remedy: str = "") -> StoreError:
-    """Return the error of a file, or a row of it, that is not what was written there."""
+def _corrupt(path: Path, reason: str, remedy: str = "") -> StoreError:
+    """Return the error for a corrupt file or row."""
     remedy = remedy or "delete the file and repeat the `bench run` that made it"
-    return StoreError(f"{path}: corrupt: {why}; {remedy}")
+    return StoreError(f"{path}: corrupt: {reason}; {remedy}")
 
 
 class ResultStore:
@@ -92,7 +92,7 @@ class ResultStore:
         """Store results and failures as one transaction; a failure takes nothing from a result.
 
         Raises:
-            StoreError: they cannot be written, as on a full disk; what was there stands.
+            StoreError: they cannot be written, as on a full disk; stored results are unchanged.
         """
         with writing(self.folder) as db:
             for result in results:
@@ -114,13 +114,13 @@ class ResultStore:
             db.execute("INSERT OR IGNORE INTO data VALUES (?, ?, ?)", row)
 
     def result(self, key: str) -> CellResult | None:
-        """Return a cell's result; None where there is none, or a failure alone."""
-        found = read_results(self.folder, [key])
-        return next((result for result in found if result.status == "ok"), None)
+        """Return a cell's result; None if nothing or only a failure is stored."""
+        results = read_results(self.folder, [key])
+        return next((result for result in results if result.status == "ok"), None)
 
 
 def has_results(folder: Path) -> bool:
-    """Say whether there is a file of results; a packed one is unpacked beside it.
+    """Check for a file of results; a packed file is unpacked into the same folder.
 
     Raises:
         StoreError: the packed file is corrupt, or the folder cannot be written.
@@ -138,10 +138,10 @@ def has_results(folder: Path) -> bool:
 
 
 def why_no_results(folder: Path) -> str:
-    """Return why a folder has no results to read, for people."""
+    """Return the reason why a folder has no results to read."""
     if folder.is_dir():
         return "no results in this folder"
-    return "is a file, not a folder of results" if folder.exists() else "there is no such folder"
+    return "is a file, not a folder of results" if folder.exists() else "no such folder"
 
 
 def read_results(folder: Path, keys: Collection[str] | None = None) -> list[CellResult]:
@@ -298,13 +298,15 @@ def _file_uri(path: Path) -> str:
 
 
 def _check_format(path: Path, db: sqlite3.Connection) -> None:
-    (found,) = db.execute("PRAGMA user_version").fetchone()
-    if found > FORMAT:
-        raise StoreError(f"{path}: stored by a newer stiffbench (format {found}): upgrade this one")
-    if found < FORMAT:
+    (file_format,) = db.execute("PRAGMA user_version").fetchone()
+    if file_format > FORMAT:
         raise StoreError(
-            f"{path}: stored format {found}, this stiffbench reads {FORMAT}; give a new folder and "
-            "run again"
+            f"{path}: stored by a newer stiffbench (format {file_format}): upgrade this one"
+        )
+    if file_format < FORMAT:
+        raise StoreError(
+            f"{path}: stored format {file_format}, this stiffbench reads {FORMAT}; give a new "
+            "folder and run again"
         )
 
 

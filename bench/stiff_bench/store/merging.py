@@ -1,4 +1,4 @@
-"""Joins the results of several machines in one folder."""
+"""Merge the results of several machines into one folder."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class Merged:
 
     @property
     def report(self) -> list[str]:
-        """The counts in lines, for people."""
-        others = "; the others are stored already"
+        """Return the counts as lines of text."""
+        note = "; the others are stored already"
         lines = [
-            f"{folder}: {n_taken} of {n_cells} results taken{others if n_taken < n_cells else ''}"
+            f"{folder}: {n_taken} of {n_cells} results taken{note if n_taken < n_cells else ''}"
             for folder, (n_cells, n_taken) in self.taken.items()
         ]
         return [*lines, f"{self.n_cells} results in {self.output}, {self.n_there} from before"]
@@ -95,7 +95,7 @@ def merge(folders: Sequence[Path], output: Path, keys: Collection[str] | None = 
                     continue
                 there = runs.get(run.run_id, run)
                 # of a run that was copied while it ran: finished < interrupted < running
-                runs[run.run_id] = min(there, run, key=lambda one: one.status)
+                runs[run.run_id] = min(there, run, key=lambda manifest: manifest.status)
         for run in runs.values():
             write_run(db, run)
     return Merged(output, len(stored), n_there, taken)
@@ -116,23 +116,23 @@ def _inputs(folders: Sequence[Path], output: Path) -> list[Path]:
 
 
 def _is_new(folder: Path, result: CellResult, stored: dict[str, tuple[Path, CellResult]]) -> bool:
-    """Say whether a result is to be stored.
+    """Check whether a result must be stored.
 
     Raises:
-        ConfigError: another result of this cell is stored, with other numbers.
+        ConfigError: another result of this cell is stored, with stored_result numbers.
     """
-    key, shown = result.cell.key, result.shown
+    key, labels = result.cell.key, result.shown
     if key not in stored:
         return True
-    other_folder, other = stored[key]
-    if other.prediction is None:
-        return result.status == "ok" or result.run_id > other.run_id
+    other_folder, stored_result = stored[key]
+    if stored_result.prediction is None:
+        return result.status == "ok" or result.run_id > stored_result.run_id
     if result.prediction is not None:
-        difference = np.abs(result.prediction.predicted - other.prediction.predicted).max()
+        difference = np.abs(result.prediction.predicted - stored_result.prediction.predicted).max()
         if difference > ROUNDING_M:
             raise ConfigError(
-                f"{folder} and {other_folder} have different numbers of one fit: {shown.model} on "
-                f"{shown.dataset}, {shown.protocol}, split {result.cell.split_index} ({key}), up "
+                f"{folder} and {other_folder} have different numbers of one fit: {labels.model} on "
+                f"{labels.dataset}, {labels.protocol}, split {result.cell.split_index} ({key}), up "
                 f"to {difference:.1e} m apart; nothing was merged: leave one folder out, or "
                 "compute it again there with --rerun all"
             )

@@ -69,8 +69,10 @@ class Variant:
     def shown(cls, key: str, name: str, options: Mapping[str, Any]) -> Variant:
         """Return what a stored cell's name shows of all its options, defaults among them."""
         parts = f"{_held(name)}{OPTION_MARK}"
-        shown = {k: v for k, v in options.items() if f"{_held(_part(k, v))}{OPTION_MARK}" in parts}
-        return cls(key, shown)
+        shown_options = {
+            k: v for k, v in options.items() if f"{_held(_part(k, v))}{OPTION_MARK}" in parts
+        }
+        return cls(key, shown_options)
 
     @property
     def name(self) -> str:
@@ -81,8 +83,8 @@ class Variant:
 def without_options(name: str, *options: str) -> str:
     """Return a name without some of its options."""
     key, *parts = _held(name).split(OPTION_MARK)
-    left = [part for part in parts if part.partition("=")[0] not in options]
-    return OPTION_MARK.join([key, *left]).replace(_HELD, 2 * OPTION_MARK)
+    remaining = [part for part in parts if part.partition("=")[0] not in options]
+    return OPTION_MARK.join([key, *remaining]).replace(_HELD, 2 * OPTION_MARK)
 
 
 def _part(option: str, value: object) -> str:
@@ -90,12 +92,12 @@ def _part(option: str, value: object) -> str:
 
 
 SHORT = 8
-"""So many characters of a hash tell data apart."""
+"""Number of characters of a hash that distinguish data sets."""
 
 
 @dataclass(frozen=True, order=True)
 class CaseName:
-    """What makes results comparable.
+    """Identify results that are comparable.
 
     Attributes:
         dataset, protocol, condition: as shown.

@@ -1,7 +1,7 @@
-"""Of several results of one comparison, those of the newest run count.
+"""Select the results of the newest run for each comparison.
 
-A folder may hold results of several runs, of several versions of stiffbench, of other splits under
-one name. They never mix: what contradicts the newest is left out, and a note says so. A run's name
+A folder may contain results of several runs, versions of stiffbench, and splits with one name. They
+never mix: results that contradict the newest run are left out with a note. A run's name
 begins with its time, so that names sort by it. A result is of the newest run that was asked for its
 cell, also where that run found it computed: a resumed run stands for all that it resumed.
 """
@@ -61,22 +61,24 @@ class Runs:
 def of_newest_splits(
     results: Sequence[CellResult], runs: Runs
 ) -> tuple[list[CellResult], list[str]]:
-    """Return the results of one comparison that share the newest run's splits, and a note.
+    """Return the results of one comparison with the newest run's splits, and a note.
 
     Two splits of one number show that the data were divided in two ways (another version of the
-    protocol). Then the newest run's splits count, with those of older runs that share some of them
+    protocol). Then the newest run's splits count, with splits of older runs that share some of them
     and contradict none.
     """
     slots = {*map(slot_of, results)}
     if len(slots) == len(dict(slots)):
         return list(results), []
-    kept: dict[int, str] = {}
+    newest_splits: dict[int, str] = {}
     for of_run in grouped(runs.newest_first(results), runs.run_of).values():
         splits = dict(map(slot_of, of_run))
-        shared = kept.keys() & splits.keys()
-        if not kept or (shared and all(kept[index] == splits[index] for index in shared)):
-            kept |= splits
-    same = [result for result in results if slot_of(result) in kept.items()]
+        shared = newest_splits.keys() & splits.keys()
+        if not newest_splits or (
+            shared and all(newest_splits[index] == splits[index] for index in shared)
+        ):
+            newest_splits |= splits
+    same = [result for result in results if slot_of(result) in newest_splits.items()]
     without = sorted({r.shown.model for r in results} - {r.shown.model for r in same})
     models = f" (all of {', '.join(without)})" if without else ""
     return same, [f"older results on other splits than those of the newest run{models}"]
@@ -113,11 +115,11 @@ def of_newest_options(
 
 
 def counting(results: Sequence[CellResult], runs: Runs) -> CellResult:
-    """Return which of a model's results on one split counts.
+    """Return the result that counts among a model's results on one split.
 
-    The newest run's, also where that failed; but a model that was skipped on some machine does not
-    lose what another machine computed. The results differ in their intervals alone: one with
-    intervals counts before one without, and then the newer intervals.
+    It is the newest run's result, also if it failed. A skipped result does not replace a result
+    of another machine. The results differ only in their intervals: a result with intervals is
+    preferred, then newer intervals.
     """
     newest_first = runs.newest_first(results)
     tried = [result for result in newest_first if result.status != "skipped"]

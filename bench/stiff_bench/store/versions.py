@@ -1,4 +1,4 @@
-"""Which stiffbench made the results of a folder."""
+"""Name the versions of stiffbench and libraries that made the results of a folder."""
 
 from __future__ import annotations
 
@@ -35,15 +35,17 @@ def differing_libraries(
 
     `run_ids` says of a model which runs computed its results.
     """
-    known = {run.run_id: run.environment for run in runs}
+    environments = {run.run_id: run.environment for run in runs}
     for library in LIBRARIES:
         used = {
-            model: sorted({known.get(run, {}).get(library, "unknown") for run in of_model})
+            model: sorted({environments.get(run, {}).get(library, "unknown") for run in of_model})
             for model, of_model in run_ids.items()
         }
         if len({tuple(versions) for versions in used.values()}) > 1:
-            said = "; ".join(f"{model}: {', '.join(found)}" for model, found in used.items())
-            yield f"Computed with different versions of {library}: {said}."
+            models_text = "; ".join(
+                f"{model}: {', '.join(versions)}" for model, versions in used.items()
+            )
+            yield f"Computed with different versions of {library}: {models_text}."
 
 
 def version_of_run(run: RunManifest) -> str:

@@ -287,7 +287,7 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
     ):
         with pytest.raises(ConfigError, match=message):
             report_on(folder, **words)
-    with pytest.raises(StoreError, match="nothing: there is no such folder"):
+    with pytest.raises(StoreError, match="nothing: no such folder"):
         report_on(tmp_path / "nothing")
 
 

@@ -55,7 +55,7 @@ def test_two_plugin_files_of_one_name_add_their_models_and_do_not_disturb_each_o
         ("raise SystemExit(3)", r"SystemExit: 3"),
         (None, "no such file"),
         ("x = 1", "defines nothing"),
-        ("MODELS = [3]", "3 is no ModelInfo"),
+        ("MODELS = [3]", "3 is not a ModelInfo"),
     ],
 )
 def test_a_plugin_file_that_cannot_be_used_is_refused(tmp_path, text, message):
@@ -175,7 +175,7 @@ def test_a_model_whose_module_raises_when_it_is_used_is_a_config_error(tmp_path,
     ("key", "message"),
     [
         ("vjm", "key 'vjm' is taken by stiffbench"),
-        ("Bad Key!", r"key 'Bad Key!' is no word \(valid: letters"),
+        ("Bad Key!", r"key 'Bad Key!' is not a valid key \(valid: letters"),
         ("all", "key 'all' stands for every model"),
         ("~x", "begins with '~', which stands for every letter"),
     ],
