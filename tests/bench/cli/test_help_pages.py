@@ -1,4 +1,4 @@
-"""Help pages fit a terminal, group what they list, and show an example that works."""
+"""Help pages fit a terminal, list commands in groups, and show a valid example."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from stiff_bench.cli.main import bench
 WORDS = [(), *sorted({leaf.words[:n] for leaf in LEAVES for n in range(1, len(leaf.words) + 1)})]
 """Words that call each command and group."""
 BROKEN = re.compile(r"\w-\n|^(?!Usage).*\.\.\.\n", re.MULTILINE)
-"""A name that goes on in the next line, or a description that does not go on at all."""
+"""A name broken between lines, or a description cut off."""
 RANGE = re.compile(r"\d<|<=?x|x[<>]|RANGE")
 
 

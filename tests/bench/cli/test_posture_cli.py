@@ -1,4 +1,4 @@
-"""`bench posture`: the ranking against Pinocchio, the given posture, paths, and what is refused."""
+"""`bench posture`: the ranking against Pinocchio, the given posture, paths, refusals."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def ranked(vjm):
 
 @pytest.fixture()
 def line(tmp_path):
-    """A path of eleven points along y."""
+    """Write a path of eleven points along y."""
     rows = [f"600,{y},500,0,150,0" for y in range(-100, 101, 20)]
     path = tmp_path / "line.csv"
     path.write_text(HEADER + "\n".join(rows) + "\n")
@@ -57,7 +57,7 @@ def line(tmp_path):
 
 
 def test_a_deflection_along_the_axis_is_that_of_pinocchios_jacobian(vjm, ranked, kr10_chain):
-    """n^T J K^-1 J^T n F for a force F n, with the stiffness that the model identified."""
+    """n^T J K^-1 J^T n F for a force F n, with the identified stiffness K."""
     data = kr10_chain.model.createData()
     flange = kr10_chain.robot
     compliance = vjm.fitted.springs_.compliance
@@ -220,7 +220,7 @@ def test_a_missing_or_zero_load_and_an_unfitted_model_are_refused(vjm):
 
 
 def test_a_point_that_is_singular_at_every_turn_is_refused(vjm, kr10):
-    """The wrist is straight and so is the arm: no other configuration is near."""
+    """Wrist and arm are straight: no other configuration is near."""
     q = np.radians([[0.0, -60.0, 3.3, 0.0, 0.0, 0.0]])
     poses = kr10.forward(q)
     rotation = poses.rotation[0] @ kr10.flange[:3, :3]
@@ -231,7 +231,7 @@ def test_a_point_that_is_singular_at_every_turn_is_refused(vjm, kr10):
 
 
 def test_the_drilled_holes_rank_between_sites_and_not_within_them(fanuc):
-    """A quick look that was taken independently gave 0.83, and 0.2, -0.6, 0.4, 0.4 within."""
+    """An independent estimate gave 0.83 between sites, and 0.2, -0.6, 0.4, 0.4 within."""
     model, holes = sb.make_model("vjm").fit(fanuc), sb.drilled_holes()
     q = np.radians(holes[JOINTS].to_numpy())
     holes["compliance"] = axial_compliance(model, q, DRILL_AXIS, 500.0)

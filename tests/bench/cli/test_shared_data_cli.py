@@ -1,4 +1,4 @@
-"""`bench data register` and `bench data export`: what they write, print and refuse."""
+"""`bench data register` and `bench data export`: their files, output and refusals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MADE = ["my.croissant.json", "my.csv", "my.datapackage.json", "my.md"]
 
 @pytest.fixture()
 def place(tmp_path, monkeypatch) -> Path:
-    """A folder with a file `my.csv` of the FANUC; registrations go into its folder `home`."""
+    """Return a folder with the FANUC as `my.csv`, and registrations in `home`."""
     monkeypatch.setenv("STIFFBENCH_HOME", str(tmp_path / "home"))
     (tmp_path / "my.csv").write_text(CSV)
     return tmp_path

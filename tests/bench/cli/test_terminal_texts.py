@@ -1,4 +1,4 @@
-"""What commands other than those of results print on a terminal is never wider than it is."""
+"""Output of commands without results is never wider than the terminal."""
 
 from __future__ import annotations
 
