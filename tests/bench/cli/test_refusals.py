@@ -99,7 +99,10 @@ REFUSED = {
     f"{CORRECT} --figure p.gif": ["p.gif", ".png"],
     "path example --model vjm.stiff --robot ur5 --output e.csv": ["--robot", "one of both"],
     "path example --model bytes --output e.csv": ["bytes: not a model file"],
-    "path example --model vjm.stiff --size 900 --output e.csv": ["900 mm", "smaller size"],
+    "path example --model vjm.stiff --size 900 --points 9 --output e.csv": [
+        "900 mm",
+        "smaller size",
+    ],
     HOLD: ["--hold none", "to_cart [mm]", "to_a6 [deg]", "valid: 1 of "],
     f"{HOLD} --hold 1=5 --hold J3=0": ["--hold 1, J3 (valid: 1 of "],
     f"{HOLD} --hold to_cart": ["--hold to_cart", "mm"],

@@ -21,7 +21,7 @@ COMMANDS = (
     "data info fanuc-r2000ic",
     "data register my.csv --robot ur5",
     "data export fanuc-r2000ic --output out",
-    "fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
+    "fit --model gp-springs@search_rows=10 --data my.csv --robot ur5 --output my.stiff",
     "predict --model my.stiff --input plan.csv --output predicted.csv",
     "path example --robot ur5 --points 11 --output path.csv",
     "path compensate --model my.stiff --path path.csv --output new.csv",
@@ -33,6 +33,7 @@ COMMANDS = (
 )
 
 
+@pytest.mark.usefixtures("empty_pictures")
 @pytest.mark.parametrize(("width", "commands"), [(80, COMMANDS), (100, COMMANDS[-2:])])
 def test_no_line_is_wider_than_the_terminal(tmp_path, width, commands):
     terminal = mock.patch.object(
