@@ -99,8 +99,8 @@ REFUSED = {
     f"{CORRECT} --figure p.gif": ["p.gif", ".png"],
     "path example --model vjm.stiff --robot ur5 --output e.csv": ["--robot", "one of both"],
     "path example --model bytes --output e.csv": ["bytes: not a model file"],
-    "path example --model vjm.stiff --size 900 --points 9 --output e.csv": [
-        "900 mm",
+    "path example --model vjm.stiff --size 3000 --points 5 --output e.csv": [
+        "3000 mm",
         "smaller size",
     ],
     HOLD: ["--hold none", "to_cart [mm]", "to_a6 [deg]", "valid: 1 of "],
