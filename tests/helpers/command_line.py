@@ -81,10 +81,10 @@ def _forget_plugins_since(modules_before: set[str]) -> None:
             del sys.modules[name]
 
 
-_installed = functools.cache(entry_points)  # 50 ms a command
+_installed = functools.cache(entry_points)  # 50 ms per command
 
 
-@functools.cache  # 10 ms a command
+@functools.cache  # 10 ms per command
 def _thread_pools(*_: bool) -> ThreadpoolController:
     """Return the thread pools of the loaded libraries."""
     return ThreadpoolController()

@@ -44,7 +44,7 @@ FEW_NEIGHBOURS = [
 ]
 OTHER_LOADS = [({"ft-mlp, paper"}, "warns: .*pre-training forces are .* N, measured forces")]
 NO_MASSES = [(SEGMENTS | CURVES, "warns: robot 'chain' has no masses")]
-# the teacher of these may have segments; rounding decides
+# their teacher may have segments; rounding decides
 MAY_HAVE_SEGMENTS = [*NO_MASSES, (ANCHORED, "(works|warns: robot 'chain' has no masses)")]
 NOT_BOTH = [({"residual-mlp", "mlp"}, "(works|warns: .*none of 3 epochs was better)")]
 
@@ -120,7 +120,7 @@ OUTCOMES: dict[str, Outcomes] = {
 
 ALWAYS = {
     "sklearn mlp": "warns: Stochastic Optimizer: Maximum iterations .20. reached",
-    "vjm-multisegment, search": f"(works|{SLOPES})",  # a breakpoint that few torques pass
+    "vjm-multisegment, search": f"(works|{SLOPES})",  # few torques exceed a breakpoint
 }
 
 ROWS = {

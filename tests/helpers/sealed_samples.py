@@ -98,6 +98,6 @@ def computed_under_seal(task: CellTask) -> CellResult:
                 if offers(cls, name):
                     patch.setattr(cls, name, seal.guarded(cls, name))
         result = compute_cell(replace(task, data=replace(task.data, samples=samples)), "r")
-    # else nothing was scored, or it was scored on something else
+    # otherwise nothing was scored, or other rows were scored
     assert result.status == "ok" and seal.broken, result.failure
     return result

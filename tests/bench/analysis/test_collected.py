@@ -27,7 +27,7 @@ def only(made: MadeResults) -> Case:
     ("runs", "splits", "models"),
     [
         ([("a", 5, "old-"), ("c", 5, "old-"), ("a", 3, "new-")], ["new-0", "new-1", "new-2"], "a"),
-        # an older run of the newest splits keeps what it has more
+        # an older run of the newest splits keeps its additional splits
         (
             [("a", 3, "old-"), ("a", 5, "new-"), ("b", 3, "new-")],
             [f"new-{number}" for number in range(5)],

@@ -44,7 +44,7 @@ def test_no_difference_found_is_not_called_equivalent():
     unclear = estimate(-1e-4, 1e-4, 0.9, equivalent=0.94)
     assert verdict_on(unclear) == "open"
     assert verdict_on(estimate(-1e-6, 1e-6, 0.9, 0.96), unclear) == "open"
-    # a difference that is certain but smaller than the tracker can see makes none
+    # a certain difference below the tracker's resolution is no difference
     assert verdict_on(estimate(-2e-6, -1e-6, 0.001, 0.99)) == "equivalent"
 
 

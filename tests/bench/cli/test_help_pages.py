@@ -25,7 +25,7 @@ RANGE = re.compile(r"\d<|<=?x|x[<>]|RANGE")
 
 
 def help_page(words: tuple[str, ...], width: int) -> str:
-    printed = io.StringIO()  # click's test runner has a width of its own
+    printed = io.StringIO()  # click's test runner sets its own width
     with mock.patch.dict(os.environ, COLUMNS=str(width)), redirect_stdout(printed):
         bench.main([*words, "--help"], prog_name="bench", standalone_mode=False)
     return printed.getvalue()
@@ -100,6 +100,6 @@ def accepted(arguments: list[str]) -> tuple[str, ...]:
         assert name is not None and command_found is not None
         called, command = [*called, name], command_found
     if arguments != ["--help"]:
-        with mock.patch("stiff_bench.api.registered.use_only"):  # the plugin is to be written yet
+        with mock.patch("stiff_bench.api.registered.use_only"):  # the plugin does not exist yet
             command.make_context(name, arguments)
     return tuple(called)

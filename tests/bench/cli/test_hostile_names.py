@@ -60,7 +60,7 @@ def assert_harmless(text: str, fmt: str) -> None:
         page.feed(text)
         assert page.tags <= OURS and HOSTILE[0] in page.text
     elif fmt == "github":
-        plain = re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", text)  # code stands as it is
+        plain = re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", text)  # code is printed unchanged
         assert not re.search(r"(?<!\\)<[A-Za-z/!?]|\]\(", plain)
         for table in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
             assert len({len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()}) == 1
@@ -117,7 +117,7 @@ def test_output_about_hostile_results_is_harmless(words, fmt, folder, tmp_path):
 
 def test_a_hostile_word_on_the_command_line_is_refused_in_one_printable_line(tmp_path):
     for name in HOSTILE:
-        if "\0" in name:  # no operating system hands it over
+        if "\0" in name:  # no operating system passes it
             continue
         for words in (
             ["run", "--model", name],

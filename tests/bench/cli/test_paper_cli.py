@@ -36,7 +36,7 @@ def test_it_reads_the_named_folder_and_prints_the_requested_format(tmp_path):
 
 
 def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results(monkeypatch):
-    monkeypatch.setattr("stiff_bench.paper.paper_tables.SPECIMENS", range(1))  # for time
+    monkeypatch.setattr("stiff_bench.paper.paper_tables.SPECIMENS", range(1))  # to save time
     assert "| A6 " in printed("3")
     for folder in ("some", str(PAPER_RESULTS)):
         with pytest.raises(ConfigError, match="table 3 is fitted here and reads none"):

@@ -56,7 +56,7 @@ def test_a_new_model_passes_its_own_test_and_the_suite_and_can_be_run_as_it_stan
         text=True,
     )
     assert "2 passed" in tested.stdout, tested.stdout
-    for line in commands:  # the commands, as they are printed
+    for line in commands:  # the printed commands
         done = bench_here(*line.split()[1:], cwd=tmp_path)
         assert done.returncode == 0, done.stderr + done.stdout
         assert "my-spring" in done.stdout
@@ -89,7 +89,7 @@ def test_a_file_that_exists_is_left_as_it_is_and_no_other_is_written(tmp_path):
 
 
 def test_a_model_whose_test_cannot_be_written_is_not_written_either(tmp_path):
-    long = "x" * (255 - len(f"..{os.getpid()}.tmp.py"))  # with test_ before it, too long a name
+    long = "x" * (255 - len(f"..{os.getpid()}.tmp.py"))  # too long a name after test_
     with pytest.raises(StoreError, match="cannot be written"):
         new_model(long, tmp_path, build_registry())
     assert list(tmp_path.iterdir()) == []

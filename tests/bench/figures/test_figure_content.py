@@ -102,7 +102,7 @@ def test_a_workspace_draws_the_arm_from_its_base_to_a_tcp(tmp_path):
 
 def test_a_calibration_has_a_panel_for_each_coverage_that_every_split_has(tmp_path):
     made = MadeResults(tmp_path)
-    for coverage in (0.8, 0.5, 0.9):  # the newest, of one split, is what other figures show
+    for coverage in (0.8, 0.5, 0.9):  # other figures show the newest, of one split
         made.add("gp", [0.1] if coverage == 0.9 else [0.1, 0.2], coverage=coverage)
         made.add("vjm", [0.3, 0.3], coverage=None if coverage == 0.9 else coverage)
     store = ResultStore(tmp_path)

@@ -65,7 +65,7 @@ def test_a_plugin_file_that_cannot_be_used_is_refused(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message):
         build_registry().add_file(path)
     imported = text in ("x = 1", "MODELS = [3]")
-    assert (path in plugin_files()) == imported  # what is not imported is not sent to processes
+    assert (path in plugin_files()) == imported  # only imported files are sent to processes
 
 
 def test_what_a_plugin_prints_on_import_does_not_get_between_the_tables(

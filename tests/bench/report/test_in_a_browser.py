@@ -116,7 +116,7 @@ def test_a_heading_sorts_its_column_by_numbers_and_shows_the_direction(browser, 
     falling = column(browser, errors, CHANGE)
     numbers = [float(text) for text in falling if text != "-"]
     assert numbers == sorted(numbers, reverse=True)
-    assert numbers[0] > 100.0 > float(rising[-1])  # all rows took part, not those of a page
+    assert numbers[0] > 100.0 > float(rising[-1])  # all rows are sorted, not only those of a page
 
 
 def test_missing_numbers_are_last_in_both_directions(browser, errors):

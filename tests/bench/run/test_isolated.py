@@ -160,7 +160,7 @@ def test_processes_that_answer_to_nothing_end_with_the_run_that_is_killed(tmp_pa
 def computing(pid: int) -> bool:
     """Check whether a command's fit and the process that it started run."""
     family = psutil.Process(pid).children(recursive=True)
-    with suppress(psutil.NoSuchProcess):  # one may end while it is asked
+    with suppress(psutil.NoSuchProcess):  # a process may end meanwhile
         return any("sleep" in process.name() for process in family)
     return False
 

@@ -70,7 +70,7 @@ def test_no_fair_protocol_gives_a_model_a_test_deflection(
         train, validation, test = given(task)
         held_out = set() if validation is None else rows(validation)
         assert not (rows(train) | held_out) & rows(test) and not rows(train) & held_out
-        # and it gets all of the training side
+        # the model receives all of the training side
         assert len(train) + len(held_out) == 43 - len(test)
         assert bool(held_out) == bool(n_validation)
         if protocol == "holdout" and not number:
@@ -204,7 +204,7 @@ class ThiefInPredict(Thief):
 @pytest.mark.parametrize("thief", [Thief, ThiefInPredict])
 def test_a_plugin_that_reaches_for_the_engines_data_is_caught(thief, tasks):
     task = with_model(tasks("vjm", "holdout")[0], thief)
-    computed(task)  # so it is the seal that catches it
+    computed(task)  # without the seal it succeeds
     with pytest.raises(Leak, match="read during fit or prediction"):
         computed_under_seal(task)
 
@@ -272,7 +272,7 @@ def test_both_readings_of_the_papers_protocol_are_of_the_same_fit(tasks):
         rows = tested.prediction.rows
         for name in ("predicted", "measured", "reference"):
             of_tested, of_read = (getattr(result.prediction, name) for result in (tested, read))
-            # one row more or less in a product of matrices rounds its sums otherwise
+            # the number of rows in a matrix product changes the rounding of its sums
             np.testing.assert_allclose(of_read[rows], of_tested, rtol=1e-4, atol=1e-9)
 
 
@@ -301,7 +301,7 @@ def test_rows_that_were_selected_on_test_carry_the_mark_in_every_format(protocol
         *before_marks, _ = text.split(SELECTION_MARK)
         assert bool(before_marks) == (protocol == "paper-holdout"), fmt
         assert all(before.rindex("mlp") > before.rfind("vjm") for before in before_marks), fmt
-        warned = bool(before_marks) and fmt != "csv"  # which has the mark alone
+        warned = bool(before_marks) and fmt != "csv"  # which has only the mark
         assert ("picks the best epoch on the very samples it reports" in text) == warned, fmt
 
 

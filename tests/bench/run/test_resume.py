@@ -167,7 +167,7 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     assert family and not psutil.wait_procs(family, timeout=20)[1]
     stored = n_stored(tmp_path / "out")
     assert 0 < stored < N_CELLS
-    assert {*stored_statuses(tmp_path / "out").values()} == {"ok"}  # no cell is blamed
+    assert {*stored_statuses(tmp_path / "out").values()} == {"ok"}  # no cell failed
     (manifest,) = read_manifests(tmp_path / "out")
     caught = number in (signal.SIGINT, signal.SIGTERM)
     assert command.returncode == (128 + number if caught else -number) and printed == ""
@@ -192,5 +192,5 @@ def test_two_runs_in_one_folder_share_the_work_and_neither_harms_the_other(tmp_p
     assert first_run.returncode == second_run.returncode == 0
     assert bytes_of_results(tmp_path / "out") == reference
     computed = [int(summary_of(text).split()[0]) for text in messages]
-    assert sum(computed) < 2 * N_CELLS  # what the other had finished was not computed again
+    assert sum(computed) < 2 * N_CELLS  # fits that the other run had finished were not repeated
     assert len(list(read_manifests(tmp_path / "out"))) == 2

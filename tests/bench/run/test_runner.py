@@ -126,7 +126,7 @@ def test_costs_are_measured_and_a_slow_model_does_not_predict_a_thousand_rows(ta
     class Slow(Scaled):
         def fit(self, train, *, robot, validation=None, seed=0):
             time.sleep(0.03)
-            self.held = np.ones(190 * MIB // 8)  # more than what earlier tests leave to be freed
+            self.held = np.ones(190 * MIB // 8)  # more than earlier tests leave to be freed
             return super().fit(train, robot=robot, validation=validation, seed=seed)
 
         def predict(self, q, wrench):

@@ -144,7 +144,7 @@ def test_a_mean_with_an_infinite_number_is_shown_as_infinite(tasks_of):
 
 def test_coverage_is_a_percentage_next_to_errors_in_mm(tasks_of):
     tables = build_tables(with_intervals(tasks_of(splits=2), [11]), WITH_INTERVALS)
-    covered = value_of(tables[0], "coverage", "x")  # of 31 test rows a split
+    covered = value_of(tables[0], "coverage", "x")  # of 31 test rows per split
     assert covered.value == pytest.approx(100 * (1 - 0.5 / 31))
     assert covered.spread == pytest.approx(100 / 31 / math.sqrt(2))
     (table_record,) = json.loads(render(tables, "json", "bench run"))["tables"]

@@ -87,7 +87,7 @@ def test_colours_are_printed_only_on_request():
     coloured = screen_text([table], console=screen_console(80, colors=True))
     plain = screen_text([table], console=screen_console(80, colors=False))
     assert "\x1b[32m" in coloured and "\x1b[31m" in coloured and "\x1b" not in plain
-    assert "+5" in plain and "-5" in plain  # the sign says the same
+    assert "+5" in plain and "-5" in plain  # the sign has the same meaning
 
 
 def test_models_are_sorted_by_error_and_the_change_is_against_the_vjm(made):

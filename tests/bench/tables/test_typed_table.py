@@ -41,7 +41,7 @@ def test_people_read_value_spread_interval_share_status_and_mark_and_a_dash_for_
         ["b", "FAILED", "-", "-"],
         ["c", "0.50 (3/5) *", "1/2", "1000"],
     ]
-    # a heading names the unit that the title does not
+    # a heading names the unit if the title does not
     assert [*map(view.heading, view.columns)] == ["model", "error", "share [%]", "n"]
     first_row = plain_text(view).splitlines()[2]
     assert first_row.split() == ["a", "[a", "mark]", "0.33", "±", "0.14", "1", "to", "2", "5"]
