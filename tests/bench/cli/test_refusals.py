@@ -97,7 +97,7 @@ REFUSED = {
     f"{CORRECT} --start 0,0,0": ["--start", "3 joint positions", "the 6 of"],
     f"{CORRECT} --coverage 0.99": ["--coverage 0.99", "38 poses"],
     f"{CORRECT} --figure p.gif": ["p.gif", ".png"],
-    "path example --model vjm.stiff --robot ur5 --output e.csv": ["--robot", "one of both"],
+    "path example --model vjm.stiff --robot ur5 --output e.csv": ["--robot", "give only one"],
     "path example --model bytes --output e.csv": ["bytes: not a model file"],
     "path example --model vjm.stiff --size 3000 --points 5 --output e.csv": [
         "3000 mm",

@@ -286,7 +286,7 @@ def test_an_interval_that_is_none_is_a_failure(task_of, answer, part):
 def test_an_invalid_curve_fails_the_cell_and_is_named(task_of, wrong):
     result = compute_cell(task_of(Curved, curve=wrong), "r")
     assert (result.status, result.cause) == ("failed", "ModelError")
-    assert result.failure.startswith("curves_['training'] is no (n, 3) array")
+    assert result.failure.startswith("curves_['training'] is not an (n, 3) array")
 
 
 def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
