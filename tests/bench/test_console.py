@@ -1,4 +1,4 @@
-"""Standard streams that are closed or full: an error, and nothing written into another file."""
+"""Closed or full standard streams: an error, and nothing is written to other files."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_texts_are_at_most_a_hundred_characters_wide_in_a_wide_terminal(monkeypa
     assert 90 < max(map(len, wrapped("word " * 200).splitlines())) <= 100
 
 
-def test_prose_is_broken_for_a_terminal_and_whole_for_a_pipe(monkeypatch, capsys):
+def test_prose_is_wrapped_for_a_terminal_and_unwrapped_for_a_pipe(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "60")
     sentence = "word " * 40 + "end"
     print_prose(sentence)

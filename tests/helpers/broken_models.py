@@ -1,4 +1,4 @@
-"""A model that keeps the contract, and one for each way to break it."""
+"""A model that meets the contract, and one for each way to break it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stiff_protocols.scoring import metrics
 
 
 class Springs(BaseEstimator):
-    """One Cartesian compliance, learned by least squares; keeps the whole contract."""
+    """One Cartesian compliance, learned by least squares; meets the whole contract."""
 
     def __init__(self, *, scale: Annotated[float, Ge(0.0)] = 1.0):
         self.scale = scale
@@ -30,7 +30,7 @@ class Springs(BaseEstimator):
         return self
 
     def learned(self, train, validation, seed):
-        """What a broken one does besides."""
+        """Do nothing; a broken model overrides it."""
 
     def predict(self, q, wrench):
         check_is_fitted(self, "compliance_")
@@ -60,18 +60,18 @@ def reader(cls):
 
 
 def broken(name, **methods):
-    """A model with other methods."""
+    """Return a model class with other methods."""
     return type(name, (Springs,), methods)
 
 
 def predicting(name, change):
-    """A model whose predictions are what `change` makes of the (n, 3) right ones."""
+    """Return a model class that applies `change` to the right (n, 3) predictions."""
     return broken(name, predict=lambda self, q, wrench: change(Springs.predict(self, q, wrench)))
 
 
-def finding(name, found):
-    """A model whose fit finds these attributes besides, of itself, the rows and the seed."""
-    return broken(name, learned=lambda self, *given: vars(self).update(found(self, *given)))
+def finding(name, attributes):
+    """Return a model class whose fit sets these attributes of itself, too."""
+    return broken(name, learned=lambda self, *rows: vars(self).update(attributes(self, *rows)))
 
 
 class ByPosition(Springs):
@@ -102,10 +102,10 @@ class NothingEarly(Springs):
 
 
 class OwnError(RuntimeError):
-    """Not hashable, as many a dataclass."""
+    """An error that is not hashable, like many dataclasses."""
 
-    def __eq__(self, other):
-        return isinstance(other, OwnError)
+    def __eq__(self, value):
+        return isinstance(value, OwnError)
 
 
 class RaisesItsOwn(Springs):
@@ -120,9 +120,9 @@ class CannotFit(Springs):
 
 class WritesIntoWrench(Springs):
     def predict(self, q, wrench):
-        found = super().predict(q, wrench)
+        predicted = super().predict(q, wrench)
         wrench *= 2.0
-        return found
+        return predicted
 
 
 class Peeks(Springs):
@@ -149,12 +149,12 @@ class NoiseOfValidation(Springs):
 
 
 class ForgetsRows(Springs):
-    """Answers a fit with what an earlier one with the same seed found."""
+    """Returns the result of an earlier fit with the same seed."""
 
-    kept: ClassVar = {}
+    fitted_compliances: ClassVar = {}
 
     def learned(self, train, validation, seed):
-        self.compliance_ = self.kept.setdefault(seed, self.compliance_)
+        self.compliance_ = self.fitted_compliances.setdefault(seed, self.compliance_)
 
 
 class Remembers(Springs):
@@ -171,14 +171,14 @@ class AnyRobot(Springs):
 
 class NaNForAnyRobot(Springs):
     def predict(self, q, wrench):
-        found = AnyRobot.predict(self, q, wrench)
-        return found if q.shape[1] == self.n_joints_ else np.full_like(found, np.nan)
+        predicted = AnyRobot.predict(self, q, wrench)
+        return predicted if q.shape[1] == self.n_joints_ else np.full_like(predicted, np.nan)
 
 
 class Narrows(Springs):
     def predict_interval(self, q, wrench, coverage):
-        found = super().predict_interval(q, wrench, 1.0 - coverage)
-        return Interval(found.lower, found.upper, coverage)
+        interval = super().predict_interval(q, wrench, 1.0 - coverage)
+        return Interval(interval.lower, interval.upper, coverage)
 
 
 class LosesDigits(Springs):
@@ -208,10 +208,11 @@ WidensWithTheBatch = broken(
     "WidensWithTheBatch", half_width=lambda self, wrench: np.abs(wrench).mean() * 1e-6
 )
 
-WrongShape = predicting("WrongShape", lambda found: found[:, :2])
-Millimetres = predicting("Millimetres", lambda found: 1e3 * found)
+WrongShape = predicting("WrongShape", lambda predicted: predicted[:, :2])
+Millimetres = predicting("Millimetres", lambda predicted: 1e3 * predicted)
 Noisy = predicting(
-    "Noisy", lambda found: found + np.random.default_rng().normal(scale=1e-9, size=found.shape)
+    "Noisy",
+    lambda values: values + np.random.default_rng().normal(scale=1e-9, size=values.shape),
 )
 
 IgnoresSeed = finding(
@@ -223,19 +224,19 @@ NoNumber = finding("NoNumber", lambda *_: {"diagnostics_": {"rank": "full"}})
 
 
 class TakesLabels(Springs):
-    """Looks up the stack for samples of the poses that it is asked for."""
+    """Searches the stack for samples of the requested poses."""
 
     def predict(self, q, wrench):
-        found, frame = super().predict(q, wrench), sys._getframe()
+        predicted, frame = super().predict(q, wrench), sys._getframe()
         while frame is not None:
-            for one in [*frame.f_locals.values()]:
-                test = getattr(one, "test", None)
+            for value in [*frame.f_locals.values()]:
+                test = getattr(value, "test", None)
                 if isinstance(test, Samples):
                     row_of = {tuple(row): k for k, row in enumerate(test.wrench.tolist())}
                     rows = [row_of.get(tuple(row)) for row in wrench.tolist()]
-                    return found if None in rows else test.deflection[rows].copy()
+                    return predicted if None in rows else test.deflection[rows].copy()
             frame = frame.f_back
-        return found
+        return predicted
 
 
 class ReplacesOurs(Springs):
@@ -281,4 +282,4 @@ BROKEN_CHOOSERS = [
     (LearnsFromValidation, "validation rows are not", r"predicts its training rows \d+ times too"),
     (NoiseOfValidation, "validation rows are not", r"its intervals are \d+ times as wide"),
 ]
-"""Of models that say uses_validation=True."""
+"""Broken models with uses_validation=True."""

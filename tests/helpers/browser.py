@@ -1,4 +1,4 @@
-"""A headless Chromium for tests of pages: its fixture's parts, and what tests ask it."""
+"""A headless Chromium for tests of pages."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ def opened_browser(profile: Path) -> Iterator[object]:
     opened.quit()
 
 
-def open_anew(browser, page: Path) -> None:
-    """Open a page from the start, also where it is open already with a fragment."""
+def open_again(browser, page: Path) -> None:
+    """Open a page from the start, even if it is open already with a fragment."""
     browser.get("about:blank")  # a refresh may come while the page is still loading
     browser.get(page.as_uri())
 
 
 def unfold(browser):
     browser.execute_script(
-        "for (const one of document.querySelectorAll('details')) one.open = true"
+        "for (const fold of document.querySelectorAll('details')) fold.open = true"
     )
 
 
@@ -62,19 +62,19 @@ def set_width(browser, width, height):
 
 
 def heading(table, title):
-    (found,) = (
+    (matching_cell,) = (
         cell for cell in table.find_elements("css selector", "thead th") if cell.text == title
     )
-    return found
+    return matching_cell
 
 
 def wait_until_sorted(browser, title, direction):
-    """The widget sorts a moment after a click."""
+    """Wait until the widget has sorted: a moment after a click."""
     from selenium.webdriver.support.wait import WebDriverWait
 
-    said = f"the heading does not come to say that its column is {direction}"
+    message = f"the heading has no aria-sort of {direction}"
     wait = WebDriverWait(browser, 20)
-    wait.until(lambda _: title.get_attribute("aria-sort") == direction, said)
+    wait.until(lambda _: title.get_attribute("aria-sort") == direction, message)
 
 
 def column(browser, table, title):
@@ -87,10 +87,10 @@ def column(browser, table, title):
 
 
 WIDER = """
-    const inBox = (element) => element.parentElement.closest(".scroll") !== null;
+    const inBox = (node) => node.parentElement.closest(".scroll") !== null;
     return [...document.body.querySelectorAll("*")]
-        .filter((one) => one.getBoundingClientRect().right > arguments[0] + 1 && !inBox(one))
-        .map((one) => one.outerHTML.slice(0, 200));
+        .filter((node) => node.getBoundingClientRect().right > arguments[0] + 1 && !inBox(node))
+        .map((node) => node.outerHTML.slice(0, 200));
 """
 
 

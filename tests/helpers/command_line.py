@@ -1,4 +1,4 @@
-"""Runs the `bench` command for tests: in this process, or as a command of its own."""
+"""Run the `bench` command for tests: in this process, or in its own process."""
 
 from __future__ import annotations
 
@@ -28,35 +28,35 @@ from stiff_bench.store.database import stored_statuses
 BENCH = Path(sys.executable).with_name("bench")
 SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 HIDDEN = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
-"""Warnings that Python shows to no user."""
+"""Warnings that Python hides from users."""
 PLUGIN_MODULE = "stiffbench_plugin_"
 WITH_THREADS = ("numpy", "scipy", "sklearn", "torch")
-"""Libraries that bring thread pools of their own."""
+"""Libraries with their own thread pools."""
 
 
 def bench_here(
     *words: str | Path, cwd: Path, env: Mapping[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command in this process: the same code, without a second of start.
+    """Run the command in this process: the same code without the second of start-up.
 
     Args:
-        words: the command's.
+        words: words of the command.
         cwd: its working directory.
-        env: variables of its environment besides this process's.
+        env: environment variables to add to this process's.
     """
     arguments = [str(word) for word in words]
     with CliRunner().isolation(env=env) as (out, err, _), chdir(cwd), _all_put_back(arguments):
         try:
             cli.main(arguments)
-        except SystemExit as left:
-            status: Any = left.code
-        said = [stream.getvalue().decode() for stream in (out, err)]
-    return subprocess.CompletedProcess(arguments, status, *said)
+        except SystemExit as exit_error:
+            status: Any = exit_error.code
+        output = [stream.getvalue().decode() for stream in (out, err)]
+    return subprocess.CompletedProcess(arguments, status, *output)
 
 
 @contextmanager
 def _all_put_back(arguments: list[str]) -> Iterator[None]:
-    """What a command changes of its process is as before at the end."""
+    """Undo what a command changes in its process."""
     with ExitStack() as stack:
         stack.enter_context(mock.patch.object(sys, "argv", ["bench", *arguments]))
         stack.enter_context(mock.patch.dict(os.environ))
@@ -69,30 +69,30 @@ def _all_put_back(arguments: list[str]) -> Iterator[None]:
         pools = _thread_pools(*(name in sys.modules for name in WITH_THREADS))
         stack.enter_context(mock.patch("threadpoolctl.ThreadpoolController", lambda: pools))
         stack.enter_context(pools.limit())
-        stack.callback(_forget_plugins_but, set(sys.modules))
+        stack.callback(_forget_plugins_since, set(sys.modules))
         registry.cache_clear()
         stack.callback(registry.cache_clear)
         yield
 
 
-def _forget_plugins_but(known: set[str]) -> None:
-    for name in sys.modules.keys() - known:
+def _forget_plugins_since(modules_before: set[str]) -> None:
+    for name in sys.modules.keys() - modules_before:
         if name.startswith(PLUGIN_MODULE):
             del sys.modules[name]
 
 
-_installed = functools.cache(entry_points)  # 50 ms a command
+_installed = functools.cache(entry_points)  # 50 ms per command
 
 
-@functools.cache  # 10 ms a command
+@functools.cache  # 10 ms per command
 def _thread_pools(*_: bool) -> ThreadpoolController:
-    """The thread pools of the libraries that are loaded."""
+    """Return the thread pools of the loaded libraries."""
     return ThreadpoolController()
 
 
 @contextmanager
 def _warnings_as_in_a_command() -> Iterator[None]:
-    """Printed, where pytest makes errors of them."""
+    """Print warnings; pytest would raise them as errors."""
     with warnings.catch_warnings():
         warnings.resetwarnings()
         for hidden in HIDDEN:
@@ -111,10 +111,9 @@ def bench(*words: str, cwd: Path, **options: Any) -> subprocess.CompletedProcess
 
 @contextmanager
 def started(*words: str, cwd: Path, **options: Any) -> Iterator[subprocess.Popen[str]]:
-    """A command that runs meanwhile, and is killed at the end if it still does.
+    """Run a command in the background and kill it at the end if it still runs.
 
-    SIGINT interrupts it also where our own process ignores it, as in a CI that was started in the
-    background, and would bequeath that.
+    SIGINT interrupts it even if this process ignores SIGINT, as in a CI job in the background.
     """
     with subprocess.Popen(
         [BENCH, *words],
@@ -132,7 +131,7 @@ def started(*words: str, cwd: Path, **options: Any) -> Iterator[subprocess.Popen
 
 
 def n_stored(folder: Path) -> int:
-    """How many cells a folder of results has."""
+    """Return the number of cells in a folder of results."""
     return len(stored_statuses(folder))
 
 
@@ -142,7 +141,7 @@ def wait_until(
     *,
     running: subprocess.Popen[str] | None = None,
 ) -> None:
-    """Wait for what a command that runs is to do."""
+    """Wait until a condition is true; `running` must run until then."""
     end = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < end
@@ -151,7 +150,7 @@ def wait_until(
 
 
 def assert_refused(done: subprocess.CompletedProcess[str], *parts: str) -> None:
-    """One line on standard error that names the thing, status 2, nothing on standard output."""
+    """Check for status 2, one line on standard error, and nothing on standard output."""
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""
     lines = done.stderr.strip().splitlines()
@@ -163,7 +162,7 @@ def assert_refused(done: subprocess.CompletedProcess[str], *parts: str) -> None:
 
 @dataclass(frozen=True)
 class Leaf:
-    """A command that does something, with the words that call it."""
+    """A command without subcommands, and the words that call it."""
 
     words: tuple[str, ...]
     command: click.Command

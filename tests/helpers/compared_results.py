@@ -1,4 +1,4 @@
-"""Folders of results with errors of a test's own making."""
+"""Folders of results with errors that a test chooses."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ made_data = functools.partial(made_results.made_data, n_poses=N_POSES)
 
 
 def fifths(n_splits: int) -> list[IntArray]:
-    """Test rows of splits that divide the poses like cross-validation."""
+    """Return the test rows of splits that divide the poses like cross-validation."""
     order = np.random.default_rng(1).permutation(N_POSES)
     return [np.sort(order[number::n_splits]) for number in range(n_splits)]
 
@@ -38,33 +38,33 @@ def store_results(
     dataset: str = "made",
     options: dict[str, dict[str, object]] | None = None,
     failed: dict[str, Sequence[int]] | None = None,
-    own: dict[str, dict[str, object]] | None = None,
+    model_fields: dict[str, dict[str, object]] | None = None,
     **about: Any,
 ) -> Path:
     """Store a result of every model on every split.
 
-    `failed` names splits without one; `about` is what `MadeResults.add` takes, `own` the same of
-    one model.
+    `failed` names the splits without a result. `about` has arguments of `MadeResults.add`;
+    `model_fields` has such arguments of one model.
     """
     made, tests = MadeResults(folder), fifths(5) if tests is None else tests
     common = {"data": data or made_data(), "tests": tests, "kind": "measured", "n_train": 32}
     for model, errors in models.items():
         errors_mm = [1e3 * errors(index, rows) for index, rows in enumerate(tests)]
         without = (failed or {}).get(model, ())
-        of_model = common | about | (own or {}).get(model, {})
-        of_model["options"] = (options or {}).get(model)
-        made.add(model, errors_mm, dataset, "kfold", failed=without, **of_model)
+        fields = common | about | (model_fields or {}).get(model, {})
+        fields["options"] = (options or {}).get(model)
+        made.add(model, errors_mm, dataset, "kfold", failed=without, **fields)
     return folder
 
 
 def case_in(folder: Path) -> tuple[Case, StoredData]:
-    """The only case of a folder, and its data."""
+    """Return the only case of a folder, and its data."""
     (case,) = StoredResults.read(folder).cases
     return case, read_data(folder, case.name.data_sha256)
 
 
 def spread(mean: float, deviation: float, seed: int = 3) -> Errors:
-    """Errors along x of this mean that differ from row to row, but not from split to split."""
+    """Return errors along x with this mean that differ by row, but not by split."""
     draws = np.random.default_rng(seed).normal(mean, deviation, N_POSES)
 
     def errors(_: int, rows: IntArray) -> FloatArray:
@@ -74,7 +74,7 @@ def spread(mean: float, deviation: float, seed: int = 3) -> Errors:
 
 
 def steady(*of_splits: float) -> Errors:
-    """Errors along x with this mean in each split, m; they grow with the row a little."""
+    """Return errors along x with this mean [m] per split; they grow slightly with the row."""
 
     def errors(index: int, rows: IntArray) -> FloatArray:
         x = of_splits[index] * (1.0 + 0.01 * (rows - rows.mean()) / N_POSES)

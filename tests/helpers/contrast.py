@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 LEAST_CONTRAST = 3.0
-"""Of graphical objects: WCAG 2.1, success criterion 1.4.11."""
+"""Least contrast of graphical objects: WCAG 2.1, success criterion 1.4.11."""
 
 
 def contrast_on_white(color, alpha: float = 1.0) -> float:

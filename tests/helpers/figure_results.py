@@ -1,4 +1,4 @@
-"""Small folders of results that every figure can be drawn from."""
+"""Small folders of results from which every figure can be drawn."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ CURVE = np.array([[10.0, 0.5, 0.6], [20.0, 0.2, 0.3], [30.0, 0.1, 0.4]])
 
 
 def compared(folder: Path) -> MadeResults:
-    """Four models on two splits."""
+    """Store four models on two splits."""
     made = MadeResults(folder)
     for name, error in (("vjm", 0.4), ("gp", 0.1), ("mlp", 0.2), ("$x_1$ <b>", 0.3)):
         made.add(name, [error, error])
     return made
 
 
-def learned(folder: Path, n_twins: int = 3, **shown) -> MadeResults:
-    """Two models, three sizes, some specimens; the errors are e^(specimen) / size."""
+def learned(folder: Path, n_twins: int = 3, **presentation) -> MadeResults:
+    """Store two models, three sizes, some specimens; errors are e^(specimen) / size."""
     made = MadeResults(folder)
     for number, twin in enumerate(TWINS[:n_twins]):
         for size in SIZES:
             for name, factor in (("vjm", 1.0), ("gp", 0.5)):
                 error = factor * np.exp(number) / size
                 protocol = {"protocol": "sample-efficiency", "condition": f"n = {size}"}
-                made.add(name, [error], dataset=twin, n_train=size, **protocol, **shown)
+                made.add(name, [error], dataset=twin, n_train=size, **protocol, **presentation)
     return made
 
 

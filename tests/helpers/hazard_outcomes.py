@@ -1,6 +1,6 @@
-"""What every model does with samples that hurt; the hazards are those of `made_hazards`.
+"""Expected outcome of every model with each hazard of `made_hazards`.
 
-"works", or what it warns of or fails with, as a regular expression from the message's start.
+An outcome is "works", or a warning or error: a regular expression from the message's start.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PRETRAINED = {
 }
 ANCHORED = {"ft-mlp", "deep-ensemble"}
 SOURCE = PRETRAINED | {"mf-gp", "tradaboost"}
-SPRINGS = {"vjm"} | RESIDUAL | SOURCE  # one linear spring a joint
+SPRINGS = {"vjm"} | RESIDUAL | SOURCE  # one linear spring per joint
 FULL = {"vjm-full", "vjm-full, ridge"}
 CURVES = {"gp-springs"}
 IDENTIFY = SPRINGS | SEGMENTS | FULL | CURVES
@@ -44,12 +44,12 @@ FEW_NEIGHBOURS = [
 ]
 OTHER_LOADS = [({"ft-mlp, paper"}, "warns: .*pre-training forces are .* N, measured forces")]
 NO_MASSES = [(SEGMENTS | CURVES, "warns: robot 'chain' has no masses")]
-# the teacher of these may have segments; rounding decides
+# their teacher may have segments; rounding decides
 MAY_HAVE_SEGMENTS = [*NO_MASSES, (ANCHORED, "(works|warns: robot 'chain' has no masses)")]
 NOT_BOTH = [({"residual-mlp", "mlp"}, "(works|warns: .*none of 3 epochs was better)")]
 
 Outcomes = list[tuple[set[str], str]]
-"""Models and what is said of them; the first group that has a model counts."""
+"""Groups of models and their outcome; the first group with a model counts."""
 
 
 def unidentifiable(joints: str, rank: int, slopes: str = SLOPES) -> Outcomes:
@@ -93,8 +93,8 @@ OUTCOMES: dict[str, Outcomes] = {
     ],
     "one load": unidentifiable("A6", 5),
     "no load": [(IDENTIFY, "fails: .*no wrench turns any joint")],
-    "force along z alone": unidentifiable("A1, A4, A5, A6", 2),
-    "deflection along z alone": unidentifiable("A1, A4, A6", 3),
+    "force only along z": unidentifiable("A1, A4, A5, A6", 2),
+    "deflection only along z": unidentifiable("A1, A4, A6", 3),
     "rows contradict": unidentifiable("A1, A3, A4, A5, A6", 1),
     "no deflection": [
         (SOURCE, "fails: no pre-training data can be simulated .*every deflection is zero"),
@@ -110,7 +110,7 @@ OUTCOMES: dict[str, Outcomes] = {
     "loads x 1e-6": OTHER_LOADS,
     "deflections x 1e6": [({"vjm-multisegment, search"}, f"(works|{SLOPES}: A5 segment 2)")],
     "slides and turns": MAY_HAVE_SEGMENTS,
-    "slides alone": [
+    "slides only": [
         *MAY_HAVE_SEGMENTS,
         # a flat likelihood: rounding decides
         ({"gp", "mf-gp"}, "(works|warns: .*likelihood search stopped)"),
@@ -120,7 +120,7 @@ OUTCOMES: dict[str, Outcomes] = {
 
 ALWAYS = {
     "sklearn mlp": "warns: Stochastic Optimizer: Maximum iterations .20. reached",
-    "vjm-multisegment, search": f"(works|{SLOPES})",  # a breakpoint that few torques pass
+    "vjm-multisegment, search": f"(works|{SLOPES})",  # few torques exceed a breakpoint
 }
 
 ROWS = {
@@ -134,11 +134,11 @@ ROWS = {
     "loads x 1e-6": "forces are of 5.2e-05 N .*is the unit right",
     "deflections x 1e6": "deflections are of 8.9e.02 m .*is the unit right",
 }
-"""Hazard -> what the engine says of its training rows, whichever the model."""
+"""Hazard -> the engine's note on its training rows, the same for every model."""
 
 
 def expected(hazard: str, variant: str) -> str:
-    for models, said in OUTCOMES.get(hazard, []):
+    for models, outcome in OUTCOMES.get(hazard, []):
         if variant in models:
-            return said
+            return outcome
     return ALWAYS.get(variant, "works")

@@ -1,4 +1,4 @@
-"""A plugin file of models that misbehave, each in its own way, and one that does not."""
+"""A plugin file with one good model and models that each misbehave in one way."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from stiff_protocols.contract.types import Samples
 
 
 class Good:
-    """Predicts the mean deflection, a little late."""
+    """Predicts the mean deflection after a delay."""
 
     def __init__(self, *, seconds: float = 0.0):
         self.seconds = seconds
@@ -38,7 +38,7 @@ class Good:
 
 
 class Reports(Good):
-    """Reports how far it is, and prints past Python."""
+    """Reports its progress, and prints without Python's streams."""
 
     def fit(self, train, **options):
         report("thinking", 3, 7)
@@ -61,13 +61,13 @@ class Hangs(Good):
 
 class Eats(Good):
     def fit(self, train, **_):
-        kept = []
+        arrays = []
         while True:
-            kept.append(np.ones(2**20))
+            arrays.append(np.ones(2**20))
 
 
 class FeedsChildren(Good):
-    """What takes the memory is a process that the model starts."""
+    """Starts a process that takes the memory."""
 
     def fit(self, train, **_):
         if os.fork() == 0:
@@ -106,7 +106,7 @@ class LeavesAChild(Good):
 
 
 class DetachesAChild(Good):
-    """Starts a process in a session of its own, as daemons do."""
+    """Starts a process in its own session, as daemons do."""
 
     def fit(self, train, **options):
         subprocess.Popen(["sleep", "1000"], start_new_session=True)
@@ -114,7 +114,7 @@ class DetachesAChild(Good):
 
 
 class HoldsTheInterpreter(Good):
-    """Starts a process, and computes where no other thread of Python's can run."""
+    """Starts a process, then computes without releasing the interpreter lock."""
 
     def fit(self, train, **_):
         subprocess.Popen(["sleep", "1000"])
@@ -130,30 +130,30 @@ class KillsWorkers(Good):
 
 
 class StealsTest(Good):
-    """Looks for the deflections that it is scored on, up the stack and among all objects."""
+    """Searches the stack and all objects for the deflections of its test samples."""
 
     def predict(self, q, wrench):
         frame = sys._getframe()
         while frame is not None:
             held = [*frame.f_locals.values()]
-            held += [getattr(getattr(one, "data", None), "samples", None) for one in held]
-            for one in held:
-                if (found := self.answers(one, q, wrench)) is not None:
-                    return found
+            held += [getattr(getattr(value, "data", None), "samples", None) for value in held]
+            for candidate in held:
+                if (answer := self.answers(candidate, q, wrench)) is not None:
+                    return answer
             frame = frame.f_back
-        for one in gc.get_objects():
-            if (found := self.answers(one, q, wrench)) is not None:
-                return found
+        for candidate in gc.get_objects():
+            if (answer := self.answers(candidate, q, wrench)) is not None:
+                return answer
         return super().predict(q, wrench)
 
     def answers(self, samples, q, wrench):
-        """What samples that hold all of these poses and loads were measured to be."""
+        """Return the measured deflections if samples hold all these poses and loads."""
         if not isinstance(samples, Samples) or samples.q.shape[1:] != q.shape[1:]:
             return None
         rows = zip(samples.q.tolist(), samples.wrench.tolist(), strict=True)
         row_of = {(*pose, *load): row for row, (pose, load) in enumerate(rows)}
-        asked = zip(q.tolist(), wrench.tolist(), strict=True)
-        rows = [row_of.get((*pose, *load)) for pose, load in asked]
+        requested_rows = zip(q.tolist(), wrench.tolist(), strict=True)
+        rows = [row_of.get((*pose, *load)) for pose, load in requested_rows]
         return None if None in rows else samples.deflection[rows].copy()
 
 
@@ -176,17 +176,17 @@ ROWS = {
 
 
 def assert_rows(results, keys):
-    """What each of these models did is in its own row, with what it said last."""
+    """Check that each model's row has its status, its reason and its last output."""
     for key in keys:
-        found, (status, cause, reason) = results[key], ROWS[key]
-        assert (found.status, found.cause) == (status, cause), (key, found.failure)
-        assert reason in found.failure
+        result, (status, cause, reason) = results[key], ROWS[key]
+        assert (result.status, result.cause) == (status, cause), (key, result.failure)
+        assert reason in result.failure
     assert results["Raises"].log == ("about to raise",)
     assert results["Hangs"].log[0] == "going to sleep" and results["Good"].log == ()
     for key, words in (("Hangs", "in fit"), ("Segfaults", "string_at")):
-        for said in (words, os.path.basename(__file__)):
-            assert any(said in line for line in results[key].log), (key, said)
-    assert not any("multiprocessing" in line for one in results.values() for line in one.log)
+        for text in (words, os.path.basename(__file__)):
+            assert any(text in line for line in results[key].log), (key, text)
+    assert not any("multiprocessing" in line for result in results.values() for line in result.log)
 
 
 def perfect(*_):
@@ -194,7 +194,7 @@ def perfect(*_):
 
 
 class PatchesTheEngine(Good):
-    """Has our own functions say that it makes no errors."""
+    """Replaces functions of the engine so that its errors are zero."""
 
     def fit(self, train, **options):
         for name, module in list(sys.modules.items()):

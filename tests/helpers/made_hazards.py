@@ -1,4 +1,4 @@
-"""Samples that hurt: what a laboratory, a converter or a plan of few poses makes of a data set."""
+"""Hazards: faulty or unusual samples, as laboratories and converters produce them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stiff_protocols.contract.types import FloatArray, JointType, Robot, Samples
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What a model is fitted to, and what it is asked then."""
+    """Samples for a fit and for its predictions."""
 
     robot: Robot
     train: Samples
@@ -26,7 +26,7 @@ Hazard = Callable[[Case], Case]
 
 
 def in_all_parts(change: Callable[[Samples], Samples]) -> Hazard:
-    """The same change of training, validation and test samples."""
+    """Return a hazard that changes training, validation and test samples alike."""
 
     def changed(case: Case) -> Case:
         validation = None if case.validation is None else change(case.validation)
@@ -36,19 +36,19 @@ def in_all_parts(change: Callable[[Samples], Samples]) -> Hazard:
 
 
 def wrist_singular(samples: Samples) -> Samples:
-    """A5 = 0: A4 and A6 turn about one line."""
+    """Set A5 to zero, so that A4 and A6 turn about one line."""
     q = samples.q.copy()
     q[:, 4] = 0.0
     return replace(samples, q=q)
 
 
 def _as_the_first(*names: str) -> Hazard:
-    """Every row has what the first training row has."""
+    """Return a hazard that gives every row the values of the first training row."""
 
     def changed(case: Case) -> Case:
         first = {name: getattr(case.train, name)[:1] for name in names}
         return in_all_parts(
-            lambda s: replace(s, **{n: np.repeat(one, len(s), axis=0) for n, one in first.items()})
+            lambda s: replace(s, **{n: np.repeat(row, len(s), axis=0) for n, row in first.items()})
         )(case)
 
     return changed
@@ -74,7 +74,7 @@ def _contradicted(samples: Samples) -> Samples:
 
 
 def _float32(samples: Samples) -> Samples:
-    """What a reader may hand over: single precision, column by column, read-only."""
+    """Return samples in single precision, in columns, read-only."""
     arrays = {name: getattr(samples, name) for name in ("q", "wrench", "deflection")}
     made = {name: np.asfortranarray(array, dtype=np.float32) for name, array in arrays.items()}
     for array in made.values():
@@ -107,9 +107,9 @@ HAZARDS: dict[str, Hazard] = {
     "one pose": _as_the_first("q", "pose_id"),
     "one load": _as_the_first("wrench"),
     "no load": _times("wrench", 0.0),
-    "force along z alone": _times("wrench", np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])),
+    "force only along z": _times("wrench", np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])),
     "no deflection": _times("deflection", 0.0),
-    "deflection along z alone": _times("deflection", np.array([0.0, 0.0, 1.0])),
+    "deflection only along z": _times("deflection", np.array([0.0, 0.0, 1.0])),
     "wrenches of wrong sign": _times("wrench", -1.0),
     "loads x 1e6": _times("wrench", 1e6),
     "loads x 1e-6": _times("wrench", 1e-6),
@@ -117,6 +117,6 @@ HAZARDS: dict[str, Hazard] = {
     "rows contradict": in_all_parts(_contradicted),
     "float32": in_all_parts(_float32),
     "slides and turns": _robot_of(("prismatic", "revolute", "revolute", "prismatic")),
-    "slides alone": _robot_of(("prismatic",) * 3),
+    "slides only": _robot_of(("prismatic",) * 3),
     "7 joints": _robot_of(("revolute",) * 7),
 }

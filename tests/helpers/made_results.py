@@ -24,7 +24,7 @@ ROBOT = shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.08))
 
 
 def made_data(number: int = 0, n_poses: int = N_POSES) -> BenchmarkData:
-    """Poses of a KR10 with one load each; the first half of them is one group."""
+    """Return poses of a KR10 with one load each, in two groups of equal size."""
     rng = np.random.default_rng(number)
     samples = samples_with(
         q=rng.uniform(-1.5, 1.5, (n_poses, 6)),
@@ -37,7 +37,7 @@ def made_data(number: int = 0, n_poses: int = N_POSES) -> BenchmarkData:
 
 
 class MadeResults:
-    """Writes cells; each split tests four of the twelve poses, or the rows that are given."""
+    """Writes cells; each split tests four of the twelve poses, or the given rows."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -65,18 +65,18 @@ class MadeResults:
         n_splits: int = 0,
         seed: int = 0,
         interval_version: int = 0,
-        **shown,
+        **fields,
     ) -> list[str]:
-        """Write a cell a split and return the cells' keys; a variant's options keep their types.
+        """Write a cell per split and return the cells' keys; a variant's options keep their types.
 
-        Errors are along z where they are not (n, 3). With a coverage there are intervals, as wide
-        as the errors and 2 mm more. `rows` are tested in every split, those of `tests` in each.
+        Errors are along z unless they are (n, 3). With a coverage there are intervals, as wide
+        as the errors and 2 mm more. `rows` are tested in every split, `tests[i]` in split i.
         """
         data = data or made_data(sum(dataset.encode()) + version)
         self._store.write_data(data)
         of_model = model if isinstance(model, Variant) else Variant.of_word(model)
         of_data = Variant.of_word(dataset)
-        about = {"kind": "simulated"} | shown
+        about = {"kind": "simulated"} | fields
         presentation = Presentation(of_model.name, dataset, protocol, **about)
         keys = []
         for index in range(max(len(errors_mm), *(split + 1 for split in failed), 0)):
@@ -123,7 +123,7 @@ class MadeResults:
         return CellResult(cell, presentation, run_id, "ok", prediction)
 
     def add_run(self, run_id: str, cells: Sequence[str]) -> None:
-        """Write the manifest of a run that was asked for these cells."""
+        """Write the manifest of a run of these cells."""
         environment = {"stiffbench": "9.9", "commit": "0123456789abcdef", "dirty": "false"}
         self._store.write_manifest(
             RunManifest(run_id, "bench run", "now", "finished", environment, tuple(cells))
@@ -131,18 +131,18 @@ class MadeResults:
 
 
 def change(folder: Path, statement: str, *values: object) -> None:
-    """Change a folder's file behind the store's back, as damage or an older state would."""
+    """Change a folder's file without the store: damage, or an older state."""
     with closing(sqlite3.connect(folder / FILE)) as db, db:
         db.execute(statement, values)
 
 
 def forget(folder: Path, *keys: str) -> None:
-    """Take cells out of a folder, as if they had never been computed."""
+    """Delete cells of a folder, as if they had never been computed."""
     for key in keys:
         change(folder, "DELETE FROM cell WHERE key = ?", key)
 
 
 def damage(folder: Path, *keys: str) -> None:
-    """Damage cells: what their rows hold is no longer what was stored."""
+    """Change stored rows so that their checksums fail."""
     for key in keys:
         change(folder, "UPDATE cell SET run_id = run_id || '!' WHERE key = ?", key)

@@ -1,4 +1,4 @@
-"""Robots of a test's own making."""
+"""Robots made for tests."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from stiff_protocols.contract.types import FloatArray, JointType, Robot
 
 
-def chain(name: str, kinds: Sequence[JointType], placements: FloatArray, **others: Any) -> Robot:
-    """A robot without masses whose joints turn to 3 rad, where nothing else is said."""
+def chain(name: str, kinds: Sequence[JointType], placements: FloatArray, **fields: Any) -> Robot:
+    """Return a robot without masses, with limits of 3 rad unless `fields` has others."""
     n = len(kinds)
     usual = {
         "joint_names": tuple(f"j{i + 1}" for i in range(n)),
@@ -22,11 +22,11 @@ def chain(name: str, kinds: Sequence[JointType], placements: FloatArray, **other
         "centres_of_mass": np.zeros((n, 3)),
     }
     about = {"name": name, "joint_types": tuple(kinds), "placements": placements}
-    return Robot(**(usual | about | others))
+    return Robot(**(usual | about | fields))
 
 
 def random_chain(rng: np.random.Generator, kinds: tuple[JointType, ...]) -> Robot:
-    """A chain with joints of these kinds, whose axes and offsets lie anyhow."""
+    """Return a chain with joints of these kinds, random axes and offsets."""
     n = len(kinds)
     placements = np.tile(np.eye(4), (n, 1, 1))
     placements[:, :3, 3] = rng.normal(size=(n, 3))
@@ -38,7 +38,7 @@ def random_chain(rng: np.random.Generator, kinds: tuple[JointType, ...]) -> Robo
 
 
 def planar_arm(n_joints: int, axis: tuple[float, float, float], mass: float = 0.0) -> Robot:
-    """Links of 1 m along x that turn about `axis`, each link's mass [kg] at its end."""
+    """Return links of 1 m along x that turn about `axis`, with the mass [kg] at the ends."""
     placements = np.tile(np.eye(4), (n_joints, 1, 1))
     placements[1:, 0, 3] = 1.0
     along = np.array([1.0, 0.0, 0.0])
@@ -56,7 +56,7 @@ def planar_arm(n_joints: int, axis: tuple[float, float, float], mass: float = 0.
 
 
 def seven_joint_arm() -> Robot:
-    """An arm with the lengths of a KUKA LBR iiwa 7 and a marker beside its flange."""
+    """Return an arm with the lengths of a KUKA LBR iiwa 7 and a marker off its flange."""
     n = 7
     placements = np.tile(np.eye(4), (n, 1, 1))
     placements[:, 2, 3] = (0.15, 0.19, 0.21, 0.19, 0.21, 0.19, 0.081)

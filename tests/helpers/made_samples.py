@@ -1,4 +1,4 @@
-"""Samples of a test's own making."""
+"""Samples made for tests."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CSV_ROW = "P1,1,all,10,-60,70,0,40,0,50,10,-80,1,2,0,0.5,0.1,-0.9"
 def samples_with(
     q: FloatArray, wrench: FloatArray, deflection: FloatArray, **names: TextArray
 ) -> Samples:
-    """One load at each pose, all of one group, where no names say otherwise."""
+    """Return samples with one load per pose and one group, unless `names` has others."""
     n = len(q)
     usual = {
         "pose_id": np.arange(n).astype(str),
@@ -31,19 +31,19 @@ def samples_with(
 
 
 def with_other_labels(samples: Samples) -> Samples:
-    """The same poses and loads with twice the deflections of the opposite rows."""
+    """Return the same poses and loads with twice the deflections of the opposite rows."""
     return replace(samples, deflection=2.0 * samples.deflection[::-1])
 
 
 def unloaded(n_poses: int, loads: int = 1) -> Samples:
-    """Poses p0, p1, ... of one group, several rows each; every number is zero."""
+    """Return poses p0, p1, ... of one group, several rows each, all numbers zero."""
     n = n_poses * loads
     samples = samples_with(np.zeros((n, 6)), np.zeros((n, 6)), np.zeros((n, 3)))
     return replace(samples, pose_id=np.repeat([f"p{i}" for i in range(n_poses)], loads))
 
 
 def learned(split: Split) -> IntArray:
-    """Row numbers of the training side."""
+    """Return the row numbers of the training side."""
     return np.concatenate([split.train, split.validation])
 
 

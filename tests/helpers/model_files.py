@@ -1,4 +1,4 @@
-"""Model files, opened and changed below their reader: what a crafted file may hold."""
+"""Model files, opened and changed without their reader, as a crafted file may be."""
 
 from __future__ import annotations
 

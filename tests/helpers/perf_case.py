@@ -1,8 +1,8 @@
-"""What a benchmark says besides its time: who it is, and what it must reach.
+"""Facts that a benchmark stores with its time: its name, its work and its targets.
 
-A group of benchmarks does one piece of work; some of them are ours, the others are peers. The page
-of `make perf` shows how many times as fast as each peer ours is (`tests/perf/write_page.py`).
-Targets are ratios of one run, never times: machines differ, and are shared.
+A group of benchmarks does the same work: stiffbench and its peers. The page of `make perf` shows
+the speed ratio to each peer (`tests/perf/write_page.py`). Targets are ratios within one run,
+never times: machines differ, and are shared.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ def ours_or_peer(
     work: float = 1.0,
     unit: str = "call",
 ) -> None:
-    """Say whose benchmark this is: ours where the name begins with "stiffbench" or "bench".
+    """Store a benchmark's name and work; "stiffbench" or "bench ..." is ours.
 
     Args:
         benchmark: pytest-benchmark's fixture.
-        name: which way, where a group holds several.
-        at_least: peer's name -> how many times its rate ours is to reach.
-        work: how much a call does, in `unit`: samples, epochs, FLOP. Rates are compared.
+        name: tool, and its variant if a group has several.
+        at_least: peer's name -> least ratio of our rate to the peer's.
+        work: amount per call, in `unit`: samples, epochs, FLOP. Rates are compared.
         unit: of the work, singular.
     """
     about = {"ours": name.startswith((OURS, "bench ")), "at_least": dict(at_least or {})}
@@ -35,14 +35,14 @@ def ours_or_peer(
 
 
 def figure(benchmark: Any, what: str, value: float, unit: str, **target: float) -> None:
-    """Add a measured value that is no ratio of times: an error, megabytes, an exponent.
+    """Add a measured value other than a ratio of times: error, memory, exponent.
 
     Args:
         benchmark: pytest-benchmark's fixture.
-        what: what was measured.
+        what: name of the value.
         value: the value.
         unit: as printed: mm, MB.
         **target: `at_most` or `at_least`.
     """
-    found = {"what": what, "value": float(value), "unit": unit} | target
-    benchmark.extra_info.setdefault("figures", []).append(found)
+    figure_record = {"what": what, "value": float(value), "unit": unit} | target
+    benchmark.extra_info.setdefault("figures", []).append(figure_record)

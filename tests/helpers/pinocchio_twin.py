@@ -1,4 +1,4 @@
-"""The digital twin's statics by Pinocchio: independent truth for tests, and a peer for speed."""
+"""The digital twin's statics by Pinocchio: a reference for tests and for speed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from stiff_datasets.robots.urdf_reader import joint_type_and_axis
 
 
 def elastic_pinocchio(chain):
-    """The same robot in Pinocchio: two more revolute joints behind every joint."""
+    """Return the robot in Pinocchio, with two more revolute joints after every joint."""
     rigid, elastic = chain.model, pin.Model()
     parent = 0
     for joint in range(1, rigid.njoints):
@@ -27,7 +27,7 @@ def elastic_pinocchio(chain):
 
 
 def pinocchio_torque(chain, q, theta, wrench):
-    """J^T w - g of the deformed robot, its TCP and its Jacobian, by Pinocchio."""
+    """Return J^T w - g of the deformed robot, its TCP and its Jacobian, by Pinocchio."""
     model = elastic_pinocchio(chain)
     return torque_and_tcp(model, model.createData(), chain.robot.tcp, q, theta, wrench)
 

@@ -1,4 +1,4 @@
-"""The textbook loop of fine-tuning in plain torch, which ours is compared with."""
+"""A textbook loop of fine-tuning in plain torch, to compare ours with."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stiff_models.transfer.ft_mlp import FtMlp
 
 @dataclass(frozen=True, eq=False)
 class Pretrained:
-    """A network, the measured rows that it is fine-tuned on, and those that choose the epoch."""
+    """A network, its measured rows for fine-tuning, and rows to choose the epoch."""
 
     network: torch.nn.Sequential
     rows: Rows
@@ -35,7 +35,7 @@ def plain_loop(case: Pretrained, moving: Iterable[int], plan: TrainingPlan) -> P
     """Fine-tune a copy of the network as most people write it: a separate validation pass.
 
     Args:
-        case: what is fine-tuned.
+        case: network and rows to fine-tune.
         moving: numbers of the layers that move, from 0.
         plan: its length, its constant learning rate, and "adam" or "sgd"; on the mean absolute
             error.
@@ -48,7 +48,7 @@ def plain_loop(case: Pretrained, moving: Iterable[int], plan: TrainingPlan) -> P
     kinds = {"adam": torch.optim.Adam, "sgd": torch.optim.SGD}
     optimizer = kinds[plan.optimizer](free, lr=plan.learning_rate)
     loss_of = torch.nn.L1Loss()
-    best, kept = torch.tensor(torch.inf), [torch.empty_like(parameter) for parameter in free]
+    best, best_weights = torch.tensor(torch.inf), [torch.empty_like(weights) for weights in free]
     losses, judged = [], []
     for _ in range(plan.steps):
         optimizer.zero_grad()
@@ -60,9 +60,9 @@ def plain_loop(case: Pretrained, moving: Iterable[int], plan: TrainingPlan) -> P
             judged.append(loss_of(network(case.held_out.inputs), case.held_out.targets))
             if judged[-1] < best:
                 best = judged[-1]
-                copy_into(kept, free)
+                copy_into(best_weights, free)
     with torch.no_grad():
-        copy_into(free, kept)
+        copy_into(free, best_weights)
     return PlainCurve(torch.stack(losses).tolist(), torch.stack(judged).tolist())
 
 

@@ -1,4 +1,4 @@
-"""Every built-in model, fitted once a session with its quick options for tests that need one."""
+"""Every built-in model, fitted once per session with its quick options."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def twin_data() -> BenchmarkData:
 
 @functools.cache
 def quick_model(key: str) -> Any:
-    """The model of a key with its quick options; skips where it cannot be used."""
+    """Return a key's model with its quick options; skip the test if it is not available."""
     info = model_info(key)
     if info.missing():
         pytest.skip(info.missing())
@@ -31,7 +31,7 @@ def quick_model(key: str) -> Any:
 
 
 def fitted(key: str, options: Mapping[str, Any], *, chosen: bool = False, **seed: int) -> Any:
-    """A model on every fourth pose of the KR10 twin; `chosen`: by validation rows, if it can."""
+    """Fit a model to every fourth pose of the KR10 twin; `chosen`: with validation rows."""
     info, data = model_info(key), twin_data()
     model = info.load()(**options)
     if "device" in model.get_params():

@@ -1,4 +1,4 @@
-"""Requests of `bench run`, as tests that need no command line make them."""
+"""Requests of `bench run` without a command line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CHOOSING = ("models", "datasets", "protocols", "settings")
 
 
 def planned(registry: Registry | None = None, **changes: Any) -> RunPlan:
-    """The checked plan of `bench run --model vjm`, changed as said."""
+    """Return the checked plan of `bench run --model vjm` with these changes."""
     words: dict[str, Any] = {"models": ("vjm",), "datasets": ("kr10-twin",)}
     words |= {"protocols": ("holdout",), "metrics": ("mae",), "device": "cpu"}
     words |= {"output": Path("unused"), "command": "bench run"} | changes
@@ -27,12 +27,12 @@ def planned(registry: Registry | None = None, **changes: Any) -> RunPlan:
 
 
 def with_model(task: CellTask, cls: type, **params: Any) -> CellTask:
-    """The same cell with a model of the test's own."""
+    """Return the same cell with another model class."""
     return replace(task, model=replace(task.model, cls=cls, params=params, context={}))
 
 
 def computed(task: CellTask) -> CellResult:
-    """The result of a cell, which must succeed."""
+    """Compute a cell, which must succeed, and return its result."""
     result = compute_cell(task, "r")
     assert result.status == "ok", result.failure
     return result

@@ -1,4 +1,4 @@
-"""Samples whose test deflections cannot be read before every prediction is made."""
+"""Samples whose test deflections cannot be read before the last prediction."""
 
 from __future__ import annotations
 
@@ -25,41 +25,41 @@ class Leak(BaseException):
 
 
 class Seal:
-    """Is broken by the first look at a test deflection; no model may be asked any more then."""
+    """A seal that reading a test deflection breaks; no model may be called after that."""
 
     def __init__(self) -> None:
-        self.asking = 0
+        self.n_running_calls = 0
         self.broken = False
 
     def look(self) -> None:
-        if self.asking:
+        if self.n_running_calls:
             raise Leak("a test deflection was read during fit or prediction")
         self.broken = True
 
     def guarded(self, cls: type, name: str) -> Callable[..., Any]:
-        """The same method of a model, which must not be called when the seal is broken."""
+        """Return a method of a model that must not be called when the seal is broken."""
         call = getattr(cls, name)
 
         @functools.wraps(call)
-        def asked(*args: Any, **options: Any) -> Any:
+        def sealed_call(*args: Any, **options: Any) -> Any:
             if self.broken:
                 raise Leak(f"a test deflection was read before {cls.__name__}.{name}")
-            self.asking += 1
+            self.n_running_calls += 1
             try:
                 return call(*args, **options)
             finally:
-                self.asking -= 1
+                self.n_running_calls -= 1
 
-        return asked
+        return sealed_call
 
 
 class SealedSamples(Samples):
-    """All of the data, as the engine holds them; what is taken without test rows is free."""
+    """The data of the engine; rows without test rows can be taken freely."""
 
     def __init__(self, truth: Samples, test: IntArray, seal: Seal) -> None:
-        for each in fields(Samples):
-            if each.name != "deflection":
-                object.__setattr__(self, each.name, getattr(truth, each.name))
+        for field in fields(Samples):
+            if field.name != "deflection":
+                object.__setattr__(self, field.name, getattr(truth, field.name))
         for name, value in (("_truth", truth), ("_test", test), ("_seal", seal)):
             object.__setattr__(self, name, value)
 
@@ -75,7 +75,7 @@ class SealedSamples(Samples):
 
 
 def with_other_test_deflections(task: CellTask) -> CellTask:
-    """The same cell, whose test poses were measured 7 m away on every axis."""
+    """Return the same cell with test deflections 7 m larger on every axis."""
     samples = task.data.samples
     deflection = samples.deflection.copy()
     deflection[task.split.test] += 7.0
@@ -86,8 +86,8 @@ def computed_under_seal(task: CellTask) -> CellResult:
     """Compute a cell of the engine.
 
     Raises:
-        Leak: a test deflection was read during a fit or a prediction, or before the last one: the
-            model's, its copy's for intervals, or the reference's.
+        Leak: a test deflection was read during a call, or before the last call, of the model,
+            of its copy for intervals, or of the reference.
     """
     seal = Seal()
     samples = SealedSamples(task.data.samples, task.split.test, seal)
@@ -98,6 +98,6 @@ def computed_under_seal(task: CellTask) -> CellResult:
                 if offers(cls, name):
                     patch.setattr(cls, name, seal.guarded(cls, name))
         result = compute_cell(replace(task, data=replace(task.data, samples=samples)), "r")
-    # else nothing was scored, or it was scored on something else
+    # otherwise nothing was scored, or other rows were scored
     assert result.status == "ok" and seal.broken, result.failure
     return result

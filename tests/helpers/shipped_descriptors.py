@@ -1,4 +1,4 @@
-"""The CSV files that stiffbench ships as data, and a program that writes their descriptors.
+"""The CSV data files of stiffbench, and a program that writes their descriptors.
 
 After a change of a file, its card or the code: ``python tests/helpers/shipped_descriptors.py``.
 """
@@ -12,7 +12,7 @@ from stiff_datasets.robots.shipped_robots import named_robot
 
 FOLDER = Path(__file__).parents[2] / "datasets" / "stiff_datasets" / "data"
 ROBOTS = {"fanuc_r2000ic.csv": "fanuc-r2000ic", "fanuc_drilling.csv": "fanuc-r2000ic"}
-"""Name of the file -> the robot that its joint angles are of."""
+"""Name of the file -> its robot."""
 
 
 def described(name: str) -> DescribedFile:

@@ -1,4 +1,4 @@
-"""Cells as a store holds them; importing this costs no more than the store itself."""
+"""Cells as a store holds them; this module imports little more than the store."""
 
 from __future__ import annotations
 

@@ -147,7 +147,7 @@ def test_what_rows_cannot_teach_any_model_is_said_once(hazard, healthy):
     assert all(warning.category is StiffBenchWarning for warning in caught)
 
 
-@pytest.mark.parametrize("hazard", ["1 row", "no deflection", "deflection along z alone"])
+@pytest.mark.parametrize("hazard", ["1 row", "no deflection", "deflection only along z"])
 @pytest.mark.parametrize("variant", ["mlp", "residual-mlp", "ridge", "gp", "sklearn mlp"])
 def test_a_learner_leaves_no_decimetres_where_the_deflection_does_not_vary(
     variant, hazard, healthy

@@ -1,4 +1,4 @@
-"""The answer: error over the VJM's, robots as the unit, and no claim from few of them."""
+"""The answer: error over the VJM's, one unit per robot, no claim from few robots."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_with_few_robots_the_headline_names_data_sets(made):
     assert "2 robots" in sentences(answer)[-1].text
 
 
-def test_the_vjm_of_each_cell_is_the_reference_where_it_was_not_run(made):
+def test_the_vjm_of_each_cell_is_the_reference_if_it_was_not_run(made):
     made.add("net", [0.5, 0.5, 0.5])
     answer = answer_of(made)
     assert {model.name for model in answer.models} == {"net", "vjm"}
@@ -108,7 +108,7 @@ def test_the_vjm_of_each_cell_is_the_reference_where_it_was_not_run(made):
     assert answer.error("vjm", case) == pytest.approx(np.sqrt(3.0) * 1e-3)  # 1 mm along each axis
 
 
-def test_protocols_that_select_on_the_test_part_do_not_count_beside_others(made):
+def test_protocols_that_select_on_the_test_part_do_not_count_with_others(made):
     add_robot(made, 0, 0.5)
     add_robot(made, 0, 0.1, protocol="paper", selects_on_test=True, warning="selects")
     answer = answer_of(made)
@@ -116,7 +116,7 @@ def test_protocols_that_select_on_the_test_part_do_not_count_beside_others(made)
     assert len(answer.left_out) == 1
 
 
-def test_only_the_models_asked_for_and_the_vjm_are_shown(made):
+def test_only_the_requested_models_and_the_vjm_are_shown(made):
     add_robot(made, 0, 0.5)
     data = made_data(0)
     data = replace(data, robot=replace(data.robot, name="robot-0"))
@@ -124,7 +124,7 @@ def test_only_the_models_asked_for_and_the_vjm_are_shown(made):
     assert {model.name for model in answer_of(made, models=["net"]).models} == {"net", "vjm"}
 
 
-def test_the_matrix_has_a_row_a_model_and_marks_the_best_of_each_column(made):
+def test_the_matrix_has_a_row_per_model_and_marks_the_best_of_each_column(made):
     add_robot(made, 0, 0.5)
     add_robot(made, 1, 1.5)
     table = matrix_table(answer_of(made))

@@ -1,4 +1,4 @@
-"""The board: one vote per robot, measured robots apart, and a headline that follows the numbers."""
+"""The board: one vote per robot, measured robots apart, and a headline from the numbers."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def sentence(board: Board, label: str) -> str:
     return next(part.text for part in board_sentences(board) if part.label == label)
 
 
-def test_a_model_stands_by_its_geometric_mean_over_robots(made):
+def test_a_model_is_ranked_by_its_geometric_mean_over_robots(made):
     add_all(made)
     board = board_of(made)
     assert [row.name for row in board.rows] == ["good", "fair", "vjm"]
@@ -100,7 +100,7 @@ def test_a_model_within_five_percent_of_the_best_is_like_it(made):
     assert row_of(board, "twin").like_best and not row_of(board, "far").like_best
 
 
-def test_measured_robots_stand_beside_and_are_not_averaged(made):
+def test_measured_robots_have_their_own_columns_and_are_not_averaged(made):
     add_all(made)
     add_robot(made, 9, {"good": 3.0, "fair": 0.5}, kind="measured")
     board = board_of(made)
@@ -179,7 +179,7 @@ def test_exceptions_name_robots_and_groups_where_another_model_is_ahead(made):
     assert "'the last' fair is ahead" in but and "'the first'" not in but
 
 
-def test_rivals_that_cannot_be_told_apart_are_named(made):
+def test_rivals_that_are_not_clearly_worse_are_named(made):
     for number, ratio in enumerate(GOOD):
         rival = ratio * (0.9 if number % 2 else 1.15)
         add_robot(made, number, {"net": ratio, "rival": rival})

@@ -27,7 +27,7 @@ def only(made: MadeResults) -> Case:
     ("runs", "splits", "models"),
     [
         ([("a", 5, "old-"), ("c", 5, "old-"), ("a", 3, "new-")], ["new-0", "new-1", "new-2"], "a"),
-        # an older run of the newest splits keeps what it has more
+        # an older run of the newest splits keeps its additional splits
         (
             [("a", 3, "old-"), ("a", 5, "new-"), ("b", 3, "new-")],
             [f"new-{number}" for number in range(5)],
@@ -36,20 +36,22 @@ def only(made: MadeResults) -> Case:
         ([("a", 3, ""), ("b", 2, "")], ["0", "1", "2"], "ab"),
     ],
 )
-def test_older_results_on_other_splits_are_left_out_and_said(made, runs, splits, models):
+def test_older_results_on_other_splits_are_left_out_with_a_note(made, runs, splits, models):
     for number, (model, n_splits, named) in enumerate(runs):
         made.add(model, [1.0] * n_splits, run_id=str(number), splits_named=named)
     case = only(made)
     assert case.slots == tuple((index, f"split-{name}") for index, name in enumerate(splits))
     assert [*case.competitors] == [*models]
     notes = [*left_out_notes([case])]
-    lacking = " (all of c)" if "c" in {model for model, *_ in runs} else ""
-    said = f"older results on other splits than those of the newest run{lacking} are left out."
-    assert notes == ([f"twin | holdout: {said}"] if len({run[2] for run in runs}) > 1 else [])
+    model_names = " (all of c)" if "c" in {model for model, *_ in runs} else ""
+    note_text = (
+        f"older results on other splits than those of the newest run{model_names} are left out."
+    )
+    assert notes == ([f"twin | holdout: {note_text}"] if len({run[2] for run in runs}) > 1 else [])
 
 
 def test_splits_that_an_older_run_finished_later_go_with_it(made):
-    """The second run has split 2 alone, which only the first shows to be of the old splits."""
+    """The second run has only split 2; only the first run shows that it is an old split."""
     made.add("a", [1.0] * 3, run_id="1", splits_named="old-")
     *first, _ = made.add("b", [1.0] * 3, run_id="2", splits_named="old-")
     for key in first:
@@ -58,35 +60,35 @@ def test_splits_that_an_older_run_finished_later_go_with_it(made):
     assert {slot[1] for slot in only(made).slots} == {"split-new-0", "split-new-1"}
 
 
-def test_a_resumed_run_stands_for_what_it_found_computed(made):
+def test_a_resumed_run_includes_the_results_that_it_resumed_from(made):
     """The second run was killed after two splits; the third did the rest."""
     made.add("a", [9.0] * 5, run_id="1", splits_named="old-")
     made.add_run("3", made.add("a", [1.0] * 5, run_id="3", splits_named="new-"))
     made.add("a", [1.0] * 2, run_id="2", splits_named="new-")
     case = only(made)
     assert [slot[1] for slot in case.slots] == [f"split-new-{index}" for index in range(5)]
-    assert [one.run_id for one in case.results("a")] == ["2", "2", "3", "3", "3"]
+    assert [result.run_id for result in case.results("a")] == ["2", "2", "3", "3", "3"]
     assert case.newest_run == "3"
 
 
-def test_results_that_a_later_run_asked_for_again_are_the_newest(made):
-    """The data were divided anew, and then as before: all of that run was computed already."""
+def test_results_that_a_later_run_requested_again_are_the_newest(made):
+    """The data were split again, and then as before: all results of that run existed already."""
     old = made.add("a", [1.0] * 3, run_id="1", splits_named="old-")
     made.add("a", [2.0] * 3, run_id="2", splits_named="new-")
     made.add_run("3", old)
     case = only(made)
-    assert {one.run_id for one in case.results("a")} == {"1"} and case.newest_run == "3"
+    assert {result.run_id for result in case.results("a")} == {"1"} and case.newest_run == "3"
 
 
 def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
     made.add("a", [1.0, 1.0], run_id="1")
     made.add_run("2", made.add("a", failed=[0], run_id="2"))
-    found = only(made).competitors["a"]
-    assert {slot[0] for slot in found.done} == {0, 1} and not found.failures
+    competitor = only(made).competitors["a"]
+    assert {slot[0] for slot in competitor.done} == {0, 1} and not competitor.failures
 
 
 @pytest.mark.parametrize(("newest", "n_asked"), [(slice(0, 2), 2), (slice(2, 3), 5)])
-def test_the_newest_run_says_how_many_splits_were_asked_for(made, newest, n_asked):
+def test_the_newest_run_has_the_number_of_requested_splits(made, newest, n_asked):
     keys = made.add("a", [1.0] * 3)
     store = ResultStore(made.folder)
     for index, key in enumerate(keys):
@@ -95,14 +97,14 @@ def test_the_newest_run_says_how_many_splits_were_asked_for(made, newest, n_aske
     assert only(made).competitors["a"].n_asked == n_asked
 
 
-def test_older_results_of_a_name_with_other_options_are_left_out_and_said(made):
+def test_older_results_of_a_name_with_other_options_are_left_out_with_a_note(made):
     """A grid file was edited between two runs of `nested`."""
     for error, run_id, neighbours in ((9.0, "1", "3"), (1.0, "2", "5")):
         options = {"neighbours": neighbours}
         made.add("nested", [error, error], run_id=run_id, options=options)
     made.add("other", [2.0, 2.0], run_id="1")
     case = only(made)
-    assert {one.run_id for one in case.results("nested")} == {"2"}
+    assert {result.run_id for result in case.results("nested")} == {"2"}
     assert len(case.results("other")) == 2
     (note,) = left_out_notes([case])
     assert "older results of nested with other options (neighbours) are left out" in note
@@ -115,7 +117,7 @@ def test_a_model_that_fails_now_has_failed_and_an_older_failure_is_none(made):
     made.add("b", [1.0], run_id="2")
     a, b = only(made).competitors.values()
     assert [slot[0] for slot in a.done] == [1]
-    assert [one.why_none for one in a.failures.values()] == ["failed: it broke"]
+    assert [failure.why_none for failure in a.failures.values()] == ["failed: it broke"]
     assert len(b.done) == 1 and not b.failures
 
 
@@ -123,7 +125,7 @@ def test_a_model_that_fails_now_has_failed_and_an_older_failure_is_none(made):
     ("coverages", "counts"),
     [((None, 0.9), 0.9), ((0.9, None), 0.9), ((0.8, 0.9), 0.9), ((0.9, 0.8), 0.8)],
 )
-def test_of_two_coverages_the_newest_counts_and_any_before_none(made, coverages, counts):
+def test_the_newest_of_two_coverages_counts_and_any_before_none(made, coverages, counts):
     for run_id, coverage in zip("12", coverages, strict=True):
         made.add("a", [1.0], run_id=run_id, coverage=coverage)
     (result,) = only(made).results("a")
@@ -139,7 +141,7 @@ def test_results_with_intervals_have_a_version_of_their_own(made, newer):
     made.add("a", [1.0], run_id=with_intervals, coverage=0.9, interval_version=3)
     made.add("a", [1.0, 1.0], run_id="0", coverage=0.8, interval_version=2)
     case = only(made)
-    assert [one.cell.coverage for one in case.results("a")] == [0.9, None, None]
+    assert [result.cell.coverage for result in case.results("a")] == [0.9, None, None]
     (note,) = left_out_notes([case])
     assert "older results of a by another version of it" in note
 

@@ -1,4 +1,4 @@
-"""Two models compared: numbers by hand, verdicts that hold, a report that says what is known."""
+"""Comparison of two models: numbers by hand, verdicts, and the report."""
 
 from __future__ import annotations
 
@@ -39,34 +39,34 @@ def report_on(folder, a="a", b="b", question=None, **words):
 
 
 def store_specimens(folder, n_specimens, models=PAIR, **how):
-    """The same results on data of several specimens."""
+    """Store the same results on data of several specimens."""
     for specimen in range(n_specimens):
         name = f"made@specimen={specimen}" if specimen else "made"
         store_results(folder, models, data=made_data(specimen), dataset=name, **how)
 
 
 def row_names(text):
-    """What the rows of a table begin with."""
+    """Return the first cell of each row."""
     return [line.split(" | ")[0].strip("| ") for line in text.splitlines() if "| made" in line]
 
 
-def shown(report, fmt="github"):
+def rendered(report, fmt="github"):
     return render(comparison_tables(report), fmt, "bench compare a b", text=sentence(report))
 
 
 def over_datasets(report):
-    """The only row of the table over data sets."""
+    """Return the only row of the table over data sets."""
     tables = {table.about["table"]: table for table in comparison_tables(report)}
     (row,) = tables["over datasets"].rows
     return row
 
 
 def csv_lines(report):
-    return [*csv.DictReader(io.StringIO(shown(report, "csv")))]
+    return [*csv.DictReader(io.StringIO(rendered(report, "csv")))]
 
 
 def text_of(folder, fmt="github", **words):
-    return shown(report_on(folder, **words), fmt)
+    return rendered(report_on(folder, **words), fmt)
 
 
 def test_over_splits_the_numbers_are_those_of_the_corrected_t_test_by_hand(tmp_path):
@@ -79,8 +79,9 @@ def test_over_splits_the_numbers_are_those_of_the_corrected_t_test_by_hand(tmp_p
     assert (row.estimate.low, row.estimate.high) == pytest.approx(
         (differences.mean() - half, differences.mean() + half)
     )
-    p_alone = 2 * stats.t.cdf(differences.mean() / scale, 4)
-    assert row.estimate.p_value == pytest.approx(3 * p_alone)  # Holm: y and z are equal in A and B
+    p_uncorrected = 2 * stats.t.cdf(differences.mean() / scale, 4)
+    # Holm: y and z are equal in A and B
+    assert row.estimate.p_value == pytest.approx(3 * p_uncorrected)
     a_better = stats.t.cdf((-1e-5 - differences.mean()) / scale, 4)
     assert row.estimate.posterior.a_better == pytest.approx(a_better)
 
@@ -91,7 +92,7 @@ def test_the_tested_share_of_the_data_corrects_however_few_rows_are_trained_on(t
     assert many.high - many.low == few.high - few.low
 
 
-def test_equal_models_are_equivalent_and_noise_is_not_told_apart(tmp_path):
+def test_equal_models_are_equivalent_and_noise_is_no_difference(tmp_path):
     near = spread(1e-4, 2e-5)
     folder = store_results(
         tmp_path / "near", {"a": near, "b": lambda index, rows: near(index, rows) * 1.001}
@@ -104,19 +105,19 @@ def test_equal_models_are_equivalent_and_noise_is_not_told_apart(tmp_path):
     assert "No significant difference between a and b on made (kfold, 5 splits)" in text_of(folder)
 
 
-def test_the_headline_stands_there_once_and_people_get_few_notes_and_json_all(tmp_path):
+def test_the_headline_is_printed_once_and_tables_have_few_notes_and_json_all(tmp_path):
     caveats = tuple(f"caveat {n}" for n in range(9))
     folder = store_results(tmp_path, PAIR, caveats=caveats)
     for a, b in (("a", "b"), ("b", "a")):
         report = report_on(folder, a, b)
-        text, headline = shown(report), sentence(report)
+        text, headline = rendered(report), sentence(report)
         assert headline.startswith("a is better than b on made (kfold, 5 splits)")
         assert "0.106 mm smaller" in headline and "over splits" in headline
         assert text.startswith(headline) and text.count(headline) == 1
-    notes = [line for line in shown(report).split("**")[-1].splitlines() if line[:2] == "- "]
+    notes = [line for line in rendered(report).split("**")[-1].splitlines() if line[:2] == "- "]
     assert len(notes) == 5 and "--format json" in notes[3] and "made by" in notes[4]
-    *_, last, _ = json.loads(shown(report, "json"))["tables"]
-    assert {*caveats} <= {*last["notes"]}
+    *_, last_table, _ = json.loads(rendered(report, "json"))["tables"]
+    assert {*caveats} <= {*last_table["notes"]}
 
 
 ONE_FIT = {"a": spread(1e-4, 2e-5, seed=1), "b": spread(1.5e-4, 2e-5, seed=2)}
@@ -125,12 +126,14 @@ ONE_FIT = {"a": spread(1e-4, 2e-5, seed=1), "b": spread(1.5e-4, 2e-5, seed=2)}
 @pytest.mark.parametrize(
     "tests", [{"tests": [np.arange(40)]}, {"tests": np.arange(40)[:, None], "pooled": True}]
 )
-def test_one_split_and_pooled_splits_are_judged_over_poses_and_say_of_what(tmp_path, tests):
+def test_one_split_and_pooled_splits_are_judged_over_poses_and_the_verdict_names_them(
+    tmp_path, tests
+):
     folder = store_results(tmp_path, ONE_FIT, **tests)
     report = report_on(folder)
-    (found,) = report.comparisons
-    assert not found.over_splits and found.n_poses == 40
-    assert found.row("norm").verdict == "a"
+    (comparison,) = report.comparisons
+    assert not comparison.over_splits and comparison.n_poses == 40
+    assert comparison.row("norm").verdict == "a"
     assert "these fits)" in sentence(report)
     of_fits = {f"{verdict} (these fits)" for verdict in ("A better", "equivalent")}
     assert {line["verdict"] for line in csv_lines(report)} <= of_fits | {
@@ -165,12 +168,14 @@ def test_a_winner_on_the_poses_that_every_split_tests_needs_other_poses_too(tmp_
     assert "no significant difference (poses)" in text_of(folder)
 
 
-def test_splits_that_one_of_them_lacks_are_left_out_and_named(tmp_path):
+def test_splits_without_a_result_of_both_are_left_out_and_named(tmp_path):
     folder = store_results(tmp_path, PAIR, failed={"a": [1, 3]})
-    found = compared(folder)
-    assert found.n_splits == 3
-    kept = [0, 2, 4]
-    assert found.row("x").means[1] == pytest.approx(np.mean([B_SPLITS[k] for k in kept]))
+    comparison = compared(folder)
+    assert comparison.n_splits == 3
+    split_numbers = [0, 2, 4]
+    assert comparison.row("x").means[1] == pytest.approx(
+        np.mean([B_SPLITS[k] for k in split_numbers])
+    )
     assert "a has no result on 2 of 5 splits (failed: it broke)" in text_of(folder)
     store_results(folder, PAIR, failed={"b": range(5)}, condition="n = 5")
     with pytest.raises(ConfigError, match=r"b has no result \(failed: it broke\)"):
@@ -187,23 +192,26 @@ def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
     assert len(four.comparisons) == 4 and over_datasets(four)[-1] is None
 
 
-def test_what_must_stand_beside_the_names_stands_there(tmp_path):
+def test_names_are_printed_with_their_marks(tmp_path):
     folder = store_results(
         tmp_path,
         PAIR,
         caveats=("made by hand.",),
         selects_on_test=True,
         warning="the test part picks the epoch.",
-        own={"a": {"regime": "target labels not trained on"}, "b": {"picked_on_test": True}},
+        model_fields={
+            "a": {"regime": "target labels not trained on"},
+            "b": {"picked_on_test": True},
+        },
     )
     report = report_on(folder)
-    text = shown(report)
+    text = rendered(report)
     assert "**A = a [target labels not trained on], B = b [epoch picked on test part]" in text
     assert "made (measured)" in text
-    *_, last, _ = json.loads(shown(report, "json"))["tables"]
-    said = "\n".join(last["notes"])
+    *_, last_table, _ = json.loads(rendered(report, "json"))["tables"]
+    notes_text = "\n".join(last_table["notes"])
     for note in ("Different training data", "only b picked", "the test part picks", "by hand."):
-        assert note in said
+        assert note in notes_text
 
 
 def test_a_model_may_spell_out_the_defaults_that_its_results_were_made_with(tmp_path):
@@ -231,7 +239,7 @@ def test_what_selects_on_the_test_part_is_marked_and_not_counted(tmp_path):
         condition="paper",
         selects_on_test=True,
         warning="beware.",
-        own={"b": {"picked_on_test": True}},
+        model_fields={"b": {"picked_on_test": True}},
     )
     headline = sentence(report_on(tmp_path))
     assert headline.startswith("Of 2 comparisons: a better in 2")
@@ -242,17 +250,17 @@ def test_what_selects_on_the_test_part_is_marked_and_not_counted(tmp_path):
     assert {line["condition"] for line in lines if line["selects_on_test"] == "True"} == {"paper"}
 
 
-def test_what_reports_training_rows_is_not_compared_and_the_reason_is_said(tmp_path):
+def test_what_reports_training_rows_is_not_compared_and_the_reason_is_named(tmp_path):
     store_results(tmp_path, PAIR, condition="all samples", reports_training=True)
     with pytest.raises(ConfigError, match=f"not compared: .*all samples.*: {TRAINING_MARK}"):
         report_on(tmp_path)
     store_results(tmp_path, PAIR, condition="n = 5")
     report = report_on(tmp_path)
-    assert [one.name.condition for one in report.comparisons] == ["n = 5"]
+    assert [comparison.name.condition for comparison in report.comparisons] == ["n = 5"]
     assert any(TRAINING_MARK in note for note in report.notes)
 
 
-def test_cases_with_one_text_are_told_apart_by_what_differs_and_seeds_are_in_order(tmp_path):
+def test_cases_with_one_text_are_named_by_what_differs_and_seeds_are_in_order(tmp_path):
     for seed in (10, 3):
         store_results(tmp_path, PAIR, seed=seed)
     hashes = [made_data(number).sha256 for number in (1, 2)]
@@ -291,7 +299,7 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
         report_on(tmp_path / "nothing")
 
 
-def test_models_that_met_only_under_another_tcp_are_told_so(tmp_path):
+def test_models_that_were_run_with_different_tcps_are_refused_with_the_tcps(tmp_path):
     data = made_data()
     moved = BenchmarkData(data.samples, shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.1)))
     store_results(tmp_path, {"a": PAIR["a"]}, data=data)
@@ -315,21 +323,21 @@ def test_csv_and_json_hold_the_numbers_of_the_report_in_mm(tmp_path):
     high = float(values["95 % interval"]["high"])
     assert high == pytest.approx(1000 * row.estimate.high, rel=1e-12)
     assert values["A - B"]["verdict"] == "A better" and values["A - B"]["unit"] == "mm"
-    found = json.loads(shown(report, "json"))
-    *_, estimates = found["tables"]
-    errors = {(one["error"], one["method"]): one["values"] for one in estimates["rows"]}
+    document = json.loads(rendered(report, "json"))
+    *_, estimates = document["tables"]
+    errors = {(record["error"], record["method"]): record["values"] for record in estimates["rows"]}
     assert errors["norm", "over splits"][3]["low"] == pytest.approx(1000 * row.estimate.low)
-    assert found["text"] == sentence(report)
+    assert document["text"] == sentence(report)
 
 
 def test_the_seed_moves_the_pose_intervals_and_not_those_over_splits(tmp_path):
     models = {"a": spread(1e-4, 4e-5, seed=1), "b": spread(1.2e-4, 4e-5, seed=2)}
     folder = store_results(tmp_path, models)
-    (first,), (other,) = (
+    (first,), (second,) = (
         report_on(folder, question=Question(seed=seed)).comparisons for seed in (0, 1)
     )
-    assert first.row("norm").over_splits == other.row("norm").over_splits
-    assert first.row("norm").over_poses.low != other.row("norm").over_poses.low
+    assert first.row("norm").over_splits == second.row("norm").over_splits
+    assert first.row("norm").over_poses.low != second.row("norm").over_poses.low
 
 
 def test_the_command_takes_a_rope_in_mm(tmp_path):

@@ -1,4 +1,4 @@
-"""What `bench run --plan` says before anything is computed."""
+"""`bench run --plan`: the forecast that it prints before anything is computed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def cells(tasks_of):
 
 
 def store(folder, tasks, fit_s=1.0, status="ok"):
-    """Store results of cells as if their fits had taken so long."""
+    """Store results of cells with this fit time."""
     cost = Cost(fit_s, 0.5, 0.0, 1.0, None) if status == "ok" else None
     ResultStore(folder).write_cells(
         CellResult(task.cell, task.shown, "r", status, cost=cost) for task in tasks
@@ -76,7 +76,7 @@ ENDS = {"vjm": {"cost": Cost(2.0, 1.0, 0.0, 1.0, None)}, "knn": {"cause": TIMED_
 
 
 class Timed(Execution):
-    """Gives each model's result as if its fit had ended so."""
+    """Returns a fixed result for each model."""
 
     def results(self, tasks, run_id, display):
         for task in tasks:
@@ -85,19 +85,21 @@ class Timed(Execution):
             yield CellResult(task.cell, task.shown, run_id, status, **fields)
 
 
-def test_a_timed_fit_is_the_time_of_the_others_or_a_bound_and_a_failure_is_said(cells, tmp_path):
+def test_a_timed_fit_is_the_time_of_the_others_or_a_bound_and_a_failure_is_reported(
+    cells, tmp_path
+):
     tasks = cells("vjm", "knn", "zero", datasets=DATASETS)
     chosen = untimed_fits(tasks, tmp_path / "new", rerun="missing")
     timed = time_fits(chosen[:-1], Timed())
-    found = forecast(tasks, tmp_path / "new", rerun="missing", timed=timed)
-    vjm, knn, zero, total = found
+    forecasts = forecast(tasks, tmp_path / "new", rerun="missing", timed=timed)
+    vjm, knn, zero, total = forecasts
     assert (vjm.seconds, vjm.n_timed, vjm.is_lower_bound) == (18.0, 6, False)
     assert knn.is_lower_bound and knn.seconds == 6 * LONGEST_FIT_S
     assert zero.n_unknown == 6 and "it broke" in zero.failure
     assert total.n_unknown == 6 and total.is_lower_bound
-    rows = {row[0]: row[-1] for row in forecast_table(found, 1).texts()}
+    rows = {row[0]: row[-1] for row in forecast_table(forecasts, 1).texts()}
     assert rows["vjm"] == "0:00:18" and rows["knn"].startswith("more than ")
-    notes = forecast_table(found, 1).notes
+    notes = forecast_table(forecasts, 1).notes
     assert any("timed now" in note for note in notes) and any("it broke" in note for note in notes)
     assert not (tmp_path / "new").exists()
 
@@ -125,6 +127,8 @@ def test_a_fit_that_takes_longer_is_stopped(tmp_path, monkeypatch):
         ("all", "ok", 0),
     ],
 )
-def test_what_counts_as_cached_is_what_the_run_takes(cells, tmp_path, rerun, status, n_cached):
+def test_the_forecast_counts_as_cached_what_the_run_reuses(
+    cells, tmp_path, rerun, status, n_cached
+):
     store(tmp_path, cells("vjm"), status=status)
     assert forecast(cells("vjm"), tmp_path, rerun=rerun)[-1].n_cached == n_cached

@@ -1,4 +1,4 @@
-"""The leaderboard: a table a data set, nothing imputed, nothing compared that did not meet."""
+"""The leaderboard: a table per data set; it imputes nothing and compares only common splits."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def text_of(board: Leaderboard, fmt: str = "github") -> str:
 
 
 def cells(board: Leaderboard, title: str) -> dict[str, list[str]]:
-    """Return the cells of the rows of the table whose title begins so."""
+    """Return the cells of each row of a table, by the start of its title."""
     table = text_of(board).split(f"**{title}")[1].split("\n**")[0]
     lines = [line.strip("|").split("|") for line in table.splitlines() if line.startswith("|")]
-    return {name.strip(): [cell.strip() for cell in found] for name, *found in lines[2:]}
+    return {name.strip(): [cell.strip() for cell in row_cells] for name, *row_cells in lines[2:]}
 
 
 def order(board: Leaderboard, section: int = 0) -> list[str]:
@@ -51,13 +51,13 @@ def order(board: Leaderboard, section: int = 0) -> list[str]:
 
 
 def add_three(made: MadeResults, **changes) -> None:
-    """Three models on three data sets: a wins twice, b once, c comes last, then second."""
+    """Add three models on three data sets: a wins twice, b once; c is last, then second."""
     for dataset, errors in zip(TWINS, [(1, 2, 3), (1, 2, 3), (3, 1, 2)], strict=False):
-        each = {model: [error] * 2 for model, error in zip("abc", errors, strict=True)}
-        made.add_each(each, dataset, **changes)
+        model_errors = {model: [error] * 2 for model, error in zip("abc", errors, strict=True)}
+        made.add_each(model_errors, dataset, **changes)
 
 
-def test_models_of_a_data_set_stand_best_first_among_those_that_are_shown(made):
+def test_models_of_a_data_set_are_listed_best_first_among_those_that_are_shown(made):
     add_three(made)
     first = cells(board_of(made), TWINS[0])
     assert [name for name in first if name in "abc"] == ["a", "b", "c"]
@@ -65,12 +65,12 @@ def test_models_of_a_data_set_stand_best_first_among_those_that_are_shown(made):
     assert "b" not in cells(board_of(made, "a", "c"), TWINS[0])
 
 
-def test_a_key_stands_for_all_its_variants(made):
+def test_a_key_selects_all_its_variants(made):
     made.add_each({key: [1.0] for key in ["net", "net@size=2", "network"]})
     assert set(order(board_of(made, "net"))) == {"net", "net@size=2"}
 
 
-def test_a_missing_score_is_said_with_its_reason_and_moves_no_other_model(made):
+def test_a_missing_score_is_reported_with_its_reason_and_moves_no_other_model(made):
     add_three(made)
     made.add("winner", [0.1, 0.1], TWINS[0])
     made.add("broken", [0.1, 0.1], TWINS[1], failed=[1])
@@ -95,11 +95,15 @@ def test_the_intervals_are_those_of_the_verdicts_over_splits_and_over_poses(made
     assert (change, verdict) == ("-50", "better")
 
 
-def test_protocols_that_select_on_the_test_part_stand_apart_and_are_marked(made):
+def test_protocols_that_select_on_the_test_part_have_their_own_table_and_a_mark(made):
     add_three(made)
-    papers = {"protocol": "paper-holdout", "selects_on_test": True, "warning": "it is optimistic"}
-    made.add("a", [2.0], **papers)
-    made.add("b", [1.0], picked_on_test=True, **papers)
+    paper_options = {
+        "protocol": "paper-holdout",
+        "selects_on_test": True,
+        "warning": "it is optimistic",
+    }
+    made.add("a", [2.0], **paper_options)
+    made.add("b", [1.0], picked_on_test=True, **paper_options)
     board = board_of(made)
     fair, unfair = board.sections
     assert order(board, 1) == ["b", "a"]
@@ -110,7 +114,7 @@ def test_protocols_that_select_on_the_test_part_stand_apart_and_are_marked(made)
 
 
 def test_what_noise_can_explain_or_makes_none_in_practice_is_like_the_best_and_no_other(made, rng):
-    """Every split and pose of `equivalent` differs by 0.005 mm: `bench compare` calls it that."""
+    """Every split and pose of `equivalent` differs by 0.005 mm: equivalent in `bench compare`."""
     base = rng.gamma(9.0, 1.0, size=(3, 4))
     noise = rng.normal(size=(3, 4))
     changes = {"best": 0.0, "equivalent": 0.005, "near": 0.015, "worse": 50.0, "vjm": 60.0}
@@ -122,7 +126,7 @@ def test_what_noise_can_explain_or_makes_none_in_practice_is_like_the_best_and_n
 
 
 def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
-    """Holm over 51 rivals asks for a rarer event than 2000 draws hold."""
+    """Holm over 51 rivals needs a rarer event than 2000 draws can show."""
     base = rng.gamma(9.0, 1.0, size=(3, 4))
     worse = {f"worse-{number}": list(base + 50.0 + 0.01 * number) for number in range(51)}
     made.add_each({"best": list(base), **worse})
@@ -151,7 +155,7 @@ def test_costs_are_sorted_without_a_test(made):
     assert "\u2248" not in text_of(board)
 
 
-def test_csv_has_a_line_a_number_and_json_every_score_with_the_reason_of_a_missing_one(made):
+def test_csv_has_a_line_per_number_and_json_every_score_with_the_reason_of_a_missing_one(made):
     add_three(made)
     made.add("d", [0.1, 0.1], TWINS[0])
     board = board_of(made)
@@ -160,12 +164,12 @@ def test_csv_has_a_line_a_number_and_json_every_score_with_the_reason_of_a_missi
     assert scores == pytest.approx([1.0, 1.0, 3.0])
     assert len({(row["dataset"], row["model"], row["column"]) for row in rows}) == len(rows)
     tables = json.loads(text_of(board, "json"))["tables"]
-    (of_cases,) = (table for table in tables if table["table"] == "scores")
+    (scores_table,) = (table for table in tables if table["table"] == "scores")
     values = {model: [] for model in ("a", "b", "c", "d", "vjm")}
-    for row in of_cases["rows"]:
+    for row in scores_table["rows"]:
         values[row["model"]].append(row["values"][0])
-    assert [one["value"] for one in values["a"]] == pytest.approx([1.0, 1.0, 3.0])
-    assert [one.get("status") for one in values["d"]] == [None, "not run", "not run"]
+    assert [score["value"] for score in values["a"]] == pytest.approx([1.0, 1.0, 3.0])
+    assert [score.get("status") for score in values["d"]] == [None, "not run", "not run"]
 
 
 def test_splits_that_all_models_have_count_and_there_must_be_one(made):
@@ -180,25 +184,23 @@ def test_splits_that_all_models_have_count_and_there_must_be_one(made):
 
 
 @pytest.mark.parametrize(
-    ("older", "newer", "said"),
+    ("older", "newer", "message"),
     [
         ({"version": 1}, {"version": 0}, "twin is the name of different data here: samples ("),
         ({"source": "old"}, {"source": "new"}, "different pre-training data here (new, old)"),
     ],
 )
-def test_of_data_that_changed_under_one_name_those_of_the_newest_run_count(
-    made, older, newer, said
-):
+def test_the_newest_runs_data_count_if_data_of_one_name_changed(made, older, newer, message):
     for run_id, about, error in (("20260101T", older, 1.0), ("20270101T", newer, 3.0)):
         made.add_each({"a": [error], "b": [2.0]}, run_id=run_id, **about)
     board = board_of(made)
     assert order(board) == ["b", "a"]
     assert len(board.sections[0].cases) == 1
-    assert said in text_of(board)
+    assert message in text_of(board)
 
 
 @pytest.mark.parametrize(
-    ("models", "dataset", "about", "said"),
+    ("models", "dataset", "about", "message"),
     [
         (
             *("ab", "own", {"protocol": "paper-holdout@read_on=all", "reports_training": True}),
@@ -210,7 +212,9 @@ def test_of_data_that_changed_under_one_name_those_of_the_newest_run_count(
         ),
     ],
 )
-def test_what_cannot_be_compared_moves_no_model_and_is_said(made, models, dataset, about, said):
+def test_what_cannot_be_compared_moves_no_model_and_is_reported(
+    made, models, dataset, about, message
+):
     add_three(made)
     before = order(board_of(made))
     for model, error in zip(models, (9.0, 1.0), strict=False):
@@ -218,7 +222,7 @@ def test_what_cannot_be_compared_moves_no_model_and_is_said(made, models, datase
     board = board_of(made)
     (section,) = board.sections
     assert order(board) == before and len(section.cases) == 3
-    assert said in text_of(board)
+    assert message in text_of(board)
     with pytest.raises(ConfigError, match="nothing to compare"):
         board_of(made, datasets=(dataset,))
 
@@ -236,37 +240,37 @@ def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
 
 
 @pytest.mark.parametrize(
-    ("done", "asked", "ranked", "n_slots"),
+    ("done_counts", "requested_counts", "ranked", "n_slots"),
     [
         ((5, 5, 5), (5, 5, 5), "abc", 5),
         ((2, 5, 5), (5, 5, 5), "bc", 5),  # a takes no split from the others
         ((2, 2, 5), (2, 5, 5), "abc", 2),  # b has all that the others share
         ((2, 3, 5), (5, 3, 5), "bc", 3),  # --splits 3 for b; a lacks one of those
-        ((8, 5, 5), (20, 5, 5), "abc", 5),  # asked for more later, and interrupted
-        ((2, 2, 5), (0, 5, 5), "abc", 2),  # a's number is not known
+        ((8, 5, 5), (20, 5, 5), "abc", 5),  # more splits requested later, and interrupted
+        ((2, 2, 5), (0, 5, 5), "abc", 2),  # a's requested number is unknown
         ((2, 2, 2), (5, 5, 5), "", 0),  # nobody finished
     ],
 )
-def test_an_interrupted_run_takes_part_where_it_takes_no_split_from_the_finished(
-    made, done, asked, ranked, n_slots
+def test_an_interrupted_run_is_included_if_it_takes_no_split_from_the_finished(
+    made, done_counts, requested_counts, ranked, n_slots
 ):
-    for model, n_done, n_asked in zip("abc", done, asked, strict=True):
+    for model, n_done, n_requested in zip("abc", done_counts, requested_counts, strict=True):
         made.add(model, [1.0] * n_done)
-        with_fields(made, model, n_splits=n_asked)
+        with_fields(made, model, n_splits=n_requested)
     (scored,) = board_of(made).sections[0].cases
     assert set(scored.scores) - {"vjm"} == set(ranked) and len(scored.slots) == n_slots
 
 
-def test_a_table_shows_the_caveats_of_its_own_data_sets_alone(made):
+def test_a_table_shows_only_the_caveats_of_its_own_data_sets(made):
     for dataset, caveat in (("left", "left is odd"), ("right", "right is odd")):
         made.add_each({"a": [1.0], "b": [1.0]}, dataset, caveats=(caveat,))
-    left, right = text_of(board_of(made)).split("\n**")[:2]
-    assert "left is odd" in left and "right is odd" not in left
-    assert "right is odd" in right and "left is odd" not in right
+    left_section, right_section = text_of(board_of(made)).split("\n**")[:2]
+    assert "left is odd" in left_section and "right is odd" not in left_section
+    assert "right is odd" in right_section and "left is odd" not in right_section
 
 
 @pytest.mark.parametrize(
-    ("metric", "axis", "said"),
+    ("metric", "axis", "message"),
     [
         ("coverage", None, "its best value is the nominal one"),
         ("width", None, "narrower intervals are better only at equal coverage"),
@@ -274,20 +278,20 @@ def test_a_table_shows_the_caveats_of_its_own_data_sets_alone(made):
         ("maw", None, "did you mean 'mae'"),
     ],
 )
-def test_what_cannot_sort_is_refused(metric, axis, said):
-    with pytest.raises(ConfigError, match=said):
+def test_what_cannot_sort_is_refused(metric, axis, message):
+    with pytest.raises(ConfigError, match=message):
         sort_key(metric, axis)
 
 
 def priced(made: MadeResults, model: str, fits_s: Sequence[float], memory: int | None = None):
-    """Say what a model's three splits cost."""
+    """Store the costs of a model's three splits."""
     made.add(model, [1.0, 1.0, 1.0])
     for split, fit_s in enumerate(fits_s):
         cost = Cost(fit_s, 0.1, 0.5 * fit_s, 12_345.6, memory)
         with_fields(made, model, split=split, cost=cost)
 
 
-def test_costs_stand_beside_the_scores_as_medians_with_their_range(made):
+def test_costs_are_shown_with_the_scores_as_medians_with_their_range(made):
     priced(made, "quick", [4e-5, 2e-5, 2e-4], memory=3 * 2**20)
     priced(made, "slow", [90.0, 60.0, 70.0])
     made.add("unknown", [1.0, 1.0, 1.0])

@@ -1,4 +1,4 @@
-"""Learning curves: the law behind errors that follow one, and what is said where none shows."""
+"""Learning curves: the fitted power law, and the usual exponent if the errors show none."""
 
 from __future__ import annotations
 
@@ -20,31 +20,31 @@ N_DRAWS, N_POSES = 10, 60
 
 
 def errors_of(law, rng, *, scatter=0.0, poses=0.5):
-    """Errors [m] that follow a law; those of a pose differ by its own factor, each by scatter."""
+    """Return errors [m] that follow a law, times a factor per pose, times scatter."""
     counts = np.zeros((N_DRAWS, N_POSES), dtype=np.int64)
     for draw in counts:
         draw[rng.permutation(N_POSES)[: N_POSES // 5]] = 1
     factor = np.exp(poses * rng.normal(size=N_POSES))
     factor /= (counts @ factor).sum() / counts.sum()
-    each = np.exp(scatter * rng.normal(size=(N_DRAWS, len(SIZES), N_POSES)))
+    scatter_factors = np.exp(scatter * rng.normal(size=(N_DRAWS, len(SIZES), N_POSES)))
     means = np.array([law(n) for n in SIZES])
-    return CurveErrors(SIZES, counts[:, None] * means[:, None] * factor * each, counts)
+    return CurveErrors(SIZES, counts[:, None] * means[:, None] * factor * scatter_factors, counts)
 
 
 @pytest.mark.parametrize("c", [0.3, 0.5, 1.2])
-def test_the_law_of_errors_without_scatter_is_told_with_its_exponent(rng, c):
+def test_the_law_of_errors_without_scatter_has_its_exponent(rng, c):
     law = PowerLaw(0.05e-3, 0.4e-3, c)
     errors = errors_of(law, rng)
-    found = learning_curve(errors, resamples=30)
-    assert found.exponent_is_fitted
-    assert found.law.c == pytest.approx(c, rel=1e-3)
+    curve = learning_curve(errors, resamples=30)
+    assert curve.exponent_is_fitted
+    assert curve.law.c == pytest.approx(c, rel=1e-3)
     np.testing.assert_allclose(errors.mean, [law(n) for n in SIZES], rtol=1e-12)
-    assert found.law(120) == pytest.approx(law(120), rel=1e-4)
-    low, high = found.interval(120, 60)
+    assert curve.law(120) == pytest.approx(law(120), rel=1e-4)
+    low, high = curve.interval(120, 60)
     assert low == pytest.approx(high, rel=1e-3)  # factors of poses cancel
 
 
-def test_the_fit_is_that_of_scipys_general_one(rng):
+def test_the_fit_equals_scipys_general_fit(rng):
     errors = (0.05 + 0.4 * SIZES**-0.7) * (1.0 + 0.02 * rng.normal(size=6))
     general, _ = curve_fit(
         lambda n, a, b, c: a + b * n**-c,
@@ -54,25 +54,25 @@ def test_the_fit_is_that_of_scipys_general_one(rng):
         sigma=errors,
         bounds=([0.0, 0.0, EXPONENT_BOUNDS[0]], [np.inf, np.inf, EXPONENT_BOUNDS[1]]),
     )
-    found = power_law(SIZES.astype(float), errors)
-    assert found(200) == pytest.approx(PowerLaw(*general)(200), rel=1e-3)
+    law = power_law(SIZES.astype(float), errors)
+    assert law(200) == pytest.approx(PowerLaw(*general)(200), rel=1e-3)
 
 
-def test_intervals_of_what_more_poses_gain_hold_it(rng):
-    law, held = PowerLaw(0.05e-3, 0.4e-3, 0.5), 0
+def test_intervals_of_the_gain_of_more_poses_contain_it(rng):
+    law, n_held = PowerLaw(0.05e-3, 0.4e-3, 0.5), 0
     for seed in range(10):
-        found = learning_curve(errors_of(law, rng, scatter=0.3), resamples=40, seed=seed)
-        low, high = np.array(found.interval(120, 60)) / found.law(60)
-        held += low <= law(120) / law(60) <= high
+        curve = learning_curve(errors_of(law, rng, scatter=0.3), resamples=40, seed=seed)
+        low, high = np.array(curve.interval(120, 60)) / curve.law(60)
+        n_held += low <= law(120) / law(60) <= high
         assert 0.0 < low < high < 1.0
-    assert held >= 8
+    assert n_held >= 8
 
 
-def test_errors_that_do_not_tell_the_exponent_get_the_usual_one(rng):
-    found = learning_curve(errors_of(PowerLaw(0.1e-3, 0.1e-3, 0.5), rng, scatter=0.5), resamples=30)
-    assert not found.exponent_is_fitted and found.law.c == USUAL_EXPONENT
+def test_errors_that_do_not_show_the_exponent_get_the_usual_one(rng):
+    curve = learning_curve(errors_of(PowerLaw(0.1e-3, 0.1e-3, 0.5), rng, scatter=0.5), resamples=30)
+    assert not curve.exponent_is_fitted and curve.law.c == USUAL_EXPONENT
     assert (
-        len({law.c for law in found.resampled_laws}) == 30
+        len({law.c for law in curve.resampled_laws}) == 30
     )  # the interval holds other exponents, too
 
 

@@ -1,4 +1,4 @@
-"""The one rule of who is better: what a winner needs, what equivalent needs, what is corrected."""
+"""The rule for verdicts: conditions for a winner and for equivalence, and the correction."""
 
 from __future__ import annotations
 
@@ -44,17 +44,17 @@ def test_no_difference_found_is_not_called_equivalent():
     unclear = estimate(-1e-4, 1e-4, 0.9, equivalent=0.94)
     assert verdict_on(unclear) == "open"
     assert verdict_on(estimate(-1e-6, 1e-6, 0.9, 0.96), unclear) == "open"
-    # a difference that is certain but smaller than the tracker can see makes none
+    # a certain difference below the tracker's resolution is no difference
     assert verdict_on(estimate(-2e-6, -1e-6, 0.001, 0.99)) == "equivalent"
 
 
 def errors_of(rng, *means, n_splits=5):
     """Return errors of models with these mean errors, m, that scatter by 0.02 mm."""
     errors = [mean + 2e-5 * rng.normal(size=(n_splits, len(POSES))) for mean in means]
-    columns = np.column_stack([one.ravel() for one in errors])
-    of_splits = np.column_stack([one.mean(axis=1) for one in errors])
+    columns = np.column_stack([model_errors.ravel() for model_errors in errors])
+    split_means = np.column_stack([model_errors.mean(axis=1) for model_errors in errors])
     poses = pose_errors(np.tile(POSES, n_splits), columns)
-    return SharedErrors(of_splits if n_splits > 1 else None, 0.2, poses)
+    return SharedErrors(split_means if n_splits > 1 else None, 0.2, poses)
 
 
 @pytest.mark.parametrize("n_splits", [1, 5])
@@ -75,40 +75,49 @@ def test_a_level_that_the_test_of_the_pair_just_meets_decides(rng):
         else:
             totals = errors.of_poses.totals
             p_values = [wilcoxon_signed_rank(totals[:, i] - totals[:, j]) for i, j in pairs]
-        together = corrected_p_values(errors)[a, b]
-        assert together == pytest.approx(holm(p_values), rel=1e-12)
-        for given, expected in ((None, p_values), (together, together.tolist())):
+        corrected_values = corrected_p_values(errors)[a, b]
+        assert corrected_values == pytest.approx(holm(p_values), rel=1e-12)
+        for pair_values, expected in (
+            (None, p_values),
+            (corrected_values, corrected_values.tolist()),
+        ):
             for number, p_value in enumerate(expected[:3]):
                 verdicts = [
-                    decide_pairs(errors, pairs, Question(0.0, 1.0 - level), given)
+                    decide_pairs(errors, pairs, Question(0.0, 1.0 - level), pair_values)
                     for level in (0.99 * p_value, 1.01 * p_value)
                 ]
                 assert verdicts[0][number] == "open"
                 assert verdicts[1][number] == ("a" if p_value < 0.5 else "open")
 
 
-def test_poses_are_a_second_opinion_whose_p_value_is_computed_where_it_is_asked_for(rng):
+def test_poses_are_a_second_opinion_whose_p_value_is_computed_on_request(rng):
     errors = errors_of(rng, 1e-4, 2e-4)
-    (_, quick), (_, whole) = (
-        [of_test[0] for of_test in estimates(errors, [(0, 1)], Question(), all_p_values=asked)]
-        for asked in (False, True)
+    (_, quick_estimate), (_, full_estimate) = (
+        [of_test[0] for of_test in estimates(errors, [(0, 1)], Question(), all_p_values=has_all)]
+        for has_all in (False, True)
     )
-    assert np.isnan(quick.p_value) and 0.0 < whole.p_value < 1e-6
-    assert (quick.low, quick.high, quick.posterior) == (whole.low, whole.high, whole.posterior)
+    assert np.isnan(quick_estimate.p_value) and 0.0 < full_estimate.p_value < 1e-6
+    assert (quick_estimate.low, quick_estimate.high, quick_estimate.posterior) == (
+        full_estimate.low,
+        full_estimate.high,
+        full_estimate.posterior,
+    )
 
 
 def test_the_interval_over_poses_is_the_middle_of_the_draws(rng):
-    """The normal interval where poses are many; of equal differences it has no width."""
+    """Many poses give the normal interval; equal differences give no width."""
     a, b = np.abs(rng.normal(size=(2, 400)))
     errors = SharedErrors(None, 0.2, pose_errors(np.arange(400), np.column_stack([a, b, b + 1.0])))
-    ((found, equal),) = estimates(errors, [(0, 1), (2, 1)], Question())
+    ((pair_estimate, equal_estimate),) = estimates(errors, [(0, 1), (2, 1)], Question())
     half = 1.96 * (a - b).std() / 20.0
-    assert found.high - found.low == pytest.approx(2 * half, rel=0.05)
-    assert (found.low + found.high) / 2 == pytest.approx((a - b).mean(), abs=0.1 * half)
-    assert equal.low == pytest.approx(1.0) and equal.high == pytest.approx(1.0)
+    assert pair_estimate.high - pair_estimate.low == pytest.approx(2 * half, rel=0.05)
+    assert (pair_estimate.low + pair_estimate.high) / 2 == pytest.approx(
+        (a - b).mean(), abs=0.1 * half
+    )
+    assert equal_estimate.low == pytest.approx(1.0) and equal_estimate.high == pytest.approx(1.0)
 
 
-def test_a_value_that_is_no_mean_over_rows_is_decided_by_its_splits_alone():
+def test_a_value_that_is_no_mean_over_rows_is_decided_only_by_its_splits():
     of_splits = np.array([[1.0, 2.0], [1.1, 2.2], [0.9, 2.1]])
     for values, verdicts in ((of_splits, ["a"]), (None, None)):
         errors = SharedErrors(values, 0.2, None)

@@ -1,4 +1,4 @@
-"""`import stiffbench`: data, models and results as a script or a notebook uses them."""
+"""`import stiffbench`: data, models and results in scripts and notebooks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def twin():
 
 
 class Halved(BaseEstimator):
-    """A notebook's own model: half of the mean training deflection."""
+    """A model defined in a notebook: half of the mean training deflection."""
 
     def __init__(self, *, factor: float = 0.5) -> None:
         self.factor = factor
@@ -46,7 +46,7 @@ class Halved(BaseEstimator):
 
 
 def script(tmp_path: Path, text: str) -> list[str]:
-    """Run a script of its own; the lines that it prints."""
+    """Run a script and return the lines that it prints."""
     path = tmp_path / "script.py"
     path.write_text(text)
     done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=120)
@@ -97,15 +97,15 @@ def test_a_model_warns_once_beyond_its_training_range_also_after_a_file(twin, tm
     fitted = sb.make_model("vjm").fit(twin)
     fitted.save(tmp_path / "vjm.stiff")
     for model in (fitted, sb.load_model(tmp_path / "vjm.stiff")):
-        known = model.training_range
-        np.testing.assert_array_equal(known.upper, samples.q.max(axis=0))
+        training_range = model.training_range
+        np.testing.assert_array_equal(training_range.upper, samples.q.max(axis=0))
         model.predict(samples.q, samples.wrench)  # a warning would be an error
         with pytest.warns(StiffBenchWarning) as caught:
             for _ in range(2):
                 model.predict(samples.q[:3], 5.0 * samples.wrench[:3])
-        (warning,) = (str(one.message) for one in caught)
+        (warning,) = (str(warning_record.message) for warning_record in caught)
         largest = 5.0 * np.linalg.norm(samples.wrench[:3, :3], axis=1).max()
-        for part in ("3 of 3", f"force {largest:.4g} N", f"{known.force:.4g}"):
+        for part in ("3 of 3", f"force {largest:.4g} N", f"{training_range.force:.4g}"):
             assert part in warning
 
 
@@ -154,13 +154,13 @@ def test_results_are_tidy_data_tables_comparisons_and_ranks(twin, tmp_path, no_f
     results = sb.evaluate(["vjm", "knn"], twin, protocol="kfold@folds=3")
     assert len(results) == 2 * 3
     frame = results.frame()
-    one = frame[(frame.model == "vjm") & (frame.metric == "mae") & (frame.split == 0)]
-    assert sorted(one["axis"]) == ["x", "y", "z"] and set(one["unit"]) == {"mm"}
+    split_errors = frame[(frame.model == "vjm") & (frame.metric == "mae") & (frame.split == 0)]
+    assert sorted(split_errors["axis"]) == ["x", "y", "z"] and set(split_errors["unit"]) == {"mm"}
     predictions = results.predictions()
     assert len(predictions) == 2 * len(twin)
-    of_split = predictions[(predictions.model == "vjm") & (predictions.split == 0)]
-    mae = (of_split.dx_predicted_mm - of_split.dx_mm).abs().mean()
-    assert mae == pytest.approx(one[one.axis == "x"]["value"].item(), rel=1e-12)
+    split_predictions = predictions[(predictions.model == "vjm") & (predictions.split == 0)]
+    mae = (split_predictions.dx_predicted_mm - split_predictions.dx_mm).abs().mean()
+    assert mae == pytest.approx(split_errors[split_errors.axis == "x"]["value"].item(), rel=1e-12)
     assert "vjm" in repr(results)
     assert "<table" in results._repr_html_()
     assert "vjm" in repr(results.compare("vjm", "knn"))
@@ -173,9 +173,11 @@ def test_results_are_tidy_data_tables_comparisons_and_ranks(twin, tmp_path, no_f
 
 def test_kept_results_are_read_again_and_not_computed_again(twin, tmp_path):
     first, again = (sb.evaluate("zero", twin, splits=1, output=tmp_path) for _ in range(2))
-    assert {one.run_id for one in first.cells} == {one.run_id for one in again.cells}
+    assert {cell.run_id for cell in first.cells} == {cell.run_id for cell in again.cells}
     columns = ["model", "metric", "axis"]
-    frames = [found.frame().sort_values(columns) for found in (again, sb.open_results(tmp_path))]
+    frames = [
+        results.frame().sort_values(columns) for results in (again, sb.open_results(tmp_path))
+    ]
     np.testing.assert_array_equal(frames[0]["value"], frames[1]["value"])
 
 
@@ -195,17 +197,17 @@ def test_rows_of_a_data_set_are_a_data_set_of_its_kind(twin, rows, expected, nam
     np.testing.assert_array_equal(part.samples.q, twin.samples.q[expected])
     np.testing.assert_array_equal(part.samples.pose_id, twin.samples.pose_id[expected])
     assert part.choice.info.kind == "simulated" and part.choice.info.caveats
-    assert {len(known) for known in part.data.known.values()} == {len(expected)}
+    assert {len(predictions) for predictions in part.data.known.values()} == {len(expected)}
 
 
-def test_what_is_no_data_set_is_refused_with_how_to_make_one(twin):
+def test_an_object_of_another_type_is_refused_with_how_to_make_a_data_set(twin):
     model = sb.make_model("zero").fit(twin)
     for use in (partial(sb.evaluate, "zero"), model.fit, model.score):
         with pytest.raises(ConfigError, match=r"dict is not .*Dataset\.from_frame\(frame"):
             use({"q": twin.samples.q})
 
 
-def test_what_there_is_is_a_table_and_what_it_is_a_text():
+def test_lists_are_tables_and_show_is_a_text():
     for listed, key in (
         (sb.list_models(), "vjm"),
         (sb.list_datasets(), "kr10-twin"),
@@ -233,7 +235,7 @@ def test_results_are_merged_and_drawn(twin, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("call", "named"),
+    ("call", "argument_text"),
     [
         (lambda: sb.make_model("knn@neighbours=many"), "model 'knn@neighbours=many'"),
         (lambda: sb.evaluate("vjm", splits=0), "splits=0"),
@@ -245,27 +247,28 @@ def test_results_are_merged_and_drawn(twin, tmp_path):
         (lambda: sb.plan_poses("x.csv", robot="fanuc-r2000ic"), "payload unknown for fanuc"),
     ],
 )
-def test_errors_name_the_argument_and_no_option_of_the_command_line(call, named):
+def test_errors_name_the_argument_and_no_option_of_the_command_line(call, argument_text):
     with pytest.raises(StiffBenchError) as refused:
         call()
-    said = str(refused.value).partition("; `bench run")[0]  # the command that makes what is missing
-    assert named in said and "--" not in said
+    # without the command that makes the missing results
+    message = str(refused.value).partition("; `bench run")[0]
+    assert argument_text in message and "--" not in message
 
 
 def test_every_fitted_model_has_intervals_also_after_a_file(twin, tmp_path):
     samples = twin.samples
     fitted = sb.make_model("vjm").fit(twin)
-    found = fitted.predict_interval(samples.q, samples.wrench)
+    interval = fitted.predict_interval(samples.q, samples.wrench)
     errors = fitted.left_out_errors  # at a quarter of 151 poses
     assert errors.shape == (38, 3)
     predicted = fitted.predict(samples.q, samples.wrench)
     stretch = fitted.training_range.stretch(samples.q, samples.wrench)[:, None]
     half = np.sort(errors, axis=0)[35] * stretch  # ceil(0.9 * 39) = 36
-    np.testing.assert_allclose(found.upper - predicted, half)
-    np.testing.assert_allclose(predicted - found.lower, half)
+    np.testing.assert_allclose(interval.upper - predicted, half)
+    np.testing.assert_allclose(predicted - interval.lower, half)
     fitted.save(tmp_path / "vjm.stiff")
     again = sb.load_model(tmp_path / "vjm.stiff").predict_interval(samples.q, samples.wrench, 0.9)
-    np.testing.assert_array_equal(again.upper, found.upper)
+    np.testing.assert_array_equal(again.upper, interval.upper)
 
 
 def test_a_coverage_that_needs_more_poses_is_refused_by_the_arguments_name(twin, tmp_path):
@@ -278,7 +281,7 @@ def test_a_coverage_that_needs_more_poses_is_refused_by_the_arguments_name(twin,
 
 
 @pytest.mark.parametrize("coverage", [1.0, float("nan")])
-def test_a_coverage_that_is_no_probability_is_refused_before_anything_is_predicted(
+def test_a_coverage_outside_0_to_1_is_refused_before_anything_is_predicted(
     coverage, twin, tmp_path
 ):
     model = sb.make_model("gp", ard=False, restarts=0, search_rows=20).fit(twin)
@@ -287,7 +290,7 @@ def test_a_coverage_that_is_no_probability_is_refused_before_anything_is_predict
             call(tmp_path / "none.csv", tmp_path / "out.csv", coverage=coverage)
 
 
-def test_results_that_nobody_keeps_leave_no_folder(twin):
+def test_temporary_results_leave_no_folder(twin):
     results = sb.evaluate("zero", twin, splits=1)
     folder = results.folder
     assert folder.exists()
@@ -321,8 +324,8 @@ def test_several_jobs_work_in_a_script_without_a_main_guard(tmp_path):
     text = (
         "print('begun')\n"
         "import stiffbench as sb\n"
-        "found = sb.evaluate(['vjm', 'knn'], splits=2, jobs=2)\n"
-        "print({one.status for one in found.cells}, len(found))\n"
+        "results = sb.evaluate(['vjm', 'knn'], splits=2, jobs=2)\n"
+        "print({cell.status for cell in results.cells}, len(results))\n"
     )
     assert script(tmp_path, text) == ["begun", "{'ok'} 4"]
 

@@ -1,4 +1,4 @@
-"""A pandas DataFrame with the columns of a file is fitted, scored and predicted as the file is."""
+"""A pandas DataFrame is fitted, scored and predicted like a file with its columns."""
 
 from __future__ import annotations
 

@@ -17,9 +17,9 @@ def test_intervals_hold_between_the_measured_poses_where_nothing_is_marked(name,
     dataset = sb.load_dataset(name)
     model = sb.make_model(key).fit(dataset)
     for loads in between.LOADS:
-        found = between.held(dataset, model, loads)
-        assert np.mean(found.near) >= 0.85
+        coverage = between.held(dataset, model, loads)
+        assert np.mean(coverage.near) >= 0.85
         if loads == "measured":
-            assert found.marked < 0.3
-        if found.marked:
-            assert np.mean(found.far) >= 0.85
+            assert coverage.marked < 0.3
+        if coverage.marked:
+            assert np.mean(coverage.far) >= 0.85

@@ -1,4 +1,4 @@
-"""The web pages of a leaderboard: every page is there, links lead somewhere, nothing is loaded."""
+"""The web pages of a leaderboard: all pages exist, links work, nothing is loaded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from helpers.browser import (
     axe_violations,
     column,
     heading,
-    open_anew,
+    open_again,
     opened_browser,
     set_width,
     unfold,
@@ -55,12 +55,12 @@ def study(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def site(study) -> Path:
-    asked = reproduction(
+    study_run = reproduction(
         str(study / "small.toml"), output=study, command="bench reproduce", rerun="missing", **HOW
     )
-    assert all(result.status == "ok" for result in asked.compute().cells)
-    assert list(asked.write())
-    assert list(asked.write_site(study / "site"))
+    assert all(result.status == "ok" for result in study_run.compute().cells)
+    assert list(study_run.write())
+    assert list(study_run.write_site(study / "site"))
     return study / "site"
 
 
@@ -75,7 +75,7 @@ def pages(site: Path) -> list[Path]:
     return sorted(site.rglob("*.html"))
 
 
-def test_there_is_a_page_a_model_and_a_data_set(site):
+def test_every_model_and_every_data_set_has_a_page(site):
     names = {page.stem for page in pages(site)}
     assert {file_stem(name) for name in (*MODELS, *DATASETS, "fanuc-r2000ic")} < names
 
@@ -86,7 +86,7 @@ def test_every_link_leads_to_a_file_of_the_site(site):
             assert (page.parent / unquote(address)).resolve().is_file(), (page, address)
 
 
-def test_files_of_every_data_set_stand_beside_its_page(site):
+def test_every_data_set_has_files_next_to_its_page(site):
     for name in DATASETS:
         files = {file.suffix for file in (site / "data" / "files" / file_stem(name)).iterdir()}
         assert {".csv", ".urdf", ".md", ".json"} <= files
@@ -102,12 +102,12 @@ def test_the_numbers_to_download_are_those_of_the_board(site):
 def test_a_study_without_results_on_five_robots_has_no_pages(study, site):
     text = STUDY.replace(str([*DATASETS, "fanuc-r2000ic"]), str([*DATASETS[:2]]))
     (study / "two.toml").write_text(text)
-    asked = reproduction(
+    study_run = reproduction(
         str(study / "two.toml"), output=study, command="bench", rerun="missing", **HOW
     )
-    asked.compute()
+    study_run.compute()
     with pytest.raises(ConfigError, match="five robots"):
-        list(asked.write_site(study / "none"))
+        list(study_run.write_site(study / "none"))
 
 
 @SIZES
@@ -145,7 +145,7 @@ def test_the_board_is_sorted_by_the_keyboard(browser, site):
 
 def test_a_filter_shows_one_kind_of_data(browser, site):
     set_width(browser, *DESKTOP)
-    open_anew(browser, site / INDEX)
+    open_again(browser, site / INDEX)
     table = browser.find_element("css selector", "table.widget")
     fields = table.find_elements("css selector", "tr.filters input")
     (field,) = (f for f in fields if f.get_attribute("aria-label") == "Filter data")
@@ -153,10 +153,10 @@ def test_a_filter_shows_one_kind_of_data(browser, site):
     assert {text.split()[0] for text in column(browser, table, "data")} == {"measured"}
 
 
-def test_nothing_is_loaded_but_the_page(browser, site):
+def test_only_the_page_is_loaded(browser, site):
     browser.get((site / INDEX).as_uri())
-    asked = browser.execute_script(
-        "return performance.getEntriesByType('resource').map((one) => one.name)"
+    resource_names = browser.execute_script(
+        "return performance.getEntriesByType('resource').map((entry) => entry.name)"
     )
-    assert [name for name in asked if not name.startswith("data:")] == []
+    assert [name for name in resource_names if not name.startswith("data:")] == []
     assert browser.get_log("browser") == []

@@ -1,4 +1,4 @@
-"""`bench data plan --after`: where it goes on, what it says of its gain, what it refuses."""
+"""`bench data plan --after`: the next poses, their gain, and refusals."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def measured(ur5, tmp_path):
 
 
 def lowered(text):
-    """Standard error before, with the plan, with random poses, with the best of them."""
+    """Return the standard error before, with the plan, random poses and the best of them."""
     table = text.partition("prediction with poses")[2].partition("\n\n")[0]
     return [float(line.split()[-2]) for line in table.splitlines()[2:]]
 
@@ -60,7 +60,9 @@ def test_the_next_poses_lower_the_interval_more_than_random_ones_and_a_curve_say
     (place,) = (number for number, line in enumerate(lines) if "extrapolation" in line)
     sentence = lines[place]
     assert any("append the rows to my.csv" in line for line in lines[place + 1 :])
-    now, *later = (float(one) for one in re.findall(r"(?:is|about) ([\d.]+) mm", sentence))
+    now, *later = (
+        float(number_text) for number_text in re.findall(r"(?:is|about) ([\d.]+) mm", sentence)
+    )
     assert re.findall(r"with (\d+) more poses", sentence) == ["6", "20"]
     assert now >= later[0] >= later[1] > 0.0
 
@@ -109,12 +111,12 @@ def test_a_plan_and_what_was_measured_of_it_are_one_file(tmp_path, measured, ur5
         tmp_path / "more.csv", robot="ur5", poses=5, candidates=50, after=tmp_path / "my.csv"
     )
     more = pd.read_csv(tmp_path / "more.csv")
-    both = pd.concat([rows, more.assign(dx_mm=0.1, dy_mm=-0.2, dz_mm=0.3)])
-    assert both["pose_id"].is_unique
+    all_rows = pd.concat([rows, more.assign(dx_mm=0.1, dy_mm=-0.2, dz_mm=0.3)])
+    assert all_rows["pose_id"].is_unique
     joints = [f"q{i}_deg" for i in range(1, 7)]
     apart = np.abs(more[joints].to_numpy()[:, None] - rows[joints].to_numpy()).max(axis=2)
     assert apart.min() > 1.0
-    both.to_csv(tmp_path / "both.csv", index=False)
+    all_rows.to_csv(tmp_path / "both.csv", index=False)
     assert len(sb.read_samples(tmp_path / "both.csv", robot="ur5")) == 17
 
 
@@ -124,10 +126,10 @@ def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur
         samples = ur5.samples.take(np.arange(n_poses))
         return curve_errors(Measured("my.csv", samples, ur5.robot, choice), 0)
 
-    found = errors("vjm", 20)
-    assert (found.sizes[0], found.sizes[-1]) == (5, 16)
-    assert (found.counts.sum(axis=1) == 4).all()  # a fifth, one load a pose
-    assert ((found.totals > 0) == (found.counts[:, None] > 0)).all()
+    curve = errors("vjm", 20)
+    assert (curve.sizes[0], curve.sizes[-1]) == (5, 16)
+    assert (curve.counts.sum(axis=1) == 4).all()  # a fifth, one load per pose
+    assert ((curve.totals > 0) == (curve.counts[:, None] > 0)).all()
     zero, samples = errors("zero", 20), ur5.samples.take(np.arange(20))
     lengths = np.linalg.norm(samples.deflection, axis=1)
     order = np.argsort(samples.pose_id)
@@ -154,15 +156,15 @@ def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measure
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of few poses
 @pytest.mark.slow
-def test_planned_poses_tell_a_fifth_more_than_random_ones_on_twins():
-    """docs/how-to/own-robot.md states the ratios, those of other models, too."""
+def test_planned_poses_inform_a_fifth_more_than_random_poses_on_twins():
+    """docs/how-to/own-robot.md states the ratios, also for other models."""
     case = planned_poses.CASES[0]
     outcomes = {
         twin: [planned_poses.outcome(twin, *case, seed) for seed in range(planned_poses.SEEDS)]
         for twin in planned_poses.TWINS
     }
-    for of_twin in outcomes.values():
-        assert np.mean([one.ratio for one in of_twin]) > 1.2
-    errors = [one.errors for of_twin in outcomes.values() for one in of_twin]
+    for twin_outcomes in outcomes.values():
+        assert np.mean([outcome.ratio for outcome in twin_outcomes]) > 1.2
+    errors = [outcome.errors for twin_outcomes in outcomes.values() for outcome in twin_outcomes]
     _, random, planned = np.mean(errors, axis=0)
     assert planned < 0.97 * random

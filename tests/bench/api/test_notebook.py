@@ -1,4 +1,4 @@
-"""The notebook of the docs, executed in a kernel: what its cells show."""
+"""The notebook of the docs, executed in a kernel, and its outputs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nbclient import NotebookClient
 
 NOTEBOOK = Path(__file__).parents[3] / "docs" / "notebook.ipynb"
 LARGEST_TEXT, LARGEST_PICTURE = 25_000, 500_000
-"""Characters of an output: of its text or HTML, and of a picture in base 64."""
+"""Most characters of an output: as text or HTML, and as a picture in base 64."""
 BARS_AT_ONCE = "from stiff_bench.run import progress; progress.SECONDS_BEFORE_BARS = 0.0"
 
 pytestmark = [
@@ -21,7 +21,7 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def cells(tmp_path_factory):
-    """Last line of each code cell -> its outputs."""
+    """Return the outputs of each code cell by its last line."""
     folder = tmp_path_factory.mktemp("notebook")
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     notebook.cells.insert(0, nbformat.v4.new_code_cell(BARS_AT_ONCE))

@@ -1,4 +1,4 @@
-"""Expected remaining error: what it comes from, and that a model file keeps it."""
+"""Expected remaining error: its source, and its place in a model file."""
 
 from __future__ import annotations
 

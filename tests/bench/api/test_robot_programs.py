@@ -1,4 +1,4 @@
-"""`compensate_program`: programs of four languages corrected in place, and what is refused."""
+"""`compensate_program`: programs of four languages corrected in place, and refusals."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def options_of(name: str) -> dict:
 
 
 def regular_joints(robot, n: int) -> np.ndarray:
-    """Random joint positions, away from limits and singularities."""
+    """Return random joint positions, away from limits and singularities."""
     rng = np.random.default_rng(5)
     low, high = np.maximum(robot.lower, -np.pi) + 0.2, np.minimum(robot.upper, np.pi) - 0.2
     q = rng.uniform(low, high, (6 * n, 6))
@@ -51,7 +51,7 @@ def regular_joints(robot, n: int) -> np.ndarray:
 
 
 def pinocchio_tools(robot, q) -> tuple[np.ndarray, np.ndarray]:
-    """TCP, mm, and tool rotation in the controller's world frame, by Pinocchio."""
+    """Return TCP, mm, and tool rotation in the controller's world frame, by Pinocchio."""
     chain = shipped_chain(robot.name, tuple(robot.tcp_on_flange))
     data, places, turns = chain.model.createData(), [], []
     controller = robot.controller
@@ -99,7 +99,7 @@ def test_corrected_targets_of_random_orientation_are_the_commanded_poses(name, n
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_character_but_the_numbers_of_targets_stays(name, tmp_path):
+def test_only_the_numbers_of_targets_change(name, tmp_path):
     done = compensate_program(
         model_of(ROBOTS[name]), DOCS / name, tmp_path / name, load=LOAD, **options_of(name)
     )
@@ -159,7 +159,7 @@ def test_a_written_status_and_turn_choose_the_configuration(tmp_path):
         )
 
 
-def test_a_turn_that_the_correction_changes_is_written_anew(tmp_path):
+def test_a_turn_that_the_correction_changes_is_rewritten(tmp_path):
     body = "PTP {X 100,Y 60,Z 50,A 180,B 0,C 180,S 2,T 2}\n"  # joints 1, 4 and 6 are zero
     done = compensate_program(
         model_of("kr10-r1100-2"), krl(tmp_path, body), tmp_path / "b.src", load=(0, -40, -20)
@@ -228,7 +228,7 @@ def test_one_point_under_two_loads_is_left_or_stops(tmp_path):
         ("$TOOL={X 0,Y 0,Z 100,A 0,B 0,C 0}\nLIN " + POSE, "line 5: .*TCP at 0,0,100 mm"),
     ],
 )
-def test_a_target_that_cannot_be_is_refused_with_its_line(tmp_path, body, message):
+def test_an_impossible_target_is_refused_with_its_line(tmp_path, body, message):
     with pytest.raises(DataError, match=message):
         compensate_program(
             model_of("kr10-r1100-2"), krl(tmp_path, body), tmp_path / "b.src", load=LOAD
@@ -236,7 +236,7 @@ def test_a_target_that_cannot_be_is_refused_with_its_line(tmp_path, body, messag
     assert not (tmp_path / "b.src").exists()
 
 
-def test_a_frame_that_the_program_does_not_hold_is_asked_for(tmp_path):
+def test_a_frame_that_is_not_in_the_program_is_required_as_an_option(tmp_path):
     model = model_of("kr10-r1100-2")
     for body, option in (("BAS(#TOOL,1)", "tool"), ("$BASE=BASE_DATA[2]", "base")):
         file = krl(tmp_path, f"{body}\nLIN {POSE}\n")

@@ -1,4 +1,4 @@
-"""The views in a terminal and a notebook of every object that `import stiffbench` gives."""
+"""Views of every object of `import stiffbench` in a terminal and a notebook."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from stiff_protocols.contract.errors import ConfigError, NotFittedError
 HOSTILE = "<script>$x$\x1b[2J[red]"
 MOST_CHARACTERS, MOST_LINES, WIDTH = 2000, 28, 100
 DOCUMENTS = (sb.Tables, str)
-"""What was asked for as a table or a text is printed as it is."""
+"""Types that are printed in full: the user requested a table or a text."""
 BUILT_IN = (str, int, float, bool, bytes, type, np.ndarray, np.generic, pd.DataFrame)
 
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory):
-    """Objects of every kind, by name."""
+    """Return objects of every kind by name."""
     folder = tmp_path_factory.mktemp("screens")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -31,7 +31,7 @@ def given(tmp_path_factory):
 
 def made(folder):
     data = sb.load_dataset("kr10-twin", specimen=3)
-    data.frame().to_csv(folder / "my.csv", index=False)
+    data[::4].frame().to_csv(folder / "my.csv", index=False)
     model = sb.make_model("vjm").fit(data)
     results = sb.evaluate(["vjm", "knn"], data, splits=2, output=folder / "runs")
     sb.example_path("square", folder / "square.csv", points=40)
@@ -67,7 +67,7 @@ def made(folder):
 
 
 def reachable(given):
-    """Yield every object that public attributes lead to, and its name, from the given ones."""
+    """Yield every object that public attributes lead to, with its name."""
     queue, seen = [*vars(given).items()], set()
     while queue:
         name, thing = queue.pop()
@@ -126,7 +126,7 @@ def test_a_figure_is_a_picture_of_a_width_that_fits_a_notebook(given):
     assert image.startswith(b"\x89PNG") and 200 <= about["width"] <= 900
 
 
-def test_a_view_says_what_an_engineer_asks_for(given):
+def test_a_view_has_the_facts_that_an_engineer_needs(given):
     data, robot, model = map(repr, (given.measured, given.data.robot, given.model))
     for part in ("measured", "fanuc_r2000ic", "43 at 43 poses", "1166 N", "3.655 mm", "MIT"):
         assert part in data

@@ -1,4 +1,4 @@
-"""The real command: what it prints, what it stores, and how it stops."""
+"""The real command: its output, its stored results, and how it stops."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_vjm_under_leave_one_out_gives_the_independent_figures_of_the_fanuc(tmp_
     assert any("drill tip" in note for note in table["notes"])
 
 
-def test_the_reference_model_is_stored_once_beside_what_is_asked_for(tmp_path):
+def test_the_reference_model_is_stored_once_with_the_requested_models(tmp_path):
     words = ["run", "--model", "zero", "--model", "vjm@tcp=fit", "--dataset", "fanuc-r2000ic"]
     done = bench_here(*words, "--splits", "1", "--output", "out", cwd=tmp_path)
     stored = sorted(result.shown.model for result in read_results(tmp_path / "out"))
@@ -51,8 +51,8 @@ def test_the_reference_model_is_stored_once_beside_what_is_asked_for(tmp_path):
 def test_list_and_show_answer(tmp_path):
     for kind, part in (("models", "ft-mlp"), ("datasets", "simulated"), ("protocols", "leave-one")):
         assert part in bench_here("list", kind, cwd=tmp_path).stdout
-    shown = bench_here("show", "ft-mlp", cwd=tmp_path).stdout
-    assert "ft-mlp.OPTION=VALUE" in shown and "layers:1,2" in shown
+    model_page = bench_here("show", "ft-mlp", cwd=tmp_path).stdout
+    assert "ft-mlp.OPTION=VALUE" in model_page and "layers:1,2" in model_page
     assert "caveat" in bench_here("show", "fanuc-r2000ic", cwd=tmp_path).stdout
 
 
@@ -74,7 +74,7 @@ def test_debug_shows_the_traceback(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_reader_that_has_left_is_no_failure(tmp_path):
+def test_a_closed_pipe_is_not_a_failure(tmp_path):
     read, write = os.pipe()
     os.close(read)
     command = [BENCH, "list", "models"]

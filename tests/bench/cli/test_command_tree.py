@@ -1,6 +1,6 @@
-"""Every option and argument of every command is given nonsense, and each is refused in one line.
+"""Nonsense for any option or argument of any command is refused in one line.
 
-The commands are found in click's own tree, so that a new one is covered by being there.
+The commands come from click's own tree, so that new commands are covered at once.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from helpers.command_line import LEAVES, Leaf, assert_refused, bench_here
 from stiff_bench.cli.main import bench
 
 WRITTEN = {"--output", "--figure"}
-"""Options that name what is written: a file or folder that is not there yet is right for them."""
+"""Options that name an output; a path that does not exist yet is valid."""
 SENSE = {("data validate", "FILE")}
-"""(command, parameter) for which every text is valid: the report says what is wrong with it."""
+"""(command, parameter) for which every text is valid; the report lists its errors."""
 NEW_NAMES = {("new model", "NAME")}
-"""(command, parameter) that take the name of something new, so that an unknown word is right."""
+"""(command, parameter) that take a new name, so that an unknown word is valid."""
 NEEDED = {"--model": "vjm", "--dataset": "kr10-twin", "A": "vjm", "B": "mean"}
-"""What stands for a required word, or one that another option needs; any other is nonsense."""
+"""Valid values of required parameters; every other value is nonsense."""
 WORDS = ("no-such-thing", "", "=", "../..", "é\udcff", "x" * 5000)
-"""Nonsense where a text belongs."""
+"""Nonsense values of a text parameter."""
 NUMBERS = ("nonsense", "", "nan", "1,5")
-"""Nonsense where a number belongs."""
+"""Nonsense values of a number parameter."""
 
 
 @pytest.fixture()
 def refused(tmp_path, monkeypatch, capfd):
-    """A function that runs a command line and checks that it is refused as it should be."""
+    """A function that runs a command line and checks its refusal."""
     (tmp_path / "file.txt").write_bytes(b"\x00\xff\xfe no table, no model, no Python \x80")
     (tmp_path / "folder").mkdir()
     for variable in ("STIFFBENCH_HOME", "STIFFBENCH_CACHE"):
         monkeypatch.setenv(variable, str(tmp_path / "home"))
-    there = sorted(tmp_path.rglob("*"))
+    files_before = sorted(tmp_path.rglob("*"))
 
     def check(words: list[str]) -> str:
         done = bench_here(*words, cwd=tmp_path)
         assert_refused(done)
-        assert capfd.readouterr() == ("", ""), words  # nor does a library say anything
-        assert sorted(tmp_path.rglob("*")) == there, words
+        assert capfd.readouterr() == ("", ""), words  # no library prints anything
+        assert sorted(tmp_path.rglob("*")) == files_before, words
         return done.stderr
 
     return check
@@ -53,17 +53,17 @@ def is_number(parameter: click.Parameter) -> bool:
 
 
 def nonsense(leaf: Leaf, parameter: click.Parameter) -> list[str]:
-    """Return words that are wrong for a parameter, by its type."""
+    """Return invalid words for a parameter, by its type."""
     kind, name = parameter.type, spelled(parameter)
     if (leaf.name, name) in SENSE:
         return []
     if isinstance(kind, click.Choice):
         return ["no-such-thing", ""]
     if is_number(parameter):
-        whole = isinstance(kind, click.types.IntParamType)
+        is_integer = isinstance(kind, click.types.IntParamType)
         bounds = ((getattr(kind, "min", None), -1), (getattr(kind, "max", None), 1))
         beyond = [str(bound + step) for bound, step in bounds if bound is not None]
-        return [*NUMBERS, *(["1.5"] if whole else ["inf", "1e999"]), *beyond]
+        return [*NUMBERS, *(["1.5"] if is_integer else ["inf", "1e999"]), *beyond]
     if isinstance(kind, click.Path):
         missing = [] if name in WRITTEN else ["none.csv", "none\udcff.toml", "folder"]
         return ["", "file.txt/below", "x" * 5000, *missing, "file.txt"]
@@ -76,10 +76,12 @@ def spelled(parameter: click.Parameter) -> str:
     return parameter.opts[-1] if is_option else parameter.human_readable_name
 
 
-def needed(leaf: Leaf, but: click.Parameter | None = None, word: str | None = None) -> list[str]:
-    """Return the words that a command cannot do without, but for one parameter's.
+def needed(
+    leaf: Leaf, skipped_parameter: click.Parameter | None = None, word: str | None = None
+) -> list[str]:
+    """Return the words that a command requires, except for one parameter.
 
-    Give `word` to put it in the place of that parameter, an argument.
+    `word` takes the place of that parameter if it is an argument.
     """
     options: list[str] = []
     arguments: list[str] = []
@@ -87,7 +89,7 @@ def needed(leaf: Leaf, but: click.Parameter | None = None, word: str | None = No
         name, kind = spelled(parameter), parameter.type
         usual = kind.choices[0] if isinstance(kind, click.Choice) else "no-such-thing"
         usual = "new.csv" if name in WRITTEN else NEEDED.get(name, usual)
-        if parameter is but:
+        if parameter is skipped_parameter:
             arguments += [] if word is None else [word]
         elif isinstance(parameter, click.Argument):
             arguments += [usual] * (parameter.required or word is not None)
@@ -105,18 +107,20 @@ def test_nonsense_for_any_parameter_is_refused_in_one_line(leaf, refused):
                 refused([*leaf.words, *needed(leaf, parameter, word)])
             continue
         for word in ["nonsense"] if parameter.is_flag else nonsense(leaf, parameter):
-            said = refused([*leaf.words, f"{name}={word}", *needed(leaf, parameter)])
+            message = refused([*leaf.words, f"{name}={word}", *needed(leaf, parameter)])
             if is_number(parameter):
-                assert name.strip("-") in said and "(valid: " in said, word
+                assert name.strip("-") in message and "(valid: " in message, word
 
 
 @pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: leaf.name)
 def test_unknown_missing_and_superfluous_words_are_refused_in_one_line(leaf, refused):
     words = needed(leaf)
-    said = refused([*leaf.words, "--no-such-option", *words])
-    assert "no-such-option" in said
-    options = [one for one in leaf.command.params if isinstance(one, click.Option)]
-    assert all(spelled(option) in said for option in options)
+    message = refused([*leaf.words, "--no-such-option", *words])
+    assert "no-such-option" in message
+    options = [
+        parameter for parameter in leaf.command.params if isinstance(parameter, click.Option)
+    ]
+    assert all(spelled(option) in message for option in options)
     for parameter in leaf.command.params:
         if parameter.required:
             assert spelled(parameter) in refused([*leaf.words, *needed(leaf, parameter)])
@@ -136,6 +140,6 @@ def groups(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tupl
 )
 def test_an_unknown_command_is_refused_in_one_line(words, refused):
     group = functools.reduce(lambda above, word: above.commands[word], words, bench)
-    said = refused([*words, "no-such-command"])
-    assert all(name in said for name in ("no-such-command", *group.commands))
+    message = refused([*words, "no-such-command"])
+    assert all(name in message for name in ("no-such-command", *group.commands))
     assert "--no-such-option" in refused([*words, "--no-such-option"])

@@ -1,4 +1,4 @@
-"""The `bench data` commands: what they write and print, and with which status they leave."""
+"""The `bench data` commands: their files, output and exit status."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def home(tmp_path):
 
 
 def filled_in(plan: Path, kr10) -> None:
-    """Write the deflections of the twin into a plan's empty columns, as a careful user would."""
+    """Write the twin's deflections into a plan's empty columns."""
     table = pd.read_csv(plan)
     q = np.deg2rad(table[[f"q{i}_deg" for i in range(1, 7)]].to_numpy())
     twin = DigitalTwin(kr10, shipped_constants("kr10_r1100_2").springs)
@@ -58,7 +58,7 @@ def test_from_the_plan_to_results_with_ones_own_file(tmp_path, home, kr10):
     np.testing.assert_array_equal(by_file.prediction.predicted, by_key.prediction.predicted)
 
 
-def test_a_chosen_plan_says_what_it_gains_over_chance(tmp_path):
+def test_a_chosen_plan_prints_its_gain_over_chance(tmp_path):
     words = ["data", "plan", "--poses", "40", "--candidates", "400", "--output", "plan.csv"]
     done = bench_here(*words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""`bench fit`, `bench predict` and `bench export`: what they write, and what they say of rows."""
+"""`bench fit`, `bench predict` and `bench export`: their files, and notes on rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FIT_TWIN = ("fit", "--dataset", "kr10-twin")
 
 @pytest.fixture()
 def bench(tmp_path):
-    """A function that runs a command to success; returns what it prints, warnings too."""
+    """A function that runs a command to success and returns its output and warnings."""
 
     def run(*words: object) -> str:
         done = bench_here(*map(str, words), cwd=tmp_path)
@@ -48,7 +48,7 @@ def vjm_file(tmp_path_factory) -> Path:
 
 @pytest.fixture()
 def predict(vjm_file, tmp_path, bench):
-    """A function that predicts the lines of a file with the VJM; returns output and text."""
+    """A function that predicts lines of a file with the VJM and returns table and text."""
 
     def make(*lines: str) -> tuple[pd.DataFrame, str]:
         (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
@@ -58,7 +58,7 @@ def predict(vjm_file, tmp_path, bench):
     return make
 
 
-def test_a_fit_prints_a_row_a_spring_and_says_which_the_samples_cannot_tell(bench):
+def test_a_fit_prints_a_row_per_spring_and_marks_those_that_are_not_identifiable(bench):
     words = ("--dataset", "fanuc-r2000ic", "--output", "springs.stiff")
     text = bench("fit", "--model", "vjm-multisegment", *words)
     rows = [line for line in text.splitlines() if "[Nm/rad]" in line and " to " in line]
@@ -77,13 +77,13 @@ def test_predictions_are_written_to_standard_output(vjm_file, tmp_path):
 @pytest.mark.slow
 def test_a_network_is_fitted_and_exported(bench, tmp_path):
     small = [f"--set=mlp.{option}" for option in ("training=best", "width=8", "epochs=3")]
-    said = bench(*FIT_TWIN, "--model", "mlp", *small, "--output", "mlp.stiff")
-    assert "of 31 poses chose the number of epochs" in said
+    printed_text = bench(*FIT_TWIN, "--model", "mlp", *small, "--output", "mlp.stiff")
+    assert "of 31 poses chose the number of epochs" in printed_text
     assert "float64" in bench("export", "--model", "mlp.stiff", "--output", "net.onnx")
     assert (tmp_path / "net.onnx").stat().st_size > 0
 
 
-def test_predictions_are_the_models_in_millimetres_beside_the_rows(predict, vjm_file):
+def test_predictions_are_the_models_in_millimetres_next_to_the_rows(predict, vjm_file):
     table, text = predict(f"pose_id,{HEADER}", f"007,{ROW}", f"008,{ROW}")
     assert "2 rows" in text and "warning" not in text
     assert table["extrapolates"].isna().all()
@@ -100,7 +100,7 @@ def test_measured_deflections_are_not_read_and_not_taken_for_predictions(predict
     assert (table[DEFLECTION].abs() < 10).all(axis=None)
 
 
-def test_intervals_of_a_coverage_are_columns_beside_the_predictions(bench, vjm_file, tmp_path):
+def test_intervals_of_a_coverage_are_columns_next_to_the_predictions(bench, vjm_file, tmp_path):
     (tmp_path / "poses.csv").write_text(f"{HEADER}\n{ROW}\n")
     words = ("--input", "poses.csv", "--output", "out.csv", "--coverage", "0.8")
     bench("predict", "--model", vjm_file, *words)
@@ -112,11 +112,13 @@ def test_intervals_of_a_coverage_are_columns_beside_the_predictions(bench, vjm_f
         np.testing.assert_allclose(table[columns] / 1000, getattr(interval, end), atol=1e-12)
 
 
-def test_what_is_odd_is_predicted_with_a_warning(predict):
-    table, said = predict(f"{HEADER},note", f"{ROW},a", ROW.replace("10,", "200,", 1) + ",b")
+def test_odd_rows_are_predicted_with_a_warning(predict):
+    table, printed_text = predict(
+        f"{HEADER},note", f"{ROW},a", ROW.replace("10,", "200,", 1) + ",b"
+    )
     assert len(table) == 2
-    assert "columns not used: note" in said
-    assert "outside its limits, the first: row 3, column q1_deg" in said
+    assert "columns not used: note" in printed_text
+    assert "outside its limits, the first: row 3, column q1_deg" in printed_text
 
 
 def test_a_bad_value_is_named_with_file_row_and_column(vjm_file, tmp_path):
@@ -131,14 +133,14 @@ def test_rows_beyond_the_training_range_are_marked_and_one_warning_has_the_numbe
 ):
     heavy = ROW.replace("50,10,-80", "250,50,-400")  # five times the load
     turned = ROW.replace("10,-60", "105,-60")  # 60 degrees beyond the training poses
-    table, said = predict(HEADER, ROW, heavy, turned, heavy.replace("10,-60", "-75,-60"))
+    table, printed_text = predict(HEADER, ROW, heavy, turned, heavy.replace("10,-60", "-75,-60"))
     marks = table["extrapolates"].fillna("").tolist()
     assert marks == ["", "load", "joints", "joints load"]
-    (warning,) = (line for line in said.splitlines() if "warning" in line)
-    known, force = load(vjm_file).training_range_, np.linalg.norm([250.0, 50.0, 400.0])
-    low, high = np.degrees([known.lower[0], known.upper[0]])
+    (warning,) = (line for line in printed_text.splitlines() if "warning" in line)
+    training_range, force = load(vjm_file).training_range_, np.linalg.norm([250.0, 50.0, 400.0])
+    low, high = np.degrees([training_range.lower[0], training_range.upper[0]])
     for part in ("3 of 4 rows", f"q1 105 deg (training: {low:.4g} to {high:.4g})",
-                 f"force {force:.4g} N (training: up to {known.force:.4g})"):  # fmt: skip
+                 f"force {force:.4g} N (training: up to {training_range.force:.4g})"):  # fmt: skip
         assert part in warning
 
 
@@ -178,7 +180,7 @@ def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet
     np.testing.assert_allclose(table[DEFLECTION] / 1000, deflection, atol=1e-12)
 
 
-def test_whatever_a_crafted_model_raises_is_blamed_on_its_file(vjm_file, tmp_path):
+def test_an_error_of_a_crafted_model_names_its_file(vjm_file, tmp_path):
     model = load_model(vjm_file)
     model.fitted.springs_ = "no joints"
     (tmp_path / "poses.csv").write_text(f"{HEADER}\n{ROW}\n")

@@ -1,4 +1,4 @@
-"""`bench figure`: one file where it was asked for, a caption, and clear refusals."""
+"""`bench figure`: one file at the requested path, a caption, and refusals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def run(*words: object):
 
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory) -> PaperResults:
-    """The smallest results from which every figure of the paper can be drawn: read-only."""
+    """Return the smallest results with every figure of the paper; read-only."""
     made = MadeResults(tmp_path_factory.mktemp("paper") / "runs")
     for name in ("vjm", DT_CNN):
         made.add(name, [0.1, 0.2], **PAPER)
@@ -45,7 +45,7 @@ def paper(tmp_path_factory) -> PaperResults:
     return PaperResults.of(made.folder)
 
 
-def test_a_figure_is_written_where_it_is_asked_for_and_its_caption_printed(tmp_path):
+def test_a_figure_is_written_to_the_requested_path_and_its_caption_printed(tmp_path):
     compared(tmp_path / "runs")
     done = run("regression", "--results", tmp_path / "runs", "--output", tmp_path / "a.svg")
     assert done.exit_code == 0, done.exception
@@ -65,10 +65,10 @@ def test_figure_4_needs_no_results(tmp_path):
 @pytest.mark.slow
 def test_all_of_the_papers_figures_can_be_drawn_from_its_study(paper):
     for name, gather in FIGURES.items():
-        one = gather(paper)
-        one.draw().canvas.draw()
-        assert f"Figure {name}" in one.caption
-        assert "kr10-twin, simulated" in one.caption
+        drawing = gather(paper)
+        drawing.draw().canvas.draw()
+        assert f"Figure {name}" in drawing.caption
+        assert "kr10-twin, simulated" in drawing.caption
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_missing_models_of_the_paper_are_named(name, missing, tmp_path):
         FIGURES[name](PaperResults.of(tmp_path))
 
 
-def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
+def test_figure_5_has_a_line_per_depth_and_the_papers_values_as_stars(paper):
     axes = FIGURES["5"](paper).draw().axes[0]
     lines = [line for line in axes.get_lines() if len(line.get_xdata())]
     of_depth_3 = [[40, 3 / 40], [380, 3 / 380]]
@@ -94,14 +94,14 @@ def test_figure_5_has_a_line_a_depth_and_the_papers_values_as_stars(paper):
 
 def test_figure_6_has_titled_panels_and_its_dashed_line_in_the_legend(paper):
     figure = FIGURES["6"](paper).draw()
-    left, right = figure.axes
-    assert all(len(axes.get_title(loc="left")) > len("(a) ") for axes in (left, right))
-    (dashed,) = (line for line in right.get_lines() if line.get_linestyle() == "--")
+    left_axes, right_axes = figure.axes
+    assert all(len(axes.get_title(loc="left")) > len("(a) ") for axes in (left_axes, right_axes))
+    (dashed,) = (line for line in right_axes.get_lines() if line.get_linestyle() == "--")
     (legend,) = figure.legends
     assert dashed.get_label() in {text.get_text() for text in legend.get_texts()}
 
 
-def test_the_data_set_and_its_kind_stand_in_the_papers_figures(paper):
+def test_the_papers_figures_name_the_data_set_and_its_kind(paper):
     for name in ("5", "6", "8", "9"):
         assert FIGURES[name](paper).subtitle.startswith("kr10-twin (simulated)")
 
@@ -117,8 +117,8 @@ def test_the_robot_of_a_data_set_needs_no_results(tmp_path):
     done = run("robot", "--dataset", "kr10-twin", "--row", 3, "--output", tmp_path / "a.svg")
     assert done.exit_code == 0, done.exception
     assert "kr10-twin (simulated), pose " in (tmp_path / "a.svg").read_text()
-    both = run("robot", "--dataset", "kr10-twin", "--dataset", "ur5-twin")
-    assert both.exit_code != 0 and "one --dataset" in str(both.exception) + both.output
+    done = run("robot", "--dataset", "kr10-twin", "--dataset", "ur5-twin")
+    assert done.exit_code != 0 and "one --dataset" in str(done.exception) + done.output
 
 
 def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_path):

@@ -1,4 +1,4 @@
-"""Help pages fit a terminal, group what they list, and show an example that works."""
+"""Help pages fit a terminal, list commands in groups, and show a valid example."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from stiff_bench.cli.main import bench
 WORDS = [(), *sorted({leaf.words[:n] for leaf in LEAVES for n in range(1, len(leaf.words) + 1)})]
 """Words that call each command and group."""
 BROKEN = re.compile(r"\w-\n|^(?!Usage).*\.\.\.\n", re.MULTILINE)
-"""A name that goes on in the next line, or a description that does not go on at all."""
+"""A name broken between lines, or a description cut off."""
 RANGE = re.compile(r"\d<|<=?x|x[<>]|RANGE")
 
 
 def help_page(words: tuple[str, ...], width: int) -> str:
-    printed = io.StringIO()  # click's test runner has a width of its own
+    printed = io.StringIO()  # click's test runner sets its own width
     with mock.patch.dict(os.environ, COLUMNS=str(width)), redirect_stdout(printed):
         bench.main([*words, "--help"], prog_name="bench", standalone_mode=False)
     return printed.getvalue()
@@ -100,6 +100,6 @@ def accepted(arguments: list[str]) -> tuple[str, ...]:
         assert name is not None and command_found is not None
         called, command = [*called, name], command_found
     if arguments != ["--help"]:
-        with mock.patch("stiff_bench.api.registered.use_only"):  # the plugin is to be written yet
+        with mock.patch("stiff_bench.api.registered.use_only"):  # the plugin does not exist yet
             command.make_context(name, arguments)
     return tuple(called)

@@ -1,4 +1,4 @@
-"""Names in strangers' results do no harm: in tables, reports and messages, as text or as paths."""
+"""Hostile names in results are harmless in tables, reports, messages and paths."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ HOSTILE = (
 )
 FORMATS = ("github", "latex", "csv", "html", "json")
 OURS = set("section h2 table thead tbody tr th td ul li code p".split())
-"""Tags that a page of ours has."""
+"""Tags of our own pages."""
 
 
 class Tags(HTMLParser):
-    """Notes which tags a page has, and its text."""
+    """Collects the tags and the text of a page."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -53,14 +53,14 @@ class Tags(HTMLParser):
 
 
 def assert_harmless(text: str, fmt: str) -> None:
-    """No control character, and nothing that the format would run, load or take for a row."""
+    """Check for control characters, and for text that the format would run or load."""
     assert all(sign.isprintable() or sign == "\n" for sign in text)
     if fmt == "html":
         page = Tags()
         page.feed(text)
         assert page.tags <= OURS and HOSTILE[0] in page.text
     elif fmt == "github":
-        plain = re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", text)  # code stands as it is
+        plain = re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", text)  # code is printed unchanged
         assert not re.search(r"(?<!\\)<[A-Za-z/!?]|\]\(", plain)
         for table in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
             assert len({len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()}) == 1
@@ -79,7 +79,7 @@ def assert_harmless(text: str, fmt: str) -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Results whose every name is hostile; each name is a model, some a data set and a protocol."""
+    """Return a folder of results in which every name is hostile."""
     made = MadeResults(tmp_path_factory.mktemp("hostile"))
     keys = []
     about = {"kind": HOSTILE[0], "caveats": HOSTILE, "warning": HOSTILE[1]}
@@ -108,7 +108,7 @@ def folder(tmp_path_factory):
     ],
     ids=["leaderboard", "compare"],
 )
-def test_what_is_said_of_hostile_results_is_harmless(words, fmt, folder, tmp_path):
+def test_output_about_hostile_results_is_harmless(words, fmt, folder, tmp_path):
     done = bench_here(*words, "--results", str(folder), "--format", fmt, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert_harmless(done.stdout, fmt)
@@ -117,7 +117,7 @@ def test_what_is_said_of_hostile_results_is_harmless(words, fmt, folder, tmp_pat
 
 def test_a_hostile_word_on_the_command_line_is_refused_in_one_printable_line(tmp_path):
     for name in HOSTILE:
-        if "\0" in name:  # no operating system hands it over
+        if "\0" in name:  # no operating system passes it
             continue
         for words in (
             ["run", "--model", name],

@@ -1,4 +1,4 @@
-"""`bench map`: the answer in the first line, its table and picture, and what is refused."""
+"""`bench map`: the answer in the first line, its table and picture, and refusals."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def test_the_map_is_frozen_and_fits_a_screen(small):
         ),
     ],
 )
-def test_bad_input_is_one_line_that_says_what_is_valid(folder, words, parts):
+def test_bad_input_is_refused_in_one_line_with_the_valid_values(folder, words, parts):
     before = sorted(folder.iterdir())
     done = bench_here("map", "--model", "vjm.stiff", *words, cwd=folder)
     assert done.returncode == 2
@@ -198,7 +198,7 @@ def test_bad_input_is_one_line_that_says_what_is_valid(folder, words, parts):
     assert sorted(folder.iterdir()) == before
 
 
-def test_words_and_files_that_cannot_serve_are_refused_in_python(vjm, tmp_path):
+def test_invalid_words_and_existing_files_are_refused_in_python(vjm, tmp_path):
     for wrong, message in (
         ({"quantity": "stress"}, "unknown quantity 'stress'"),
         ({"axis": "w"}, "unknown axis 'w'"),

@@ -1,4 +1,4 @@
-"""`bench table N`; `bench run --study` and `bench reproduce` with a study that takes no time."""
+"""`bench table N`; `bench run --study` and `bench reproduce` with a quick study."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from stiff_protocols.contract.errors import ConfigError
 
 
 def printed(*words: str) -> str:
-    """What the command prints."""
+    """Return the output of `bench table`."""
     done = CliRunner().invoke(table, words, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.output
 
 
-def test_it_reads_the_folder_that_is_named_and_prints_the_format_that_is_asked_for(tmp_path):
+def test_it_reads_the_named_folder_and_prints_the_requested_format(tmp_path):
     MadeResults(tmp_path).add("vjm", [0.125], "kr10-twin", "paper-holdout")
     assert printed("10", "--results", str(tmp_path)).startswith("**Table 10.")
     text = printed("10", "--results", str(tmp_path), "--format", "csv")
@@ -36,7 +36,7 @@ def test_it_reads_the_folder_that_is_named_and_prints_the_format_that_is_asked_f
 
 
 def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results(monkeypatch):
-    monkeypatch.setattr("stiff_bench.paper.paper_tables.SPECIMENS", range(1))  # for time
+    monkeypatch.setattr("stiff_bench.paper.paper_tables.SPECIMENS", range(1))  # to save time
     assert "| A6 " in printed("3")
     for folder in ("some", str(PAPER_RESULTS)):
         with pytest.raises(ConfigError, match="table 3 is fitted here and reads none"):
@@ -45,7 +45,7 @@ def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results(monkeypatch):
 
 @pytest.fixture
 def small(monkeypatch, tmp_path):
-    """The file of a study of what takes no time."""
+    """Write the file of a quick study."""
     monkeypatch.setattr("stiff_bench.analysis.forecast.LONGEST_S", 0.0)  # a plan times no fit
     file = tmp_path / "small.toml"
     file.write_text(
@@ -60,7 +60,7 @@ def called(command, *words):
     return done.return_value, done.stdout, done.stderr
 
 
-def test_a_plan_says_what_would_be_computed_and_writes_nothing(small, tmp_path):
+def test_a_plan_lists_the_fits_to_compute_and_writes_nothing(small, tmp_path):
     status, out, err = called(reproduce, small, "--plan", "--output", str(tmp_path / "out"))
     assert status == 0
     assert "| all " in out and "bench: 6 fits, 0 cached, 6 to compute; time unknown" in err

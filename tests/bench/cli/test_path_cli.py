@@ -1,4 +1,4 @@
-"""`bench path`: from an example and a fitted model to corrected commands, and what is refused."""
+"""`bench path`: from an example and a model to corrected commands, and refusals."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def square(tmp_path_factory) -> Path:
 
 @pytest.fixture()
 def corrected(vjm, tmp_path):
-    """A function that corrects a path given as text or table; returns the result and the file."""
+    """A function that corrects a path and returns the result and the written table."""
 
     def make(
         path: str | pd.DataFrame, model=vjm, **options: object
@@ -63,8 +63,8 @@ def corrected(vjm, tmp_path):
             file.write_text(path)
         else:
             path.to_csv(file, index=False)
-        found = compensate_path(model, file, output, **options)
-        return found, CSV(output)
+        corrected_path = compensate_path(model, file, output, **options)
+        return corrected_path, CSV(output)
 
     return make
 
@@ -96,67 +96,67 @@ def test_commands_of_a_model_of_another_point_are_for_the_tcp_and_say_so(
     square, corrected, twin, capsys
 ):
     model = sb.make_model("vjm", tcp="fit").fit(twin)
-    found, written = corrected(pd.read_csv(square), model=model, coverage=0.9)
+    corrected_path, written = corrected(pd.read_csv(square), model=model, coverage=0.9)
     wrench = pd.read_csv(square)[LOADS].to_numpy()
     at_tcp = model.fitted.predict_at_tcp(np.radians(written[JOINTS].to_numpy()), wrench)
-    np.testing.assert_allclose(found.compensation.deflection, at_tcp, atol=1e-8)
-    interval = found.prediction_error.interval
+    np.testing.assert_allclose(corrected_path.compensation.deflection, at_tcp, atol=1e-8)
+    interval = corrected_path.prediction_error.interval
     middle = 0.5 * (interval.lower + interval.upper)
     np.testing.assert_allclose(middle, at_tcp, atol=1e-8)
     assert "a tool point other than the TCP" in capsys.readouterr().err
 
 
 def test_loaded_tool_with_the_written_commands_is_on_the_path(square, corrected, vjm):
-    wanted = pd.read_csv(square)
-    found, written = corrected(wanted, tolerance=1e-4)
+    path_table = pd.read_csv(square)
+    corrected_path, written = corrected(path_table, tolerance=1e-4)
     robot, q = vjm.fitted.robot_, np.radians(written[JOINTS].to_numpy())
-    stands = robot.forward(q)
-    command = stands.points[:, -1]
+    pose = robot.forward(q)
+    command = pose.points[:, -1]
     np.testing.assert_allclose(1000.0 * command, written[POSITION], atol=1e-4)
-    turned = stands.rotation @ robot.flange[:3, :3]
-    asked = Rotation.from_euler("ZYX", wanted[ANGLES], degrees=True).as_matrix()
-    np.testing.assert_allclose(turned, asked, atol=1e-7)
-    wrench = wanted[LOADS].to_numpy()
+    rotation = pose.rotation @ robot.flange[:3, :3]
+    path_rotation = Rotation.from_euler("ZYX", path_table[ANGLES], degrees=True).as_matrix()
+    np.testing.assert_allclose(rotation, path_rotation, atol=1e-7)
+    wrench = path_table[LOADS].to_numpy()
     deflection = vjm.fitted.predict(q, wrench)
-    off = 1000.0 * (command + deflection) - wanted[POSITION]
+    off = 1000.0 * (command + deflection) - path_table[POSITION]
     assert np.linalg.norm(off, axis=1).max() < 2e-4
     np.testing.assert_allclose(1000.0 * deflection, written[["dx_mm", "dy_mm", "dz_mm"]], atol=1e-5)
     removed = np.linalg.norm(written[["dx_mm", "dy_mm", "dz_mm"]], axis=1)
     np.testing.assert_allclose(written["removed_mm"], removed, atol=2e-4)
-    np.testing.assert_allclose(1000.0 * found.removed, written["removed_mm"], atol=1e-7)
-    np.testing.assert_allclose(1000.0 * found.expected_error, written["expected_error_mm"])
+    np.testing.assert_allclose(1000.0 * corrected_path.removed, written["removed_mm"], atol=1e-7)
+    np.testing.assert_allclose(1000.0 * corrected_path.expected_error, written["expected_error_mm"])
     assert set(written["uncorrected"]) == {""}
 
 
 def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_path):
-    wanted = pd.read_csv(square)
-    usual, written = corrected(wanted)
+    path_table = pd.read_csv(square)
+    usual, written = corrected(path_table)
 
     def same(path: pd.DataFrame, **options: object) -> pd.DataFrame:
-        found, again = corrected(path, **options)
-        np.testing.assert_allclose(found.compensation.q, usual.compensation.q, atol=1e-9)
+        corrected_path, again = corrected(path, **options)
+        np.testing.assert_allclose(corrected_path.compensation.q, usual.compensation.q, atol=1e-9)
         np.testing.assert_allclose(
-            found.compensation.position, usual.compensation.position, atol=1e-9
+            corrected_path.compensation.position, usual.compensation.position, atol=1e-9
         )
         return again
 
-    turn = Rotation.from_euler("ZYX", wanted[ANGLES], degrees=True)
+    turn = Rotation.from_euler("ZYX", path_table[ANGLES], degrees=True)
     quaternion = pd.DataFrame(turn.as_quat(scalar_first=True), columns=["qw", "qx", "qy", "qz"])
-    same(pd.concat([wanted.drop(columns=ANGLES), quaternion], axis=1))
-    metres = wanted.assign(**{name[:2] + "m": wanted[name] / 1000.0 for name in POSITION})
+    same(pd.concat([path_table.drop(columns=ANGLES), quaternion], axis=1))
+    metres = path_table.assign(**{name[:2] + "m": path_table[name] / 1000.0 for name in POSITION})
     same(metres.drop(columns=POSITION))
-    same(wanted.drop(columns=LOADS), load=wanted.loc[0, LOADS].tolist())
-    in_tool = wanted.copy()
-    in_tool[FORCE] = turn.inv().apply(wanted[FORCE])
-    in_tool[LOADS[3:]] = turn.inv().apply(wanted[LOADS[3:]])
+    same(path_table.drop(columns=LOADS), load=path_table.loc[0, LOADS].tolist())
+    in_tool = path_table.copy()
+    in_tool[FORCE] = turn.inv().apply(path_table[FORCE])
+    in_tool[LOADS[3:]] = turn.inv().apply(path_table[LOADS[3:]])
     same(in_tool, frame="tool")
     tool = Rotation.from_euler("ZYX", [30.0, 20.0, 10.0], degrees=True)
-    tilted = wanted.copy()
+    tilted = path_table.copy()
     tilted[ANGLES] = (turn * tool).as_euler("ZYX", degrees=True)
     same(tilted, tool=(60.0, 0.0, 80.0, 30.0, 20.0, 10.0))
     table = Rotation.from_euler("ZYX", [90.0, 0.0, 10.0], degrees=True)
-    local = wanted.assign(frame="table")
-    local[POSITION] = table.inv().apply(wanted[POSITION] - [500.0, 10.0, 300.0])
+    local = path_table.assign(frame="table")
+    local[POSITION] = table.inv().apply(path_table[POSITION] - [500.0, 10.0, 300.0])
     local[ANGLES] = (table.inv() * turn).as_euler("ZYX", degrees=True)
     again = same(local, workpiece=(500.0, 10.0, 300.0, 90.0, 0.0, 10.0))
     back = table.apply(again[POSITION])
@@ -165,13 +165,13 @@ def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_
     assert set(again["frame"]) == {"table"}
 
 
-def test_joint_angles_stand_for_poses_and_choose_the_configuration(square, corrected, vjm):
-    wanted = pd.read_csv(square)
-    usual, written = corrected(wanted.assign(fz_N=0.0, fy_N=0.0, tz_Nm=0.0))
+def test_joint_angles_can_replace_poses_and_choose_the_configuration(square, corrected, vjm):
+    path_table = pd.read_csv(square)
+    usual, written = corrected(path_table.assign(fz_N=0.0, fy_N=0.0, tz_Nm=0.0))
     np.testing.assert_allclose(usual.compensation.position, usual.compensation.wanted, atol=1e-12)
-    by_joints = pd.concat([written[JOINTS], wanted[LOADS]], axis=1)
+    by_joints = pd.concat([written[JOINTS], path_table[LOADS]], axis=1)
     again, _ = corrected(by_joints)
-    from_poses, _ = corrected(wanted)
+    from_poses, _ = corrected(path_table)
     np.testing.assert_allclose(again.compensation.q, from_poses.compensation.q, atol=1e-7)
     mirrored = np.degrees(from_poses.compensation.q[0]) * [1, 1, 1, 1, -1, 1] + [
         0,
@@ -181,14 +181,14 @@ def test_joint_angles_stand_for_poses_and_choose_the_configuration(square, corre
         0,
         180,
     ]
-    other, _ = corrected(wanted, start=tuple(mirrored))
-    assert (other.compensation.q[:, 4] < 0.0).all()
+    mirrored_path, _ = corrected(path_table, start=tuple(mirrored))
+    assert (mirrored_path.compensation.q[:, 4] < 0.0).all()
     assert (from_poses.compensation.q[:, 4] > 0.0).all()
-    assert (np.linalg.norm(other.compensation.residual, axis=1) < 1e-6).all()
+    assert (np.linalg.norm(mirrored_path.compensation.residual, axis=1) < 1e-6).all()
 
 
 class Wild:
-    """A model whose prediction alternates, so that no command exists."""
+    """A model whose prediction alternates, so that no command converges."""
 
     def __init__(self, inner) -> None:
         self.inner, self.robot_, self.training_range_ = inner, inner.robot_, inner.training_range_
@@ -211,13 +211,15 @@ def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, c
         corrected(path, wild())
     assert not list(tmp_path.glob("*corrected*"))
     with pytest.warns(UserWarning, match="row 3"):
-        found, written = corrected(path + ROW.replace("700", "701"), wild(), on_failure="keep")
+        corrected_path, written = corrected(
+            path + ROW.replace("700", "701"), wild(), on_failure="keep"
+        )
     assert written["uncorrected"].tolist() == ["", "not converged", "", ""]
     np.testing.assert_array_equal(written.loc[1, POSITION].tolist(), [700.0, 0.0, 400.0])
     assert (written["removed_mm"] > 0.0).tolist() == [True, False, True, True]
-    assert (written["expected_error_mm"] == "").all() and "fit again" in repr(found)
-    assert found.expected_error is None
-    np.testing.assert_array_equal(found.compensation.converged, [True, False, True, True])
+    assert (written["expected_error_mm"] == "").all() and "fit again" in repr(corrected_path)
+    assert corrected_path.expected_error is None
+    np.testing.assert_array_equal(corrected_path.compensation.converged, [True, False, True, True])
 
 
 @pytest.mark.slow
@@ -226,18 +228,18 @@ def test_every_shipped_robot_has_examples_that_it_can_drive(robot, tmp_path):
     arm, load = shipped_robots()[robot].robot(), (0.0, 0.0, -9.0, 0.0, 0.0, 0.0)
     for shape in ("square", "iso9283"):  # the others lie inside of these
         example_path(shape, tmp_path / f"{shape}.csv", robot=robot, load=load)
-        found = read_path(tmp_path / f"{shape}.csv", arm, tool_of(arm, None))
-        assert (found.path.wrench[:, 2] == -9.0).all()
-        assert follow(arm, found.path.position, found.path.rotation).ok.all()
+        path_file = read_path(tmp_path / f"{shape}.csv", arm, tool_of(arm, None))
+        assert (path_file.path.wrench[:, 2] == -9.0).all()
+        assert follow(arm, path_file.path.position, path_file.path.rotation).ok.all()
 
 
-def test_what_is_odd_is_said_before_anything_is_computed(corrected, capsys):
+def test_odd_input_is_reported_before_anything_is_computed(corrected, capsys):
     header = HEADER.replace("fx_N", "feed,fx_N")
     with pytest.raises(DataError, match=r"row 2.*joint A5"):
         corrected(f"{header}\n700,0,400,0,0.03,3.1,7,0,0,-40\n")
-    said = capsys.readouterr().err.strip().splitlines()
-    assert ["not used: feed" in line for line in said] == [True, False]
-    assert ["radians" in line for line in said] == [False, True]
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert ["not used: feed" in line for line in lines] == [True, False]
+    assert ["radians" in line for line in lines] == [False, True]
 
 
 def test_a_path_in_parquet_gets_the_commands_of_its_csv_with_remarks(square, vjm, tmp_path):
@@ -288,7 +290,7 @@ def test_a_bad_path_is_refused_with_its_row_and_what_is_valid(rows, parts, corre
     assert [file.name for file in tmp_path.iterdir()] == ["path.csv"]
 
 
-def test_arguments_that_cannot_serve_and_files_that_exist_are_refused(vjm, square, tmp_path):
+def test_invalid_arguments_and_existing_files_are_refused(vjm, square, tmp_path):
     for use in (lambda: compensate_path(vjm, square, square), lambda: example_path("line", square)):
         with pytest.raises(StoreError, match="exists"):
             use()
@@ -306,7 +308,7 @@ def test_arguments_that_cannot_serve_and_files_that_exist_are_refused(vjm, squar
 
 @pytest.fixture(scope="module")
 def track(tmp_path_factory):
-    """An arm on a track: its URDF, and the file of a model that is fitted to joint springs."""
+    """Write the URDF of an arm on a track, and the file of a model of it."""
     folder = tmp_path_factory.mktemp("track")
     robot = sb.read_robot(tree_urdf(folder / "track.urdf", track_lines()), tcp=(0.1, 0, 0.1))
     rng = np.random.default_rng(0)
@@ -341,8 +343,8 @@ def test_a_track_is_held_along_a_path_that_lies_before_it(track, tmp_path):
     assert (table["q1_mm"] == where).all() and (table["removed_mm"] > 0.0).all()
     assert (table["x_mm"] > where).all()
     start = ",".join(str(value) for value in table.filter(regex=r"^q\d").iloc[0])
-    kept = bench(*compensate_on(track, "e.csv", "--hold", "1", "--start", start))
-    np.testing.assert_allclose(kept["q3_deg"], table["q3_deg"])
+    held_table = bench(*compensate_on(track, "e.csv", "--hold", "1", "--start", start))
+    np.testing.assert_allclose(held_table["q3_deg"], table["q3_deg"])
     joints = table.filter(regex=r"^(q\d|f[xyz]_)").assign(q1_mm=np.linspace(0, 90, 9))
     joints.to_csv(tmp_path / "j.csv", index=False)
     moved = bench(*compensate_on(track, "j.csv", "--hold", "to_cart"))

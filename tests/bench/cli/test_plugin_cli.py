@@ -47,7 +47,7 @@ def test_a_new_model_passes_its_own_test_and_the_suite_and_can_be_run_as_it_stan
     made = bench_here("new", "model", "My-Spring", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["my_spring.py", "test_my_spring.py"]
-    head, first, *others = made.stdout.splitlines()
+    head, first, *commands = made.stdout.splitlines()
     assert "key is my-spring" in head and first == "  python -m pytest test_my_spring.py"
     tested = subprocess.run(
         [sys.executable, *first.split()[1:], "-W", "error", "-p", "no:cacheprovider"],
@@ -56,7 +56,7 @@ def test_a_new_model_passes_its_own_test_and_the_suite_and_can_be_run_as_it_stan
         text=True,
     )
     assert "2 passed" in tested.stdout, tested.stdout
-    for line in others:  # the commands, as they are printed
+    for line in commands:  # the printed commands
         done = bench_here(*line.split()[1:], cwd=tmp_path)
         assert done.returncode == 0, done.stderr + done.stdout
         assert "my-spring" in done.stdout
@@ -73,7 +73,7 @@ def test_a_new_model_passes_its_own_test_and_the_suite_and_can_be_run_as_it_stan
         ("numpy", "already has a module"),
     ],
 )
-def test_a_name_that_cannot_serve_is_refused_and_nothing_is_written(tmp_path, name, reason):
+def test_an_invalid_name_is_refused_and_nothing_is_written(tmp_path, name, reason):
     with pytest.raises(ConfigError, match=reason):
         new_model(name, tmp_path, build_registry())
     assert list(tmp_path.iterdir()) == []
@@ -89,7 +89,7 @@ def test_a_file_that_exists_is_left_as_it_is_and_no_other_is_written(tmp_path):
 
 
 def test_a_model_whose_test_cannot_be_written_is_not_written_either(tmp_path):
-    long = "x" * (255 - len(f"..{os.getpid()}.tmp.py"))  # with test_ before it, too long a name
+    long = "x" * (255 - len(f"..{os.getpid()}.tmp.py"))  # too long a name after test_
     with pytest.raises(StoreError, match="cannot be written"):
         new_model(long, tmp_path, build_registry())
     assert list(tmp_path.iterdir()) == []
@@ -102,7 +102,7 @@ def bench(tmp_path):
     return lambda *words: bench_here(*words, "--plugin", "own.py", cwd=tmp_path)
 
 
-def test_a_bad_plugin_is_told_what_failed_why_and_how_to_fix_it_with_status_1(bench, tmp_path):
+def test_a_check_of_a_bad_plugin_prints_failures_reasons_and_fixes_with_status_1(bench, tmp_path):
     done = bench("check", "own", "--set", "own.scale=1000")
     assert done.returncode == 1, done.stderr
     lines = done.stdout.splitlines()
@@ -125,7 +125,7 @@ def test_a_check_saves_a_plugins_model_as_fit_does(bench, held, mark):
 
 
 class NeedsFile(BaseEstimator):
-    """Can be used once an option names a file."""
+    """A model that needs a file, named by an option."""
 
     def __init__(self, *, file: str = ""):
         self.file = file
@@ -134,13 +134,15 @@ class NeedsFile(BaseEstimator):
         return "" if self.file else "no file of weights"
 
 
-def why() -> str:
+def missing_reason() -> str:
     return "no weights"
 
 
-def test_what_cannot_be_used_here_or_not_with_its_options_says_why():
+def test_a_model_that_cannot_be_used_is_refused_with_its_reason():
     registry = build_registry()
-    extra = ModelInfo(key="extra", target=dict, summary="", missing_because=f"{__name__}:why")
+    extra = ModelInfo(
+        key="extra", target=dict, summary="", missing_because=f"{__name__}:missing_reason"
+    )
     needs = ModelInfo(key="needs-file", target=NeedsFile, summary="")
     registry.add([extra, needs], "test")
     for key, reason in (("extra", "no weights"), ("needs-file", "no file of weights")):
@@ -153,8 +155,8 @@ def test_what_cannot_be_used_here_or_not_with_its_options_says_why():
 @pytest.mark.parametrize("key", ["vjm-gp", "ft-mlp", "kr10-twin", "holdout", "fanuc-r2000ic"])
 def test_show_fits_the_terminal(tmp_path, key):
     for width in (80, 100):
-        shown = bench_here("show", key, cwd=tmp_path, env={"COLUMNS": str(width)}).stdout
-        assert max(map(len, shown.splitlines())) <= width
+        page = bench_here("show", key, cwd=tmp_path, env={"COLUMNS": str(width)}).stdout
+        assert max(map(len, page.splitlines())) <= width
 
 
 def test_show_gives_every_option_with_its_default_and_valid_values(tmp_path):

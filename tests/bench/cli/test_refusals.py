@@ -1,6 +1,6 @@
-"""Words that cannot be meant are refused in one line that names them and what is valid.
+"""Invalid words are refused in one line that names them and the valid words.
 
-`test_command_tree.py` gives every option nonsense; here an error must hold what helps the user.
+`test_command_tree.py` tests nonsense for every option; here each error must help the user.
 """
 
 from __future__ import annotations
@@ -99,7 +99,10 @@ REFUSED = {
     f"{CORRECT} --figure p.gif": ["p.gif", ".png"],
     "path example --model vjm.stiff --robot ur5 --output e.csv": ["--robot", "give only one"],
     "path example --model bytes --output e.csv": ["bytes: not a model file"],
-    "path example --model vjm.stiff --size 900 --output e.csv": ["900 mm", "smaller size"],
+    "path example --model vjm.stiff --size 3000 --points 5 --output e.csv": [
+        "3000 mm",
+        "smaller size",
+    ],
     HOLD: ["--hold none", "to_cart [mm]", "to_a6 [deg]", "valid: 1 of "],
     f"{HOLD} --hold 1=5 --hold J3=0": ["--hold 1, J3 (valid: 1 of "],
     f"{HOLD} --hold to_cart": ["--hold to_cart", "mm"],
@@ -107,7 +110,7 @@ REFUSED = {
     f"{HOLD} --hold to_crt=5": ["'to_crt'", "did you mean 'to_cart'"],
     f"{HOLD} --hold to_cart=nan": ["'to_cart=nan'", "JOINT=VALUE"],
 }
-"""Words of `bench` -> what its error must hold."""
+"""Words of `bench` -> texts that its error must contain."""
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +149,7 @@ def contents(folder):
 
 
 @pytest.mark.parametrize("words", REFUSED)
-def test_what_cannot_be_meant_is_refused_in_one_line_and_nothing_is_written(words, folder):
+def test_invalid_words_are_refused_in_one_line_and_nothing_is_written(words, folder):
     before = contents(folder)
     done = bench_here(*shlex.split(words), cwd=folder)
     assert_refused(done, *REFUSED[words])
@@ -183,7 +186,9 @@ PLUGIN_HEAD = "from stiff_protocols.contract.plugin import DatasetInfo, ModelInf
         ),
     ],
 )
-def test_a_plugin_that_keeps_no_contract_is_refused_in_one_line(tmp_path, body, words, parts):
+def test_a_plugin_that_does_not_meet_the_contract_is_refused_in_one_line(
+    tmp_path, body, words, parts
+):
     path = tmp_path / "plug.py"
     path.write_text(PLUGIN_HEAD + body)
     assert_refused(bench_here("run", "--plugin", str(path), *words, cwd=tmp_path), *parts)

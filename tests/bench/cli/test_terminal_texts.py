@@ -1,4 +1,4 @@
-"""What commands other than those of results print on a terminal is never wider than it is."""
+"""Output of commands without results is never wider than the terminal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COMMANDS = (
     "data info fanuc-r2000ic",
     "data register my.csv --robot ur5",
     "data export fanuc-r2000ic --output out",
-    "fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
+    "fit --model gp-springs@springs=6 --data my.csv --robot ur5 --output my.stiff",
     "predict --model my.stiff --input plan.csv --output predicted.csv",
     "path example --robot ur5 --points 11 --output path.csv",
     "path compensate --model my.stiff --path path.csv --output new.csv",
@@ -33,6 +33,7 @@ COMMANDS = (
 )
 
 
+@pytest.mark.usefixtures("empty_pictures")
 @pytest.mark.parametrize(("width", "commands"), [(80, COMMANDS), (100, COMMANDS[-2:])])
 def test_no_line_is_wider_than_the_terminal(tmp_path, width, commands):
     terminal = mock.patch.object(

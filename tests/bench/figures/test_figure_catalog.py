@@ -1,4 +1,4 @@
-"""Every general figure: drawn from results at a journal's size, or refused with what makes them."""
+"""Every general figure: drawn at a journal's size, or refused with the command to run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NEEDS = {
     "springs": "`bench run --model vjm --model gp-springs`",
     "calibration": "`bench run --metric coverage`",
 }
-"""What predictions of one robot cannot show -> what makes it."""
+"""Figure that predictions of one robot cannot show -> command that makes it possible."""
 SEVEN = ("vjm", "gp", "mlp", "a", "b", "c", "d")
 
 
@@ -32,7 +32,9 @@ def caption_of(name, source: FigureSource) -> str:
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_predictions_of_one_robot_show_a_figure_or_it_is_said_what_makes_it(name, tmp_path):
+def test_predictions_of_one_robot_show_a_figure_or_the_command_that_makes_it_possible(
+    name, tmp_path
+):
     compared(tmp_path)
     source = FigureSource.of(tmp_path)
     if name not in NEEDS:
@@ -43,8 +45,8 @@ def test_predictions_of_one_robot_show_a_figure_or_it_is_said_what_makes_it(name
     assert NEEDS[name] in str(refused.value) and str(tmp_path) in str(refused.value)
 
 
-def test_a_picture_is_the_same_each_time_as_wide_as_a_column_and_names_data_and_models(tmp_path):
-    """At 300 dots an inch; a name is drawn as it is written."""
+def test_a_picture_is_reproducible_as_wide_as_a_column_and_names_data_and_models(tmp_path):
+    """At 300 dots per inch; a name is drawn as it is written."""
     compared(tmp_path)
     picture = FIGURES["scores"](FigureSource.of(tmp_path)).picture
     png, svg = picture(".png"), picture(".svg")
@@ -73,14 +75,14 @@ def test_a_fair_protocol_comes_before_one_that_picks_on_the_test_part(tmp_path):
     assert FigureSource.of(tmp_path).compared(1).case.name.protocol == "holdout"
 
 
-def test_a_protocol_that_reports_training_rows_is_drawn_where_nothing_else_is_there_alone(tmp_path):
+def test_a_protocol_that_reports_training_rows_is_drawn_only_without_other_results(tmp_path):
     made = compared(tmp_path)
     for name in SEVEN:
         made.add(name, [0.1], protocol="paper-holdout@read_on=all", reports_training=True)
-    assert {one.name.protocol for one in FigureSource.of(tmp_path).newest} == {"holdout"}
-    asked = FigureSource.of(tmp_path, Selection(protocols=("paper-holdout",)))
-    assert asked.compared(1).case.name.protocol == "paper-holdout@read_on=all"
-    assert "training samples among those reported" in caption_of("errors", asked)
+    assert {case.name.protocol for case in FigureSource.of(tmp_path).newest} == {"holdout"}
+    source = FigureSource.of(tmp_path, Selection(protocols=("paper-holdout",)))
+    assert source.compared(1).case.name.protocol == "paper-holdout@read_on=all"
+    assert "training samples among those reported" in caption_of("errors", source)
 
 
 def test_the_best_of_the_models_with_most_splits_are_shown_and_the_linear_one_in_any_case(tmp_path):

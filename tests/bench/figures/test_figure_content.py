@@ -1,4 +1,4 @@
-"""What the general figures show, against numbers by hand."""
+"""Content of the general figures, against numbers by hand."""
 
 from __future__ import annotations
 
@@ -51,15 +51,15 @@ def test_a_regression_diagram_has_mm_error_over_true_deflection_lines_and_the_pa
 
 
 def test_a_mark_names_the_models_that_have_it_unless_all_do():
-    def said(*picked):
+    def mark_text(*picked):
         return marks(
             Presentation(model, "twin", "holdout", "simulated", picked_on_test=model in picked)
             for model in ("a", "b", "c")
         )
 
-    assert said() == ""
-    assert said("b") == " b: epoch picked on test part."
-    assert said("a", "b", "c") == " All models shown: epoch picked on test part."
+    assert mark_text() == ""
+    assert mark_text("b") == " b: epoch picked on test part."
+    assert mark_text("a", "b", "c") == " All models shown: epoch picked on test part."
 
 
 def test_a_sample_of_several_splits_has_the_mean_of_its_3_d_errors():
@@ -102,7 +102,7 @@ def test_a_workspace_draws_the_arm_from_its_base_to_a_tcp(tmp_path):
 
 def test_a_calibration_has_a_panel_for_each_coverage_that_every_split_has(tmp_path):
     made = MadeResults(tmp_path)
-    for coverage in (0.8, 0.5, 0.9):  # the newest, of one split, is what other figures show
+    for coverage in (0.8, 0.5, 0.9):  # other figures show the newest, of one split
         made.add("gp", [0.1] if coverage == 0.9 else [0.1, 0.2], coverage=coverage)
         made.add("vjm", [0.3, 0.3], coverage=None if coverage == 0.9 else coverage)
     store = ResultStore(tmp_path)
@@ -115,10 +115,12 @@ def test_a_calibration_has_a_panel_for_each_coverage_that_every_split_has(tmp_pa
                 [replace(result, prediction=replace(result.prediction, interval=moved))]
             )
     half, most = FIGURES["calibration"](FigureSource.of(tmp_path)).draw().axes
-    for axes, nominal, of_gp in ((half, 50.0, 50.0), (most, 80.0, 100.0)):
+    for axes, nominal, gp_coverage in ((half, 50.0, 50.0), (most, 80.0, 100.0)):
         dots = {dot.get_label(): dot.lines[0].get_xdata() for dot in axes.containers}
-        assert dots == {"gp": [of_gp], "vjm": [100.0]}
-        (line,) = [one for one in axes.get_lines() if one.get_label() == "nominal"]
+        assert dots == {"gp": [gp_coverage], "vjm": [100.0]}
+        (line,) = [
+            drawn_line for drawn_line in axes.get_lines() if drawn_line.get_label() == "nominal"
+        ]
         assert line.get_xdata() == [nominal, nominal]
 
 
@@ -146,7 +148,7 @@ def test_springs_are_drawn_as_the_models_reported_them_or_with_the_priors_slope(
     assert bottom == 0.0 and top > max(line.get_ydata().max() for line in first.get_lines())
 
 
-def test_curves_of_springs_are_drawn_with_the_band_of_the_first_split_beside_the_linear_ones(
+def test_curves_of_springs_are_drawn_with_the_band_of_the_first_split_and_the_linear_springs(
     tmp_path,
 ):
     made, joints = compared(tmp_path), made_data(0).robot.joint_names
@@ -170,9 +172,9 @@ def test_curves_of_springs_are_drawn_with_the_band_of_the_first_split_beside_the
 EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
 
 
-def errors_of(folder, **asked):
-    """The errors [m] that learning curves show, a row a model and data set, a column a size."""
-    source = FigureSource.of(folder, Selection(**asked))
+def errors_of(folder, **selection):
+    """Return the errors [m] of learning curves: a row per model and data set."""
+    source = FigureSource.of(folder, Selection(**selection))
     ((_, errors),) = learning_curves.learning_curves(source).paint.args[0].items()
     return errors
 
@@ -181,8 +183,8 @@ def test_a_learning_curve_is_the_geometric_mean_with_students_interval_of_three_
     learned(tmp_path)
     (axes,) = FIGURES["learning-curves"](FigureSource.of(tmp_path)).draw().axes
     mean = np.e / np.array(SIZES)  # mm; of e^0, e^1 and e^2
-    lines = [one for one in axes.get_lines() if len(one.get_ydata())]
-    line = next(one for one in lines if np.allclose(one.get_ydata()[:3], mean))
+    lines = [line for line in axes.get_lines() if len(line.get_ydata())]
+    line = next(candidate for candidate in lines if np.allclose(candidate.get_ydata()[:3], mean))
     np.testing.assert_allclose(line.get_xdata(), SIZES)
     reach = np.exp(stats.t.ppf(0.975, 2) / np.sqrt(3.0))
     bands = [band.get_paths()[0].vertices[:, 1] for band in axes.collections]
@@ -193,7 +195,7 @@ def test_a_learning_curve_is_the_geometric_mean_with_students_interval_of_three_
 
 
 def test_the_size_is_the_number_of_poses_that_is_stored(tmp_path):
-    """Not one that is tried out: results of an older stiffbench alone, as the others here, do."""
+    """Results of an older stiffbench have no such number; they count rows."""
     made, store = MadeResults(tmp_path), ResultStore(tmp_path)
     for size in SIZES:
         about = EFFICIENCY | {"condition": f"n = {size}", "n_train": 1}
@@ -203,7 +205,7 @@ def test_the_size_is_the_number_of_poses_that_is_stored(tmp_path):
     assert list(errors_of(tmp_path).columns) == list(SIZES)
 
 
-def test_a_model_that_lacks_a_draw_has_no_learning_curve(tmp_path):
+def test_a_model_without_every_draw_has_no_learning_curve(tmp_path):
     made = learned(tmp_path)
     for twin in TWINS[:3]:
         made.add("vjm", [0.1, 0.1], dataset=twin, condition="n = 5", **EFFICIENCY)
@@ -219,8 +221,8 @@ def test_learning_curves_are_over_the_data_sets_that_all_models_have(tmp_path):
     for size in SIZES:
         made.add("lucky", [1e-3], dataset=TWINS[0], condition=f"n = {size}", **EFFICIENCY)
     assert set(errors_of(tmp_path).index.unique("model")) == {"gp", "vjm"}  # most data sets first
-    found = errors_of(tmp_path, models=["vjm", "lucky"])
-    np.testing.assert_allclose(found.xs("vjm"), [1e-3 / np.array(SIZES)])  # of TWINS[0]
+    errors = errors_of(tmp_path, models=["vjm", "lucky"])
+    np.testing.assert_allclose(errors.xs("vjm"), [1e-3 / np.array(SIZES)])  # of TWINS[0]
 
 
 def swept(folder) -> None:
@@ -233,11 +235,11 @@ def swept(folder) -> None:
             with_fields(made, name, diagnostics={"source test MAE [mm]": error})
 
 
-def test_a_sweep_has_the_mean_error_of_networks_that_differ_in_size_alone(tmp_path):
+def test_a_sweep_has_the_mean_error_of_networks_that_differ_only_in_size(tmp_path):
     swept(tmp_path)
-    other = {"layers": 3, "width": 40, "activation": "tanh"}
+    options = {"layers": 3, "width": 40, "activation": "tanh"}
     made = MadeResults(tmp_path)
-    made.add("net@activation=tanh", [0.1], options=NET | other)
+    made.add("net@activation=tanh", [0.1], options=NET | options)
     with_fields(made, "net@activation=tanh", diagnostics={"source test MAE [mm]": 99.0})
     made.add("net@layers=4@width=80", [0.1] * 3, options=NET | {"layers": 4, "width": 80})
     with_fields(made, "net@layers=4@width=80", diagnostics={"source test MAE [mm]": 0.32})
@@ -258,7 +260,7 @@ def test_a_sweep_over_more_depths_than_widths_has_the_depth_across(tmp_path):
         made.add(name, [0.1], options=NET | {"layers": depth, "width": 40})
         with_fields(made, name, diagnostics={"source test MAE [mm]": 1.0 / depth})
     (axes,) = variants.sweep(FigureSource.of(tmp_path)).draw().axes
-    (line,) = [one for one in axes.get_lines() if len(one.get_ydata())]
+    (line,) = [drawn_line for drawn_line in axes.get_lines() if len(drawn_line.get_ydata())]
     np.testing.assert_allclose(line.get_xydata(), [(n, 1.0 / n) for n in (2, 3, 4, 5)])
     assert axes.get_xlabel() == "hidden layers"
 
@@ -271,7 +273,7 @@ def frozen(folder, **errors_of_strategies):
     return variants.freezing(FigureSource.of(folder))
 
 
-def test_freeze_strategies_stand_with_single_layers_first_and_their_splits(tmp_path):
+def test_freeze_strategies_are_listed_with_single_layers_first_and_their_splits(tmp_path):
     pair = {"layers:1,2": [0.3, 0.6], "layers:4": [0.6, 0.6], "full": [3, 3]}
     ((_, (errors, linear)),) = frozen(tmp_path, **pair).paint.args[0]
     assert errors["layers"].unique().tolist() == ["4", "1 + 2", "full"]

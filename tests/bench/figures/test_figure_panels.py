@@ -1,4 +1,4 @@
-"""Figures of several data sets: which panels there are, in which order, and what they share."""
+"""Figures of several data sets: their panels, the order, and shared axes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from stiff_bench.figures.figure_source import MOST_PANELS, FigureSource
 from stiff_bench.store.database import ResultStore, read_results
 
 NAMES = ("z-twin", "measured-data", "a", "longest-name-of-all")
-"""In the order of asking; the second is measured."""
+"""Data sets in the requested order; the second is measured."""
 ERRORS = {"vjm": 0.4, "gp": 0.1, "knn": 0.8}
 NOISE_MM = 0.05
 
 
 def make_results(folder, names=NAMES, measured=1, **about) -> MadeResults:
-    """Three models on some data sets, whose numbers depend on their places."""
+    """Store three models on some data sets; errors depend on their places."""
     made, keys = MadeResults(folder), []
     for place, name in enumerate(names):
         kind = "measured" if place == measured else "simulated"
@@ -33,7 +33,7 @@ def make_results(folder, names=NAMES, measured=1, **about) -> MadeResults:
 
 
 def with_noise(folder, *datasets: str) -> None:
-    """Give the results of some data sets a prediction with an error of instrument noise."""
+    """Add a prediction with instrument noise to results of some data sets."""
     store = ResultStore(folder)
     for result in list(read_results(folder)):
         if result.shown.dataset in datasets:
@@ -59,7 +59,7 @@ IN_ORDER = ("measured-data", "z-twin", "a", "longest-name-of-all")
 
 
 @pytest.mark.parametrize("name", ["scores", "errors"])
-def test_each_data_set_has_a_panel_measured_first_then_in_the_order_of_asking(name, tmp_path):
+def test_each_data_set_has_a_panel_measured_first_then_in_the_requested_order(name, tmp_path):
     make_results(tmp_path)
     figure = drawn(tmp_path, name)
     assert len(figure.axes) == len(NAMES)
@@ -68,7 +68,7 @@ def test_each_data_set_has_a_panel_measured_first_then_in_the_order_of_asking(na
     assert figure.get_suptitle() == "holdout"
 
 
-def test_one_data_set_asked_for_is_one_panel_that_names_it_in_the_picture(tmp_path):
+def test_one_requested_data_set_is_one_panel_that_names_it_in_the_picture(tmp_path):
     make_results(tmp_path)
     figure = drawn(tmp_path, datasets=("a",))
     assert titles_of(figure) == [""]
@@ -76,8 +76,8 @@ def test_one_data_set_asked_for_is_one_panel_that_names_it_in_the_picture(tmp_pa
 
 
 @pytest.mark.parametrize("name", ["scores", "errors", "regression"])
-def test_a_renamed_data_set_gives_the_same_picture_but_for_its_title(name, tmp_path):
-    """Neither the length of a name nor its place in the alphabet counts."""
+def test_a_renamed_data_set_gives_the_same_picture_except_its_title(name, tmp_path):
+    """The length of a name and its place in the alphabet change nothing."""
 
     def numbers(figure):
         lines = [line.get_xydata() for axes in figure.axes for line in axes.get_lines()]
@@ -85,9 +85,9 @@ def test_a_renamed_data_set_gives_the_same_picture_but_for_its_title(name, tmp_p
 
     make_results(tmp_path / "one")
     make_results(tmp_path / "two", ("b", "zz", "y-with-a-far-longer-name-than-before", "c"))
-    one, two = (drawn(tmp_path / folder, name) for folder in ("one", "two"))
-    assert numbers(one) == numbers(two)
-    assert titles_of(one) != titles_of(two)
+    first, second = (drawn(tmp_path / folder, name) for folder in ("one", "two"))
+    assert numbers(first) == numbers(second)
+    assert titles_of(first) != titles_of(second)
 
 
 def test_more_data_sets_than_panels_are_named_in_the_caption(tmp_path):

@@ -30,7 +30,7 @@ def data():
 
 
 def loaded_arm(deflection=None, wrench=LOAD, compliance=COMPLIANCE, q=POSE) -> LoadedArm:
-    """An arm whose TCP moves as its springs say, or as it is told."""
+    """Return an arm whose TCP moves by its springs, or by a given deflection."""
     if deflection is None:
         (deflection,) = ROBOT.joint_deflection(compliance, q[None], wrench[None])
     return LoadedArm(ROBOT, q, wrench, {"measured": np.asarray(deflection)}, compliance)
@@ -54,7 +54,7 @@ def test_the_arm_is_drawn_from_the_base_through_the_joints_to_the_tcp():
 
 @pytest.mark.parametrize("more", [[0.0, 0.0, 0.0], [3e-4, 0.0, 2e-4]])
 def test_the_drawn_tcp_moves_by_the_deflection_times_the_factor_of_the_legend(more):
-    """Also where springs alone would put it elsewhere, and the links keep their lengths."""
+    """The springs may give another deflection; the links keep their lengths."""
     arm = loaded_arm()
     arm = loaded_arm(arm.deflection + more)
     lines = lines_of(robot_figure(arm))
@@ -66,13 +66,13 @@ def test_the_drawn_tcp_moves_by_the_deflection_times_the_factor_of_the_legend(mo
     np.testing.assert_allclose(size, np.linalg.norm(np.diff(arm.points(arm.q), axis=0), axis=1))
 
 
-def test_shares_are_those_of_each_spring_alone():
+def test_a_springs_share_is_its_deflection_without_the_others():
     arm = loaded_arm()
-    alone = [
-        np.linalg.norm(ROBOT.joint_deflection(one, POSE[None], LOAD[None]))
-        for one in np.diag(COMPLIANCE)
+    lengths = [
+        np.linalg.norm(ROBOT.joint_deflection(compliance, POSE[None], LOAD[None]))
+        for compliance in np.diag(COMPLIANCE)
     ]
-    np.testing.assert_allclose(arm.shares, np.array(alone) / np.sum(alone))
+    np.testing.assert_allclose(arm.shares, np.array(lengths) / np.sum(lengths))
     dots = robot_figure(arm).axes[0].collections[0]
     assert np.all(np.diff(dots.get_sizes()) <= 0.0) and len(dots.get_sizes()) == 6
     assert dots.get_sizes()[0] > 4.0 * dots.get_sizes()[-1]
@@ -111,7 +111,7 @@ def test_no_load_and_no_deflection_can_be_drawn():
     assert any("0 mm (measured)" in text for text in texts_of(figure))
 
 
-def test_the_largest_deflection_is_drawn_unless_a_row_is_asked_for(data):
+def test_the_largest_deflection_is_drawn_unless_a_row_is_requested(data):
     largest = int(np.linalg.norm(data.samples.deflection, axis=1).argmax())
     (arm,) = sb.figure("robot", data).paint.args
     np.testing.assert_array_equal(arm.q, data.samples.q[largest])
@@ -148,7 +148,7 @@ def test_a_model_without_joint_springs_borrows_those_of_a_vjm_and_says_so(data):
 
 
 def test_results_show_the_data_set_that_measured_results_are_of(tmp_path):
-    """Whatever its name: measured data come first, and a longer name changes nothing."""
+    """Measured data come first, whatever the name."""
     made = MadeResults(tmp_path)
     made.add("vjm", [0.1], "a", data=made_data(1))
     made.add("vjm", [0.1], "z-measured", data=made_data(2), kind="measured")
@@ -161,9 +161,11 @@ def test_what_does_not_belong_together_is_refused(data, tmp_path):
     with pytest.raises(NotFittedError):
         sb.figure("robot", data, model=model)
     model.fit(data)
-    other = replace(ROBOT, tcp=np.array([0.0, 0.0, 0.3]))
+    moved_robot = replace(ROBOT, tcp=np.array([0.0, 0.0, 0.3]))
     with pytest.raises(ConfigError, match="TCP"):
-        robot_picture(data.samples, other, "mine", "measured", model=model.fitted, model_name="vjm")
+        robot_picture(
+            data.samples, moved_robot, "mine", "measured", model=model.fitted, model_name="vjm"
+        )
     with pytest.raises(ConfigError, match="row"):
         sb.figure("robot", model=model, row=1)
     with pytest.raises(ConfigError, match="only the figure robot"):

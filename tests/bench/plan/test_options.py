@@ -19,7 +19,7 @@ CLASSES = {"ft-mlp": FtMlp, "holdout": Holdout, "vjm": VirtualJointModel}
 
 
 class Foreign:
-    """A class of somebody who annotates nothing."""
+    """A class without annotations."""
 
     def __init__(self, *, alpha=0.5, depth=3, fast=True, name="a"):
         self.alpha, self.depth, self.fast, self.name = alpha, depth, fast, name
@@ -83,7 +83,7 @@ class Turned:
     def __init__(self, *, turns: Annotated[int, AfterValidator(even)] = 2): ...
 
 
-def test_a_plugins_own_reason_is_told_beside_what_is_valid():
+def test_a_plugins_own_reason_is_printed_with_the_valid_values():
     with pytest.raises(ConfigError, match=r"invalid turns '3': an odd .* \(valid: whole"):
         parse_settings(["t.turns=3"], {"t": Turned})
 
@@ -97,7 +97,7 @@ def names(choices):
     return [choice.name for choice in choices]
 
 
-def test_several_variants_of_one_key_meet_in_one_run():
+def test_one_run_can_have_several_variants_of_one_key():
     made = planned(
         models=("ft-mlp@freeze=full", "ft-mlp@freeze=layers:2,3@epochs=5", "ft-mlp"),
         datasets=("kr10-twin", "kr10-twin@specimen=3"),
@@ -116,8 +116,8 @@ def test_several_variants_of_one_key_meet_in_one_run():
 def test_variants_are_cells_of_their_own_with_one_seed():
     plan = planned(models=("vjm", "knn@neighbours=3"), datasets=("kr10-twin@specimen=2",))
     tasks = list(cell_tasks(plan))
-    shown = [(task.shown.model, task.shown.dataset) for task in tasks]
-    assert shown == [(model, "kr10-twin@specimen=2") for model in ("vjm", "knn@neighbours=3")]
+    names = [(task.shown.model, task.shown.dataset) for task in tasks]
+    assert names == [(model, "kr10-twin@specimen=2") for model in ("vjm", "knn@neighbours=3")]
     assert len({task.cell.key for task in tasks}) == 2
     assert len({task.cell.model_seed for task in tasks}) == 1
 
@@ -125,7 +125,7 @@ def test_variants_are_cells_of_their_own_with_one_seed():
 def test_an_option_that_was_added_later_is_in_no_key_while_it_has_its_default():
     words = ("kr10-twin", "kr10-twin@calibration=2", "kr10-twin@calibration=1")
     default, chosen = planned(datasets=words).datasets
-    # what results of kr10-twin were stored with before it had the option
+    # stored options of kr10-twin before it had this option
     assert default.identity == {"specimen": 0, "torques": "table-5", "seed": 0}
     assert chosen.identity == {**default.identity, "calibration": 2}
     for choice, word in zip((default, chosen), words, strict=False):

@@ -1,4 +1,4 @@
-"""The registry: ours, files, installed packages, families; what collides and what is broken."""
+"""The registry: built-in, files, packages, families; conflicts and broken plugins."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def test_the_shipped_entries_are_all_there_and_can_be_imported():
 def test_two_plugin_files_of_one_name_add_their_models_and_do_not_disturb_each_other(
     tmp_path, plugin_file
 ):
-    one, other = (tmp_path / folder / "my_model.py" for folder in ("one", "other"))
-    for key, path in (("first", one), ("second", other)):
+    first_path, second_path = (tmp_path / folder / "my_model.py" for folder in ("one", "other"))
+    for key, path in (("first", first_path), ("second", second_path)):
         path.parent.mkdir()
         plugin_file(key).rename(path)
     registry = build_registry()
-    registry.add_file(one)
-    registry.add_file(other)
+    registry.add_file(first_path)
+    registry.add_file(second_path)
     classes = [registry.models[key].load() for key in ("first", "second")]
     assert [cls.__name__ for cls in classes] == ["MeanDeflection"] * 2
     modules = {cls.__module__ for cls in classes}
@@ -65,7 +65,7 @@ def test_a_plugin_file_that_cannot_be_used_is_refused(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message):
         build_registry().add_file(path)
     imported = text in ("x = 1", "MODELS = [3]")
-    assert (path in plugin_files()) == imported  # what is not imported is not sent to processes
+    assert (path in plugin_files()) == imported  # only imported files are sent to processes
 
 
 def test_what_a_plugin_prints_on_import_does_not_get_between_the_tables(
@@ -78,7 +78,7 @@ def test_what_a_plugin_prints_on_import_does_not_get_between_the_tables(
 
 
 def member(key: str) -> ModelInfo:
-    """What a family's function does."""
+    """Return the model of a family's key."""
     if not key[1:]:
         raise ConfigError(f"{key!r} names nothing")
     return ModelInfo(key=key, target=dict, summary="of a family")
@@ -86,7 +86,7 @@ def member(key: str) -> ModelInfo:
 
 @pytest.fixture()
 def registry() -> Registry:
-    """One model, and a family."""
+    """Return a registry of one model and one family."""
     family = ModelFamily(
         prefix="~", target=f"{__name__}:member", example="~a", summary="every letter"
     )
@@ -95,7 +95,9 @@ def registry() -> Registry:
     return registry
 
 
-def test_a_key_of_a_family_is_resolved_by_its_beginning_and_an_unknown_one_is_told_it(registry):
+def test_a_key_of_a_family_is_resolved_by_its_beginning_and_an_unknown_key_is_refused_with_it(
+    registry,
+):
     assert registry.model("~abc").key == registry.find("~abc").key == "~abc"
     with pytest.raises(ConfigError, match="'~' names nothing"):
         registry.model("~")
@@ -106,7 +108,7 @@ def test_a_key_of_a_family_is_resolved_by_its_beginning_and_an_unknown_one_is_to
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory) -> dict[str, str]:
-    """The example package, installed beside stiffbench."""
+    """Install the example package next to stiffbench and return the environment."""
     folder = tmp_path_factory.mktemp("third_party")
     package = shutil.copytree(THIRD_PARTY, folder / "package")  # a build leaves files behind
     site = folder / "site"
@@ -114,8 +116,8 @@ def installed(tmp_path_factory) -> dict[str, str]:
         [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", site, package],
         check=True,
     )
-    others = os.environ.get("PYTHONPATH", "")
-    return {**os.environ, "PYTHONPATH": f"{site}{os.pathsep}{others}".rstrip(os.pathsep)}
+    python_path = os.environ.get("PYTHONPATH", "")
+    return {**os.environ, "PYTHONPATH": f"{site}{os.pathsep}{python_path}".rstrip(os.pathsep)}
 
 
 def bench_with(installed, folder, *words):
@@ -129,9 +131,7 @@ def bench_with(installed, folder, *words):
 
 
 @pytest.mark.slow
-def test_an_installed_package_brings_its_model_and_what_is_broken_in_it_is_said(
-    installed, tmp_path
-):
+def test_an_installed_package_adds_its_model_and_its_broken_parts_are_reported(installed, tmp_path):
     done = bench_with(installed, tmp_path, "run", "--model", "cartesian-spring", "--model", "vjm")
     assert done.returncode == 0, done.stderr
     assert "| cartesian-spring " in done.stdout and "| vjm " in done.stdout
@@ -141,7 +141,7 @@ def test_an_installed_package_brings_its_model_and_what_is_broken_in_it_is_said(
 
 
 @pytest.mark.slow
-def test_a_good_line_beside_a_taken_one_is_there_and_passes_the_conformance_suite(
+def test_a_good_line_next_to_a_taken_one_is_listed_and_passes_the_conformance_suite(
     installed, tmp_path
 ):
     done = bench_with(
@@ -180,6 +180,6 @@ def test_a_model_whose_module_raises_when_it_is_used_is_a_config_error(tmp_path,
         ("~x", "begins with '~', which stands for every letter"),
     ],
 )
-def test_a_key_that_cannot_serve_is_refused(key, message, registry):
+def test_an_invalid_key_is_refused(key, message, registry):
     with pytest.raises(ConfigError, match=f"mine.py: key .*{message[4:]}"):
         registry.add([ModelInfo(key=key, target=dict, summary="")], "mine.py")

@@ -1,4 +1,4 @@
-"""What the page says of a folder of results."""
+"""Content of the page of a folder of results."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ def results(tmp_path):
 
 
 def part_of(folder, metric="norm", axis=None, seed=0, **choice):
-    asked = PageOptions(Selection(**choice), metric, axis, seed)
-    key = sort_key(asked.metric, asked.axis)
-    return gather.part_of(StoredResults.read(folder), asked, key)
+    options = PageOptions(Selection(**choice), metric, axis, seed)
+    key = sort_key(options.metric, options.axis)
+    return gather.part_of(StoredResults.read(folder), options, key)
 
 
 def blocks_of(folder, **choice):
     return {block.heading: block for block in part_of(folder, **choice).blocks}
 
 
-def test_every_model_stands_in_ranks_pairs_and_scores(results):
+def test_every_model_is_in_ranks_pairs_and_scores(results):
     blocks = blocks_of(results.folder)
     ranks = blocks["Leaderboard"].tables[0]
     assert [row[0] for row in ranks.texts()] == ["vjm", "gp", "mlp"]
@@ -112,7 +112,7 @@ def test_many_models_and_columns_are_one_click_away(tmp_path):
     assert f"{FIRST_COLUMNS + 2} columns" in screen.more
 
 
-def test_identified_stiffnesses_stand_with_the_data(results):
+def test_identified_stiffnesses_are_listed_with_the_data(results):
     for result in [*read_results(results.folder)]:
         if result.shown.model == "vjm":
             springs = {"stiffness A1 [Nm/rad]": 1000.0 + 200.0 * result.cell.split_index}
@@ -122,7 +122,7 @@ def test_identified_stiffnesses_stand_with_the_data(results):
     assert [row[2] for row in stiffnesses.texts()] == ["1,100 ± 141"] * 2
 
 
-def test_runs_stand_with_commit_command_and_results_also_of_one_without_a_manifest(results):
+def test_runs_are_listed_with_commit_command_and_results_even_without_a_manifest(results):
     results.add("vjm", [0.1, 0.2], "other", run_id="run-lost")
     provenance = blocks_of(results.folder)["Provenance"]
     row, lost = provenance.tables[0].texts()
@@ -134,11 +134,11 @@ def test_runs_stand_with_commit_command_and_results_also_of_one_without_a_manife
     assert {len(row[1]) for row in provenance.tables[1].texts()} == {64}
 
 
-def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(results):
+def test_failures_are_listed_with_reason_cause_and_log_and_equal_failures_together(results):
     keys = results.add("bad", [0.1], TWINS[0], failed=(1, 2))
     for key in keys[1:]:
         store = ResultStore(results.folder)
-        (failed,) = (one for one in read_results(results.folder, {key}))
+        (failed,) = (result for result in read_results(results.folder, {key}))
         store.write_cells([replace(failed, cause="ValueError", log=("first", "last <b>"))])
     block = blocks_of(results.folder)["Failed and skipped"]
     (row,) = block.tables[0].texts()
@@ -146,7 +146,7 @@ def test_failures_stand_with_reason_cause_and_log_and_alike_ones_together(result
     assert [text for _, text in block.folds] == ["first\nlast <b>"] * 2
 
 
-def test_details_are_folded_and_nothing_is_said_of_failures_where_there_are_none(results):
+def test_details_are_folded_and_failures_are_mentioned_only_if_there_are_some(results):
     blocks = blocks_of(results.folder)
     folded = [heading for heading, block in blocks.items() if block.is_detail]
     assert folded == ["Robots and data", "Leaderboard", "Pairs of models", "Scores", "Provenance"]
@@ -154,7 +154,7 @@ def test_details_are_folded_and_nothing_is_said_of_failures_where_there_are_none
 
 
 def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
-    """One model alone is compared with the VJM; samples that are missing allow no answer."""
+    """A single model is compared with the VJM; missing samples prevent an answer."""
     part = part_of(results.folder, models=("mlp",))
     assert "nothing to compare" in part.reason
     assert [row.name for row in part.answer.models] == ["vjm", "mlp"]
@@ -166,7 +166,7 @@ def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
     assert len(blocks["Scores"].tables[0].rows) == 6
 
 
-def test_choices_narrow_everything_and_stand_in_the_commands(results):
+def test_choices_narrow_everything_and_are_part_of_the_commands(results):
     blocks = blocks_of(
         results.folder, models=("vjm", "mlp"), datasets=(TWINS[1],), metric="mae", axis="z"
     )
@@ -183,12 +183,12 @@ def test_a_figure_that_cannot_be_drawn_is_left_out(results, monkeypatch, error):
     def broken(source):
         raise error
 
-    def whole(source):
+    def drawn_figure(source):
         from matplotlib.figure import Figure
 
         return Prepared("drawn", "of nothing", Figure)
 
-    figures = {"losses": broken, "springs": whole, "scores": whole}
+    figures = {"losses": broken, "springs": drawn_figure, "scores": drawn_figure}
     monkeypatch.setattr(gather, "FIGURES", figures)
     (first, second) = blocks_of(results.folder)["Figures"].pictures
     assert first.title == "drawn" and "bench figure springs " in first.command
@@ -215,7 +215,7 @@ def test_some_figures_are_drawn_for_each_data_set_and_protocol(results, monkeypa
     assert len(block.pictures) == 2 and "first 1 of 2" in block.notes[0]
 
 
-def test_protocols_that_select_on_test_stand_apart(results):
+def test_protocols_that_select_on_test_have_their_own_table(results):
     for model in ("vjm", "mlp"):
         results.add(model, [0.1, 0.2], protocol="paper", selects_on_test=True, warning="not fair")
     blocks = blocks_of(results.folder)

@@ -19,7 +19,7 @@ from helpers.browser import (
     axe_violations,
     column,
     heading,
-    open_anew,
+    open_again,
     opened_browser,
     set_width,
     unfold,
@@ -59,7 +59,7 @@ def page(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def usual_page(tmp_path_factory) -> Path:
-    """Five models on four data sets under two protocols, with two figures."""
+    """Write a page of five models, four data sets, two protocols and two figures."""
     folder = tmp_path_factory.mktemp("usual")
     made = MadeResults(folder / "runs")
     keys = []
@@ -83,9 +83,9 @@ def usual_page(tmp_path_factory) -> Path:
 
 @pytest.fixture()
 def usual(browser, usual_page):
-    """The browser with the usual page, on a desktop."""
+    """Open the usual page on a desktop."""
     set_width(browser, *DESKTOP)
-    open_anew(browser, usual_page)
+    open_again(browser, usual_page)
     return browser
 
 
@@ -98,14 +98,14 @@ def browser(page, tmp_path_factory):
 
 @pytest.fixture()
 def errors(browser, page):
-    """The first table of the leaderboard, unfolded, as it is before anybody touches it."""
+    """Return the first table of the leaderboard, unfolded and unsorted."""
     set_width(browser, *DESKTOP)
-    open_anew(browser, page)
+    open_again(browser, page)
     unfold(browser)
     return browser.find_element("css selector", "details.block table.widget")
 
 
-def test_a_heading_sorts_its_column_by_numbers_and_says_so(browser, errors):
+def test_a_heading_sorts_its_column_by_numbers_and_shows_the_direction(browser, errors):
     title = heading(errors, CHANGE)
     title.click()
     wait_until_sorted(browser, title, "ascending")
@@ -116,10 +116,10 @@ def test_a_heading_sorts_its_column_by_numbers_and_says_so(browser, errors):
     falling = column(browser, errors, CHANGE)
     numbers = [float(text) for text in falling if text != "-"]
     assert numbers == sorted(numbers, reverse=True)
-    assert numbers[0] > 100.0 > float(rising[-1])  # all rows took part, not those of a page
+    assert numbers[0] > 100.0 > float(rising[-1])  # all rows are sorted, not only those of a page
 
 
-def test_missing_numbers_stand_last_both_ways(browser, errors):
+def test_missing_numbers_are_last_in_both_directions(browser, errors):
     field = errors.find_element("css selector", "tr.filters input")
     field.send_keys("o")  # "model-.." and "broken"
     title = heading(errors, CHANGE)
@@ -137,14 +137,14 @@ def test_the_field_under_a_heading_filters_rows_by_text_or_bounds(
     fields = errors.find_elements("css selector", "tr.filters input")
     (field,) = (f for f in fields if f.get_attribute("aria-label") == f"Filter {title}")
     field.send_keys(typed)
-    shown = column(browser, errors, title)
-    assert 0 < len(shown) <= n_most
-    assert shown == ["vjm"] if title == "model" else max(map(float, shown)) < 4.6
+    texts = column(browser, errors, title)
+    assert 0 < len(texts) <= n_most
+    assert texts == ["vjm"] if title == "model" else max(map(float, texts)) < 4.6
 
 
 @SIZES
 def test_nothing_is_wider_than_the_screen_and_every_picture_is_shown(browser, errors, size):
-    """Wide tables scroll in their own box on a desktop."""
+    """Wide tables scroll in their box on a desktop."""
     set_width(browser, *size)
     assert browser.execute_script("return document.documentElement.scrollWidth") <= size[0]
     assert browser.execute_script(WIDER, size[0]) == []
@@ -163,7 +163,7 @@ def bottoms(browser, selector):
     return browser.execute_script(script, selector)
 
 
-def test_the_answer_the_models_and_the_matrix_stand_on_the_first_screen(usual):
+def test_the_answer_the_models_and_the_matrix_are_on_the_first_screen(usual):
     (card,) = bottoms(usual, ".card")
     charts = bottoms(usual, ".models td.chart svg[role=img]")
     matrix = bottoms(usual, ".matrix tbody tr")
@@ -172,7 +172,7 @@ def test_the_answer_the_models_and_the_matrix_stand_on_the_first_screen(usual):
     assert matrix[-1] <= DESKTOP[1]
 
 
-def test_of_many_models_the_best_ten_are_shown_until_all_are_asked_for(browser, errors):
+def test_the_best_ten_of_many_models_are_shown_until_all_are_requested(browser, errors):
     browser.execute_script("document.querySelector('details.all').open = false")
     for table in (".models", ".matrix"):
         assert len(bottoms(browser, f"{table} tbody tr:not(.noise)")) == 10
@@ -189,32 +189,32 @@ def test_tables_are_cards_on_a_phone_and_each_cell_names_its_column(usual):
     )
     assert {'"robot-a | holdout"', '"robot-d | loads | heavier"'} <= {*labels}
     assert bottoms(usual, ".matrix thead") == []
-    left, right = usual.execute_script(
+    left_edge, right_edge = usual.execute_script(
         """const box = document.querySelector(".models td.chart svg").getBoundingClientRect();
            return [box.left, box.right]"""
     )
-    assert 0 <= left < left + PHONE[0] / 2 < right <= PHONE[0]
+    assert 0 <= left_edge < left_edge + PHONE[0] / 2 < right_edge <= PHONE[0]
     assert len(bottoms(usual, ".models td.chart .labels")) == 5  # each card has an axis
 
 
 def test_a_choice_shows_the_figures_of_one_data_set_and_protocol(usual):
     from selenium.webdriver.support.select import Select
 
-    def shown():
+    def n_shown():
         return len(bottoms(usual, "figure.one-case"))
 
     selects = usual.find_elements("css selector", ".choices select")
     dataset, protocol = map(Select, selects)
-    assert shown() == 1
+    assert n_shown() == 1
     dataset.select_by_visible_text("robot-c")
     (figure,) = (
         figure for figure in usual.find_elements("css selector", "figure.one-case:not([hidden])")
     )
     assert figure.get_attribute("data-dataset") == "robot-c"
     protocol.select_by_visible_text("all")
-    assert shown() == 3
+    assert n_shown() == 3
     dataset.select_by_visible_text("all")
-    assert shown() == 12
+    assert n_shown() == 12
 
 
 def test_a_link_opens_the_folded_block_that_it_leads_to(usual):
@@ -233,16 +233,16 @@ def test_the_print_has_few_pages_in_landscape_with_every_number_of_the_matrix(us
 
     cells = usual.execute_script(
         """return [...document.querySelectorAll(".matrix tbody td")]
-               .map((one) => one.textContent)"""
+               .map((cell) => cell.textContent)"""
     )
     printed = usual.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True})
     pages = PdfReader(io.BytesIO(base64.b64decode(printed["data"]))).pages
     assert len(pages) <= 6
     assert all(page.mediabox.width > page.mediabox.height for page in pages)
     numbers = Counter(re.findall(r"\d+\.\d+", "\n".join(page.extract_text() for page in pages)))
-    wanted = Counter(filter(re.compile(r"\d").search, cells))
-    assert wanted.total() >= 5 * 12
-    assert not wanted - numbers
+    matrix_numbers = Counter(filter(re.compile(r"\d").search, cells))
+    assert matrix_numbers.total() >= 5 * 12
+    assert not matrix_numbers - numbers
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -254,9 +254,9 @@ def test_axe_finds_nothing(browser, request, name, size, scheme):
     assert axe_violations(browser, scheme) == []
 
 
-def test_the_console_stays_silent_and_the_page_alone_is_loaded(browser, errors, page):
+def test_the_console_stays_silent_and_only_the_page_is_loaded(browser, errors, page):
     assert browser.get_log("browser") == []
-    asked = browser.execute_script(
-        "return performance.getEntriesByType('resource').map((one) => one.name)"
+    resource_names = browser.execute_script(
+        "return performance.getEntriesByType('resource').map((entry) => entry.name)"
     )
-    assert [name for name in asked if not name.startswith("data:")] == []
+    assert [name for name in resource_names if not name.startswith("data:")] == []

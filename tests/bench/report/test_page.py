@@ -1,4 +1,4 @@
-"""The page: one file that asks for nothing and lets no text act; what its columns sort by."""
+"""The page: one file without requests or active text; sort keys of its columns."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ VOID = {"meta", "link", "img", "input", "br", "wbr", "line", "circle"}
 
 
 class Reader(HTMLParser):
-    """Start tags with their attributes, and the text inside each script and style."""
+    """Collects start tags with attributes, and the text of scripts and styles."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -129,11 +129,11 @@ def test_a_name_may_break_before_an_option_and_control_characters_are_written_ou
     assert not any(sign in page for sign in ("<b>", "\u202e", "\x1b"))
 
 
-def test_the_policy_allows_the_scripts_and_the_style_of_the_page_alone(hostile):
+def test_the_policy_allows_only_the_scripts_and_the_style_of_the_page(hostile):
     (policy,) = (
-        one["content"]
-        for one in hostile.of("meta")
-        if one.get("http-equiv") == "Content-Security-Policy"
+        meta["content"]
+        for meta in hostile.of("meta")
+        if meta.get("http-equiv") == "Content-Security-Policy"
     )
     directives = dict(part.strip().split(" ", 1) for part in policy.split(";"))
     assert directives["default-src"] == "'none'"
@@ -159,11 +159,11 @@ def test_language_title_and_headings_in_order(plain):
 
 def test_tables_pictures_boxes_and_references_can_be_read_by_a_screen_reader(plain):
     assert len(plain.of("caption")) == len(plain.of("table"))
-    assert {one["scope"] for one in plain.of("th")} == {"col", "colgroup", "row"}
-    assert all(one["alt"] for one in plain.of("img"))
-    boxes = [one for one in plain.of("div") if one.get("class") == "scroll"]
-    assert boxes and {one["tabindex"] for one in boxes} == {"0"}
-    assert all(one.get("aria-labelledby") or one.get("aria-label") for one in boxes)
+    assert {cell["scope"] for cell in plain.of("th")} == {"col", "colgroup", "row"}
+    assert all(image["alt"] for image in plain.of("img"))
+    boxes = [box for box in plain.of("div") if box.get("class") == "scroll"]
+    assert boxes and {box["tabindex"] for box in boxes} == {"0"}
+    assert all(box.get("aria-labelledby") or box.get("aria-label") for box in boxes)
     ids = [attributes["id"] for _, attributes in plain.tags if "id" in attributes]
     assert len(ids) == len(set(ids))
     for _, attributes in plain.tags:
@@ -173,13 +173,13 @@ def test_tables_pictures_boxes_and_references_can_be_read_by_a_screen_reader(pla
 
 
 def orders(*cells: Entry, **about: str) -> list[str]:
-    """What the cells of a column of numbers are sorted by."""
+    """Return the sort keys of the cells of a number column."""
     table = Table("t", [Column("x", **about)], [[cell] for cell in cells])
     return [row[0][1] for row in page_table(table)["rows"]]
 
 
 def test_a_number_is_sorted_by_its_value_its_low_end_or_the_first_number_of_its_share():
-    """However it is printed; a missing one stands last."""
+    """The printed form does not count; missing values are last."""
     of_cells = {
         "0.1035": Quantity(0.1035, 0.013, mark="*"),
         "-0.5": -0.5,
@@ -190,7 +190,7 @@ def test_a_number_is_sorted_by_its_value_its_low_end_or_the_first_number_of_its_
     }
     assert orders(*of_cells.values()) == [*of_cells]
     assert orders(2.0, None, Quantity(status="FAILED"), "") == ["2", "", "", ""]
-    assert orders(2e-4, 0.1, format=lambda found: "< 0.001") == ["0.0002", "0.1"]
+    assert orders(2e-4, 0.1, format=lambda value: "< 0.001") == ["0.0002", "0.1"]
 
 
 def test_a_column_of_texts_is_sorted_as_people_count_though_it_begins_with_numbers():
@@ -199,7 +199,7 @@ def test_a_column_of_texts_is_sorted_as_people_count_though_it_begins_with_numbe
     assert table["rows"][1][0][1] < table["rows"][0][0][1]
 
 
-def test_a_long_table_is_cut_and_says_so():
+def test_a_long_table_is_cut_with_a_note():
     rows = [[f"m{number}", 1] for number in range(MOST_ROWS + 7)]
     table = page_table(Table("t", [Column("model", "text"), Column("x")], rows, ["kept"]))
     assert len(table["rows"]) == MOST_ROWS
@@ -208,7 +208,7 @@ def test_a_long_table_is_cut_and_says_so():
 
 
 def test_a_table_of_the_page_has_what_its_readers_can_see():
-    """No hidden column, the group above a column, and all notes: a page has no `--format json`."""
+    """No hidden column, the group above a column, and all notes."""
     columns = [Column("model", "text"), Column("sha", "text", hidden=True), Column("x", group="G")]
     notes = [f"note {number}" for number in range(6)]
     laid = page_table(Table("t", columns, [["m", "0123", 1.0]], notes, brief=True))

@@ -1,4 +1,4 @@
-"""All places that judge a pair of models have one verdict, corrected for all pairs."""
+"""A pair of models has one verdict everywhere, corrected for all pairs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WON = {"a": "1 : 0", "b": "0 : 1", "equivalent": "0 : 0", "open": "0 : 0"}
 
 
 def pairs_of(folder):
-    """Row -> column -> cell of the table, and the table as the page shows it."""
+    """Return row -> column -> cell of the table, and the page's table."""
     board = build_leaderboard(StoredResults.read(folder), sort_key("norm", None))
     table = pair_table(board.sections[0], board)
     names = [row[0].split()[1] for row in table.texts()]
@@ -32,15 +32,15 @@ def pairs_of(folder):
 
 
 @pytest.mark.parametrize(
-    ("n_splits", "shown"),
+    ("n_splits", "options"),
     [(5, {}), (1, {}), (5, {"pooled": True})],
     ids=["splits", "one", "pooled"],
 )
 def test_every_pair_has_the_verdict_that_compare_has_among_all_and_its_mirror_image(
-    tmp_path, n_splits, shown
+    tmp_path, n_splits, options
 ):
     tests = fifths(5)[:n_splits]
-    folder = store_results(tmp_path, MODELS, tests=tests, **shown)
+    folder = store_results(tmp_path, MODELS, tests=tests, **options)
     case, data = case_in(folder)
     cells, page = pairs_of(folder)
     for a in MODELS:

@@ -1,4 +1,4 @@
-"""`bench report`: words in, a whole page or one error and no file."""
+"""`bench report`: a complete page, or one error and no file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def run(*words):
     return CliRunner().invoke(report, [str(word) for word in words])
 
 
-def test_the_page_is_written_and_said(folder, tmp_path):
+def test_the_page_is_written_and_its_path_printed(folder, tmp_path):
     page = tmp_path / "page.html"
     done = run("--results", folder, "--output", page)
     assert done.exit_code == 0
@@ -35,9 +35,9 @@ def test_the_page_is_written_and_said(folder, tmp_path):
 def test_several_folders_are_parts_of_one_page_not_compared_and_each_has_every_model_named(
     folder, tmp_path
 ):
-    other, page = MadeResults(tmp_path / "others"), tmp_path / "page.html"
-    other.add("gp", [0.1])
-    words = ["--results", folder, "--results", other.folder, "--output", page]
+    second_results, page = MadeResults(tmp_path / "others"), tmp_path / "page.html"
+    second_results.add("gp", [0.1])
+    words = ["--results", folder, "--results", second_results.folder, "--output", page]
     assert run(*words).exit_code == 0
     text = page.read_text(encoding="utf-8")
     assert text.count("<h2") == 2

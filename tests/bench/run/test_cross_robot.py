@@ -1,4 +1,4 @@
-"""`cross-robot` in the engine: which source a cell has, what it says of it, what is refused."""
+"""`cross-robot` in the engine: sources of cells, their notes, and refusals."""
 
 from __future__ import annotations
 
@@ -45,46 +45,53 @@ def of_condition(tasks, condition):
 
 def test_both_conditions_share_rows_and_model_seed_and_are_stored_apart(cross_tasks, ur5):
     tasks = cross_tasks(FT_MLP)
-    for own, foreign in zip(of_condition(tasks, OWN), of_condition(tasks, FROM_UR5), strict=True):
-        assert own.cell.split_sha256 == foreign.cell.split_sha256
-        assert own.cell.model_seed == foreign.cell.model_seed
-        assert own.cell.key != foreign.cell.key
-        assert own.source is None and own.cell.source_sha256 == ""
-        assert foreign.cell.source_sha256 == ur5.sha256 == foreign.source.sha256
-    assert len({task.cell.model_seed for task in tasks}) == 2  # one a split
+    for own_task, foreign_task in zip(
+        of_condition(tasks, OWN), of_condition(tasks, FROM_UR5), strict=True
+    ):
+        assert own_task.cell.split_sha256 == foreign_task.cell.split_sha256
+        assert own_task.cell.model_seed == foreign_task.cell.model_seed
+        assert own_task.cell.key != foreign_task.cell.key
+        assert own_task.source is None and own_task.cell.source_sha256 == ""
+        assert foreign_task.cell.source_sha256 == ur5.sha256 == foreign_task.source.sha256
+    assert len({task.cell.model_seed for task in tasks}) == 2  # one per split
 
 
 def test_with_the_foreign_source_a_cell_and_its_intervals_are_those_of_that_source(cross_tasks):
     pretrained = "mlp-pretrained@width=8@pretrain_steps=3"
-    own, foreign, *_ = (
+    own_task, foreign_task, *_ = (
         replace(task, cell=replace(task.cell, coverage=0.8)) for task in cross_tasks(pretrained)
     )
-    samples = foreign.data.samples
-    other = replace(samples, deflection=samples.deflection * 2.0)  # every label of the target
+    samples = foreign_task.data.samples
+    # every label of the target
+    relabelled_samples = replace(samples, deflection=samples.deflection * 2.0)
 
     def bounds(task):
         result = computed(task)
         interval = result.prediction.interval
         return result.prediction.predicted, (interval.lower + interval.upper) / 2.0
 
-    predicted, centre = bounds(foreign)
+    predicted, centre = bounds(foreign_task)
     np.testing.assert_allclose(centre, predicted, atol=1e-15)  # the copy has the source too
-    relabelled = bounds(replace(foreign, data=replace(foreign.data, samples=other)))
+    relabelled = bounds(
+        replace(foreign_task, data=replace(foreign_task.data, samples=relabelled_samples))
+    )
     np.testing.assert_array_equal(relabelled[0], predicted)
-    assert (bounds(own)[0] != predicted).any()
+    assert (bounds(own_task)[0] != predicted).any()
 
 
-def test_rows_say_what_the_source_means_for_them(cross_tasks):
+def test_rows_have_the_training_regime_of_their_source(cross_tasks):
     tasks = cross_tasks("vjm", "ft-mlp", "mlp-pretrained")
-    said = {(task.cell.model, task.cell.condition): task.shown.regime for task in tasks}
-    assert said["vjm", OWN] == said["ft-mlp", OWN] == said["ft-mlp", FROM_UR5] == ""
-    assert said["vjm", FROM_UR5] == NO_SOURCE
-    assert said["mlp-pretrained", OWN] == "target labels not trained on"
-    assert said["mlp-pretrained", FROM_UR5] == "target labels not used"
-    own, foreign = (
+    regimes = {(task.cell.model, task.cell.condition): task.shown.regime for task in tasks}
+    assert regimes["vjm", OWN] == regimes["ft-mlp", OWN] == regimes["ft-mlp", FROM_UR5] == ""
+    assert regimes["vjm", FROM_UR5] == NO_SOURCE
+    assert regimes["mlp-pretrained", OWN] == "target labels not trained on"
+    assert regimes["mlp-pretrained", FROM_UR5] == "target labels not used"
+    own_caveats, foreign_caveats = (
         of_condition(tasks, condition)[0].shown.caveats for condition in (OWN, FROM_UR5)
     )
-    assert set(foreign) > set(own) and not any("ur5-twin" in caveat for caveat in own)
+    assert set(foreign_caveats) > set(own_caveats) and not any(
+        "ur5-twin" in caveat for caveat in own_caveats
+    )
 
 
 @pytest.mark.parametrize(

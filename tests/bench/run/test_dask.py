@@ -1,4 +1,4 @@
-"""Cells on a real Dask cluster on this machine: the same results, and what it loses is computed."""
+"""Cells on a real Dask cluster on this machine: same results, lost cells computed again."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ PLUGIN = str(Path(hostile_models.__file__))
 
 
 def free_port() -> int:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
+    with socket.socket() as free_socket:
+        free_socket.bind(("127.0.0.1", 0))
+        return int(free_socket.getsockname()[1])
 
 
 class Cluster:
-    """A scheduler and two workers, each a process of its own that can be killed."""
+    """A scheduler and two workers in processes that can be killed."""
 
     def __init__(self, stack: ExitStack, folder: Path, workers: int):
         self.port, self._stack, self._folder = free_port(), stack, folder
@@ -66,7 +66,7 @@ class Cluster:
         return command
 
     def worker_processes(self) -> list[psutil.Process]:
-        """The processes that compute, below the nannies that start them again."""
+        """Return the computing processes below their nannies."""
         return [
             process
             for nanny in self.workers
@@ -76,7 +76,7 @@ class Cluster:
 
 
 def command_line(process: psutil.Process) -> str:
-    """The words of a process, none of one that has just ended: a nanny starts short ones, too."""
+    """Return the words of a process, or none if it has ended."""
     with suppress(psutil.NoSuchProcess):  # a zombie is one of these
         return " ".join(process.cmdline())
     return ""
@@ -99,7 +99,7 @@ def a_cluster(folder: Path, workers: int) -> Iterator[Cluster]:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    """A cluster for every test that leaves it whole: nannies replace workers that were killed."""
+    """Start a cluster for tests that keep it running; nannies replace killed workers."""
     with a_cluster(tmp_path_factory.mktemp("cluster"), 2) as made:
         yield made
 
@@ -109,7 +109,7 @@ def test_faults_and_killed_workers_cost_no_other_fit_and_the_rest_are_the_bits_o
     cluster, tmp_path
 ):
     ours = [word for key in ("vjm", "knn", "mlp@epochs=20") for word in ("--model", key)]
-    busy = ("HoldsTheInterpreter", "Talks")  # would take the time of workers that start again
+    busy = ("HoldsTheInterpreter", "Talks")  # would occupy workers that restart
     bad = [key for key in hostile_models.ROWS if key not in ("vjm", *busy)]
     words = [word for key in ("KillsWorkers", *bad) for word in ("--model", key)]
     limits = ["--timeout", "20", "--memory", "800MiB"]  # torch has 250, in every process
@@ -119,22 +119,22 @@ def test_faults_and_killed_workers_cost_no_other_fit_and_the_rest_are_the_bits_o
         wait_until(cluster.worker_processes, running=command)
         with suppress(psutil.NoSuchProcess):  # `KillsWorkers` was quicker
             cluster.worker_processes()[0].kill()
-        _, said = command.communicate(timeout=250)
+        _, message = command.communicate(timeout=250)
     assert not cells_below(cluster)
-    results = {one.cell.model: one for one in read_results(tmp_path / "out")}
+    results = {result.cell.model: result for result in read_results(tmp_path / "out")}
     hostile_models.assert_rows(results, ["vjm", *bad])
-    lost = results.pop("KillsWorkers")
-    assert command.returncode == 1 and "1 killed its workers" in said
-    assert "4 workers ended while they computed it" in lost.failure
+    lost_result = results.pop("KillsWorkers")
+    assert command.returncode == 1 and "1 killed its workers" in message
+    assert "4 workers ended while they computed it" in lost_result.failure
     assert bench_here("run", *ours, "--output", "here", cwd=tmp_path).returncode == 0
-    here = read_results(tmp_path / "here")
-    assert len(here) == 3
-    for one in here:
-        there = results[one.cell.model].prediction
-        assert there.predicted.tobytes() == one.prediction.predicted.tobytes()
+    local_results = read_results(tmp_path / "here")
+    assert len(local_results) == 3
+    for local_result in local_results:
+        prediction = results[local_result.cell.model].prediction
+        assert prediction.predicted.tobytes() == local_result.prediction.predicted.tobytes()
     (manifest,) = read_manifests(tmp_path / "out")
     assert len(manifest.machines) >= 2 and manifest.environment["dask"] == cluster.address
-    assert all(one["numpy"] == np.__version__ for one in manifest.machines.values())
+    assert all(machine["numpy"] == np.__version__ for machine in manifest.machines.values())
 
 
 @pytest.mark.slow
@@ -143,19 +143,19 @@ def test_an_interrupted_run_leaves_no_cell_running_on_the_cluster(cluster, tmp_p
     with started(*run, "--dask", cluster.address, "--output", "out", cwd=tmp_path) as command:
         wait_until(lambda: cells_below(cluster), running=command)
         command.send_signal(signal.SIGINT)
-        _, said = command.communicate(timeout=60)
-    assert command.returncode == 130 and INTERRUPTION in said
+        _, message = command.communicate(timeout=60)
+    assert command.returncode == 130 and INTERRUPTION in message
     wait_until(lambda: not cells_below(cluster), 30.0)
 
 
 def cells_below(cluster: Cluster) -> list[psutil.Process]:
-    """The processes of cells: leaders of a session, below the workers."""
-    found = []
+    """Return the processes of cells: session leaders below the workers."""
+    processes = []
     for worker in cluster.worker_processes():
         with suppress(psutil.NoSuchProcess, ProcessLookupError):  # ended since it was listed
             below = worker.children(recursive=True)
-            found += [process for process in below if os.getsid(process.pid) == process.pid]
-    return found
+            processes += [process for process in below if os.getsid(process.pid) == process.pid]
+    return processes
 
 
 @pytest.mark.slow
@@ -170,26 +170,26 @@ def test_a_run_waits_for_workers_and_ends_with_one_of_other_code_and_with_the_sc
         paths = f"{stub.parent}:{os.environ.get('PYTHONPATH', '')}"
         with started(*words, cwd=tmp_path) as command:
             assert "no workers yet; waiting" in command.stderr.readline()
-            stranger = cluster.start_worker(env={**os.environ, "PYTHONPATH": paths})
-            _, said = command.communicate(timeout=100)
+            worker = cluster.start_worker(env={**os.environ, "PYTHONPATH": paths})
+            _, message = command.communicate(timeout=100)
         assert command.returncode == 2
-        assert "a different version of stiffbench or of a library" in said
+        assert "a different version of stiffbench or of a library" in message
         assert not n_stored(tmp_path / "out")
-        kill_family(stranger.pid)
+        kill_family(worker.pid)
         cluster.start_worker()
         with started(*words, cwd=tmp_path) as command:
             wait_until(lambda: n_stored(tmp_path / "out") >= 3, running=command)
             kill_family(cluster.scheduler.pid)
-            _, said = command.communicate(timeout=100)
+            _, message = command.communicate(timeout=100)
         assert command.returncode == 2
         last = f"--dask {cluster.address}: the scheduler has stopped; run the same command again"
-        assert last in said.strip().splitlines()[-1]
+        assert last in message.strip().splitlines()[-1]
         stored = n_stored(tmp_path / "out")
         cluster.start(workers=1)
         done = bench(*words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"bench: {8 - stored} ok, {stored} cached; " in done.stderr
-    assert [len(one.machines) for one in read_manifests(tmp_path / "out")] == [0, 1, 1]
+    assert [len(manifest.machines) for manifest in read_manifests(tmp_path / "out")] == [0, 1, 1]
 
 
 @pytest.mark.slow
@@ -230,7 +230,7 @@ found.SLURMCluster = cluster_here
 def test_the_lines_of_the_docs_start_a_cluster_of_slurm_and_run_on_it(tmp_path):
     page = (Path(__file__).parents[3] / "docs" / "running.md").read_text()
     (lines,) = (
-        one for one in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "SLURM" in one
+        code for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "SLURM" in code
     )
     (tmp_path / "on_slurm.py").write_text(IN_THE_PLACE_OF_SLURM + lines)
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""Cells in processes of their own, here and on Dask: what a model does there costs its own row."""
+"""Cells in separate processes, here and on Dask: a faulty model loses only its row."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ pytestmark = pytest.mark.xdist_group("isolated")  # one server of processes
 PLUGIN = Path(hostile_models.__file__)
 
 
-class Seen:
-    """A display that keeps what it is told."""
+class RecordingDisplay:
+    """A display that records its calls."""
 
     def __init__(self):
         self.started, self.steps = [], []
@@ -40,23 +40,24 @@ class Seen:
 
 @pytest.fixture()
 def computed():
-    """A function that computes a plan's cells beside this process, and in it if that is asked."""
+    """A function that computes a plan's cells in separate processes."""
 
     def compute(*models, jobs=1, display=None, **plan):
         registry = build_registry()
         registry.add(hostile_models.MODELS, "a third party's")
         tasks = list(cell_tasks(planned(registry, models=models, **plan)))
         how = LocalProcesses(at_once=jobs, limits=Limits())
-        return tasks, how.results(iter(tasks), "r", display or Seen())
+        return tasks, how.results(iter(tasks), "r", display or RecordingDisplay())
 
     return compute
 
 
 def test_a_model_finds_no_test_label_in_its_process_and_none_of_its_scores(computed):
-    good, *others = computed("Good", "StealsTest", "PatchesTheEngine", splits=1)[1]
-    assert good.status == "ok" and good.prediction is not None
-    for other in others:
-        assert other.prediction.predicted.tobytes() == good.prediction.predicted.tobytes()
+    good_result, *thief_results = computed("Good", "StealsTest", "PatchesTheEngine", splits=1)[1]
+    assert good_result.status == "ok" and good_result.prediction is not None
+    for thief_result in thief_results:
+        thief_predicted = thief_result.prediction.predicted
+        assert thief_predicted.tobytes() == good_result.prediction.predicted.tobytes()
 
 
 @pytest.mark.slow
@@ -66,27 +67,26 @@ def test_every_model_of_the_catalogue_runs_in_a_process_as_it_does_in_this_one(
     keys = [key for key in KEYS if not model_info(key).missing()]
     quick = {key: model_info(key).quick.items() for key in keys}
     settings = tuple(f"{key}.{name}={value}" for key in keys for name, value in quick[key])
-    asked = {"settings": settings, "datasets": ("fanuc-r2000ic",), "splits": 1, "jobs": 2}
-    tasks, results = computed(*keys, **asked)
-    found = {one.cell.model: one for one in results}
-    assert {key: (one.status, one.failure) for key, one in found.items()} == dict.fromkeys(
-        keys, ("ok", "")
-    )
+    options = {"settings": settings, "datasets": ("fanuc-r2000ic",), "splits": 1, "jobs": 2}
+    tasks, results = computed(*keys, **options)
+    results_by_model = {result.cell.model: result for result in results}
+    outcomes = {key: (result.status, result.failure) for key, result in results_by_model.items()}
+    assert outcomes == dict.fromkeys(keys, ("ok", ""))
     for task in tasks:
         if task.cell.model in ("vjm", "knn", "mlp", "sklearn:ensemble.RandomForestRegressor"):
-            here, there = compute_cell(task, "r"), found[task.cell.model]
+            here, there = compute_cell(task, "r"), results_by_model[task.cell.model]
             assert there.prediction.predicted.tobytes() == here.prediction.predicted.tobytes()
 
 
 def test_what_a_cell_reports_is_shown_and_what_it_prints_is_not(computed, capfd):
-    seen = Seen()
+    seen = RecordingDisplay()
     (result,) = computed("Reports", splits=1, display=seen)[1]
     assert result.status == "ok" and len(seen.started) == 1
-    assert [(one.phase, one.step, one.total) for one in seen.steps] == [("thinking", 3, 7)]
+    assert [(step.phase, step.step, step.total) for step in seen.steps] == [("thinking", 3, 7)]
     assert "past Python" not in "".join(capfd.readouterr())
 
 
-def test_a_crash_costs_its_own_row_alone(tmp_path):
+def test_a_crash_costs_only_its_own_row(tmp_path):
     models = [word for key in ("Segfaults", "Raises", "knn") for word in ("--model", key)]
     done = bench_here("run", "--plugin", str(PLUGIN), *models, "--output", "out", cwd=tmp_path)
     assert done.returncode == 1
@@ -100,8 +100,9 @@ def test_what_a_model_does_becomes_its_own_row_and_no_process_stays(tmp_path):
     limits = ["--timeout", "8", "--memory", "500MiB"]
     words = ["run", "--plugin", str(PLUGIN), *models, *limits, "--jobs", "4", "--output", "out"]
     done = bench(*words, cwd=tmp_path)
-    assert not [one for one in psutil.process_iter(["cwd"]) if one.info["cwd"] == str(tmp_path)]
-    results = {one.cell.model: one for one in read_results(tmp_path / "out")}
+    folders = [process.info["cwd"] for process in psutil.process_iter(["cwd"])]
+    assert str(tmp_path) not in folders
+    results = {result.cell.model: result for result in read_results(tmp_path / "out")}
     hostile_models.assert_rows(results, hostile_models.ROWS)
     last = done.stderr.strip().splitlines()[-1]
     assert done.returncode == 1 and last.startswith("bench: 4 ok, 11 failed (3 timed out, 2 out of")
@@ -110,20 +111,20 @@ def test_what_a_model_does_becomes_its_own_row_and_no_process_stays(tmp_path):
 
 
 @pytest.mark.slow
-def test_strangers_models_are_isolated_and_ours_where_that_is_asked_as_the_manifest_says(tmp_path):
+def test_third_party_models_are_isolated_and_ours_on_request_as_the_manifest_records(tmp_path):
     facts = {}
     for name, words in {
         "ours": ["--model", "vjm"],
-        "asked": ["--model", "zero", "--threads", "2", "--isolate"],
-        "a stranger's": ["--plugin", str(PLUGIN), "--model", "Good"],
+        "requested": ["--model", "zero", "--threads", "2", "--isolate"],
+        "third-party": ["--plugin", str(PLUGIN), "--model", "Good"],
         "refused": ["--plugin", str(PLUGIN), "--model", "Good", "--no-isolate"],
     }.items():
         assert bench_here("run", *words, "--output", name, cwd=tmp_path).returncode == 0
         (manifest,) = read_manifests(tmp_path / name)
         facts[name] = manifest.environment
-    isolated = [name for name, said in facts.items() if said["isolated"] == "true"]
-    assert isolated == ["asked", "a stranger's"]
-    assert (facts["asked"]["jobs"], facts["asked"]["OMP_NUM_THREADS"]) == ("1", "2")
+    isolated = [name for name, environment in facts.items() if environment["isolated"] == "true"]
+    assert isolated == ["requested", "third-party"]
+    assert (facts["requested"]["jobs"], facts["requested"]["OMP_NUM_THREADS"]) == ("1", "2")
 
 
 @pytest.mark.slow
@@ -135,8 +136,8 @@ def test_a_plugin_that_changes_during_a_run_gives_no_result_under_the_old_key(tm
     )
     words = ["run", "--plugin", str(plugin), "--model", "Good", "--splits", "2", "--output", "out"]
     done = bench(*words, cwd=tmp_path)
-    of_good = [one for one in read_results(tmp_path / "out") if one.cell.model == "Good"]
-    first, second = sorted(of_good, key=lambda one: one.cell.split_index)
+    of_good = [result for result in read_results(tmp_path / "out") if result.cell.model == "Good"]
+    first, second = sorted(of_good, key=lambda result: result.cell.split_index)
     assert done.returncode == 1
     assert (first.status, second.status, second.cause) == ("ok", "failed", "other code")
 
@@ -157,15 +158,15 @@ def test_processes_that_answer_to_nothing_end_with_the_run_that_is_killed(tmp_pa
 
 
 def computing(pid: int) -> bool:
-    """Whether the server of a command, a fit's process and what that started run."""
+    """Check whether a command's fit and the process that it started run."""
     family = psutil.Process(pid).children(recursive=True)
-    with suppress(psutil.NoSuchProcess):  # one may end while it is asked
-        return any("sleep" in one.name() for one in family)
+    with suppress(psutil.NoSuchProcess):  # a process may end meanwhile
+        return any("sleep" in process.name() for process in family)
     return False
 
 
 @pytest.mark.slow
-def test_a_module_beside_a_plugin_is_part_of_the_key(tmp_path):
+def test_a_module_next_to_a_plugin_is_part_of_the_key(tmp_path):
     helper, plugin = tmp_path / "helper.py", tmp_path / "mine.py"
     begin = "import os, sys\nsys.path.insert(0, os.path.dirname(__file__))\nimport helper\n"
     plugin.write_text(PLUGIN.read_text().replace("import ctypes\n", f"{begin}import ctypes\n"))

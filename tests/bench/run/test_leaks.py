@@ -1,4 +1,4 @@
-"""What a model is given: never a test deflection, outside the one protocol that says so."""
+"""Models never receive a test deflection, except under protocols marked for it."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ FAIR = [info.key for info in PROTOCOLS if info.key != "paper-holdout"]
 READ_ON_ALL = "paper-holdout@read_on=all"
 SMALL_ENSEMBLE = {"width": 8, "pretrain_steps": 5, "epochs": 10, "members": 2}
 QUICKER = {"deep-ensemble": SMALL_ENSEMBLE}
-"""Options of a model that its quick options leave too slow for several fits."""
+"""Options of a model whose quick options are too slow for several fits."""
 
 
 class Witness:
-    """Remembers what it was given."""
+    """Records the samples that it receives."""
 
     def fit(self, train, *, robot, validation=None, seed=0):
         SEEN.append((train, validation))
@@ -70,7 +70,7 @@ def test_no_fair_protocol_gives_a_model_a_test_deflection(
         train, validation, test = given(task)
         held_out = set() if validation is None else rows(validation)
         assert not (rows(train) | held_out) & rows(test) and not rows(train) & held_out
-        # and it gets all of the training side
+        # the model receives all of the training side
         assert len(train) + len(held_out) == 43 - len(test)
         assert bool(held_out) == bool(n_validation)
         if protocol == "holdout" and not number:
@@ -108,7 +108,7 @@ def assert_the_same(first, second):
 def test_no_test_deflection_is_read_before_the_last_prediction_nor_changes_one(
     key, tasks, monkeypatch, tmp_path
 ):
-    """Identification, scalers, pre-training, intervals and the reference: all under the seal."""
+    """The seal covers identification, scalers, pre-training, intervals and the reference."""
     monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path))  # empty: the seal guards what fills it
     info = model_info(key)
     if info.missing():
@@ -131,11 +131,11 @@ def test_no_test_pose_or_load_shapes_the_pre_training_that_splits_share(
     q[test] *= 3.0
     wrench[test] *= 3.0
     elsewhere = replace(task.data, samples=replace(samples, q=q, wrench=wrench))
-    found = []
+    diagnostics = []
     for data in (task.data, elsewhere):
-        found.append(computed(replace(task, data=data)).diagnostics)
+        diagnostics.append(computed(replace(task, data=data)).diagnostics)
         assert trainings == ["pre-train"]  # the first one serves both
-    assert "source test MAE [mm]" in found[0] and found[0] == found[1]
+    assert "source test MAE [mm]" in diagnostics[0] and diagnostics[0] == diagnostics[1]
 
 
 @pytest.mark.slow
@@ -151,7 +151,10 @@ def test_an_ensembles_noise_is_not_that_of_the_papers_test_rows_that_choose_its_
     task = tasks("deep-ensemble", "paper-holdout")[0]
     options = SMALL_ENSEMBLE | {"training": "best"}
     first, second = as_it_is_and_with_other_test_deflections(task, options, computed)
-    widths = [np.max(each.interval.upper - each.interval.lower) for each in (first, second)]
+    widths = [
+        np.max(prediction.interval.upper - prediction.interval.lower)
+        for prediction in (first, second)
+    ]
     assert max(widths) < 0.1  # m; the deflections are moved by 7 m
 
 
@@ -165,14 +168,14 @@ def test_no_fair_protocol_lets_a_test_deflection_be_read_early(protocol, tasks_o
 
 
 @pytest.mark.parametrize("protocol", ["paper-holdout", READ_ON_ALL])
-def test_the_papers_protocol_breaks_the_seal_for_models_that_choose_an_epoch_alone(protocol, tasks):
+def test_the_papers_protocol_breaks_the_seal_only_for_models_that_choose_an_epoch(protocol, tasks):
     computed_under_seal(tasks("vjm", protocol)[0])
     with pytest.raises(Leak, match=r"read before .*\.fit"):
         computed_under_seal(tasks("mlp@training=best", protocol)[0])
 
 
 class Thief(Witness):
-    """A plugin that looks for the engine's data up the stack, and hides what goes wrong."""
+    """A plugin that searches the stack for the engine's data and hides errors."""
 
     at = "fit"
 
@@ -201,7 +204,7 @@ class ThiefInPredict(Thief):
 @pytest.mark.parametrize("thief", [Thief, ThiefInPredict])
 def test_a_plugin_that_reaches_for_the_engines_data_is_caught(thief, tasks):
     task = with_model(tasks("vjm", "holdout")[0], thief)
-    computed(task)  # so it is the seal that catches it
+    computed(task)  # without the seal it succeeds
     with pytest.raises(Leak, match="read during fit or prediction"):
         computed_under_seal(task)
 
@@ -237,12 +240,12 @@ def test_an_engine_that_leaks_is_caught(name, leaky, words, tasks, monkeypatch):
 @pytest.mark.parametrize("protocol", [*(info.key for info in PROTOCOLS), READ_ON_ALL])
 def test_which_rows_train_choose_and_are_reported_is_what_the_protocol_says(protocol, tasks_of):
     for task in tasks_of(protocol=protocol):
-        split, shown = task.split, task.shown
+        split, presentation = task.split, task.shown
         assert not len(np.intersect1d(split.train, split.test))
         chosen_on_test = len(np.intersect1d(split.validation, split.test)) > 0
-        assert chosen_on_test == shown.selects_on_test == (protocol not in FAIR)
+        assert chosen_on_test == presentation.selects_on_test == (protocol not in FAIR)
         more = len(np.setdiff1d(split.reported, split.test)) > 0
-        assert more == shown.reports_training == (protocol == READ_ON_ALL)
+        assert more == presentation.reports_training == (protocol == READ_ON_ALL)
 
 
 def test_a_protocol_that_reports_training_rows_and_does_not_say_so_is_refused(tasks, monkeypatch):
@@ -268,8 +271,8 @@ def test_both_readings_of_the_papers_protocol_are_of_the_same_fit(tasks):
         np.testing.assert_array_equal(read.prediction.rows, np.arange(43))
         rows = tested.prediction.rows
         for name in ("predicted", "measured", "reference"):
-            of_tested, of_read = (getattr(one.prediction, name) for one in (tested, read))
-            # one row more or less in a product of matrices rounds its sums otherwise
+            of_tested, of_read = (getattr(result.prediction, name) for result in (tested, read))
+            # the number of rows in a matrix product changes the rounding of its sums
             np.testing.assert_allclose(of_read[rows], of_tested, rtol=1e-4, atol=1e-9)
 
 
@@ -281,7 +284,7 @@ def test_a_protocol_that_selects_on_test_and_does_not_say_so_is_refused(tasks, m
 
 @pytest.fixture()
 def printed(tasks_of):
-    """A function that prints the witness under the names of two models in every format."""
+    """A function that prints results of the witness as two models in every format."""
 
     def of(models, protocol):
         tasks = tasks_of(models, "fanuc-r2000ic", protocol)
@@ -298,7 +301,7 @@ def test_rows_that_were_selected_on_test_carry_the_mark_in_every_format(protocol
         *before_marks, _ = text.split(SELECTION_MARK)
         assert bool(before_marks) == (protocol == "paper-holdout"), fmt
         assert all(before.rindex("mlp") > before.rfind("vjm") for before in before_marks), fmt
-        warned = bool(before_marks) and fmt != "csv"  # which has the mark alone
+        warned = bool(before_marks) and fmt != "csv"  # which has only the mark
         assert ("picks the best epoch on the very samples it reports" in text) == warned, fmt
 
 

@@ -1,4 +1,4 @@
-"""`nested` through the engine: what it chooses from, what it is told, what it never sees."""
+"""`nested` through the engine: candidates, options, and rows that it never sees."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def tasks(*models, protocol="nested", splits=1, coverage=False, settings=()):
     return list(cell_tasks(plan))
 
 
-def grids(found):
-    return {task.model.info.key: dict(task.model.grid) for task in found}
+def grids(tasks_of_models):
+    return {task.model.info.key: dict(task.model.grid) for task in tasks_of_models}
 
 
 @pytest.fixture()
 def grid_file(tmp_path, monkeypatch):
-    """A function that writes a grid file and returns the protocol's word for it."""
+    """A function that writes a grid file and returns the protocol's name with it."""
     monkeypatch.chdir(tmp_path)
 
     def write(text, *, search="grid"):
@@ -53,20 +53,20 @@ def test_choice_prediction_and_intervals_do_not_change_with_the_test_deflections
     assert (first.prediction.measured != second.prediction.measured).all()
     assert first.chosen == second.chosen and first.chosen
     assert first.diagnostics == pytest.approx(second.diagnostics, rel=0, abs=0, nan_ok=True)
-    for one in (first.prediction, second.prediction):
-        np.testing.assert_array_equal(one.predicted, first.prediction.predicted)
-        np.testing.assert_array_equal(one.interval.upper, first.prediction.interval.upper)
+    for prediction in (first.prediction, second.prediction):
+        np.testing.assert_array_equal(prediction.predicted, first.prediction.predicted)
+        np.testing.assert_array_equal(prediction.interval.upper, first.prediction.interval.upper)
     assert (first.calibration_samples > 0) == (key == "knn")
 
 
-def test_a_fit_sees_the_training_side_alone_and_calibration_poses_choose_nothing(monkeypatch):
+def test_a_fit_sees_only_the_training_side_and_calibration_poses_choose_nothing(monkeypatch):
     seen = []
     (task,) = tasks("knn", coverage=True)
     fit = task.model.cls.fit
 
-    def watched(self, train, **rest):
+    def watched(self, train, **options):
         seen.append(set(train.pose_id.tolist()))
-        return fit(self, train, **rest)
+        return fit(self, train, **options)
 
     monkeypatch.setattr(task.model.cls, "fit", watched)
     result = computed(task)
@@ -80,8 +80,8 @@ def test_a_fit_sees_the_training_side_alone_and_calibration_poses_choose_nothing
 
 
 def test_an_option_that_the_user_set_is_not_searched():
-    found = grids(tasks("knn@neighbours=2", "gp", settings=("gp.ard=false", "gp.kernel=rbf")))
-    assert found == {"knn": {"weights": ("uniform", "distance")}, "gp": {}}
+    searched = grids(tasks("knn@neighbours=2", "gp", settings=("gp.ard=false", "gp.kernel=rbf")))
+    assert searched == {"knn": {"weights": ("uniform", "distance")}, "gp": {}}
 
 
 def test_every_named_grid_of_the_catalogue_fits_its_model():
@@ -89,12 +89,12 @@ def test_every_named_grid_of_the_catalogue_fits_its_model():
     assert names >= {"default", "freeze-single", "freeze-pairs", "rate", "physics"}
     keys = [info.key for info in MODELS if not info.missing()]
     for name in names:
-        found = grids(tasks(*keys, protocol=f"nested@grid={name}"))
+        searched = grids(tasks(*keys, protocol=f"nested@grid={name}"))
         expected = {info.key: set(info.grids.get(name, {})) for info in MODELS if info.key in keys}
-        assert {key: set(grid) for key, grid in found.items()} == expected
+        assert {key: set(grid) for key, grid in searched.items()} == expected
 
 
-def test_a_cells_key_follows_the_candidates_and_not_the_files_name_alone(grid_file):
+def test_a_cells_key_depends_on_the_candidates_and_not_only_on_the_files_name(grid_file):
     keys = {
         tasks("knn", protocol=grid_file(f"[knn]\nneighbours = {values}", search=search))[0].cell.key
         for values, search in [
@@ -121,8 +121,8 @@ def test_values_of_a_file_get_their_options_types(grid_file):
     bootstrap = [true, false]
     """
     forest = "sklearn:ensemble.RandomForestRegressor"
-    found = grids(tasks("ft-mlp", "knn", forest, protocol=grid_file(text, search="optuna")))
-    assert found == {
+    searched = grids(tasks("ft-mlp", "knn", forest, protocol=grid_file(text, search="optuna")))
+    assert searched == {
         "ft-mlp": {
             "freeze": ("full", "layers:1,2"),
             "epochs": (None, 5),
@@ -131,8 +131,11 @@ def test_values_of_a_file_get_their_options_types(grid_file):
         "knn": {"neighbours": Range(1, 9)},
         forest: {"max_features": ("sqrt", 0.5), "bootstrap": (True, False)},
     }
-    assert type(found["ft-mlp"]["learning_rate"].high) is float
-    assert found["knn"]["neighbours"].is_integer and not found["ft-mlp"]["learning_rate"].is_integer
+    assert type(searched["ft-mlp"]["learning_rate"].high) is float
+    assert (
+        searched["knn"]["neighbours"].is_integer
+        and not searched["ft-mlp"]["learning_rate"].is_integer
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`path-compensation` in the engine: what models are given, what is scored, who meets whom."""
+"""`path-compensation` in the engine: model inputs, scores, and comparisons."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SEEN = []
 
 
 class Witness:
-    """Remembers what it was given, and predicts the mean deflection of its training samples."""
+    """Records its inputs, and predicts the mean training deflection."""
 
     def fit(self, train, *, robot, validation=None, seed=0):
         SEEN.extend([train, robot, validation])
@@ -58,7 +58,7 @@ def stored(tasks, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def results(stored):
-    return [one for one in stored[1] if one.shown.protocol == PATHS]
+    return [result for result in stored[1] if result.shown.protocol == PATHS]
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def cases(stored):
 
 
 def witnessed(task):
-    """What a model is given."""
+    """Return the inputs of a model in a cell."""
     SEEN.clear()
     computed(with_model(task, Witness))
     return SEEN
@@ -75,7 +75,7 @@ def witnessed(task):
 
 def test_no_model_is_given_the_robot_that_answers(tasks):
     assert tasks[0].data.under_load is not None
-    assert not any(hasattr(one, "under_load") or callable(one) for one in witnessed(tasks[0]))
+    assert not any(hasattr(item, "under_load") or callable(item) for item in witnessed(tasks[0]))
     SEEN.clear()
     made_model(with_model(tasks[0], Witness).model, tasks[0].data)
     assert SEEN[0].samples is tasks[0].data.samples and SEEN[0].under_load is None
@@ -96,14 +96,14 @@ def test_a_model_of_another_point_corrects_paths_for_the_tcp_with_intervals_ther
 
 
 def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results):
-    def other(q, wrench):
+    def constant_answer(q, wrench):
         return np.full((len(q), 3), 7.0)
 
     task = tasks[0]
-    spoiled = computed(replace(task, data=replace(task.data, under_load=other)))
+    spoiled = computed(replace(task, data=replace(task.data, under_load=constant_answer)))
     assert spoiled.diagnostics == results[0].diagnostics
-    left = spoiled.prediction.measured - spoiled.prediction.predicted
-    command = left - 7.0  # p_cmd - p: what the model corrected
+    remaining_error = spoiled.prediction.measured - spoiled.prediction.predicted
+    command = remaining_error - 7.0  # p_cmd - p: what the model corrected
     rows = task.split.test
     train = task.data.samples.take(task.training_rows)
     model = task.model.make().fit(train, robot=task.data.robot)
@@ -134,21 +134,24 @@ def test_holdout_with_paths_has_the_fits_and_errors_of_holdout():
         [computed(task) for task in listed(("vjm-full",), (protocol,))]
         for protocol in ("holdout-paths", "holdout")
     )
-    for one, other in zip(with_paths, without, strict=True):
-        np.testing.assert_array_equal(one.prediction.predicted, other.prediction.predicted)
-        assert not one.shown.measured_sha256 and one.cell.data_sha256 == other.cell.data_sha256
+    for result, plain in zip(with_paths, without, strict=True):
+        np.testing.assert_array_equal(result.prediction.predicted, plain.prediction.predicted)
+        assert not result.shown.measured_sha256
+        assert result.cell.data_sha256 == plain.cell.data_sha256
 
 
-def test_the_error_left_on_paths_beside_holdout_is_that_of_path_compensation():
-    beside, alone = (
+def test_the_remaining_error_on_paths_with_holdout_equals_path_compensation():
+    both_result, path_result = (
         computed(listed(("vjm-full",), (protocol,), splits=1)[0])
         for protocol in ("holdout-paths", PATHS)
     )
-    left = np.linalg.norm(alone.prediction.measured - alone.prediction.predicted, axis=1)
-    assert beside.diagnostics[PATH_ERROR] == pytest.approx(1e3 * left.mean())
+    remaining_error = np.linalg.norm(
+        path_result.prediction.measured - path_result.prediction.predicted, axis=1
+    )
+    assert both_result.diagnostics[PATH_ERROR] == pytest.approx(1e3 * remaining_error.mean())
 
 
-def test_a_measured_robot_has_no_paths_beside_holdout():
+def test_a_measured_robot_has_no_paths_with_holdout():
     plan = planned(
         models=("vjm",), datasets=("fanuc-r2000ic",), protocols=("holdout-paths",), splits=1
     )

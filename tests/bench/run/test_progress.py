@@ -1,4 +1,4 @@
-"""What a run shows: how far it is."""
+"""Progress of a run on a terminal and in a notebook."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from stiff_protocols.contract.progress import Progress
 
 
 def cell(model):
-    """What is needed of a cell, and of its result."""
-    shown = SimpleNamespace(model=model, dataset="data", protocol="holdout")
+    """Return a stub of a cell and its result."""
+    presentation = SimpleNamespace(model=model, dataset="data", protocol="holdout")
     identity = SimpleNamespace(condition="", split_index=0)
-    return SimpleNamespace(status="ok", shown=shown, cell=identity, n_splits=1)
+    return SimpleNamespace(status="ok", shown=presentation, cell=identity, n_splits=1)
 
 
 def test_off_a_terminal_lines_name_cells_phases_and_what_became_of_them(capsys):
@@ -37,7 +37,7 @@ def test_off_a_terminal_lines_name_cells_phases_and_what_became_of_them(capsys):
 
 
 class Output:
-    """An output of a notebook's cell: what it has shown so far."""
+    """The output of a notebook cell, as a list of what it displayed."""
 
     def __init__(self):
         self.shown = []

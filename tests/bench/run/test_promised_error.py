@@ -1,4 +1,4 @@
-"""Promised remaining error of corrected paths, against the simulated robot's own answer."""
+"""Promised remaining error of corrected paths, against the simulated robot."""
 
 from __future__ import annotations
 
@@ -32,9 +32,7 @@ def promised_and_found(
 @pytest.mark.slow
 @pytest.mark.parametrize("specimen", range(5))
 @pytest.mark.parametrize(("model_name", "coverage"), [("vjm", None), ("vjm-gp", 0.9)])
-def test_twin_asked_afterwards_is_as_near_to_the_path_as_promised(
-    model_name, coverage, specimen, tmp_path
-):
+def test_the_twin_is_as_near_to_the_path_as_promised(model_name, coverage, specimen, tmp_path):
     data = sb.load_dataset("kr10-twin", specimen=specimen)
     promised, found_error = promised_and_found(model_name, data, tmp_path, coverage)
     assert 0.0 < found_error <= promised

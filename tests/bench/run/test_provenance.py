@@ -1,4 +1,4 @@
-"""What a run's manifest says of where it came from."""
+"""Provenance in a run's manifest."""
 
 from __future__ import annotations
 

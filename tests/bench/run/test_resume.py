@@ -1,4 +1,4 @@
-"""A run that was stopped goes on where it was: nothing is lost, nothing is computed twice."""
+"""A stopped run continues: nothing is lost, nothing is computed twice."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ RERUN = {name: Execution(rerun=name) for name in ("missing", "failed", "all")}
 
 @pytest.fixture()
 def run(tmp_path, capsys):
-    """A function that runs zero and knn on three splits of the FANUC and returns what it said."""
+    """A function that runs zero and knn on three FANUC splits and returns the output."""
 
     def execute_it(rerun="missing", **changes):
         words = {"models": ("zero", "knn"), "datasets": ("fanuc-r2000ic",), "splits": 3}
@@ -51,25 +51,25 @@ def run(tmp_path, capsys):
     return execute_it
 
 
-def summary_of(said: str) -> str:
-    """The counts of the summary line."""
-    return re.findall(r"bench: (\d+ (?:ok|failed|cached).*?);", said)[-1]
+def summary_of(message: str) -> str:
+    """Return the counts of the summary line."""
+    return re.findall(r"bench: (\d+ (?:ok|failed|cached).*?);", message)[-1]
 
 
 def bytes_of_results(folder: Path) -> dict[str, bytes]:
-    """Every cell's prediction by key; each must be there once."""
+    """Return each cell's prediction by key; every key must be unique."""
     results = list(read_results(folder))
-    found = {one.cell.key: one.prediction.predicted.tobytes() for one in results}
-    assert len(found) == len(results)
-    return found
+    predictions = {result.cell.key: result.prediction.predicted.tobytes() for result in results}
+    assert len(predictions) == len(results)
+    return predictions
 
 
 def test_the_same_command_again_computes_nothing_and_prints_the_same_table(run, tmp_path):
-    _, first, said = run()
-    assert summary_of(said) == "6 ok"
+    _, first, message = run()
+    assert summary_of(message) == "6 ok"
     before = rows_of_cells(tmp_path)
-    status, again, said = run()
-    assert (status, summary_of(said)) == (0, "6 cached")
+    status, again, message = run()
+    assert (status, summary_of(message)) == (0, "6 cached")
     assert again == first
     assert rows_of_cells(tmp_path) == before
 
@@ -81,27 +81,27 @@ def rows_of_cells(folder: Path) -> list[tuple[object, ...]]:
 
 def test_more_splits_compute_those_that_are_missing(run, tmp_path):
     run(splits=2)
-    _, table, said = run(splits=5)
-    assert summary_of(said) == "6 ok, 4 cached"
+    _, table, message = run(splits=5)
+    assert summary_of(message) == "6 ok, 4 cached"
     (case,) = StoredResults.read(tmp_path).cases
-    assert {one.n_asked for one in case.competitors.values()} == {5}
+    assert {competitor.n_asked for competitor in case.competitors.values()} == {5}
     assert table == run(splits=5)[1]
 
 
 def test_a_corrupt_row_is_an_error_and_all_is_computed_again_on_request(run, tmp_path):
     run()
-    whole = bytes_of_results(tmp_path)
-    key = sorted(whole)[2]
+    results_before = bytes_of_results(tmp_path)
+    key = sorted(results_before)[2]
     damage(tmp_path, key)
     with pytest.raises(StoreError, match=f"corrupt: cell {key}: .*--rerun all: bench run"):
         run()
     assert summary_of(run("all")[2]) == "6 ok"
-    assert bytes_of_results(tmp_path) == whole
+    assert bytes_of_results(tmp_path) == results_before
 
 
 @pytest.mark.slow
-def test_failures_stay_until_they_are_asked_for_again(tmp_path):
-    flag = tmp_path / "mended"
+def test_failures_stay_until_they_are_requested_again(tmp_path):
+    flag = tmp_path / "fixed"
     plugin = tmp_path / "mine.py"
     plugin.write_text(
         PLUGIN.read_text().replace(
@@ -146,7 +146,7 @@ def test_a_disk_that_is_full_stops_the_run_and_what_was_stored_stays(tmp_path):
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
-    """What the slow run gives when nobody disturbs it."""
+    """Return the results of the slow run without interruption."""
     folder = tmp_path_factory.mktemp("reference")
     assert bench_here(*SLOW_RUN, "--jobs", "2", cwd=folder).returncode == 0
     return bytes_of_results(folder / "out")
@@ -163,17 +163,17 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
         wait_until(lambda: n_stored(tmp_path / "out") >= n_before)
         family = psutil.Process(command.pid).children(recursive=True)
         command.send_signal(number)
-        printed, said = command.communicate(timeout=60)
+        printed, message = command.communicate(timeout=60)
     assert family and not psutil.wait_procs(family, timeout=20)[1]
     stored = n_stored(tmp_path / "out")
     assert 0 < stored < N_CELLS
-    assert {*stored_statuses(tmp_path / "out").values()} == {"ok"}  # no cell is blamed
+    assert {*stored_statuses(tmp_path / "out").values()} == {"ok"}  # no cell failed
     (manifest,) = read_manifests(tmp_path / "out")
     caught = number in (signal.SIGINT, signal.SIGTERM)
     assert command.returncode == (128 + number if caught else -number) and printed == ""
     assert manifest.status == ("interrupted" if caught else "running")
-    assert not caught or said.strip().splitlines()[-1] == f"bench: {INTERRUPTION}"
-    assert "Traceback" not in said
+    assert not caught or message.strip().splitlines()[-1] == f"bench: {INTERRUPTION}"
+    assert "Traceback" not in message
     done = bench_here(*words, cwd=tmp_path)
     assert done.returncode == 0
     assert summary_of(done.stderr) == f"{N_CELLS - stored} ok, {stored} cached"
@@ -185,12 +185,12 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
 def test_two_runs_in_one_folder_share_the_work_and_neither_harms_the_other(tmp_path, reference):
     jobs = ("--jobs", "2")
     with (
-        started(*SLOW_RUN, cwd=tmp_path) as one,
-        started(*SLOW_RUN, *jobs, cwd=tmp_path) as two,
+        started(*SLOW_RUN, cwd=tmp_path) as first_run,
+        started(*SLOW_RUN, *jobs, cwd=tmp_path) as second_run,
     ):
-        said = [command.communicate(timeout=120)[1] for command in (one, two)]
-    assert one.returncode == two.returncode == 0
+        messages = [command.communicate(timeout=120)[1] for command in (first_run, second_run)]
+    assert first_run.returncode == second_run.returncode == 0
     assert bytes_of_results(tmp_path / "out") == reference
-    computed = [int(summary_of(text).split()[0]) for text in said]
-    assert sum(computed) < 2 * N_CELLS  # what the other had finished was not computed again
+    computed = [int(summary_of(text).split()[0]) for text in messages]
+    assert sum(computed) < 2 * N_CELLS  # fits that the other run had finished were not repeated
     assert len(list(read_manifests(tmp_path / "out"))) == 2

@@ -1,4 +1,4 @@
-"""One cell: intervals, units, models that cannot be used here, and shared seeds."""
+"""One cell: intervals, units, unavailable models, and shared seeds."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MIB = 2**20
 
 
 class Scaled(BaseEstimator):
-    """Remembers the training rows and gives them back times a factor; elsewhere their mean."""
+    """Predicts training rows times a factor, and their mean elsewhere."""
 
     def __init__(self, factor: float = 1.0):
         self.factor = factor
@@ -40,14 +40,14 @@ class Scaled(BaseEstimator):
         return self
 
     def predict(self, q, wrench):
-        known = (q[:, None, :] == self.train_.q).all(axis=2)
-        nearest = self.train_.deflection[known.argmax(axis=1)]
+        is_training_row = (q[:, None, :] == self.train_.q).all(axis=2)
+        nearest = self.train_.deflection[is_training_row.argmax(axis=1)]
         mean = self.train_.deflection.mean(axis=0)
-        return self.factor * np.where(known.any(axis=1)[:, None], nearest, mean)
+        return self.factor * np.where(is_training_row.any(axis=1)[:, None], nearest, mean)
 
 
 class Sure(Scaled):
-    """Says itself how sure it is."""
+    """Predicts its own intervals."""
 
     def predict_interval(self, q, wrench, coverage):
         predicted = self.predict(q, wrench)
@@ -56,7 +56,7 @@ class Sure(Scaled):
 
 @pytest.fixture()
 def task_of(tasks_of):
-    """A function that returns a cell of the FANUC with a model of the test's own."""
+    """A function that returns a FANUC cell with a given model class."""
 
     def make(cls, coverage=None, protocol="holdout", model="vjm", **params):
         task = tasks_of((model,), "fanuc-r2000ic", protocol)[0]
@@ -71,7 +71,7 @@ def values(result, metric):
     return [*METRICS[metric].of_result(result).values()]
 
 
-def test_split_conformal_intervals_leave_the_point_metrics_alone(task_of):
+def test_split_conformal_intervals_do_not_change_the_point_metrics(task_of):
     plain = computed(task_of(Scaled))
     assert plain.prediction.interval is None and len(FITS) == 1
     with_intervals = {metric.key for metric in METRICS.values() if metric.needs_interval}
@@ -120,22 +120,22 @@ def test_the_reference_is_a_vjm_identified_on_the_same_training_side(task_of):
     assert values(ours, "skill") == [0.0] and values(result, "skill")[0] < 0.0
 
 
-def test_costs_are_measured_and_a_slow_model_is_not_asked_for_a_thousand_rows(task_of):
-    asked = []
+def test_costs_are_measured_and_a_slow_model_does_not_predict_a_thousand_rows(task_of):
+    row_counts = []
 
     class Slow(Scaled):
         def fit(self, train, *, robot, validation=None, seed=0):
             time.sleep(0.03)
-            self.held = np.ones(190 * MIB // 8)  # more than what earlier tests leave to be freed
+            self.held = np.ones(190 * MIB // 8)  # more than earlier tests leave to be freed
             return super().fit(train, robot=robot, validation=validation, seed=seed)
 
         def predict(self, q, wrench):
-            asked.append(len(q))
+            row_counts.append(len(q))
             time.sleep(0.02 + 0.001 * len(q))
             return super().predict(q, wrench)
 
     cost = computed(task_of(Slow)).cost
-    assert max(asked) < 100
+    assert max(row_counts) < 100
     assert cost.fit_s > 0.03 and cost.predict_s > 0.028
     assert 0.021 < cost.latency_s < cost.predict_s
     assert 30 < cost.throughput_per_s < 1000
@@ -143,7 +143,7 @@ def test_costs_are_measured_and_a_slow_model_is_not_asked_for_a_thousand_rows(ta
 
 
 class Curved(Scaled):
-    """Was trained as it is told."""
+    """Has a given training curve."""
 
     def __init__(self, curve):
         super().__init__()
@@ -152,12 +152,12 @@ class Curved(Scaled):
 
 def test_a_long_curve_is_thinned_to_points_of_its_own_with_both_ends(task_of):
     steps = np.arange(12_345)
-    whole = np.column_stack([steps, 1.0 / (1 + steps), np.full(len(steps), np.nan)])
-    found = computed(task_of(Curved, curve=whole)).curves["training"]
-    assert found.shape == (CURVE_POINTS, 3)
-    np.testing.assert_array_equal(found[[0, -1]], whole[[0, -1]])
-    np.testing.assert_array_equal(found, whole[found[:, 0].astype(int)])
-    assert np.ptp(np.diff(found[:, 0])) <= 1.0
+    full_curve = np.column_stack([steps, 1.0 / (1 + steps), np.full(len(steps), np.nan)])
+    thinned_curve = computed(task_of(Curved, curve=full_curve)).curves["training"]
+    assert thinned_curve.shape == (CURVE_POINTS, 3)
+    np.testing.assert_array_equal(thinned_curve[[0, -1]], full_curve[[0, -1]])
+    np.testing.assert_array_equal(thinned_curve, full_curve[thinned_curve[:, 0].astype(int)])
+    assert np.ptp(np.diff(thinned_curve[:, 0])) <= 1.0
 
 
 @pytest.mark.parametrize(("factor", "part"), [(1e3, "are these mm?"), (1e-3, "times smaller")])
@@ -180,9 +180,9 @@ def test_a_model_whose_prediction_draws_gives_the_same_interval_however_often_it
     task_of, monkeypatch
 ):
     class Drawing(Sure):
-        def fit(self, *args, **rest):
+        def fit(self, *args, **options):
             self.rng_ = np.random.default_rng(0)
-            return super().fit(*args, **rest)
+            return super().fit(*args, **options)
 
         def predict_interval(self, q, wrench, coverage):
             middle = super().predict(q, wrench) + self.rng_.normal(size=(len(q), 3))
@@ -230,21 +230,21 @@ def test_what_a_model_prints_goes_to_standard_error(task_of, capfd):
             return super().predict(q, wrench)
 
     computed(task_of(Prints))
-    said = capfd.readouterr()
-    assert said.out == "" and "from Python" in said.err and "from C" in said.err
+    output = capfd.readouterr()
+    assert output.out == "" and "from Python" in output.err and "from C" in output.err
 
 
 def tasks_under(splits):
-    """The cells of a stranger's protocol with these splits."""
+    """Return the cells of a third-party protocol with these splits."""
 
-    class Theirs:
+    class ThirdPartyProtocol:
         selects_on_test = pooled = False
 
         def splits(self, samples, *, n_splits, seed):
             return splits()
 
     registry = build_registry()
-    registry.protocols["theirs"] = ProtocolInfo(key="theirs", target=Theirs, summary="")
+    registry.protocols["theirs"] = ProtocolInfo(key="theirs", target=ThirdPartyProtocol, summary="")
     return list(cell_tasks(plan(protocol="theirs", registry=registry)))
 
 
@@ -283,7 +283,7 @@ def test_an_interval_that_is_none_is_a_failure(task_of, answer, part):
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((5, 2)), "none", [[1, 2, 3], [1]]])
-def test_what_is_no_curve_fails_the_cell_and_is_named(task_of, wrong):
+def test_an_invalid_curve_fails_the_cell_and_is_named(task_of, wrong):
     result = compute_cell(task_of(Curved, curve=wrong), "r")
     assert (result.status, result.cause) == ("failed", "ModelError")
     assert result.failure.startswith("curves_['training'] is not an (n, 3) array")

@@ -1,4 +1,4 @@
-"""Folders of several machines become one; different numbers of one fit are refused."""
+"""Merging folders of several machines; conflicting numbers of a fit are refused."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ EARLY, LATE = "20261121T120000Z-aaaaaa", "20261122T120000Z-bbbbbb"
 
 
 def folder_of(path, model, errors_mm=(0.1, 0.2), *, run_id=EARLY, **how):
-    """A folder with a finished run of one model; returns its path."""
+    """Write a folder with a finished run of one model; return its path."""
     made = MadeResults(path)
     made.add_run(run_id, made.add(model, errors_mm, run_id=run_id, **how))
     return path
 
 
 def contents(folder):
-    """Every result of a folder by key, as comparable as its parts are."""
+    """Return every result of a folder by key, in comparable parts."""
     return {
-        (one.cell.key, one.status): (
-            *(one.cell, one.shown, one.run_id),
-            one.prediction and one.prediction.predicted.tobytes(),
+        (result.cell.key, result.status): (
+            *(result.cell, result.shown, result.run_id),
+            result.prediction and result.prediction.predicted.tobytes(),
         )
-        for one in read_results(folder)
+        for result in read_results(folder)
     }
 
 
@@ -56,9 +56,12 @@ def test_cells_runs_and_data_of_all_folders_are_in_the_new_one_and_the_folders_s
     (case,) = StoredResults.read(tmp_path / "c").cases
     assert set(case.competitors) == {"knn", "vjm"}
     assert len(read_data(tmp_path / "c", case.name.data_sha256).samples) == 12
-    whole = contents(tmp_path / "c")
+    merged_contents = contents(tmp_path / "c")
     again = merge([*two, tmp_path / "c"], tmp_path / "c")
-    assert again.taken == {two[0]: (2, 0), two[1]: (2, 0)} and contents(tmp_path / "c") == whole
+    assert (
+        again.taken == {two[0]: (2, 0), two[1]: (2, 0)}
+        and contents(tmp_path / "c") == merged_contents
+    )
 
 
 def merged_both_ways(folders, tmp_path):
@@ -68,7 +71,7 @@ def merged_both_ways(folders, tmp_path):
         yield tmp_path / name
 
 
-def test_of_one_cell_a_result_counts_before_a_newer_failure_and_then_the_newer_failure(tmp_path):
+def test_a_result_of_a_cell_counts_before_newer_failures_and_then_the_newest_failure(tmp_path):
     done = folder_of(tmp_path / "done", "vjm", (0.1,))
     failed = folder_of(tmp_path / "failed", "vjm", (), failed=(0,), run_id=LATE)
     older = folder_of(tmp_path / "older", "vjm", (), failed=(0,))
@@ -103,7 +106,7 @@ def test_other_data_or_splits_under_one_name_are_other_cells_and_stay_apart(tmp_
     assert len(of_cases) == (2 if "version" in how else 1) and len(of_cases[-1]) == 2
 
 
-def test_of_a_run_that_was_copied_while_it_ran_the_last_state_counts(tmp_path):
+def test_the_last_state_of_a_run_that_was_copied_while_it_ran_counts(tmp_path):
     folders = [folder_of(tmp_path / name, "vjm") for name in "ab"]
     (run,) = read_manifests(folders[0])
     ResultStore(folders[0]).write_manifest(replace(run, status="running"))

@@ -1,4 +1,4 @@
-"""Results on disk: whole or absent, checked, and at full precision."""
+"""Results on disk: complete or absent, checked, and at full precision."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
 
 
 def only(folder: Path) -> CellResult:
-    (found,) = read_results(folder)
-    return found
+    (stored_result,) = read_results(folder)
+    return stored_result
 
 
 NUMBERS = np.array([[1 / 3, 2e-17, -0.1]])
@@ -99,18 +99,21 @@ def test_a_folder_keeps_samples_and_robot_of_its_results(tmp_path, fanuc):
 def test_a_note_names_in_what_data_of_one_name_differ():
     data = made_data()
     robot = shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.1))
-    other = replace(data.samples, deflection=2.0 * data.samples.deflection)
+    other_samples = replace(data.samples, deflection=2.0 * data.samples.deflection)
     noisy = replace(data.samples, instrument_noise=3e-5)
-    first, noise, tool, both = (
-        stored_data(data_content(one))
-        for one in (
+    first, noise, tool, tool_and_samples = (
+        stored_data(data_content(made))
+        for made in (
             *(data, BenchmarkData(noisy, data.robot)),
-            *(BenchmarkData(data.samples, robot), BenchmarkData(other, robot)),
+            *(BenchmarkData(data.samples, robot), BenchmarkData(other_samples, robot)),
         )
     )
     assert what_differs([first, tool]) == "TCP (0.06, 0, 0.08) -> (0.06, 0, 0.1) m"
-    assert what_differs([tool, both]) == what_differs([first, noise]) == "samples"
-    assert what_differs([first, both]) == "TCP (0.06, 0, 0.08) -> (0.06, 0, 0.1) m and samples"
+    assert what_differs([tool, tool_and_samples]) == what_differs([first, noise]) == "samples"
+    assert (
+        what_differs([first, tool_and_samples])
+        == "TCP (0.06, 0, 0.08) -> (0.06, 0, 0.1) m and samples"
+    )
     assert what_differs([first, first]) == "robot's geometry"
 
 
@@ -118,11 +121,11 @@ def test_results_are_read_in_the_order_of_keys_failures_too_or_some_by_their_key
     cells = [replace(CELL, split_index=index) for index in range(5)]
     ResultStore(tmp_path).write_cells(result(cell=cell) for cell in cells)
     ResultStore(tmp_path).write_cells([failure(cell=replace(CELL, split_index=9))])
-    found = {one.cell.key: one.failure for one in read_results(tmp_path)}
-    assert list(found) == sorted(found) and len(found) == 6
-    assert [text for text in found.values() if text] == ["it broke"]
-    some = read_results(tmp_path, [cells[1].key, cells[3].key, "none"])
-    assert {one.cell.key for one in some} == {cells[1].key, cells[3].key}
+    failures = {entry.cell.key: entry.failure for entry in read_results(tmp_path)}
+    assert list(failures) == sorted(failures) and len(failures) == 6
+    assert [text for text in failures.values() if text] == ["it broke"]
+    selected_results = read_results(tmp_path, [cells[1].key, cells[3].key, "none"])
+    assert {entry.cell.key for entry in selected_results} == {cells[1].key, cells[3].key}
     assert read_results(tmp_path, []) == []
 
 
@@ -130,7 +133,7 @@ def test_results_are_read_in_the_order_of_keys_failures_too_or_some_by_their_key
 def test_a_folder_without_a_file_or_whose_tables_are_still_to_be_made_holds_nothing(
     tmp_path, there
 ):
-    """A run has made the file and not ended its first transaction, or was killed there."""
+    """A run made the file, and has not ended its first transaction or was killed."""
     if there:
         (tmp_path / FILE).touch()
     assert read_results(tmp_path) == read_manifests(tmp_path) == []
@@ -171,16 +174,19 @@ def test_what_was_changed_is_named_with_the_command_that_computes_it_again(
 def test_a_file_that_sqlite_cannot_read_is_named_with_what_to_do(tmp_path, rubbish):
     store = ResultStore(tmp_path)
     store.write_cells(result(cell=replace(CELL, split_index=index)) for index in range(50))
-    whole = (tmp_path / FILE).read_bytes()
-    half = len(whole) // 2
-    torn = {"half": whole[:half], "torn": whole[:half] + b"\xff" * 8192 + whole[half + 8192 :]}
+    content = (tmp_path / FILE).read_bytes()
+    half = len(content) // 2
+    torn = {
+        "half": content[:half],
+        "torn": content[:half] + b"\xff" * 8192 + content[half + 8192 :],
+    }
     (tmp_path / FILE).write_bytes(torn.get(rubbish, rubbish))
     with pytest.raises(StoreError, match=f"{FILE}: corrupt: .*delete the file and repeat"):
         read_results(tmp_path)
 
 
 def test_text_that_no_file_can_hold_is_stored_with_a_question_mark(tmp_path):
-    """A file's name on a command line may hold bytes that are no character."""
+    """A file's name on a command line may hold invalid bytes."""
     store = ResultStore(tmp_path)
     store.write_cells([failure(failure="M\xfcller \udcff.csv", log=("\udcfe",))])
     store.write_manifest(replace(MANIFEST, command="\udcff", environment={"LC_x": "\udcfd"}))
@@ -238,7 +244,7 @@ def test_a_library_is_named_whose_versions_differ_between_two_models(runs, parts
 
 @pytest.mark.slow
 def test_one_bit_anywhere_in_the_file_is_found_or_changes_nothing(tmp_path):
-    """Every 97th byte: an error, or numbers as before; never other numbers."""
+    """Every 97th byte: an error or the same numbers, never other numbers."""
     made = MadeResults(tmp_path / "whole")
     made.add_run("run-1", made.add("vjm", (0.1, 0.2, 0.3)))
 
@@ -255,10 +261,10 @@ def test_one_bit_anywhere_in_the_file_is_found_or_changes_nothing(tmp_path):
         torn[place] ^= 1 << (place % 8)
         (folder / FILE).write_bytes(torn)
         try:
-            found = content(folder)
+            damaged_content = content(folder)
         except StoreError:
             continue
-        assert found <= before, place
+        assert damaged_content <= before, place
 
 
 WRITER = f"""
@@ -285,7 +291,9 @@ def test_a_writer_that_is_killed_at_any_moment_loses_nothing_that_it_had_stored(
             time.sleep(rng.uniform(0.0, 0.1))
             writer.send_signal(signal.SIGKILL)
             printed = {0, *(int(line) for line in writer.stdout.read().split("\n") if line)}
-        assert {one.cell.split_index for one in read_results(folder)} >= printed - {max(printed)}
+        assert {entry.cell.split_index for entry in read_results(folder)} >= printed - {
+            max(printed)
+        }
         with closing(sqlite3.connect(folder / FILE)) as db:
             assert db.execute("PRAGMA quick_check").fetchone() == ("ok",)
 
@@ -308,7 +316,7 @@ def test_another_process_that_holds_the_file_too_long_is_named(tmp_path, monkeyp
 
 
 def packed(folder: Path) -> Path:
-    """Return the packed file of a folder's results, in place of the file itself."""
+    """Replace a folder's file by its packed file, and return that."""
     file, target = folder / FILE, folder / PACKED
     target.write_bytes(lzma.compress(file.read_bytes()))
     file.unlink()
@@ -320,7 +328,9 @@ def test_packed_results_are_read_and_written_to_as_others(tmp_path):
     made.add("vjm", [0.1, 0.2])
     before = read_results(tmp_path)
     packed(tmp_path)
-    assert [one.cell.key for one in read_results(tmp_path)] == [one.cell.key for one in before]
+    assert [entry.cell.key for entry in read_results(tmp_path)] == [
+        entry.cell.key for entry in before
+    ]
     (tmp_path / FILE).unlink()
     MadeResults(tmp_path).add("knn", [0.3])
     assert len(read_results(tmp_path)) == len(before) + 1

@@ -1,4 +1,4 @@
-"""A study that takes no time, and a plugin that takes part in it."""
+"""A quick study, and a plugin for it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def study_file(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def board_study(tmp_path_factory) -> Path:
-    """A study of five robots."""
+    """Write a study of five robots."""
     file = tmp_path_factory.mktemp("study") / "board.toml"
     file.write_text(BOARD_STUDY)
     return file

@@ -17,7 +17,7 @@ from stiff_bench.store.merging import merge
 
 @pytest.fixture(scope="module")
 def published(study_file, tmp_path_factory):
-    """Folder with the results of the study's own models."""
+    """Return a folder with the results of the study's own models."""
     folder = tmp_path_factory.mktemp("published")
     done = bench_here("run", "--study", study_file, "--output", folder, cwd=folder)
     assert done.returncode == 0, done.stderr
@@ -39,7 +39,7 @@ def run_against(study_file, half_springs, tmp_path):
 
 
 def changed(published, folder, **columns):
-    """A copy of published results in which the cells of the model mean have other columns."""
+    """Copy published results, with other columns in the cells of the model mean."""
     merge([published], folder)
     with closing(sqlite3.connect(folder / FILE)) as db:
         cells = [result for result in read_results(published) if result.cell.model == "mean"]
@@ -76,7 +76,7 @@ def test_the_short_version_takes_the_published_results_of_its_splits_only(
     assert {result.cell.seed for result in read_results(tmp_path / "mine")} == {0}
 
 
-def test_a_whole_study_with_a_board_shows_the_new_model_on_it_and_its_page_the_status(
+def test_a_complete_study_shows_the_new_model_on_its_board_and_page(
     board_study, half_springs, tmp_path
 ):
     published, runs = tmp_path / "published", tmp_path / "out" / "board" / "runs"

@@ -19,7 +19,7 @@ TOP = Path(__file__).parents[3]
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """Folder with a fit, one with intervals, and one that failed."""
+    """Return a folder with a fit, a fit with intervals, and a failed fit."""
     folder = tmp_path_factory.mktemp("results")
     common = ("run", "--model", "knn", "--splits", "1", "--output", folder)
     for words in (("--dataset", "fanuc-r2000ic"), ("--metric", "coverage", "--coverage", "0.8")):

@@ -58,7 +58,7 @@ def submitted(card_file, study_file, folder, *words):
 
 @pytest.fixture(scope="module")
 def submission(card_file, study_file, tmp_path_factory):
-    """An honest submission; its fits are computed in this process."""
+    """Return an honest submission, computed in this process."""
     folder = tmp_path_factory.mktemp("submitted")
     ran = bench_here(
         *("run", "--study", study_file, "--lite", "--model", "half-springs", "--plugin"),
@@ -73,14 +73,14 @@ def submission(card_file, study_file, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def tasks(study_file):
-    """Fits of the study by place."""
+    """Return the fits of the study by place."""
     study = study_tasks(find_study(str(study_file)), "lite", "vjm", build_registry())
     return {place_of(task.cell, task.shown): task for task in study}
 
 
 @pytest.fixture()
 def refitted_here(monkeypatch):
-    """Fits are computed again in this process: the same code, without the start of others."""
+    """Compute fits again in this process, without the start of others."""
 
     def recompute(request):
         registry = build_registry()
@@ -99,14 +99,14 @@ def verified(folder: Path, study_file: Path, *words: str):
 
 
 def lines_of(done) -> dict[str, tuple[str, str]]:
-    """Subject -> status and text of the printed checks."""
+    """Return status and text of each printed check by subject."""
     lines = [line[2:] for line in done.stdout.splitlines() if line.startswith("  ")]
     parts = [(line[:12].strip(), *line[14:].partition(": ")[::2]) for line in lines]
     return {subject: (status, text) for status, subject, text in parts}
 
 
 def forged(submission: Path, folder: Path, edit, *, rehashed: bool = True) -> Path:
-    """A copy whose records `edit` has changed, with a manifest that has the new hashes."""
+    """Return a copy with records changed by `edit`, and their new hashes."""
     copy = folder / "forged"
     shutil.copytree(submission, copy)
     file = copy / "records.jsonl"
@@ -126,7 +126,7 @@ def hash_again(folder: Path) -> None:
 
 
 def with_metrics(record: dict, tasks, predicted) -> None:
-    """Give a record other predictions, m, and the metrics that follow from them."""
+    """Return a record with other predictions, m, and their metrics."""
     task = tasks[place_of_record(Record.model_validate(record))]
     rows = task.split.reported
     measured = task.data.samples.deflection[rows]
@@ -388,7 +388,7 @@ def test_an_existing_folder_and_a_folder_without_a_submission_are_refused(
     assert_refused(verified(tmp_path, study_file), "no manifest.json in it")
 
 
-def test_every_committed_submission_is_whole_and_its_status_is_of_its_present_files():
+def test_every_committed_submission_is_complete_and_its_status_is_of_its_present_files():
     submissions = submissions_in(TOP / SUBMISSIONS)
     assert submissions
     index = (TOP / SUBMISSIONS / "README.md").read_text("utf-8")

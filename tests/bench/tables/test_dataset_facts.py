@@ -24,7 +24,7 @@ AXES_OF = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def chain(kinds_and_axes, *, mass=0.0):
-    """A robot whose joints lie 1 m apart along x, each link's mass in the middle."""
+    """Return a robot with joints 1 m apart along x, link masses in the middle."""
     n = len(kinds_and_axes)
     return replace(
         planar_arm(n, AXES_OF["x"], mass),
@@ -46,7 +46,7 @@ def made_data(robot, n, rng, **given):
 
 @pytest.fixture()
 def planar():
-    """Three samples of an arm of two 1 m links that turn downwards (about y), 2 kg each."""
+    """Return three samples of an arm of two 1 m links, 2 kg each, that turn about y."""
     return BenchmarkData(
         Samples(
             q=np.array([[0.0, 0.0], [0.0, np.pi / 2], [0.0, np.pi / 2]]),
@@ -63,13 +63,13 @@ def planar():
 
 
 def row(data, table, name):
-    """The cells of a row of one of the tables, after its name."""
-    (found,) = (cells[1:] for cells in facts(data)[table].rows if cells[0] == name)
-    return found
+    """Return the cells of a table's row after its name."""
+    (matching_row,) = (cells[1:] for cells in facts(data)[table].rows if cells[0] == name)
+    return matching_row
 
 
 def ends(cells):
-    return [None if one is None else (one.low, one.high) for one in cells]
+    return [None if cell is None else (cell.low, cell.high) for cell in cells]
 
 
 def test_samples_poses_loads_and_groups_are_counted(planar):
@@ -102,7 +102,7 @@ def test_joint_torques_of_a_planar_arm_are_force_times_lever(planar):
     assert "-0.0" not in plain_text(facts(planar)[3])
 
 
-def test_a_sliding_joint_is_told_in_millimetres_and_newtons(rng):
+def test_a_sliding_joint_is_shown_in_millimetres_and_newtons(rng):
     robot = chain([("prismatic", "z"), ("revolute", "y")], mass=2.0)
     q = np.array([[0.1, 0.0], [-0.25, 0.0]])
     units, *sliding = row(made_data(robot, 2, rng, q=q, wrench=np.zeros((2, 6))), 3, "j1")
@@ -110,22 +110,22 @@ def test_a_sliding_joint_is_told_in_millimetres_and_newtons(rng):
     assert ends(sliding) == [(-250.0, 100.0), (-3141.6, np.inf), (0.0, 0.0), (-39.2, -39.2)]
 
 
-def test_a_robot_without_masses_says_so_instead_of_a_gravity_torque(rng):
+def test_a_robot_without_masses_has_a_note_instead_of_a_gravity_torque(rng):
     joints = facts(made_data(chain([("revolute", "y")] * 2), 3, rng))[3]
     assert [cells[-1] for cells in joints.rows] == [None] * 2
     assert "The robot has no masses" in joints.notes[0]
 
 
 def around(axis, degrees, rng, n=4000):
-    """Directions spread evenly within an angle of an axis, over the sphere's surface."""
+    """Return directions spread evenly on a sphere within an angle of an axis."""
     z = rng.uniform(np.cos(np.deg2rad(degrees)), 1.0, size=n)
     angle = rng.uniform(0.0, 2.0 * np.pi, size=n)
     radius = np.sqrt(1.0 - z**2)
     return np.roll(np.stack([radius * np.cos(angle), radius * np.sin(angle), z], 1), axis + 1, 1)
 
 
-def lies(forces):
-    """How forces lie, and how long the mean of their directions is; and the same about the mean."""
+def direction_facts(forces):
+    """Return the shape of force directions, their mean length, and the shape about it."""
     data = made_data(chain([("revolute", "z")]), len(forces), np.random.default_rng(0))
     wrench = np.hstack([forces, np.zeros_like(forces)])
     data = BenchmarkData(replace(data.samples, wrench=wrench), data.robot)
@@ -135,23 +135,23 @@ def lies(forces):
     return way, mean, about
 
 
-def test_directions_of_one_line_are_told_one_way_from_both_ways(rng):
+def test_directions_along_one_line_are_one_way_or_both_ways(rng):
     line = np.outer(rng.uniform(1.0, 5.0, size=30), [1.0, 2.0, -2.0])
-    assert lies(line)[:2] == ("along a line", pytest.approx(1.0))
+    assert direction_facts(line)[:2] == ("along a line", pytest.approx(1.0))
     line[::2] *= -1.0
-    assert lies(line)[:2] == ("along a line", pytest.approx(0.0, abs=1e-9))
+    assert direction_facts(line)[:2] == ("along a line", pytest.approx(0.0, abs=1e-9))
 
 
 @pytest.mark.parametrize(("degrees", "way"), [(22.0, "along a line"), (30.0, "in all directions")])
 def test_a_cone_is_a_line_up_to_26_degrees(degrees, way, rng):
     for axis in range(3):
-        assert lies(around(axis, degrees, rng))[0] == way
+        assert direction_facts(around(axis, degrees, rng))[0] == way
 
 
 def test_forces_between_two_points_lie_along_a_line_though_their_directions_fill_a_plane():
     ends = np.array([[100.0, 40.0, -20.0], [20.0, 5.0, -100.0]])  # source paper, Table 5
     share = np.linspace(0.0, 1.0, 5)[:, None]
-    way, _, about = lies((1.0 - share) * ends[0] + share * ends[1])
+    way, _, about = direction_facts((1.0 - share) * ends[0] + share * ends[1])
     assert (way, about) == ("in a plane", "along a line")
 
 
@@ -179,7 +179,7 @@ def test_a_picture_is_made_of_any_chain_even_of_one_sample_without_load(rng, tmp
     assert struct.unpack(">II", content[16:24]) == (1500, 1200)
 
 
-def test_a_large_cloud_is_thinned_and_the_picture_says_so(rng):
+def test_a_large_cloud_is_thinned_with_a_note_in_the_picture(rng):
     data = made_data(chain([("revolute", "z")]), 4000, rng)
     figure = dataset_picture(data, "made (simulated)").draw()
     side, above, downwards, upwards = (

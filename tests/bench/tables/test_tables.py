@@ -23,19 +23,19 @@ WITH_INTERVALS = [metric(key) for key in ("mae", "coverage", "width")]
 
 
 def result(task, error_m, *, interval_m=None, reference_m=None, known_m=(), **changes):
-    """A result wrong by `error_m` on every axis of every row, beside others that are wrong so."""
+    """Return a result with errors of `error_m` on every axis, and known predictions."""
     rows = task.split.test
     measured = task.data.samples.deflection[rows]
     interval = None if interval_m is None else Interval(*(measured + interval_m), 0.9)
     reference = None if reference_m is None else measured + reference_m
-    known = {name: measured + wrong for name, wrong in dict(known_m).items()}
-    scores = Prediction(rows, measured + error_m, measured, interval, reference, known)
+    known_predictions = {name: measured + wrong for name, wrong in dict(known_m).items()}
+    scores = Prediction(rows, measured + error_m, measured, interval, reference, known_predictions)
     fields = {"shown": task.shown, "status": "ok", "prediction": scores, "cost": COST}
     return CellResult(cell=task.cell, run_id="r", **(fields | changes))
 
 
 def with_intervals(tasks, calibration_samples):
-    """Results under 90 % intervals of 0.5 mm that hold all but the first `n` rows of split n."""
+    """Return results with 90 % intervals of 0.5 mm that miss the first n rows of split n."""
     tasks = [replace(task, cell=replace(task.cell, coverage=0.9)) for task in tasks]
     results = []
     for number, task in enumerate(tasks):
@@ -49,16 +49,16 @@ def with_intervals(tasks, calibration_samples):
 
 def value_of(table: Table, metric: str, axis: str, row: int = 0) -> Quantity | None:
     place = {"metric": metric, "axis": axis}
-    (found,) = (
+    (matching_cell,) = (
         cell
         for column, cell in zip(table.columns, table.rows[row], strict=True)
         if column.about == place
     )
-    return found
+    return matching_cell
 
 
 def facts(table: Table, name: str) -> list[object]:
-    """What csv and json say of each row."""
+    """Return the values of a field of each row, as in CSV and JSON."""
     return [texts[name] for texts, _ in table.records()]
 
 
@@ -94,31 +94,31 @@ def test_leave_one_out_scores_all_poses_together(tasks_of):
 
 
 def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(tasks_of):
-    tasks = sorted(tasks_of(models=("vjm", "zero"), splits=2), key=lambda one: one.shown.model)
+    tasks = sorted(tasks_of(models=("vjm", "zero"), splits=2), key=lambda task: task.shown.model)
     broken = {"status": "failed", "prediction": None, "failure": "it broke"}
     absent = broken | {"status": "skipped", "failure": "no a|b\nhere"}
     failed = [result(tasks[0], 1e-4), result(tasks[1], 0, **broken)]
     skipped = [result(task, 0, **absent) for task in tasks[:2]]
-    others = [result(task, 1e-4) for task in tasks[2:]]
-    for bad, mark, why in (
+    good_results = [result(task, 1e-4) for task in tasks[2:]]
+    for bad, mark, reason in (
         (failed, "| vjm [FAILED in 1 of 2 splits]", "- vjm: FAILED (1 of 2 splits): it broke"),
         (skipped, "| vjm [SKIPPED]", "- vjm: SKIPPED (2 of 2 splits): no a|b here"),
     ):
-        (table,) = build_tables([*bad, *others], METRICS)
+        (table,) = build_tables([*bad, *good_results], METRICS)
         text = render([table], "github", "bench run")
-        assert mark in text and why in text
+        assert mark in text and reason in text
         assert not has_numbers(table, 0) and has_numbers(table, 1)
 
 
-def test_rows_of_different_splits_never_meet(tasks_of):
-    ours, other = tasks_of(models=("vjm",)), tasks_of(models=("zero",))
-    moved = [replace(t, cell=replace(t.cell, split_sha256="another")) for t in other]
-    tables = build_tables([result(task, 1e-4) for task in [*ours, *moved]], METRICS)
+def test_rows_of_different_splits_are_never_in_one_table(tasks_of):
+    vjm_tasks, zero_tasks = tasks_of(models=("vjm",)), tasks_of(models=("zero",))
+    moved = [replace(t, cell=replace(t.cell, split_sha256="another")) for t in zero_tasks]
+    tables = build_tables([result(task, 1e-4) for task in [*vjm_tasks, *moved]], METRICS)
     models = [{"vjm", "zero"} & {*facts(table, "model")} for table in tables]
     assert {"zero"} in models and len(models) == 2
 
 
-def test_the_published_rows_stand_beneath_the_kr10_and_nowhere_else(tasks_of):
+def test_the_published_rows_are_below_the_kr10_and_nowhere_else(tasks_of):
     kr10, fanuc = tasks_of(splits=1), tasks_of(dataset="fanuc-r2000ic", splits=1)
     with_rows, without = (
         build_tables([result(tasks[0], 1e-4)], METRICS)[0] for tasks in (kr10, fanuc)
@@ -131,7 +131,7 @@ def test_the_published_rows_stand_beneath_the_kr10_and_nowhere_else(tasks_of):
     assert facts(none, "source") == ["ours"] and "published" not in " ".join(none.notes)
 
 
-def test_a_mean_of_numbers_one_of_which_is_infinite_says_so(tasks_of):
+def test_a_mean_with_an_infinite_number_is_shown_as_infinite(tasks_of):
     tasks = tasks_of(splits=2)
     results = [
         result(task, 1e-4, diagnostics={"stiffness [Nm/rad]": value})
@@ -142,14 +142,14 @@ def test_a_mean_of_numbers_one_of_which_is_infinite_says_so(tasks_of):
     assert not any("stiffness" in note for note in table.notes)
 
 
-def test_coverage_is_a_percentage_beside_errors_in_mm(tasks_of):
+def test_coverage_is_a_percentage_next_to_errors_in_mm(tasks_of):
     tables = build_tables(with_intervals(tasks_of(splits=2), [11]), WITH_INTERVALS)
-    covered = value_of(tables[0], "coverage", "x")  # of 31 test rows a split
+    covered = value_of(tables[0], "coverage", "x")  # of 31 test rows per split
     assert covered.value == pytest.approx(100 * (1 - 0.5 / 31))
     assert covered.spread == pytest.approx(100 / 31 / math.sqrt(2))
-    (found,) = json.loads(render(tables, "json", "bench run"))["tables"]
-    assert found["nominal_coverage"] == 0.9
-    units = {value["metric"]: value["unit"] for value in found["rows"][0]["values"]}
+    (table_record,) = json.loads(render(tables, "json", "bench run"))["tables"]
+    assert table_record["nominal_coverage"] == 0.9
+    units = {value["metric"]: value["unit"] for value in table_record["rows"][0]["values"]}
     assert units == {"mae": "mm", "coverage": "%", "width": "mm"}
 
 
@@ -165,7 +165,7 @@ def test_each_condition_of_a_protocol_has_a_table_of_its_own_without_published_r
     assert all({*facts(table, "source")} == {"ours"} for table in tables)
 
 
-def test_a_value_that_one_split_lacks_is_a_dash_and_no_mean_over_the_rest(tasks_of):
+def test_a_value_missing_in_one_split_is_a_dash_and_not_a_mean_of_the_others(tasks_of):
     metrics = [metric("mae"), metric("skill")]
     first, second = tasks_of(splits=2)
     results = [result(first, 1e-4), result(second, 1e-4, reference_m=1e-3)]
@@ -174,11 +174,11 @@ def test_a_value_that_one_split_lacks_is_a_dash_and_no_mean_over_the_rest(tasks_
     assert "| - |" in " ".join(render([table], "github", "bench run").split())
 
 
-def test_rows_that_stand_beside_a_model_claim_no_source_domain(tasks_of):
+def test_rows_of_reference_predictions_have_no_source_domain(tasks_of):
     (task,) = tasks_of(splits=1)
-    shown = replace(task.shown, model="ft-mlp", source="vjm on Sobol poses")
-    beside = {"reference_m": 2e-4, "known_m": {"oracle": 0.0, "noise": 1e-5}}
-    (table,) = build_tables([result(task, 1e-4, shown=shown, **beside)], METRICS)
+    presentation = replace(task.shown, model="ft-mlp", source="vjm on Sobol poses")
+    predictions = {"reference_m": 2e-4, "known_m": {"oracle": 0.0, "noise": 1e-5}}
+    (table,) = build_tables([result(task, 1e-4, shown=presentation, **predictions)], METRICS)
     names = [str(row[0]) for row in table.rows]
     assert all(name in " ".join(names) for name in ("vjm", "oracle", "instrument noise"))
     assert [note for note in table.notes if "source domain" in note] == [

@@ -1,4 +1,4 @@
-"""Tables of a terminal: no line is wider than it, nothing is lost, and no name is markup."""
+"""Tables in a terminal: lines fit, nothing is lost, and names are never markup."""
 
 from __future__ import annotations
 
@@ -73,21 +73,21 @@ def test_a_name_is_neither_markup_nor_a_control_sequence():
     assert text.count("[red]bold[/red]") == 3 and "\x1b" not in text
 
 
-def test_the_numbers_of_a_column_stand_below_each_other_with_and_without_a_mark():
+def test_the_numbers_of_a_column_are_aligned_with_and_without_a_mark():
     column = Column("error", format=".2f")
     rows = [["a", Quantity(0.1, mark="*")], ["b", 12.34], ["c", None]]
-    *_, best, other, _ = screen_of(Table("", [Column("model", "text"), column], rows), 80)
-    assert best.index("0.10") + len("0.10") == other.index("12.34") + len("12.34")
-    assert "* 0.10" in best
+    *_, best_row, second_row, _ = screen_of(Table("", [Column("model", "text"), column], rows), 80)
+    assert best_row.index("0.10") + len("0.10") == second_row.index("12.34") + len("12.34")
+    assert "* 0.10" in best_row
 
 
-def test_colours_are_there_where_asked_for_alone():
+def test_colours_are_printed_only_on_request():
     column = Column("change", format="+.0f", by_sign=-1)
     table = Table("", [Column("model", "text"), column], [["a", -5.0], ["b", 5.0]])
     coloured = screen_text([table], console=screen_console(80, colors=True))
     plain = screen_text([table], console=screen_console(80, colors=False))
     assert "\x1b[32m" in coloured and "\x1b[31m" in coloured and "\x1b" not in plain
-    assert "+5" in plain and "-5" in plain  # the sign says the same
+    assert "+5" in plain and "-5" in plain  # the sign has the same meaning
 
 
 def test_models_are_sorted_by_error_and_the_change_is_against_the_vjm(made):
@@ -189,7 +189,7 @@ def test_names_are_not_broken_where_texts_can_be():
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_a_comparison_and_its_verdict_stand_in_one_line(made, width):
+def test_a_comparison_and_its_verdict_are_on_one_line(made, width):
     made.add_each({"vjm": VJM_MM, "net": [0.1, 0.11, 0.09]})
     tables = of_format(open_results(made.folder).compare("net", "vjm").tables, SCREEN)
     lines = screen_text(tables, console=screen_console(width, colors=False)).splitlines()
@@ -197,7 +197,7 @@ def test_a_comparison_and_its_verdict_stand_in_one_line(made, width):
 
 
 @pytest.mark.parametrize(("n_splits", "is_limited"), [(1, True), (3, False)])
-def test_a_verdict_of_one_split_says_that_it_is_of_these_fits(made, n_splits, is_limited):
+def test_a_verdict_of_one_split_is_marked_as_of_these_fits(made, n_splits, is_limited):
     errors_mm = {"vjm": VJM_MM[:n_splits], "net": (0.1, 0.12, 0.09)[:n_splits]}
     made.add_each(errors_mm, rows=range(N_POSES) if n_splits == 1 else None)
     answer = answer_of(made)

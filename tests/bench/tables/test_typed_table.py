@@ -1,4 +1,4 @@
-"""The one table: cells keep their types, and every format holds all of them."""
+"""The typed table: cells keep their types, and every format has all of them."""
 
 from __future__ import annotations
 
@@ -35,42 +35,42 @@ def lines(*tables: Table) -> list[dict[str, str]]:
 
 
 def test_people_read_value_spread_interval_share_status_and_mark_and_a_dash_for_nothing():
-    shown = SMALL.visible_table()
-    assert shown.texts() == [
+    view = SMALL.visible_table()
+    assert view.texts() == [
         ["a [a mark]", "0.33 ± 0.14", "1 to 2", "5"],
         ["b", "FAILED", "-", "-"],
         ["c", "0.50 (3/5) *", "1/2", "1000"],
     ]
-    # a heading names the unit that the title does not
-    assert [*map(shown.heading, shown.columns)] == ["model", "error", "share [%]", "n"]
-    first_row = plain_text(shown).splitlines()[2]
+    # a heading names the unit if the title does not
+    assert [*map(view.heading, view.columns)] == ["model", "error", "share [%]", "n"]
+    first_row = plain_text(view).splitlines()[2]
     assert first_row.split() == ["a", "[a", "mark]", "0.33", "±", "0.14", "1", "to", "2", "5"]
 
 
-def test_csv_has_a_line_a_number_at_full_precision_with_all_that_it_is_of():
-    found = lines(SMALL)
-    assert len(found) == 9
-    first = found[0]
+def test_csv_has_a_line_per_number_at_full_precision_with_its_identity():
+    records = lines(SMALL)
+    assert len(records) == 9
+    first = records[0]
     assert {name: first[name] for name in ("dataset", "model", "model mark", "seed", "axis")} == {
         **{"dataset": "twin", "model": "a", "model mark": "a mark", "seed": "7", "axis": "x"}
     }
     assert (float(first["value"]), float(first["spread"])) == (1 / 3, 1 / 7)
     assert (first["column"], first["unit"], first["n"]) == ("error", "mm", "3")
-    assert (found[1]["low"], found[1]["high"], found[1]["value"]) == ("1.0", "2.0", "")
-    assert (found[3]["value"], found[3]["status"]) == ("", "FAILED")
-    assert (found[6]["part"], found[6]["whole"], found[6]["mark"]) == ("3", "5", "*")
+    assert (records[1]["low"], records[1]["high"], records[1]["value"]) == ("1.0", "2.0", "")
+    assert (records[3]["value"], records[3]["status"]) == ("", "FAILED")
+    assert (records[6]["part"], records[6]["whole"], records[6]["mark"]) == ("3", "5", "*")
 
 
-def test_tables_with_other_columns_stand_in_one_csv():
-    other = Table("other", [Column("place", "text"), Column("y")], [["here", 1]])
+def test_tables_with_other_columns_share_one_csv():
+    second_table = Table("other", [Column("place", "text"), Column("y")], [["here", 1]])
     texts = Table("t", [Column("what", "text"), Column("where", "text")], [["x", "y"]])
-    *_, last, of_texts = lines(SMALL, other, texts)
+    *_, last, of_texts = lines(SMALL, second_table, texts)
     assert (of_texts["what"], of_texts["where"], of_texts["value"]) == ("x", "y", "")
     assert (last["place"], last["column"], last["value"], last["model"]) == ("here", "y", "1", "")
     assert list(last)[-len(VALUE_FIELDS) :] == [*VALUE_FIELDS]
 
 
-def test_json_has_the_values_of_csv_and_says_nothing_of_what_is_not_there():
+def test_json_has_the_values_of_csv_and_no_keys_without_a_value():
     content = json.loads(render([SMALL], "json", "bench x", text="said", about={"key": 1}))
     assert (content["command"], content["text"], content["key"]) == ("bench x", "said", 1)
     (table,) = content["tables"]
@@ -98,7 +98,7 @@ def test_latex_aligns_plain_numbers_and_braces_others_beneath_the_names_of_their
 
 
 def grouped(n_groups: int) -> Table:
-    """Two columns a group; the numbers of a group are its place."""
+    """Return a table with two columns per group; a group's numbers are its place."""
     columns = [
         Column(name, format=".4f", group=f"group {k}", value=lambda _, k=k: Quantity(k + 1.0, 0.5))
         for k in range(n_groups)
