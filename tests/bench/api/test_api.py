@@ -272,7 +272,7 @@ def test_a_coverage_that_needs_more_poses_is_refused_by_the_arguments_name(twin,
     few = sb.Dataset.from_samples(twin.samples.take(np.arange(16)), twin.robot)
     model = sb.make_model("vjm").fit(few)
     few.frame().to_csv(tmp_path / "loads.csv")
-    with pytest.raises(ConfigError, match=r"^coverage 0\.9: vjm left 8 poses out.*at most 0\.8889"):
+    with pytest.raises(ConfigError, match=r"^coverage 0\.9: vjm left out 8 poses.*at most 0\.8889"):
         model.predict_file(tmp_path / "loads.csv", tmp_path / "out.csv", coverage=0.9)
     model.predict_interval(few.samples.q, few.samples.wrench, 0.88)
 

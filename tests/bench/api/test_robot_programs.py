@@ -270,7 +270,7 @@ def test_a_singular_home_position_is_left_and_listed(tmp_path):
 
 def test_a_file_of_another_kind_or_that_exists_is_refused(tmp_path):
     model = model_of("kr10-r1100-2")
-    with pytest.raises(ConfigError, match="another suffix"):
+    with pytest.raises(ConfigError, match="use the extension of"):
         compensate_program(model, DOCS / "pocket.src", tmp_path / "b.mod", load=LOAD)
     (tmp_path / "b.dat").write_text("mine")
     with pytest.raises(StoreError, match=r"b.dat: exists"):
@@ -293,7 +293,7 @@ def test_a_program_is_corrected_and_drawn_on_the_command_line(tmp_path):
     for wrong, part in (
         (("s.src", "--strict"), "line 8: PTP XHOME"),
         (("s.src", "--hold", "A1=0"), "--hold only goes with --path"),
-        (("s.mod",), "another suffix"),
+        (("s.mod",), "use the extension of"),
     ):
         refused = bench_here(*words, *wrong, cwd=tmp_path)
         assert refused.returncode != 0 and part in refused.stderr

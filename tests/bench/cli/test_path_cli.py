@@ -103,7 +103,7 @@ def test_commands_of_a_model_of_another_point_are_for_the_tcp_and_say_so(
     interval = found.prediction_error.interval
     middle = 0.5 * (interval.lower + interval.upper)
     np.testing.assert_allclose(middle, at_tcp, atol=1e-8)
-    assert "another point of the tool" in capsys.readouterr().err
+    assert "a tool point other than the TCP" in capsys.readouterr().err
 
 
 def test_loaded_tool_with_the_written_commands_is_on_the_path(square, corrected, vjm):
