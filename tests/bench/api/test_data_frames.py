@@ -91,7 +91,7 @@ def test_rows_without_pose_id_become_poses_with_a_warning(frame):
 
 
 def test_the_robot_is_given_with_a_frame_and_only_there(frame, twin, model):
-    with pytest.raises(ConfigError, match=r"a DataFrame needs a robot: .*robot=\.\.\."):
+    with pytest.raises(ConfigError, match=r"a DataFrame needs a robot; .*robot=\.\.\."):
         sb.make_model("vjm").fit(frame)
     with pytest.raises(ConfigError, match="a DataFrame needs a robot"):
         sb.evaluate("vjm", frame)

@@ -140,7 +140,7 @@ def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur
     ("words", "parts"),
     [
         (["--poses", "201"], ["poses is 201", "1 to 200"]),
-        (["--model", "vjm-gp"], ["my.csv: 9 poses", "from 10 poses on", "--model vjm"]),
+        (["--model", "vjm-gp"], ["my.csv: 9 poses", "at least 10 poses", "--model vjm"]),
         (["--model", "gp", "--criterion", "d-optimal"], ["--criterion d-optimal", "i-optimal"]),
         (["--robot", "gp12"], ["my.csv: row", "limits of joint", "gp12"]),
     ],

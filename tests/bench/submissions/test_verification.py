@@ -384,7 +384,7 @@ def test_a_wrong_card_is_refused_before_anything_is_computed(
 def test_an_existing_folder_and_a_folder_without_a_submission_are_refused(
     submission, card_file, study_file, tmp_path
 ):
-    assert_refused(submitted(card_file, study_file, submission.parent), "exists and is not")
+    assert_refused(submitted(card_file, study_file, submission.parent), "already exists")
     assert_refused(verified(tmp_path, study_file), "no manifest.json in it")
 
 
