@@ -188,9 +188,9 @@ class StoredResults(BriefFields):
 
 def case_name_of(result: CellResult) -> CaseName:
     """Return the name of the case that a result belongs to."""
-    cell, shown = result.cell, result.shown
+    cell, texts = result.cell, result.shown
     data = cell.data_sha256, cell.source_sha256
-    return CaseName(shown.dataset, shown.protocol, cell.condition, cell.seed, *data)
+    return CaseName(texts.dataset, texts.protocol, cell.condition, cell.seed, *data)
 
 
 def _case(case_results: Sequence[CellResult], runs: Runs) -> Case:

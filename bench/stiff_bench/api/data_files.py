@@ -1,4 +1,4 @@
-"""Data that others can use: a user's own file described, and any data set exported."""
+"""Describe a user's file of samples for others, and export data sets."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Robot
 
 LONGEST_STEM = 120
-"""Characters of the name of exported files; file systems allow 255 bytes with the ending."""
+"""Longest name of exported files; file systems allow 255 bytes with the extension."""
 
 
 def register(
@@ -58,13 +58,13 @@ def register(
     options: FileOptions,
     facts: Mapping[str, str],
 ) -> Text:
-    """Describe a user's own file of samples for others, and return what is still missing.
+    """Describe a user's file of samples, and return a text on missing facts.
 
     Two descriptors are written next to the file, and a data card if it has none.
 
     Args:
-        csv: the file.
-        dataset: "kr10-measured" also gives the file this name; None: it gets no name.
+        csv: file of samples.
+        dataset: "kr10-measured" to register the file under this name, too; None: no name.
         robot: name of the shipped robot that was measured; None: `urdf`, or the KR10 with
             `dataset`.
         urdf: description of the robot; None: a shipped one.
@@ -164,7 +164,7 @@ def _verdict(csv: Path, robot: Robot, options: FileOptions) -> str:
 
 
 def _gaps(described: DescribedFile, card: Path, command: str) -> list[str]:
-    """Return which facts a data card leaves out, and how to fill them in."""
+    """Return lines on missing facts of a data card, and how to fill them in."""
     missing = described.missing_facts
     if not missing:
         return []
@@ -174,15 +174,15 @@ def _gaps(described: DescribedFile, card: Path, command: str) -> list[str]:
 
 
 def export_dataset(choice: Choice[DatasetInfo], data: BenchmarkData, folder: Path) -> Text:
-    """Write a data set as CSV, URDF, data card and descriptors; return what was written.
+    """Write a data set as CSV, URDF, data card and descriptors; return a summary.
 
     Args:
-        choice: the data set.
-        data: its samples and their robot.
-        folder: is made if it is not there; files that exist are not overwritten.
+        choice: data set with options.
+        data: samples and robot of the data set.
+        folder: folder of the files, created if needed; existing files are not overwritten.
 
     Raises:
-        DataError: a file may not hold the data; see `read_samples`.
+        DataError: a file cannot represent the data; see `read_samples`.
         StoreError: a file exists, or cannot be written.
     """
     stem, source = _file_stem(choice), _source_file(choice)
@@ -213,7 +213,7 @@ def export_dataset(choice: Choice[DatasetInfo], data: BenchmarkData, folder: Pat
 
 
 def _source_file(choice: Choice[DatasetInfo]) -> MeasuredData | None:
-    """Return the user's file that a data set is read from; None: it is not read from one."""
+    """Return the user's file of a data set; None: the data set has no file."""
     if choice.info.key == kr10_measured.KR10_MEASURED:
         entry = kr10_measured.registration()
         options = FileOptions(entry.no_torque, entry.sheet, entry.pose_tolerance)
@@ -222,14 +222,14 @@ def _source_file(choice: Choice[DatasetInfo]) -> MeasuredData | None:
 
 
 def _file_stem(choice: Choice[DatasetInfo]) -> str:
-    """Return the name of exported files without ending: "kr10-twin_plan=wide"."""
+    """Return the name of exported files without extension: "kr10-twin_plan=wide"."""
     name = Path(choice.name).stem if "csv" in choice.context else choice.name
     stem = re.sub(r"[^\w.=+-]+", "_", name).strip("._")
     return stem[:LONGEST_STEM] or "data"
 
 
 def _card_rows(choice: Choice[DatasetInfo], data: BenchmarkData, earlier: str) -> dict[str, str]:
-    """Return the rows of an exported card: what it is, where it comes from, whose it is."""
+    """Return the rows of an exported card: description, source and citation."""
     info, program = choice.info, f"stiffbench {version('stiffbench')}"
     stated = parse_card(earlier, Path("card"))
     what = one_row(f"{info.kind.upper()}: {info.summary}")

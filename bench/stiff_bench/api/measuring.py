@@ -95,7 +95,7 @@ def plan_poses(
                 raise ConfigError(needed, name.replace("_", "-"))
     payload = payload_of(arm) if payload is None else payload
     if payload is None:
-        raise ConfigError(f"unknown for {arm.name}; give a payload in kg", "payload")
+        raise ConfigError(f"is unknown for {arm.name}; give a payload in kg", "payload")
     how = pose_plans.PlanOptions(poses, criterion, candidates, payload, clearance, seed)
     if after is None:
         with display():

@@ -67,7 +67,7 @@ class Model(Shown):
     Attributes:
         choice: model with its options.
         fitted: fitted object of stiffbench's or a plugin's class; None before `fit`.
-        note: method that chose the number of epochs; "" if there is no choice.
+        note: method that chose the number of epochs; "" without a choice.
         data: data set of the last `fit`, with its seed; None for a model from a file.
         file: file of the model; None for a model that was not read from a file.
     """

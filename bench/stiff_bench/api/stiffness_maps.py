@@ -76,7 +76,7 @@ DOWN, DOWN_DEG = "down", tuple((angle, 0.0, 180.0) for angle in (0.0, 90.0, 180.
 """Word for a tool whose z axis points down, and its possible orientations a, b, c."""
 BOX_PLANES, MOST_PLANES = 3, 9
 LEVEL_M = 0.01
-"""m to which the place of a plane is rounded that was not given."""
+"""Rounding of the position of a default plane, m."""
 LARGEST_MM = 1e5
 
 
@@ -89,13 +89,13 @@ class StiffnessMap(Shown):
 
     Attributes:
         model_name: key of the model, with its options.
-        robot: that the model was fitted to.
+        robot: robot of the fitted model.
         plane: "xy", "xz" or "yz".
         quantity: "deflection" or "compliance".
         axis: "x", "y", "z" or "tool" of the component; None: the length of the deflection, or the
             largest principal compliance.
         load: (6,) N and N m at the TCP.
-        load_frame: "base" or "tool", in which the load is expressed.
+        load_frame: frame of the load, "base" or "tool".
         turn: "fixed", or "best" about the tool axis.
         positions: (..., 3) TCP, base frame, m.
         tool_angles_deg: (3,) KUKA's angles a, b, c of the tool frame in the base frame, before the
@@ -108,9 +108,10 @@ class StiffnessMap(Shown):
         values: (...) the mapped quantity, m or m/N; NaN where blank.
         blank: (...) reason why a point has no value: "out of reach", "joint limits", "singular" or
             "" for none.
-        extrapolates: (...) difference from the training samples, as `TrainingRange.extrapolates`
-            names it.
-        joint_compliance: (n_joints,) of the springs of `vjm`, rad/(N m) or m/N; else None.
+        extrapolates: (...) quantities beyond the training range, with the words of
+            `TrainingRange.extrapolates`.
+        joint_compliance: (n_joints,) compliance of the springs of `vjm`, rad/(N m) or m/N; else
+            None.
     """
 
     model_name: str
@@ -139,12 +140,12 @@ class StiffnessMap(Shown):
 
     @property
     def is_reached(self) -> BoolArray:
-        """(...) whether a point has a value."""
+        """Return a mask (...) of the points with a value."""
         return np.asarray(self.blank == "")
 
     @property
     def is_far(self) -> BoolArray:
-        """(...) whether the joint positions are far from the training poses.
+        """Return a mask (...) of the points far from the training poses.
 
         A joint is beyond its training range ("joints"), or the nearest training pose is far
         ("pose-gap"). The load does not count.
@@ -156,7 +157,7 @@ class StiffnessMap(Shown):
 
     @property
     def is_jump(self) -> BoolArray:
-        """(...) whether a joint of a neighbour is more than 0.5 rad (m) away.
+        """Return a mask (...) of the points with a jump of more than 0.5 rad (m) to a neighbour.
 
         The arm has another configuration there, or is close to a singularity.
         """
@@ -172,12 +173,12 @@ class StiffnessMap(Shown):
 
     @property
     def unit(self) -> str:
-        """Unit of the values in texts, tables and pictures."""
+        """Return the unit of the values in texts, tables and pictures."""
         return "mm" if self.quantity == "deflection" else "mm/kN"
 
     @property
     def values_in_unit(self) -> FloatArray:
-        """(...) values in `unit`; NaN where blank."""
+        """Return (...) values in `unit`; NaN where blank."""
         return self.values * (MM if self.quantity == "deflection" else MM * 1000.0)
 
     def tool_rotation(self, point: tuple[int, int, int]) -> FloatArray:
@@ -186,7 +187,7 @@ class StiffnessMap(Shown):
 
     @property
     def cartesian_stiffness(self) -> FloatArray:
-        """(..., 6, 6) K_X = J^-T K J^-1 at the TCP, base frame, N/m, N/rad and N m/rad.
+        """Return (..., 6, 6) K_X = J^-T K J^-1 at the TCP, base frame, N/m, N/rad and N m/rad.
 
         Force before torque. NaN where blank, and where a spring is rigid.
 
@@ -215,7 +216,7 @@ class StiffnessMap(Shown):
         return plane, row, column
 
     def extremes_text(self, *, near: bool = False) -> str:
-        """Return where the tool is stiffest and softest, with values and positions."""
+        """Return the stiffest and softest points with values and positions."""
         texts = []
         for kind in EXTREMES:
             at = self.extreme(kind, near=near)
@@ -225,7 +226,7 @@ class StiffnessMap(Shown):
 
     @property
     def answer(self) -> str:
-        """Stiffest and softest point, and numbers of points that are reachable or far."""
+        """Return the stiffest and softest point, and numbers of reachable and far points."""
         reached, far = self.is_reached, self.is_far
         text = (
             f"{self.extremes_text()}; {reached.sum():,} of {reached.size:,} points reachable, "
@@ -237,14 +238,14 @@ class StiffnessMap(Shown):
 
     @property
     def load_text(self) -> str:
-        """The load with its units and, unless it is the base, its frame."""
+        """Return the load with its units and, if it is not the base, its frame."""
         force, torque = self.load[:3], self.load[3:]
         text = f"{_numbers(force)} N" + f", {_numbers(torque)} N m" * bool(torque.any())
         return text + " in the tool frame" * (self.load_frame == "tool")
 
     @property
     def quantity_name(self) -> str:
-        """The mapped quantity in words."""
+        """Return the mapped quantity in words."""
         along = {None: "", "tool": " along the tool axis"}.get(self.axis, f" along {self.axis}")
         if self.quantity == "deflection":
             return f"predicted deflection{along}"
@@ -252,7 +253,7 @@ class StiffnessMap(Shown):
 
     @property
     def quantity_text(self) -> str:
-        """The mapped quantity and its load in words."""
+        """Return the mapped quantity and its load in words."""
         if self.quantity == "deflection":
             return f"{self.quantity_name} under {self.load_text}"
         linear = self.joint_compliance is not None or not self.load.any()
@@ -260,7 +261,7 @@ class StiffnessMap(Shown):
 
     @property
     def place_text(self) -> str:
-        """The planes, their ends and the orientation of the tool in words."""
+        """Return the planes, their ends and the orientation of the tool in words."""
         first, second, normal = PLANES[self.plane]
         points = self.positions.reshape(-1, 3) * MM
         levels = ", ".join(f"{level:.0f}" for level in self.positions[:, 0, 0, normal] * MM + 0.0)
@@ -276,7 +277,7 @@ class StiffnessMap(Shown):
 
     @property
     def blank_text(self) -> str:
-        """Number of blank points by reason in words; "none" for no blank point."""
+        """Return the number of blank points by reason in words; "none" for no blank point."""
         counts = {reason: int((self.blank == reason).sum()) for reason in BLANK_REASONS}
         return ", ".join(f"{n:,} {reason}" for reason, n in counts.items() if n) or "none"
 
@@ -345,7 +346,7 @@ class StiffnessMap(Shown):
         return stiffness_map_picture(content, about, self.quantity_text, self.place_text)
 
     def view(self) -> Screen:
-        """Return the mapped quantity, its extremes, and which points are reachable or far."""
+        """Return a screen with the mapped quantity, its extremes, and reachable and far points."""
         reached, far = self.is_reached, self.is_far
         facts = [
             ("map", self.quantity_text),
@@ -386,35 +387,34 @@ def stiffness_map(
     joint limits. Points out of reach, beyond the limits or at a singularity are blank.
 
     Args:
-        model: fitted.
-        load: (3,) force or (6,) force and torque at the TCP, N and N m; a compliance is taken at
-            this load, None: at zero.
+        model: fitted model.
+        load: (3,) force or (6,) force and torque at the TCP, N and N m; None for a compliance: zero
+            load.
         quantity: "deflection" under the load, m; or "compliance" of the TCP, m/N: by the formula of
             joint springs for `vjm`, else by central differences of the model's predictions.
         axis: "x", "y", "z" or "tool" of a component; None: the length of the deflection, or the
             largest principal compliance.
         plane: "xy", "xz" or "yz", base frame.
-        at: place of the plane, or of several, on the plane's normal, mm; None: of a box its two
-            ends and the middle, else the middle of the training poses.
-        box: ends x0, x1, y0, y1, z0, z1 of the region, mm; None: all that the robot reaches.
-        grid: points along the longer edge of a plane.
+        at: position of one or more planes on their normal, mm; None: the two ends and the middle of
+            a box, or the middle of the training poses.
+        box: ends x0, x1, y0, y1, z0, z1 of the region, mm; None: the reachable workspace.
+        grid: number of points along the longer edge of a plane.
         orientation: a, b, c [deg] of the tool frame in the base frame; "down": its z axis down, its
             x axis along the base's axis that is nearest to the training poses.
         turn: "fixed", or "best": the turn about the tool axis with the smallest value, in steps of
             30 deg.
         tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
             link; None: the model's TCP with the orientation of that link.
-        frame: "base" or "tool", in which the load is expressed.
-        hold: of a robot with more than six joints: name or number of each other one -> deg or mm at
-            which it is held.
-        output: a new file: .csv or .parquet for a row per point, .png, .svg or .pdf for the
-            picture.
-        figure: a new picture.
+        frame: frame of the load, "base" or "tool".
+        hold: positions of the held joints of a robot with more than six joints: name or number ->
+            deg or mm.
+        output: new file: .csv or .parquet for a row per point, .png, .svg or .pdf for the picture.
+        figure: new picture.
 
     Raises:
         NotFittedError: the model is not fitted.
         ConfigError: an option is wrong, or the load is missing.
-        DataError: no point is reached.
+        DataError: the robot reaches no point.
         StoreError: a file cannot be written, or exists.
     """
     model.check_fitted()
@@ -497,7 +497,7 @@ def stiffness_map(
 
 
 def _check_files(files: Sequence[Path], figure: Path | str | None) -> None:
-    """See that files to write are new and have a known extension."""
+    """Check that files to write are new and have a known extension."""
     tables = (".csv", PARQUET)
     for file in files:
         if file.suffix.lower() not in (*tables, *METADATA):
@@ -506,11 +506,11 @@ def _check_files(files: Sequence[Path], figure: Path | str | None) -> None:
     if figure is not None:
         check_suffix(Path(figure))
     if len({file.resolve() for file in files}) < len(files):
-        raise ConfigError(f"{files[0]} is the output, too; give another name", "figure")
+        raise ConfigError(f"{files[0]} is also the output; give another name", "figure")
 
 
 def _load(load: Sequence[float] | None, quantity: Quantity) -> FloatArray:
-    """Return the (6,) load, N and N m, of three or six numbers."""
+    """Return the (6,) load, N and N m, from three or six numbers."""
     valid = "fx,fy,fz in N, or fx,fy,fz,tx,ty,tz in N and N m"
     if load is None:
         if quantity == "deflection":
@@ -527,7 +527,7 @@ def _tool_angles(
 ) -> FloatArray:
     """Return the (3,) angles a, b, c [deg] of the tool frame in the base frame.
 
-    Of the orientations of "down" they are those nearest to the training poses.
+    For "down" they are the angles nearest to the training poses.
     """
     valid = f"{DOWN}, or a,b,c in deg"
     if not isinstance(orientation, str):
@@ -547,7 +547,7 @@ def rotation_of(angles: Sequence[float] | FloatArray) -> FloatArray:
 
 
 def _box(box: Sequence[float], plane: str) -> FloatArray:
-    """Return (3, 2) the ends of a box along x, y and z, m."""
+    """Return the (3, 2) ends of a box along x, y and z, m."""
     valid = "x0,x1,y0,y1,z0,z1 in mm, each end at least the one before"
     if len(box) != 6:
         raise ConfigError(f"has {len(box)} numbers (valid: {valid})", "box")
@@ -563,7 +563,7 @@ def _box(box: Sequence[float], plane: str) -> FloatArray:
 def _levels(
     at: float | Sequence[float] | None, region: FloatArray | None, plane: str, task: WorkspaceTask
 ) -> FloatArray:
-    """Return (n_planes,) the places of the planes on their normal, m."""
+    """Return the (n_planes,) positions of the planes on their normal, m."""
     normal = PLANES[plane][2]
     if at is not None:
         levels = np.atleast_1d(np.asarray(at, dtype=np.float64))
@@ -580,7 +580,7 @@ def _levels(
 
 
 def _warn_extrapolation(new_map: StiffnessMap, task: WorkspaceTask, mapped: MappedPoints) -> None:
-    """Warn which points are far from the training samples, with numbers."""
+    """Warn about points far from the training samples, with numbers."""
     rows = mapped.blank == ""
     wrench = np.stack([task.wrench(turn) for turn in mapped.turns[rows]])
     words = mapped.extrapolates[rows].tolist()

@@ -170,7 +170,7 @@ def example_path(
         load = None if default_load is None else default_load.tolist()
     if load is None:
         if (payload := payload_of(arm)) is None:
-            raise ConfigError(f"unknown for {arm.name}; give a load in N and N m", "load")
+            raise ConfigError(f"is unknown for {arm.name}; give a load in N and N m", "load")
         load = (0.0, 0.0, -0.25 * payload * STANDARD_GRAVITY, 0.0, 0.0, 0.0)
     load = six_numbers(load)
     held = held_positions(arm, hold or {})

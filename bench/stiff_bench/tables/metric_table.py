@@ -130,7 +130,9 @@ def _extra_results(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[C
     for name in names:
         for results in by_model.values():
             known_results = [
-                known for result in results if (known := known_result(result, name)) is not None
+                bound_result
+                for result in results
+                if (bound_result := known_result(result, name)) is not None
             ]
             if len(known_results) == len(results):
                 rows[name] = known_results

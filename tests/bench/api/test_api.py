@@ -244,7 +244,7 @@ def test_results_are_merged_and_drawn(twin, tmp_path):
         (lambda: sb.use_plugin("none.py"), "plugin none.py"),
         (lambda: sb.open_results("none").leaderboard(), "results none"),
         (lambda: sb.figure("9", sb.open_results("none").select(models=["gp"])), "model gp"),
-        (lambda: sb.plan_poses("x.csv", robot="fanuc-r2000ic"), "payload unknown for fanuc"),
+        (lambda: sb.plan_poses("x.csv", robot="fanuc-r2000ic"), "payload is unknown for fanuc"),
     ],
 )
 def test_errors_name_the_argument_and_no_option_of_the_command_line(call, argument_text):

@@ -217,5 +217,5 @@ def test_invalid_words_and_existing_files_are_refused_in_python(vjm, tmp_path):
     (tmp_path / "map.csv").write_text("mine")
     with pytest.raises(StoreError, match="exists"):
         sb.stiffness_map(vjm, **SMALL, output=tmp_path / "map.csv")
-    with pytest.raises(ConfigError, match="is the output, too"):
+    with pytest.raises(ConfigError, match="is also the output"):
         sb.stiffness_map(vjm, **SMALL, output=tmp_path / "m.png", figure=tmp_path / "m.png")
