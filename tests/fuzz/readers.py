@@ -130,7 +130,7 @@ def _grid(folder: Path) -> PreparedReader:
 
 
 def _study(folder: Path) -> PreparedReader:
-    valid = (files("stiff_studies") / "effects.toml").read_bytes()
+    valid = (files("stiff_studies") / "leaderboard.toml").read_bytes()
     read = partial(_planned_study, build_registry(), folder)
     return PreparedReader(folder / "study.toml", (valid,), read, hard_cases.tomls(valid))
 
