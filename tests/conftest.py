@@ -1,4 +1,4 @@
-"""What several test files need."""
+"""Provide the fixtures that several test files share."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ SYNCHRONOUS = store.SYNCHRONOUS
 
 
 @pytest.fixture(scope="session", autouse=True)
-def apart_from_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Trainings have a cache of the tests' own; transactions do not wait for the disk."""
+def isolated_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Use a separate cache of trainings, and transactions without disk sync."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STIFFBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
         patch.setattr(store, "SYNCHRONOUS", "OFF")  # no test cuts the power
@@ -45,7 +45,7 @@ def apart_from_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[No
 
 @pytest.fixture()
 def durable(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As a user has it."""
+    """Restore the durable transactions that users have."""
     monkeypatch.setattr(store, "SYNCHRONOUS", SYNCHRONOUS)
 
 
@@ -71,7 +71,7 @@ def fanuc() -> BenchmarkData:
 
 @pytest.fixture(scope="session")
 def parts(twin: BenchmarkData) -> tuple[Robot, Samples, Samples, Samples]:
-    """Robot, training, validation and test samples of one split of the KR10 twin."""
+    """Return robot, training, validation and test samples of one KR10 twin split."""
     (split,) = Holdout().splits(twin.samples, n_splits=1, seed=0)
     train, validation, test = (
         twin.samples.take(rows) for rows in (split.train, split.validation, split.test)
@@ -81,30 +81,30 @@ def parts(twin: BenchmarkData) -> tuple[Robot, Samples, Samples, Samples]:
 
 @pytest.fixture()
 def small_source(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Networks learn from a source of few poses: what is asked of them is no matter of its size."""
+    """Train networks on few source poses, for tests that need no more."""
     monkeypatch.setattr("stiff_models.transfer.source_domain.POSE_BUDGET", 120)
 
 
 @pytest.fixture()
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A report has none: they take seconds; the browser's test has them."""
+    """Leave out a report's figures, which take seconds; the browser test draws them."""
     monkeypatch.setattr("stiff_bench.report.report_content.FIGURES", {})
 
 
 @pytest.fixture()
 def trainings(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The phase of each pre-training that is really done, and not taken from the cache."""
+    """List the phase of each pre-training that runs instead of coming from the cache."""
     from stiff_models.transfer import pretraining  # torch: few tests need it
 
-    done: list[str] = []
-    real = pretraining.train_network
+    phases: list[str] = []
+    train_network = pretraining.train_network
 
-    def counted(*args: Any, **options: Any) -> Any:
-        done.append(options["phase"])
-        return real(*args, **options)
+    def recording_train_network(*args: Any, **options: Any) -> Any:
+        phases.append(options["phase"])
+        return train_network(*args, **options)
 
-    monkeypatch.setattr(pretraining, "train_network", counted)
-    return done
+    monkeypatch.setattr(pretraining, "train_network", recording_train_network)
+    return phases
 
 
 @pytest.fixture()
@@ -117,7 +117,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "add_a_model.md"
 
 @pytest.fixture()
 def plugin_file(tmp_path: Path) -> Callable[[str], Path]:
-    """A function that writes the documented ten-line model under a key and returns its file."""
+    """Return a function that writes the documented ten-line model under a key."""
     example = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[0]
 
     def write(key: str) -> Path:
@@ -130,20 +130,20 @@ def plugin_file(tmp_path: Path) -> Callable[[str], Path]:
 
 @pytest.fixture()
 def tasks_of(twin: BenchmarkData) -> Callable[..., list[CellTask]]:
-    """A function that lists the cells of a run without running them."""
+    """Return a function that lists the cells of a run without running them."""
 
-    def make(
+    def list_tasks(
         models: tuple[str, ...] = ("vjm",),
         dataset: str = "kr10-twin",
         protocol: str = "holdout",
         splits: int | None = None,
     ) -> list[CellTask]:
-        words = {"models": models, "datasets": (dataset,), "protocols": (protocol,)}
+        options = {"models": models, "datasets": (dataset,), "protocols": (protocol,)}
         load = cells.loaded
         with pytest.MonkeyPatch.context() as patch:  # its poses take a second
             patch.setattr(
-                cells, "loaded", lambda one: twin if one.name == "kr10-twin" else load(one)
+                cells, "loaded", lambda choice: twin if choice.name == "kr10-twin" else load(choice)
             )
-            return list(cells.cell_tasks(planned(**words, splits=splits)))
+            return list(cells.cell_tasks(planned(**options, splits=splits)))
 
-    return make
+    return list_tasks

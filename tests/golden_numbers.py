@@ -1,11 +1,11 @@
-"""What holds a model's version honest: numbers that every built-in model gave when they were made.
+"""Make and compare golden numbers, which detect a changed model without a new version.
 
-`models/test_golden_numbers.py` fits every model anew, with few rows, small networks and five steps,
-and compares predictions, bounds of intervals, the plan of each training, and what a few steps of
-the pre-training give. `python tests/golden_numbers.py` makes the numbers, but does not write over
-those that changed while their version did not: whoever changes what is fitted here, and no model,
-deletes the model's lines in the file first. So does whoever raises `INTERVAL_VERSION`, for the
-models with intervals of their own.
+`models/test_golden_numbers.py` fits every built-in model with few rows, small networks and five
+steps. It compares predictions, bounds of intervals, training plans and a short pre-training.
+`python tests/golden_numbers.py` makes the numbers. It does not replace numbers that changed
+while their version did not. If you change what is fitted here, but no model, delete the model's
+lines in the file first. Do the same for models with intervals of their own if you raise
+`INTERVAL_VERSION`.
 """
 
 from __future__ import annotations
@@ -52,25 +52,25 @@ from stiff_models.transfer.pretrained_mlp import PRETRAINING
 from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import BenchmarkData, FloatArray
 
-KEPT = Path(__file__).parent / "models" / "golden_numbers.json"
+GOLDEN_FILE = Path(__file__).parent / "models" / "golden_numbers.json"
 COMMAND = "python tests/golden_numbers.py"
 PRETRAINING_KEY = "the pre-training"
 KEYS = (
     *(info.key for info in MODELS),
-    # of each family a member that rounding does not move: a tree's split flips
+    # one member of each family that rounding does not change: a tree's split flips
     *("sklearn:linear_model.SGDRegressor", "vjm+sklearn:linear_model.Ridge"),
     PRETRAINING_KEY,
 )
 
 CLOSED_FORM_M, NETWORK_M = 1e-9, 1e-6
-"""How far a predicted deflection may lie from the kept one."""
+"""Largest difference between a predicted deflection and the stored number."""
 NETWORKS = (EncodedNetworkModel, PytabkitModel, InContextModel)
 DEVIATION_M = 5e-4
-"""A standard deviation of these deflections: what losses and outputs of networks are taken times,
+"""Standard deviation of these deflections. Losses and outputs of networks are multiplied by it,
 so that the same tolerance holds."""
 SEARCH_STEPS = 5
-"""Of the search for many hyperparameters of a Gaussian process: from 40 rows they are not
-determined, and a search to its end stops elsewhere (2e-4 m) where sums are rounded otherwise."""
+"""Steps of the search for many hyperparameters of a Gaussian process. 40 rows do not determine
+them, and the end of a full search depends on rounding (2e-4 m)."""
 
 TRAIN, VALIDATION, TEST = np.arange(0, 120, 3), np.arange(1, 31, 3), np.arange(2, 146, 18)
 SEED = 20261122
@@ -87,16 +87,16 @@ SMALL: Options = {
     "trees": 20,
     "members": 2,
 }
-"""Of every model that has the option, where a variant does not say otherwise."""
+"""Options of every model that has them, unless a variant sets them."""
 OTHER_SOURCE = {"source": "specimen 1"}
-"""No option, but `use_source`."""
+"""Stands for a call of `use_source`; it is not an option."""
 LEARNS = {"training": "normal", "learning_rate": 0.03}
-"""A fine-tuning that moves so far that its details are seen."""
+"""Options of a fine-tuning that moves far enough to show its details."""
 ALIGNMENT_WEIGHTS = {
     **{name: 1.0 for name in ("none", "adabn", "mk-mmd", "dann")},
     "coral": 1000.0,
 }
-"""So strong that a distance is seen in the loss, and rounding in it does not rule the training."""
+"""Weights that make a distance visible in the loss, but keep its rounding from dominating."""
 PHYSICS = ({}, {"physics": "vjm-multisegment"}, {"physics": "vjm-full"})
 
 VARIANTS: dict[str, tuple[Options, ...]] = {
@@ -151,20 +151,27 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
     "gp": ({}, {"kernel": "rbf"}, {"ard": False}, {"restarts": 0, "search_rows": 20}),
     "vjm-gp": PHYSICS,
     "mf-gp": ({}, {"ard": False, "restarts": 1}, OTHER_SOURCE),
-    # without vjm-full, beside which rounding flips a tree's split
+    # without vjm-full: with it, rounding flips a tree's split
     "vjm-boosting": (*PHYSICS[:2], {"leaves": 3, "leaf_samples": 2, "learning_rate": 0.2}),
 }
-"""Key of a model -> the options of each fit; of every other model one fit, as it comes."""
+"""Key of a model -> the options of each fit; every other model has one fit by default options."""
 
 
-def made(key: str) -> dict[str, Any]:
-    """Return a model's golden numbers as they are now, with the plans of a network's recipes."""
+def current_numbers(key: str) -> dict[str, Any]:
+    """Return a model's current golden numbers, with a network's plan per recipe."""
     if key == PRETRAINING_KEY:
-        return {"version": PRETRAINING_VERSION, "library": "", "numbers": pretrained(), "plans": {}}
+        return {
+            "version": PRETRAINING_VERSION,
+            "library": "",
+            "numbers": pretraining_numbers(),
+            "plans": {},
+        }
     info = model_info(key)
     with few_steps():
         numbers = {
-            " ".join(f"{name}={value}" for name, value in options.items()): predicted(key, options)
+            " ".join(f"{name}={value}" for name, value in options.items()): fit_and_predict(
+                key, options
+            )
             for options in VARIANTS.get(key, ({},))
         }
     is_network = issubclass(info.load(), EncodedNetworkModel)
@@ -177,7 +184,7 @@ def made(key: str) -> dict[str, Any]:
 
 
 def library(key: str) -> str:
-    """Return name and version of the library that belongs to a model's identity; "" for none."""
+    """Return name and version of the library behind a model; "" for none."""
     name = "" if key == PRETRAINING_KEY else model_info(key).library
     return f"{name} {version(name)}" if name else ""
 
@@ -187,13 +194,13 @@ def other_source() -> BenchmarkData:
     return Kr10Twin(specimen=1).load()
 
 
-def fitted(key: str, options: Options) -> Any:
-    """Return a fitted model with options, small where it can be."""
+def fit_model(key: str, options: Options) -> Any:
+    """Return a fitted model, as small as its options allow."""
     info, data = model_info(key), twin_data()
-    known = info.load()().get_params()
-    small = {name: value for name, value in SMALL.items() if name in known}
-    own = {name: value for name, value in options.items() if name != "source"}
-    model = info.load()(**small | own)
+    defaults = info.load()().get_params()
+    small = {name: value for name, value in SMALL.items() if name in defaults}
+    variant_options = {name: value for name, value in options.items() if name != "source"}
+    model = info.load()(**small | variant_options)
     if "source" in options:
         model.use_source(other_source())
     validation = data.samples.take(VALIDATION) if info.uses_validation else None
@@ -201,21 +208,21 @@ def fitted(key: str, options: Options) -> Any:
     return model.fit(train, robot=data.robot, validation=validation, seed=SEED)
 
 
-def predicted(key: str, options: Options) -> list[float]:
+def fit_and_predict(key: str, options: Options) -> list[float]:
     """Return deflections of the test rows, bounds of own intervals, and last losses, m."""
-    model, test = fitted(key, options), twin_data().samples.take(TEST)
-    found = [model.predict(test.q, test.wrench)]
+    model, test = fit_model(key, options), twin_data().samples.take(TEST)
+    arrays = [model.predict(test.q, test.wrench)]
     if offers(model, "predict_interval"):
         interval = model.predict_interval(test.q, test.wrench, COVERAGE)
-        found += [interval.lower, interval.upper]
-    numbers = np.concatenate(found).ravel().tolist()
+        arrays += [interval.lower, interval.upper]
+    numbers = np.concatenate(arrays).ravel().tolist()
     for curve in getattr(model, "curves_", {}).values():
         numbers += losses(curve)
     return numbers
 
 
 def losses(curve: FloatArray) -> list[float]:
-    """Return the last training loss of a curve, and validation loss where there is one."""
+    """Return the last training loss of a curve, and the validation loss if any."""
     last = curve[-1:, 1:]  # none of no steps
     return (last[np.isfinite(last)] * DEVIATION_M).tolist()
 
@@ -227,22 +234,22 @@ def recipes(key: str) -> tuple[str, ...]:
 
 
 def plans(key: str, recipe: str) -> list[dict[str, Any]]:
-    """Return each phase that a fit trains under a recipe: its whole plan, and how the rate goes.
+    """Return the plan and learning rates of each phase that a fit trains under a recipe.
 
-    Nothing is trained. The schedule's factors are those at every twentieth of the steps.
+    Nothing is trained. The rates are taken at every twentieth of the steps.
     """
-    found: list[dict[str, Any]] = []
+    phases: list[dict[str, Any]] = []
 
-    def longest(samples: Any, lengths: Any, *_: Any) -> Any:
+    def longest_length(samples: Any, lengths: Any, *_: Any) -> Any:
         return lengths[-1]
 
-    def seen(run: Any, phase: str, visits: Any) -> Curve:
+    def record_plan(run: Any, phase: str, visits: Any) -> Curve:
         plan: TrainingPlan = run.plan
         steps = range(0, plan.steps, max(1, plan.steps // 20))
         rates = [round(plan.rate(step), 12) for step in steps]
-        one = {"phase": phase, **asdict(plan), "rates": rates}
-        if one not in found:
-            found.append(one)
+        phase_plan = {"phase": phase, **asdict(plan), "rates": rates}
+        if phase_plan not in phases:
+            phases.append(phase_plan)
         return Curve(np.empty((0, 3)), plan.steps, np.nan)
 
     defaults = model_info(key).load()().get_params()
@@ -251,19 +258,19 @@ def plans(key: str, recipe: str) -> list[dict[str, Any]]:
     options |= {"supervision": "fine-tune"} if key == "dt-cnn" else {}
     with (
         same_everywhere(),
-        mock.patch.object(training._Run, "steps", seen),
-        mock.patch.object(network_model, "chosen_epochs", longest),
+        mock.patch.object(training._Run, "steps", record_plan),
+        mock.patch.object(network_model, "chosen_epochs", longest_length),
     ):
-        fitted(key, options)
-    return found
+        fit_model(key, options)
+    return phases
 
 
-def pretrained() -> dict[str, list[float]]:
-    """Return what networks give after a few steps of each plan and with each alignment."""
+def pretraining_numbers() -> dict[str, list[float]]:
+    """Return networks' outputs and losses after a few steps of each plan and alignment."""
     angles = np.arange(64)[:, None] * np.arange(1, 9) * 0.7
     inputs = torch.as_tensor(np.sin(angles), dtype=torch.float32)
     rows = Rows(inputs[:48], torch.sin(3.0 * inputs[:48, :3]) + inputs[:48, 3:6])
-    found = {}
+    numbers = {}
     with same_everywhere(), torch.random.fork_rng():
         torch.manual_seed(SEED)  # of dropout
         for recipe in ("fast", "paper"):  # "best" differs by its steps
@@ -271,7 +278,7 @@ def pretrained() -> dict[str, list[float]]:
                 mlp = build_network(8, layers=4, width=16, activation=activation, seed=SEED)
                 short = replace(PRETRAINING[recipe], steps=15, batch=32)
                 curve = train_network(mlp, rows, short, seed=SEED, phase=recipe)
-                found[f"{recipe} {activation}"] = outputs(mlp, inputs) + losses(curve.points)
+                numbers[f"{recipe} {activation}"] = outputs(mlp, inputs) + losses(curve.points)
         for alignment, weight in ALIGNMENT_WEIGHTS.items():
             cnn = without_noise(8, pool="none", dropout=0.0, per_sample=False, seed=SEED)
             objective, moving = None, [*cnn.parameters()]
@@ -289,24 +296,24 @@ def pretrained() -> dict[str, list[float]]:
                 trainable=moving,
                 objective=objective,
             )
-            found[f"cnn {alignment}"] = outputs(cnn, inputs) + losses(curve.points)
-    return found
+            numbers[f"cnn {alignment}"] = outputs(cnn, inputs) + losses(curve.points)
+    return numbers
 
 
 def without_noise(*sizes: int, **options: Any) -> Cnn:
-    """Return `build_cnn`'s network, whose convolutions' biases stay while batches are normalised.
+    """Return `build_cnn`'s network with constant convolution biases while batches are normalised.
 
-    A bias before a batch normalisation has no gradient but rounding, which Adam scales up to whole
-    steps: another processor's predictions would lie 5e-7 m to 5e-6 m off.
+    The gradient of a bias before a batch normalisation is only rounding, which Adam scales up to
+    full steps. Another processor's predictions would differ by 5e-7 m to 5e-6 m.
     """
     network = build_cnn(*sizes, **options)
 
-    def still(gradient: torch.Tensor) -> torch.Tensor:
+    def zero_gradient(gradient: torch.Tensor) -> torch.Tensor:
         return gradient if network.statistics_frozen else torch.zeros_like(gradient)
 
     for module in network.body:
         if isinstance(module, torch.nn.Conv1d) and module.bias is not None:
-            module.bias.register_hook(still)
+            module.bias.register_hook(zero_gradient)
     return network
 
 
@@ -317,7 +324,7 @@ def outputs(network: torch.nn.Module, inputs: torch.Tensor) -> list[float]:
 
 @contextlib.contextmanager
 def same_everywhere() -> Iterator[None]:
-    """One thread, float32 whatever the processor can, no training from the cache, no warnings."""
+    """Use one thread and float32 everywhere, ignore the cache of trainings, hide warnings."""
     threads = torch.get_num_threads()
     with (
         threadpool_limits(1),
@@ -335,11 +342,11 @@ def same_everywhere() -> Iterator[None]:
 
 @contextlib.contextmanager
 def few_steps() -> Iterator[None]:
-    """As `same_everywhere`, and short where no option makes it so."""
+    """Add short trainings to `same_everywhere`, if no option shortens them."""
 
-    def search(loss: Any, start: Any, **known: Any) -> Any:
-        known["options"] = {"maxiter": SEARCH_STEPS} if len(start) > 3 else {}
-        return minimize(loss, start, **known)
+    def search(loss: Any, start: Any, **options: Any) -> Any:
+        options["options"] = {"maxiter": SEARCH_STEPS} if len(start) > 3 else {}
+        return minimize(loss, start, **options)
 
     with (
         same_everywhere(),
@@ -352,65 +359,71 @@ def few_steps() -> Iterator[None]:
         yield
 
 
-def changed(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return what to do, and a line for each variant and recipe that both have and that differ."""
+def describe_changes(key: str, stored: Mapping[str, Any], current: Mapping[str, Any]) -> list[str]:
+    """Return advice and a line per differing variant and recipe, or nothing."""
     is_network = key == PRETRAINING_KEY or issubclass(model_info(key).load(), NETWORKS)
     tolerance = NETWORK_M if is_network else CLOSED_FORM_M
     lines = []
-    for variant in kept["numbers"].keys() & now["numbers"].keys():
-        before, after = (np.array(of["numbers"][variant]) for of in (kept, now))
+    for variant in stored["numbers"].keys() & current["numbers"].keys():
+        before, after = (np.array(numbers["numbers"][variant]) for numbers in (stored, current))
         if before.shape != after.shape or not np.allclose(after, before, rtol=0.0, atol=tolerance):
             lines.append(f"{variant or 'as it comes'}: {before} became {after}")
-    for recipe in kept["plans"].keys() & now["plans"].keys():
-        before, after = kept["plans"][recipe], now["plans"][recipe]
+    for recipe in stored["plans"].keys() & current["plans"].keys():
+        before, after = stored["plans"][recipe], current["plans"][recipe]
         if before != after:
             lines.append(f"plans of recipe {recipe or '(none)'}: {before} became {after}")
-    what = "PRETRAINING_VERSION" if key == PRETRAINING_KEY else "its version"
-    return [f"numbers of {key} changed: raise {what}", *sorted(lines)] if lines else []
+    version_name = "PRETRAINING_VERSION" if key == PRETRAINING_KEY else "its version"
+    return [f"numbers of {key} changed: raise {version_name}", *sorted(lines)] if lines else []
 
 
-def finding(key: str, kept: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """Return what is wrong with a model's kept numbers, and what to do; "" for nothing.
+def describe_problem(key: str, stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
+    """Return what is wrong with a model's stored numbers and how to fix it; "" for nothing.
 
-    `kept` has what `made` returned once of each model, `now` is what it returns of this one.
+    `stored` has the `current_numbers` of each model at that time, `current` this model's now.
     """
-    known = kept.get(key)
-    if known is None or known["version"] != now["version"]:
-        of = "" if known is None else f" of version {now['version']}"
-        return f"no golden numbers{of} of {key}: make them by `{COMMAND}`"
-    if lines := changed(key, known, now):
+    stored_entry = stored.get(key)
+    if stored_entry is None or stored_entry["version"] != current["version"]:
+        suffix = "" if stored_entry is None else f" of version {current['version']}"
+        return f"no golden numbers{suffix} of {key}: make them by `{COMMAND}`"
+    if lines := describe_changes(key, stored_entry, current):
         return "\n".join(lines)
     for part in ("numbers", "plans"):
-        if different := known[part].keys() ^ now[part].keys():
+        if different := stored_entry[part].keys() ^ current[part].keys():
             return f"{key}, {part}: {sorted(different)} not in both: make them by `{COMMAND}`"
     return ""
 
 
-def main(path: Path = KEPT, keys: Iterable[str] = KEYS) -> str:
-    """Make the file anew and return ""; or return why not, and leave it.
+def main(path: Path = GOLDEN_FILE, keys: Iterable[str] = KEYS) -> str:
+    """Rewrite the file and return "", or return why it stays unchanged.
 
-    Numbers that did not change stay to the digit, and those of a model that is not usable here.
+    Numbers that did not change stay to the digit. So do the numbers of models not usable here.
     """
-    kept = json.loads(path.read_text()) if path.is_file() else {}
-    fresh, refused = {}, []
+    stored = json.loads(path.read_text()) if path.is_file() else {}
+    entries, messages = {}, []
     for key in KEYS:
-        known = kept.get(key)
+        stored_entry = stored.get(key)
         if key not in keys or (key != PRETRAINING_KEY and model_info(key).missing()):
-            fresh |= {} if known is None else {key: known}
+            entries |= {} if stored_entry is None else {key: stored_entry}
             continue
-        now = fresh[key] = made(key)
-        if known is None or any(known[of] != now[of] for of in ("version", "library")):
+        current = entries[key] = current_numbers(key)
+        if stored_entry is None or any(
+            stored_entry[part] != current[part] for part in ("version", "library")
+        ):
             continue
-        if lines := changed(key, known, now):
-            refused.append("\n  ".join(lines))
-        now["numbers"] |= {n: known["numbers"][n] for n in known["numbers"] if n in now["numbers"]}
-    if not refused:
-        path.write_text(text_of(fresh) + "\n")
-    return "\n".join(refused)
+        if lines := describe_changes(key, stored_entry, current):
+            messages.append("\n  ".join(lines))
+        current["numbers"] |= {
+            n: stored_entry["numbers"][n]
+            for n in stored_entry["numbers"]
+            if n in current["numbers"]
+        }
+    if not messages:
+        path.write_text(text_of(entries) + "\n")
+    return "\n".join(messages)
 
 
 def text_of(content: Any) -> str:
-    """Return JSON with a line for each list, so that a difference can be read."""
+    """Return JSON with a line per list, so that differences are easy to read."""
     if not content or not isinstance(content, dict):
         return json.dumps(content)
     lines = [f"{json.dumps(name)}: {text_of(entry)}" for name, entry in content.items()]

@@ -1,4 +1,4 @@
-"""What is committed in results/ is what the commands beside it make of the committed cells."""
+"""Check that committed tables and pages in results/ follow from the committed cells."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ def stored():
 def test_a_committed_table_is_that_of_the_committed_cells(number, stored):
     parts = TABLES[number](stored)
     assert all(len(part.notes) <= 4 for part in parts)
-    made = pd.read_csv(io.StringIO(render(parts, "csv", "bench table")))
-    committed = pd.read_csv(RESULTS / "paper" / "tables" / f"table_{number}.csv")
-    pd.testing.assert_frame_equal(made, committed, rtol=1e-9, atol=0.0)
-    assert len(committed)
+    computed_table = pd.read_csv(io.StringIO(render(parts, "csv", "bench table")))
+    committed_table = pd.read_csv(RESULTS / "paper" / "tables" / f"table_{number}.csv")
+    pd.testing.assert_frame_equal(computed_table, committed_table, rtol=1e-9, atol=0.0)
+    assert len(committed_table)
 
 
 @pytest.mark.slow
 def test_the_committed_leaderboard_is_of_cells_that_are_planned_today():
-    """An outdated model, data set or protocol would have cells that nobody asks for."""
+    """Outdated models, data sets or protocols would leave cells that no plan has."""
     folder = RESULTS / "leaderboard" / "runs"
     plans = find_study("leaderboard").plans(build_registry(), output=folder, command="")
-    stored = stored_statuses(folder)
-    planned = {task.cell.key: task.cell for task in cell_tasks(*plans)}
-    assert stored.keys() <= planned.keys()
-    missing = [cell.model for key, cell in planned.items() if key not in stored]
-    assert not {"vjm", "vjm-full", "vjm-multisegment", "gp-springs"}.intersection(missing)
+    stored_keys = stored_statuses(folder)
+    planned_cells = {task.cell.key: task.cell for task in cell_tasks(*plans)}
+    assert stored_keys.keys() <= planned_cells.keys()
+    missing_models = [cell.model for key, cell in planned_cells.items() if key not in stored_keys]
+    assert not {"vjm", "vjm-full", "vjm-multisegment", "gp-springs"}.intersection(missing_models)
 
 
 def test_every_picture_of_the_committed_pages_is_there():

@@ -1,4 +1,4 @@
-"""Every model that stiffbench ships keeps the contract, on 43 real measurements."""
+"""Check that every shipped model keeps the contract on 43 real measurements."""
 
 from __future__ import annotations
 
@@ -32,13 +32,15 @@ def test_a_shipped_model_keeps_the_contract(key, fanuc, monkeypatch):
     checks = check_model(
         lambda: cls(**info.quick), fanuc, uses_validation=info.uses_validation, load=load
     )
-    failed = [str(check) for check in checks if check.status == "failed"]
-    assert not failed, "\n".join(failed)
-    by_name = {check.name: check for check in checks}
-    learned = by_name["a fit learns from its own rows"]
-    assert (learned.status == "passed") == (key != "zero"), learned
-    saved = by_name["save and load give the same numbers"]
+    failures = [str(check) for check in checks if check.status == "failed"]
+    assert not failures, "\n".join(failures)
+    checks_by_name = {check.name: check for check in checks}
+    learning_check = checks_by_name["a fit learns from its own rows"]
+    assert (learning_check.status == "passed") == (key != "zero"), learning_check
+    saving_check = checks_by_name["save and load give the same numbers"]
     if key in NOT_SAVABLE:
-        assert saved.status == "not applicable"
-        pytest.skip(saved.reason)
-    assert saved.status == "passed", saved.reason  # every other shipped model can be deployed
+        assert saving_check.status == "not applicable"
+        pytest.skip(saving_check.reason)
+    assert saving_check.status == "passed", (
+        saving_check.reason
+    )  # every other shipped model can be deployed

@@ -1,4 +1,4 @@
-"""The files that a public project has beside its code agree with it, and with each other."""
+"""Check that the project's files agree with its code and with each other."""
 
 from __future__ import annotations
 
@@ -33,22 +33,26 @@ def test_the_citation_names_this_version_its_licence_and_the_source_paper():
 def test_the_workflow_runs_what_a_developer_runs_on_every_supported_python():
     (job,) = read(".github/workflows/ci.yml")["jobs"].values()
     assert "bash .ci/run" in [step.get("run") for step in job["steps"]]
-    named = {line.rpartition(" ")[2] for line in PROJECT["classifiers"] if ":: 3." in line}
-    assert set(job["strategy"]["matrix"]["python"]) == named
+    versions = {line.rpartition(" ")[2] for line in PROJECT["classifiers"] if ":: 3." in line}
+    assert set(job["strategy"]["matrix"]["python"]) == versions
 
 
 def test_the_engines_rooms_are_described_in_the_order_of_their_imports():
     page = (TOP / "bench" / "README.md").read_text("utf-8")
     lines = [line for line in page.splitlines() if line.startswith("| `")]
-    described = [re.findall(r"`(\w+)/`", line.split("|")[1]) for line in lines]
+    described_packages = [re.findall(r"`(\w+)/`", line.split("|")[1]) for line in lines]
     contracts = SETTINGS["tool"]["importlinter"]["contracts"]
-    (layers,) = (one["layers"] for one in contracts if one.get("containers") == ["stiff_bench"])
+    (layers,) = (
+        contract["layers"]
+        for contract in contracts
+        if contract.get("containers") == ["stiff_bench"]
+    )
     packages = [sorted(layer.split(" | ")) for layer in layers if layer != "console"]
-    assert [sorted(names) for names in described] == packages
+    assert [sorted(names) for names in described_packages] == packages
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "bench/README.md", "docs/performance.md"])
 def test_every_python_file_that_a_page_names_is_there(page):
-    named = set(re.findall(r"`(?:[\w/]*/)?(\w+\.py)`", (TOP / page).read_text("utf-8")))
-    there = {path.name for path in TOP.glob("*/**/*.py")}
-    assert named - there == set() != named
+    named_files = set(re.findall(r"`(?:[\w/]*/)?(\w+\.py)`", (TOP / page).read_text("utf-8")))
+    existing_files = {path.name for path in TOP.glob("*/**/*.py")}
+    assert named_files - existing_files == set() != named_files

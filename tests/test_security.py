@@ -1,4 +1,4 @@
-"""Loading results, data, robots and models runs nothing of theirs, whoever made them."""
+"""Check that loading results, data, robots and models runs no code from them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SECRET = "the content of a private file"
 
 
 class Bomb:
-    """Writes a file as soon as a pickle of it is read."""
+    """Write a file when a pickle of this object is read."""
 
     def __init__(self, mark: Path) -> None:
         self.mark = mark
@@ -37,7 +37,7 @@ class Bomb:
 
 @pytest.fixture()
 def mark(tmp_path):
-    """A file that must not come to be."""
+    """Return a file that no test may create."""
     path = tmp_path / "somebody's code was run"
     yield path
     assert not path.exists()
@@ -60,10 +60,10 @@ def torch_zip(content: bytes) -> bytes:
     return archived({"archive/data.pkl": content, "archive/version": b"3\n"})
 
 
-@pytest.mark.parametrize("wrapped", [bytes, torch_zip], ids=["pickle", "torch's zip"])
-def test_a_model_file_that_is_a_pickle_is_refused_unread(wrapped, bomb, tmp_path):
+@pytest.mark.parametrize("wrap", [bytes, torch_zip], ids=["pickle", "torch's zip"])
+def test_a_model_file_that_is_a_pickle_is_refused_unread(wrap, bomb, tmp_path):
     path = tmp_path / "model.stiff"
-    path.write_bytes(wrapped(bomb))
+    path.write_bytes(wrap(bomb))
     with pytest.raises(DataError, match="not a model file"):
         load(path)
 
@@ -81,7 +81,7 @@ def test_a_pickle_within_a_model_file_is_refused_unread(bomb, tmp_path, mark):
 
 
 def stored_with(**arrays) -> bytes:
-    """What a results folder stores of a data set, with other arrays."""
+    """Return the stored content of a data set with some arrays replaced."""
     file = io.BytesIO()
     with np.load(io.BytesIO(data_content(made_data()))) as stored:
         np.savez(file, **(dict(stored) | arrays), allow_pickle=True)
@@ -121,10 +121,10 @@ def secret(tmp_path):
 
 @pytest.mark.parametrize("kind", DOCTYPES)
 def test_a_urdf_reads_no_other_file_and_does_not_grow(kind, tmp_path, secret):
-    _, _, rest = URDF.read_text().partition("<robot ")
+    _, _, robot_text = URDF.read_text().partition("<robot ")
     path, doctype = tmp_path / "robot.urdf", DOCTYPES[kind].replace("{secret}", str(secret))
     for name, note in (("&x;", ""), ("r", "<note>&x;</note>")):
-        path.write_text(f'{doctype}<robot name="{name}">{note}{rest.partition(">")[2]}')
+        path.write_text(f'{doctype}<robot name="{name}">{note}{robot_text.partition(">")[2]}')
         try:
             robot = read_robot(path)
         except DataError as refused:
@@ -138,19 +138,19 @@ def test_a_urdf_reads_no_other_file_and_does_not_grow(kind, tmp_path, secret):
 
 @pytest.fixture()
 def folder(tmp_path):
-    """A small folder of results."""
-    made = MadeResults(tmp_path / "results")
-    made.add_run("run-1", made.add("vjm", [0.1, 0.2]))
-    return made.folder
+    """Return a small folder of results."""
+    made_results = MadeResults(tmp_path / "results")
+    made_results.add_run("run-1", made_results.add("vjm", [0.1, 0.2]))
+    return made_results.folder
 
 
 def test_a_results_file_that_links_elsewhere_is_none_and_is_not_quoted(folder, secret):
     (folder / FILE).unlink()
     (folder / FILE).symlink_to(secret)
     for read in (read_results, read_manifests):
-        with pytest.raises(StoreError, match="corrupt") as refused:
+        with pytest.raises(StoreError, match="corrupt") as caught_error:
             read(folder)
-        assert SECRET not in str(refused.value)
+        assert SECRET not in str(caught_error.value)
 
 
 # The cache, which holds pickles

@@ -1,4 +1,4 @@
-"""The built wheel: everything inside, and it works where no checkout is near."""
+"""Check that the built wheel is complete and works without a checkout."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def wheel(tmp_path_factory) -> Path:
 
 def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(wheel):
     with zipfile.ZipFile(wheel) as archive:
-        listed = archive.namelist()
-    names = {name for name in listed if ".dist-info/" not in name}
-    assert any(name.endswith(".dist-info/licenses/LICENSE") for name in listed)
+        entries = archive.namelist()
+    names = {name for name in entries if ".dist-info/" not in name}
+    assert any(name.endswith(".dist-info/licenses/LICENSE") for name in entries)
     sources = {
         f"{package.name if package.parent.name != 'results' else f'stiff_{package.name}'}/"
         f"{file.relative_to(package).as_posix()}"
@@ -48,33 +48,35 @@ def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(wheel):
         if file.is_file() and "__pycache__" not in file.parts and "tests" not in package.parts
     }
     assert names == sources
-    needed = {"stiff_published/tables.toml", "stiff_studies/paper.toml"}
-    needed |= {"stiff_bench/model_tools/templates/model.py.txt"}
-    assert names >= needed | {f"stiff_{name}/py.typed" for name in ("bench", "models")}
+    some_files = {"stiff_published/tables.toml", "stiff_studies/paper.toml"}
+    some_files |= {"stiff_bench/model_tools/templates/model.py.txt"}
+    assert names >= some_files | {f"stiff_{name}/py.typed" for name in ("bench", "models")}
 
 
-def needed(wheel: Path) -> dict[str, Distribution]:
-    """The distributions that a wheel requires, and those that they require, by name."""
+def required_distributions(wheel: Path) -> dict[str, Distribution]:
+    """Return all distributions that a wheel requires, by name, with their requirements."""
     (metadata,) = (path for path in zipfile.Path(wheel).iterdir() if path.name.endswith("-info"))
     lines = Parser().parsestr((metadata / "METADATA").read_text()).get_all("Requires-Dist")
-    found: dict[str, Distribution] = {}
+    distributions: dict[str, Distribution] = {}
     while lines:
-        asked = Requirement(lines.pop())
-        if asked.name not in found and (not asked.marker or asked.marker.evaluate({"extra": ""})):
-            found[asked.name] = distribution(asked.name)
-            lines += found[asked.name].requires or []
-    return found
+        requirement = Requirement(lines.pop())
+        if requirement.name not in distributions and (
+            not requirement.marker or requirement.marker.evaluate({"extra": ""})
+        ):
+            distributions[requirement.name] = distribution(requirement.name)
+            lines += distributions[requirement.name].requires or []
+    return distributions
 
 
 def test_bench_works_from_the_wheel_and_what_it_requires_in_an_empty_folder(wheel, tmp_path):
-    """The required packages are those of this environment: to download them takes minutes."""
+    """Use this environment's packages, because downloading them takes minutes."""
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "venv"], check=True)
     python = tmp_path / "venv" / "bin" / "python"
     (site,) = (tmp_path / "venv").glob("lib/*/site-packages")
-    for one in needed(wheel).values():
-        for top in {file.parts[0] for file in one.files or []} - {"..", "__pycache__"}:
+    for package in required_distributions(wheel).values():
+        for top in {file.parts[0] for file in package.files or []} - {"..", "__pycache__"}:
             if not (site / top).exists():
-                (site / top).symlink_to(one.locate_file(top))
+                (site / top).symlink_to(package.locate_file(top))
     pip = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-deps"]
     subprocess.run([*pip, wheel], check=True)
     empty = tmp_path / "empty"
@@ -85,8 +87,8 @@ def test_bench_works_from_the_wheel_and_what_it_requires_in_an_empty_folder(whee
         program = python.with_name("bench")
         return subprocess.run([program, *words], cwd=empty, env=env, capture_output=True, text=True)
 
-    done = bench("run", "--model", "vjm", "--dataset", "fanuc-r2000ic", "--splits", "1")
-    assert done.returncode == 0, done.stderr
-    assert "| vjm " in done.stdout
+    process = bench("run", "--model", "vjm", "--dataset", "fanuc-r2000ic", "--splits", "1")
+    assert process.returncode == 0, process.stderr
+    assert "| vjm " in process.stdout
     assert "paper-quick" in bench("reproduce", "no-such-study").stderr
     assert [item.name for item in empty.iterdir()] == ["results"]

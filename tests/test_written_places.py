@@ -1,6 +1,6 @@
-"""Files are written under --output, in the cache and in stiffbench's own home, and nowhere else.
+"""Check that files are written only to --output, the cache and stiffbench's home.
 
-And Python files that lie in the working directory are not run.
+Python files in the working directory are not run.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ lite = ["kr10-twin", "ur5-twin"]
 
 
 class Place:
-    """A user's whole world: home, working directory, temporary files, cache, output.
+    """Make a user's folders: home, working directory, temporary files, cache, output.
 
-    The working directory is full of Python files, which leave the file `ran` when they run.
+    The working directory has many Python files, which write the file `ran` if they run.
     """
 
     def __init__(self, top: Path) -> None:
@@ -70,7 +70,7 @@ class Place:
         return bench(*shlex.split(words), cwd=self.top / "work", env=self.environment)
 
     def files(self) -> set[str]:
-        """All that is there, but for cache and output."""
+        """Return all paths except in cache and output."""
         paths = {path.relative_to(self.top) for path in self.top.rglob("*")}
         return {path.as_posix() for path in paths if path.parts[0] not in ("cache", "out")}
 
@@ -82,7 +82,7 @@ def place(tmp_path):
 
 LEADERBOARD = "leaderboard --results ../results"
 SIDE_BY_SIDE = "run --model knn --model mlp@epochs=2 --splits 1 --output ../out --jobs 2"
-"""Its processes start others: as a user starts it, these find no file of the working directory."""
+"""A command whose processes start others; these must not run files of the working directory."""
 COMMANDS = """
 run --model vjm --model mlp-pretrained@pretrain_steps=3 --splits 1 --output ../out
 list models
@@ -124,7 +124,7 @@ for words in filter(None, sys.stdin.read().splitlines()):
         if left.code:
             sys.exit(f"{words}: status {left.code}")
 """
-"""A program of commands: a start of each takes two seconds."""
+"""A program that runs commands in one process; a start per command takes two seconds."""
 
 
 def test_every_command_is_among_them():
@@ -135,24 +135,24 @@ def test_every_command_is_among_them():
 
 @pytest.mark.slow
 def test_a_python_file_runs_where_it_is_named(place):
-    """The next tests' own test: the files do leave their mark."""
+    """Check that the files of the other tests write `ran` if they run."""
     place.bench("list models --plugin my_model.py")
     assert (place.top / "ran").read_text().endswith("my_model.py")
 
 
 @pytest.mark.parametrize("words", [LEADERBOARD, pytest.param(SIDE_BY_SIDE, marks=pytest.mark.slow)])
 def test_a_command_writes_nothing_elsewhere_and_runs_nothing_that_lies_about(words, place):
-    before, shared = place.files(), set(os.listdir("/dev/shm"))
-    done = place.bench(words)
-    assert done.returncode == 0, done.stderr
-    assert place.files() == before
-    assert not [name for name in {*os.listdir("/dev/shm")} - shared if "stiff" in name]
+    files_before, shared_memory = place.files(), set(os.listdir("/dev/shm"))
+    process = place.bench(words)
+    assert process.returncode == 0, process.stderr
+    assert place.files() == files_before
+    assert not [name for name in {*os.listdir("/dev/shm")} - shared_memory if "stiff" in name]
 
 
 @pytest.mark.slow
 def test_no_command_writes_elsewhere_or_runs_what_lies_about(place):
-    before = place.files()
-    done = subprocess.run(
+    files_before = place.files()
+    process = subprocess.run(
         [sys.executable, "-P", "-c", ONE_AFTER_ANOTHER],
         input=COMMANDS,
         cwd=place.top / "work",
@@ -162,8 +162,8 @@ def test_no_command_writes_elsewhere_or_runs_what_lies_about(place):
         timeout=600,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    assert place.files() == before
+    assert process.returncode == 0, process.stderr
+    assert place.files() == files_before
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Inputs that damage by chance does not find: bombs, deep nests, endless names, loops."""
+"""Hold inputs that random damage rarely makes: bombs, deep nests, endless names, loops."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ LONG = 500_000
 
 
 def tables(valid: bytes) -> tuple[bytes, ...]:
-    """CSV: no bytes, long names, NULs, unclosed quotes."""
-    header, first, *rest = valid.split(b"\n")
-    pose, *cells = first.split(b",")
+    """Return CSV inputs: no bytes, long names, NULs, unclosed quotes."""
+    header, first_row, *other_lines = valid.split(b"\n")
+    pose, *cells = first_row.split(b",")
     return (
         *(b"", b"\n" * LONG, b"," * LONG, b"\x00" * LONG, b'"' * LONG),
-        b"\n".join([header, b",".join([pose * 20_000, *cells]), *rest * 1000]),
+        b"\n".join([header, b",".join([pose * 20_000, *cells]), *other_lines * 1000]),
         header + b'\n"' + b"a" * LONG,
-        header + b"\n" + first.replace(b".", b"." + b"0" * LONG, 1),
+        header + b"\n" + first_row.replace(b".", b"." + b"0" * LONG, 1),
     )
 
 
 def cards() -> tuple[bytes, ...]:
-    """Data cards: long rows of the signs that Markdown and the facts begin with."""
+    """Return data cards with long rows of the signs that start Markdown and facts."""
     row = b"| | |\n|---|---|\n| What | %s |\n\n| column | meaning |\n|---|---|\n| %s | x |\n"
     signs = (b"[", b"![", b"[a](", b"`", b"`a", b"|", b"\\|", b"*", b"https://", b"`1` .. ", b"-")
     return (
@@ -37,7 +37,7 @@ def cards() -> tuple[bytes, ...]:
 
 
 def tomls(valid: bytes) -> tuple[bytes, ...]:
-    """TOML: deep nests, long numbers, long dotted keys."""
+    """Return TOML inputs: deep nests, long numbers, long dotted keys."""
     return (
         b"",
         b"a = " + b"[" * 5000 + b"]" * 5000,
@@ -52,14 +52,14 @@ def tomls(valid: bytes) -> tuple[bytes, ...]:
 
 
 def twins(valid: bytes) -> tuple[bytes, ...]:
-    """Twins: a robot's file without end, without a name, or one that is a folder."""
-    before, found, rest = valid.partition(b'urdf = "')
+    """Return twins whose robot file is endless, has no name, or is a folder."""
+    head, key, tail = valid.partition(b'urdf = "')
     names = (b"/dev/zero", b"", b"..", b"\\u0000", b"twin.toml", b"x" * 5000)
-    return tuple(before + found + name + rest[rest.index(b'"') :] for name in names)
+    return tuple(head + key + name + tail[tail.index(b'"') :] for name in names)
 
 
 def urdfs(valid: bytes) -> tuple[bytes, ...]:
-    """URDF: deep nests, loops of joints, chains without end, numbers that are none."""
+    """Return URDF inputs: deep nests, loops of joints, endless chains, invalid numbers."""
     rotated = valid.replace(b'<axis xyz="', b'<axis xyz="%s" was="')
     return (
         b"",
@@ -87,7 +87,7 @@ def _robot(joints: list[tuple[str, str]]) -> bytes:
 
 
 def results(valid: bytes) -> tuple[bytes, ...]:
-    """Results files: empty, cut, no database."""
+    """Return results files: empty, cut, not a database."""
     return (b"", valid[: len(valid) // 2], b"SQLite format 3\x00", b"x" * 4096)
 
 
@@ -98,19 +98,19 @@ def npy_header(shape: tuple[int, ...], dtype: str) -> bytes:
 
 
 def models(valid: list[bytes]) -> tuple[bytes, ...]:
-    """Model files: options that promise too much, deep structures, archives that are bombs."""
-    found = [b"", b"PK\x05\x06" + bytes(18)]
+    """Return model files: too large options, deep structures, archive bombs."""
+    inputs = [b"", b"PK\x05\x06" + bytes(18)]
     for data in valid:
         content = skops.io.loads(data, trusted=list(TRUSTED))
         params = content["model"]["params"]
         for name, value in params.items():
             if type(value) is int:
                 model = {**content["model"], "params": {**params, name: 4096}}
-                found.append(skops.io.dumps({**content, "model": model}))
-    parts = members(valid[0])  # the archive is checked alike for every model
+                inputs.append(skops.io.dumps({**content, "model": model}))
+    parts = members(valid[0])  # every model's archive is checked in the same way
     arrays = [name for name in parts if name.endswith(".npy")][:1]
     bombs = [(name, npy_header((2**27,), "|u1") + bytes(2**27)) for name in arrays]
     for name, bomb in (*bombs, ("schema.json", b"[" * 2**27)):
-        found.append(archived(parts | {name: bomb}, zipfile.ZIP_DEFLATED))
-    found += [archived(parts | {name: npy_header((2**40,), "<f8")}) for name in arrays]
-    return tuple(found)
+        inputs.append(archived(parts | {name: bomb}, zipfile.ZIP_DEFLATED))
+    inputs += [archived(parts | {name: npy_header((2**40,), "<f8")}) for name in arrays]
+    return tuple(inputs)

@@ -1,4 +1,4 @@
-"""Damages valid input, as bytes, as text, as cells and as a tree of JSON; a seed says how."""
+"""Damage valid input by a seed: as bytes, text, cells or a tree of JSON."""
 
 from __future__ import annotations
 
@@ -29,81 +29,83 @@ ENCODINGS = ("utf-16", "utf-32", "utf-8-sig", "utf-16-le", "utf-7", "cp037")
 _TOKEN = re.compile(r"[\w.+-]+")
 
 
-def bytes_damaged(data: bytes, rng: Random) -> bytes:
+def damage_bytes(data: bytes, rng: Random) -> bytes:
     """Flip, cut, double, insert or overwrite some bytes, one to three times."""
-    found = bytearray(data)
+    content = bytearray(data)
     for _ in range(rng.randint(1, 3)):
-        start = rng.randrange(len(found) + 1)
-        end = min(len(found), start + int(rng.expovariate(1 / 20)))
+        start = rng.randrange(len(content) + 1)
+        end = min(len(content), start + int(rng.expovariate(1 / 20)))
         match rng.randrange(6):
-            case 0 if start < len(found):
-                found[start] ^= 1 << rng.randrange(8)
+            case 0 if start < len(content):
+                content[start] ^= 1 << rng.randrange(8)
             case 1:
-                del found[start:end]
+                del content[start:end]
             case 2:
-                found[start:start] = found[start:end] * rng.choice((1, 2, 50))
+                content[start:start] = content[start:end] * rng.choice((1, 2, 50))
             case 3:
-                found[start:start] = rng.choice(NONSENSE).encode()
+                content[start:start] = rng.choice(NONSENSE).encode()
             case 4:
-                found[start:end] = rng.randbytes(end - start)
+                content[start:end] = rng.randbytes(end - start)
             case _ if rng.random() < 0.3:
-                del found[start:]
-    return bytes(found)
+                del content[start:]
+    return bytes(content)
 
 
-def tokens_replaced(text: str, rng: Random) -> str:
-    """Put nonsense, or another token of the text, in the place of one to four tokens."""
+def replace_tokens(text: str, rng: Random) -> str:
+    """Replace one to four tokens by nonsense or by another token."""
     tokens = list(_TOKEN.finditer(text))
-    some = rng.sample(tokens, min(len(tokens), rng.randint(1, 4)))
-    for token in sorted(some, key=re.Match.start, reverse=True):
-        other = rng.choice(tokens).group() if rng.random() < 0.3 else rng.choice(NONSENSE)
-        text = text[: token.start()] + other + text[token.end() :]
+    chosen_tokens = rng.sample(tokens, min(len(tokens), rng.randint(1, 4)))
+    for token in sorted(chosen_tokens, key=re.Match.start, reverse=True):
+        replacement = rng.choice(tokens).group() if rng.random() < 0.3 else rng.choice(NONSENSE)
+        text = text[: token.start()] + replacement + text[token.end() :]
     return text
 
 
-def lines_damaged(text: str, rng: Random) -> str:
-    """Remove, repeat, move or empty a line, or end all lines otherwise."""
+def damage_lines(text: str, rng: Random) -> str:
+    """Remove, repeat, move or empty a line, or change all line ends."""
     lines = text.split("\n")
-    at = rng.randrange(len(lines))
+    index = rng.randrange(len(lines))
     match rng.randrange(4):
         case 0:
-            lines[at : at + 1] = [lines[at]] * rng.choice((0, 2, 100))
+            lines[index : index + 1] = [lines[index]] * rng.choice((0, 2, 100))
         case 1:
             rng.shuffle(lines)
         case 2:
-            lines[at] = rng.choice(("", lines[at] + rng.choice(WORDS)))
+            lines[index] = rng.choice(("", lines[index] + rng.choice(WORDS)))
         case _:
             return rng.choice(("\r", "\r\n", "\n\n", "\x0b")).join(lines)
     return "\n".join(lines)
 
 
-def text_damaged(data: bytes, rng: Random) -> bytes:
+def damage_text(data: bytes, rng: Random) -> bytes:
     """Damage UTF-8 text in tokens, lines, bytes or its encoding."""
     text = data.decode()
     damages = (
-        *(lambda: bytes_damaged(data, rng), lambda: text.encode(rng.choice(ENCODINGS))),
-        lambda: tokens_replaced(lines_damaged(text, rng), rng).encode(),
-        lambda: tokens_replaced(text, rng).encode(),
+        *(lambda: damage_bytes(data, rng), lambda: text.encode(rng.choice(ENCODINGS))),
+        lambda: replace_tokens(damage_lines(text, rng), rng).encode(),
+        lambda: replace_tokens(text, rng).encode(),
     )
     (damage,) = rng.choices(damages, (2, 1, 3, 4))
     return damage()
 
 
-def tree_damaged(tree: Any, rng: Random) -> Any:
-    """Return a tree of JSON with one to three nodes replaced, removed, doubled or wrapped."""
+def damage_tree(tree: Any, rng: Random) -> Any:
+    """Replace, remove, double or wrap one to three nodes of a JSON tree."""
     tree = copy.deepcopy(tree)
     for _ in range(rng.randint(1, 3)):
         places = list(_places(tree))
         if not places:
             return copy.deepcopy(rng.choice(JSON_NONSENSE))
         parent, key = rng.choice(places)
-        other, its_key = rng.choice(places)
-        node, some = parent[key], rng.choice(JSON_NONSENSE)
+        other_parent, other_key = rng.choice(places)
+        node, nonsense = parent[key], rng.choice(JSON_NONSENSE)
         if rng.random() < 0.2:
             del parent[key]
         else:
             parent[key] = copy.deepcopy(
-                rng.choice((some, other[its_key], [node], [node] * 100, {"type": node}))
+                rng.choice(
+                    (nonsense, other_parent[other_key], [node], [node] * 100, {"type": node})
+                )
             )
     return tree
 

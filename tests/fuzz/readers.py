@@ -1,4 +1,4 @@
-"""The readers of what a user gives: valid inputs, the hardest cases, how to damage, how to read."""
+"""Prepare every reader of user files with valid inputs, hard cases and damage."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 from fuzz import hard_cases
-from fuzz.mutations import Mutator, bytes_damaged, text_damaged
-from fuzz.sealed import model_damaged, parquet_damaged
+from fuzz.mutations import Mutator, damage_bytes, damage_text
+from fuzz.sealed import damage_model, damage_parquet
 
 from helpers.made_results import MadeResults
 from helpers.quick_models import quick_model, twin_data
@@ -40,23 +40,23 @@ from stiff_protocols.contract.types import Robot
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """A reader with a folder to work in.
+class PreparedReader:
+    """Hold a reader and its inputs.
 
     Attributes:
-        path: where an input is written.
+        path: file to which an input is written.
         valid: inputs that are accepted.
         read: the reader.
         hard: inputs that are tried first.
-        damage: what is done to the valid ones.
-        also_named: files that a refusal may name, too.
+        damage: function that damages valid inputs.
+        also_named: other files that a refusal may name.
     """
 
     path: Path
     valid: tuple[bytes, ...]
     read: Callable[[Path], object]
     hard: tuple[bytes, ...] = ()
-    damage: Mutator = text_damaged
+    damage: Mutator = damage_text
     also_named: tuple[str, ...] = ()
 
 
@@ -65,16 +65,19 @@ def _samples(
     name: str,
     read: Callable[[Path, Robot], object] = read_samples,
     hard: Callable[[bytes], tuple[bytes, ...]] = lambda _: (),
-    damage: Mutator = text_damaged,
-) -> Prepared:
+    damage: Mutator = damage_text,
+) -> PreparedReader:
     data, path = twin_data(), folder / name
     write_table(path, [sample_table(data.samples.take(range(6)), data.robot)])
     valid = path.read_bytes()
-    return Prepared(path, (valid,), lambda path: read(path, data.robot), hard(valid), damage)
+    return PreparedReader(path, (valid,), lambda path: read(path, data.robot), hard(valid), damage)
 
 
-def _card(folder: Path) -> Prepared:
-    """A data card, and descriptors made from it; one with other facts counts as refused."""
+def _card(folder: Path) -> PreparedReader:
+    """Prepare a data card and its descriptors.
+
+    A card with other facts counts as refused.
+    """
     csv = _samples(folder, "carded.csv").path
     valid = (FOLDER / "fanuc_drilling.md").read_bytes()
     facts = parse_card(valid.decode(), csv)
@@ -86,20 +89,22 @@ def _card(folder: Path) -> Prepared:
             raise DataError(f"{path}: other facts")
         return descriptors
 
-    return Prepared(csv.with_suffix(".md"), (valid,), read, hard_cases.cards())
+    return PreparedReader(csv.with_suffix(".md"), (valid,), read, hard_cases.cards())
 
 
-def _urdf(folder: Path) -> Prepared:
+def _urdf(folder: Path) -> PreparedReader:
     robots = files("stiff_datasets.robots")
     valid = tuple((robots / f"{name}.urdf").read_bytes() for name in ("kr10_r1100_2", "ur5"))
-    return Prepared(folder / "robot.urdf", valid, read_robot, hard_cases.urdfs(valid[0]))
+    return PreparedReader(folder / "robot.urdf", valid, read_robot, hard_cases.urdfs(valid[0]))
 
 
-def _twin(folder: Path) -> Prepared:
+def _twin(folder: Path) -> PreparedReader:
     twins = files("stiff_datasets") / "twins"
     valid = tuple((twins / f"{name}.toml").read_bytes() for name in ("kr10_r1100_2", "ur5"))
     hard = (*hard_cases.tomls(valid[0]), *hard_cases.twins(valid[0]))
-    return Prepared(folder / "twin.toml", valid, lambda path: read_constants(path).robot(), hard)
+    return PreparedReader(
+        folder / "twin.toml", valid, lambda path: read_constants(path).robot(), hard
+    )
 
 
 GRID = b"""[mlp]
@@ -112,27 +117,29 @@ n_estimators = [10, 20]
 """
 
 
-def _grid(folder: Path) -> Prepared:
+def _grid(folder: Path) -> PreparedReader:
     models = planned(models=("mlp", "sklearn:ensemble.RandomForestRegressor")).models
-    nested = build_registry().protocols["nested"]
+    nested_protocol = build_registry().protocols["nested"]
 
     def read(path: Path) -> object:
-        return models_under(Choice.of(nested, {"grid": str(path), "search": "optuna"}), models)
+        return models_under(
+            Choice.of(nested_protocol, {"grid": str(path), "search": "optuna"}), models
+        )
 
-    return Prepared(folder / "grid.toml", (GRID,), read, hard_cases.tomls(GRID))
+    return PreparedReader(folder / "grid.toml", (GRID,), read, hard_cases.tomls(GRID))
 
 
-def _study(folder: Path) -> Prepared:
+def _study(folder: Path) -> PreparedReader:
     valid = (files("stiff_studies") / "intervals.toml").read_bytes()
     read = partial(_planned_study, build_registry(), folder)
-    return Prepared(folder / "study.toml", (valid,), read, hard_cases.tomls(valid))
+    return PreparedReader(folder / "study.toml", (valid,), read, hard_cases.tomls(valid))
 
 
 def _planned_study(registry: Registry, folder: Path, path: Path) -> object:
     return read_study(path).plans(registry, output=folder, command="")
 
 
-def _results(folder: Path) -> Prepared:
+def _results(folder: Path) -> PreparedReader:
     results = MadeResults(folder)
     results.add_run("run-1", results.add("model", [[0.1, 0.2, 0.3, 0.4]], coverage=0.9))
     path = folder / FILE
@@ -140,14 +147,14 @@ def _results(folder: Path) -> Prepared:
 
     def read(_: Path) -> object:
         cells = read_results(folder)
-        data = [read_data(folder, one.cell.data_sha256) for one in cells]
+        data = [read_data(folder, result.cell.data_sha256) for result in cells]
         return cells, read_manifests(folder), data
 
-    return Prepared(path, (valid,), read, hard_cases.results(valid), bytes_damaged)
+    return PreparedReader(path, (valid,), read, hard_cases.results(valid), damage_bytes)
 
 
-def _program(folder: Path, name: str) -> Prepared:
-    """A robot program; one with other motions than the valid one counts as refused."""
+def _program(folder: Path, name: str) -> PreparedReader:
+    """Prepare a robot program; a program with other targets counts as refused."""
     path, valid = folder / name, (DOCS / name).read_bytes()
     path.write_bytes(valid)
     robot = named_robot(ROBOTS[name]).robot()
@@ -161,13 +168,13 @@ def _program(folder: Path, name: str) -> Prepared:
             raise DataError(f"{path}: other targets")
         return poses
 
-    return Prepared(path, (valid,), read)
+    return PreparedReader(path, (valid,), read)
 
 
 MODELS = ("vjm", "mlp", "sklearn:linear_model.Ridge")  # compiled trees run unchecked, as docs say
 
 
-def _models(folder: Path) -> Prepared:
+def _models(folder: Path) -> PreparedReader:
     path, loads, output = (folder / n for n in ("model.stiff", "loads.csv", "predicted.csv"))
     valid = []
     for key in MODELS:
@@ -179,13 +186,13 @@ def _models(folder: Path) -> Prepared:
         output.unlink(missing_ok=True)
         return load_model(path).predict_file(loads, output)
 
-    hard, named = hard_cases.models(valid), (loads.name, output.name)
-    return Prepared(path, tuple(valid), read, hard, model_damaged, named)
+    hard, other_names = hard_cases.models(valid), (loads.name, output.name)
+    return PreparedReader(path, tuple(valid), read, hard, damage_model, other_names)
 
 
-READERS: dict[str, Callable[[Path], Prepared]] = {
+READERS: dict[str, Callable[[Path], PreparedReader]] = {
     "measured CSV": partial(_samples, name="samples.csv", hard=hard_cases.tables),
-    "measured Parquet": partial(_samples, name="samples.parquet", damage=parquet_damaged),
+    "measured Parquet": partial(_samples, name="samples.parquet", damage=damage_parquet),
     "described CSV": partial(_samples, name="described.csv", read=describe),
     "data card": _card,
     "loads CSV": partial(_samples, name="loads.csv", read=read_loads),

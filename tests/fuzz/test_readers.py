@@ -1,4 +1,4 @@
-"""Every reader takes a file or refuses it by name, whatever is in the file."""
+"""Check that every reader reads a damaged file or refuses it by name."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from fuzz.readers import READERS, Prepared
+from fuzz.readers import READERS, PreparedReader
 
 from stiff_protocols.contract.errors import StiffBenchError, StiffBenchWarning
 
 FEW, MANY = 20, int(os.environ.get("FUZZ_INPUTS", "200"))
-"""Inputs a reader."""
+"""Number of inputs per reader."""
 SECONDS = 2.0
-"""Of processor time that an input may take: more is a hang."""
+"""Limit of processor time per input; more is a hang."""
 ADDRESSES = 2**31
-"""Bytes that an input may reserve: more is a blow-up."""
+"""Limit of reserved bytes per input; more is a blow-up."""
 
 
-def _accepts(prepared: Prepared) -> bool:
+def _accepts(prepared: PreparedReader) -> bool:
     accepted, names = True, (prepared.path.name, *prepared.also_named)
     signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
@@ -40,12 +40,12 @@ def _accepts(prepared: Prepared) -> bool:
 
 @contextmanager
 def _limits() -> Iterator[None]:
-    """Bound memory and time, and make every warning but ours an error."""
+    """Limit memory and time, and turn every warning except ours into an error."""
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    used_bytes = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     handler = signal.signal(signal.SIGPROF, _hang)
     try:
-        resource.setrlimit(resource.RLIMIT_AS, (used + ADDRESSES, hard))
+        resource.setrlimit(resource.RLIMIT_AS, (used_bytes + ADDRESSES, hard))
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", StiffBenchWarning)
@@ -62,13 +62,13 @@ def _hang(number: int, frame: object) -> None:
 @pytest.mark.parametrize("n_inputs", [FEW, pytest.param(MANY, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", READERS)
 def test_a_damaged_file_is_read_or_refused_by_name(name, n_inputs, tmp_path):
-    """The hardest cases, then damage; an input that fails lies in the folder."""
-    prepared, rng = READERS[name](tmp_path), Random(name)
-    damaged = (prepared.damage(rng.choice(prepared.valid), rng) for _ in range(n_inputs))
-    accepted = 0
+    """Try the hard cases, then damaged input; a failing input stays in the folder."""
+    reader, rng = READERS[name](tmp_path), Random(name)
+    damaged_inputs = (reader.damage(rng.choice(reader.valid), rng) for _ in range(n_inputs))
+    n_accepted = 0
     with _limits():
-        for data in islice(chain(prepared.hard, damaged), n_inputs):
-            prepared.path.write_bytes(data)
-            accepted += _accepts(prepared)
-    assert accepted < 3 / 4 * n_inputs  # or the damage is none
-    assert accepted > 0 or n_inputs == FEW
+        for data in islice(chain(reader.hard, damaged_inputs), n_inputs):
+            reader.path.write_bytes(data)
+            n_accepted += _accepts(reader)
+    assert n_accepted < 3 / 4 * n_inputs  # more would mean that the damage has no effect
+    assert n_accepted > 0 or n_inputs == FEW

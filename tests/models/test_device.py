@@ -1,4 +1,4 @@
-"""Where networks run: routes of matrix products, and what can be seen of a GPU without one."""
+"""Check devices of networks: routes of matrix products, and GPU settings without a GPU."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ELSEWHERE = torch.device("meta")  # holds no numbers, but refuses tensors of oth
 
 
 @pytest.fixture(autouse=True)
-def nothing_known_of_the_processor():
+def cleared_processor_checks():
     checks = (medium_is_float32, has_fast_bfloat16)
     for check in checks:
         check.cache_clear()
@@ -51,7 +51,7 @@ def test_the_check_passes_float32_and_fails_bfloat16():
     ],
 )
 def test_a_route_is_taken_where_it_is_accurate_and_fast(monkeypatch, error, seconds, expected):
-    monkeypatch.setattr(device, "_relative_error", lambda dtype, where: error)
+    monkeypatch.setattr(device, "_relative_error", lambda dtype, target_device: error)
     monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: True)
     monkeypatch.setattr(device, "_seconds", seconds)
     assert arithmetic(CPU, mixed_precision=True) == expected
@@ -74,7 +74,7 @@ def test_routes_and_modes_are_put_back_after_a_training():
 def test_a_step_of_training_stays_on_the_device_of_its_rows(plan, bfloat16, monkeypatch):
     adam = torch.optim.Adam
     monkeypatch.setattr(
-        torch.optim, "Adam", lambda groups, *, fused, **words: adam(groups, **words)
+        torch.optim, "Adam", lambda groups, *, fused, **options: adam(groups, **options)
     )
     monkeypatch.setattr(_Run, "_autocast", lambda self, low: contextlib.nullcontext())
     network = build_network(18, layers=4, width=16, activation="gelu", seed=0)

@@ -1,7 +1,7 @@
-"""Every model on samples that hurt: it works, says what is wrong, or refuses with the cause.
+"""Check every model on hazardous samples: it works, warns, or refuses with the cause.
 
-A model that is not named in `hazard_outcomes` works in silence. What no model can learn from some
-rows ("all of one pose") the engine says once, for all of them: see `ROWS`.
+A model that is not named in `hazard_outcomes` works without a warning. If rows cannot teach any
+model ("all of one pose"), the engine warns once for all models: see `ROWS`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ TINY = {
     **{"steps": 2, "rounds": 1, "folds": 2},  # of tradaboost
     "device": "cpu",
 }
-"""What makes a fit take milliseconds, where a model has the option."""
+"""Options that make a fit take milliseconds, for models that have them."""
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def healthy() -> Case:
 
 @pytest.fixture(scope="module", autouse=True)
 def small_source() -> Iterator[None]:
-    """A source of few poses, trained on anew each time: looking for old ones takes longer."""
+    """Train on a source of few poses without the cache, whose look-up takes longer."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stiff_models.transfer.source_domain, "POSE_BUDGET", 16)
         patch.setattr(stiff_models.transfer.pretraining, "remembered", lambda _, compute: compute())
@@ -62,7 +62,7 @@ def small_source() -> Iterator[None]:
 
 
 def tiny_model(variant: str, **options: Any) -> Any:
-    key, own = VARIANTS[variant]
+    key, variant_options = VARIANTS[variant]
     info = model_info(key)
     if info.missing():
         pytest.skip(info.missing())
@@ -71,11 +71,11 @@ def tiny_model(variant: str, **options: Any) -> Any:
         pytest.skip(missing)
     params = model.get_params()
     tiny = {name: value for name, value in TINY.items() if name in params}
-    return model.set_params(**tiny | own | options)
+    return model.set_params(**tiny | variant_options | options)
 
 
-def fitted(variant: str, case: Case) -> Any:
-    """What it warns of is another test's concern."""
+def fit_without_warnings(variant: str, case: Case) -> Any:
+    """Fit a tiny model and ignore its warnings, which another test checks."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)
         return tiny_model(variant).fit(case.train, robot=case.robot)
@@ -94,8 +94,8 @@ def outcome(model: Any, case: Case) -> str:
             assert "\n" not in str(error)
             return f"fails: {error}"
     assert {warning.category for warning in caught} <= {StiffBenchWarning}
-    said = dict.fromkeys(str(warning.message) for warning in caught)
-    return f"warns: {' | '.join(said)}" if said else "works"
+    messages = dict.fromkeys(str(warning.message) for warning in caught)
+    return f"warns: {' | '.join(messages)}" if messages else "works"
 
 
 MATRIX = [
@@ -104,23 +104,25 @@ MATRIX = [
     for variant in VARIANTS
     if "validation" not in hazard or model_info(VARIANTS[variant][0]).uses_validation
 ]
-"""All but what a model never sees: validation rows, where it takes none."""
+"""All pairs except hazards of validation rows with models that use none."""
 HAZARDS_A_MODEL = 3
 
 
 def pairwise() -> set[tuple[str, str]]:
     """Choose the fast suite's part of the matrix: a walk along its diagonal.
 
-    Every model meets three hazards, and the next one's begin one further. Every hazard meets the
-    first model of each of its outcomes.
+    Every model is tested on three hazards; the next model's begin one further. Every hazard is
+    tested with the first model of each of its outcomes.
     """
-    chosen = set()
+    chosen_pairs = set()
     for start, variant in enumerate(VARIANTS):
         pairs = [pair for pair in MATRIX if pair[0] == variant]
         third = len(pairs) // HAZARDS_A_MODEL
-        chosen |= {pairs[(start + n * third) % len(pairs)] for n in range(HAZARDS_A_MODEL)}
-    first = {(hazard, expected(hazard, variant)): variant for variant, hazard in reversed(MATRIX)}
-    return chosen | {(variant, hazard) for (hazard, _), variant in first.items()}
+        chosen_pairs |= {pairs[(start + n * third) % len(pairs)] for n in range(HAZARDS_A_MODEL)}
+    first_variants = {
+        (hazard, expected(hazard, variant)): variant for variant, hazard in reversed(MATRIX)
+    }
+    return chosen_pairs | {(variant, hazard) for (hazard, _), variant in first_variants.items()}
 
 
 FAST = pairwise()
@@ -140,10 +142,10 @@ def test_what_rows_cannot_teach_any_model_is_said_once(hazard, healthy):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         warn_of_rows(HAZARDS[hazard](healthy).train)
-    said = [str(warning.message) for warning in caught]
-    rows = hazard.partition(",")[0]  # whatever the validation rows
-    wanted = [ROWS[rows]] if rows in ROWS else []
-    assert len(said) == len(wanted) and all(map(re.search, wanted, said))
+    messages = [str(warning.message) for warning in caught]
+    rows = hazard.partition(",")[0]  # without the validation rows
+    patterns = [ROWS[rows]] if rows in ROWS else []
+    assert len(messages) == len(patterns) and all(map(re.search, patterns, messages))
     assert all(warning.category is StiffBenchWarning for warning in caught)
 
 
@@ -154,7 +156,7 @@ def test_a_learner_leaves_no_decimetres_where_the_deflection_does_not_vary(
 ):
     case = HAZARDS[hazard](healthy)
     largest = np.abs(case.train.deflection).max(axis=0)
-    model = fitted(variant, case)
+    model = fit_without_warnings(variant, case)
     predicted = np.abs(model.predict(case.train.q, case.train.wrench)).max(axis=0)
     assert (predicted <= 1e-8 + 5 * largest.max()).all()
 
@@ -180,17 +182,19 @@ def test_arrays_of_any_kind_and_no_rows_are_predicted_and_what_is_no_number_is_r
     variant, healthy
 ):
     test = healthy.test
-    model = fitted(variant, healthy)
+    model = fit_without_warnings(variant, healthy)
     q, wrench = (np.asarray(a, dtype=np.float32).astype(float) for a in (test.q, test.wrench))
-    plain = model.predict(q, wrench)
-    twice = np.repeat(wrench, 2, axis=1)[:, ::2]  # not contiguous
-    for others in (
+    expected_prediction = model.predict(q, wrench)
+    strided_wrench = np.repeat(wrench, 2, axis=1)[:, ::2]  # not contiguous
+    for arrays in (
         (q.astype(np.float32), wrench.astype(np.float32)),
-        (np.asfortranarray(q), twice),
+        (np.asfortranarray(q), strided_wrench),
         (q.tolist(), wrench.tolist()),
     ):
         # the order of memory may change the order of sums
-        np.testing.assert_allclose(model.predict(*others), plain, rtol=1e-5, atol=1e-12)
+        np.testing.assert_allclose(
+            model.predict(*arrays), expected_prediction, rtol=1e-5, atol=1e-12
+        )
     assert model.predict(np.empty((0, 6)), np.empty((0, 6))).shape == (0, 3)
     q[2, 1] = np.nan
     with pytest.raises(ModelError, match=r"q\[2\] is .*nan.*, expected finite numbers"):
@@ -207,8 +211,8 @@ DIVERGING = [
 ]
 
 
-@pytest.mark.parametrize(("variant", "options", "said"), DIVERGING)
-def test_a_diverging_training_says_so_with_its_learning_rate(variant, options, said, healthy):
+@pytest.mark.parametrize(("variant", "options", "pattern"), DIVERGING)
+def test_a_diverging_training_says_so_with_its_learning_rate(variant, options, pattern, healthy):
     case = replace(healthy, validation=None)
     rate = re.escape(f"use a learning rate below {options['learning_rate']:g}")
-    assert re.search(f"{said}.*{rate}", outcome(tiny_model(variant, **options), case))
+    assert re.search(f"{pattern}.*{rate}", outcome(tiny_model(variant, **options), case))

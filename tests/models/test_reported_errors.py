@@ -1,4 +1,4 @@
-"""The errors behind Tables 6, 7, 8 and 9, as networks report them, against NumPy."""
+"""Check the errors that networks report, as in Tables 6 to 9, against NumPy."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ MM = 1000.0
 
 @pytest.fixture(scope="module", params=["fast", "paper"])  # shared by training parts, and not
 def fitted(parts, request):
-    """A small network, its samples, and the parts of the source it learned and was tested on."""
+    """Return a small network, its samples, and the source's training and test parts."""
     robot, train, held_out, _ = parts
-    seen = []
+    parts_of_source = []
 
-    def noted(domain, seed):
-        seen.append(divided(domain, seed))
-        return seen[-1]
+    def record_parts(domain, seed):
+        parts_of_source.append(divided(domain, seed))
+        return parts_of_source[-1]
 
     divided = pretraining.divided
     model = FtMlp(**SMALL, preset="paper", recipe=request.param, training="normal")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STIFFBENCH_CACHE", "off")
-        patch.setattr(pretraining, "divided", noted)
+        patch.setattr(pretraining, "divided", record_parts)
         model.fit(train, robot=robot, validation=held_out, seed=5)
-    ((learn, test),) = seen
+    ((learn, test),) = parts_of_source
     return model, train, learn, test
 
 
@@ -47,16 +47,16 @@ def test_errors_on_the_source_are_those_of_the_network_before_fine_tuning_in_mm(
     before = copy.copy(model)
     before.network_ = model.source_network_
     vjm = VirtualJointModel().fit(train, robot=model.robot_)
-    learned, tested = (
+    training_errors, test_errors = (
         np.abs(before.predict(part.q, part.wrench) - vjm.predict(part.q, part.wrench)) * MM
         for part in pretraining.some_of(learn, test)
     )
     expected = {
-        "source training MAE [mm]": learned.mean(),
-        "source training STDE [mm]": np.std(learned),
-        "source test MAE [mm]": tested.mean(),
-        "source test STDE [mm]": np.std(tested),
-    } | {f"source test MAE {axis} [mm]": tested[:, i].mean() for i, axis in enumerate("XYZ")}
+        "source training MAE [mm]": training_errors.mean(),
+        "source training STDE [mm]": np.std(training_errors),
+        "source test MAE [mm]": test_errors.mean(),
+        "source test STDE [mm]": np.std(test_errors),
+    } | {f"source test MAE {axis} [mm]": test_errors[:, i].mean() for i, axis in enumerate("XYZ")}
     reported = {name: model.diagnostics_[name] for name in expected}
     assert reported == pytest.approx(expected, rel=1e-4)
     after = np.abs(model.predict(test.q, test.wrench) - test.deflection) * MM

@@ -1,4 +1,4 @@
-"""Benchmarks are collected by `pytest --benchmark-only` (`make perf`) alone; on one thread."""
+"""Collect benchmarks only under `pytest --benchmark-only` (`make perf`); use one thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The engine itself: start-up, overhead of a cell, a large leaderboard, growth of cost."""
+"""Measure the engine: start-up, overhead of a cell, a large leaderboard, growth of cost."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def command(*words: str | Path) -> None:
 
 
 def peak_mib(*words: str | Path) -> float:
-    """Run a command to its end; the most memory that it took, MiB."""
+    """Run a command to its end and return its peak memory, MiB."""
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)  # it has been waited for
@@ -52,7 +52,7 @@ def peak_mib(*words: str | Path) -> float:
 
 
 def seconds(benchmark) -> float:
-    """The shortest round."""
+    """Return the time of the shortest round."""
     return benchmark.stats.stats.min
 
 
@@ -73,7 +73,7 @@ def test_start(benchmark, who):
 
 @pytest.mark.benchmark(group=f"a run of {N_CELLS} fits of zero and vjm")
 def test_overhead_of_a_cell(benchmark, tmp_path):
-    """The whole command: start, splits, metrics, costs, storing, tables; vjm is run, too."""
+    """Time the whole command: start, splits, metrics, costs, storing and tables; vjm runs too."""
 
     def run_s(how: str) -> float:
         start, output = time.perf_counter(), tmp_path / how
@@ -84,9 +84,10 @@ def test_overhead_of_a_cell(benchmark, tmp_path):
         return time.perf_counter() - start
 
     ours_or_peer(benchmark, "bench run --isolate", work=N_CELLS, unit="fit")
-    isolated_s, alone_s = benchmark.pedantic(run_s, ("--isolate",), rounds=1), run_s("--no-isolate")
-    figure(benchmark, "a fit with --no-isolate", 1e3 * alone_s / N_CELLS, "ms")
-    overhead_ms = 1e3 * (isolated_s - alone_s) / N_CELLS
+    isolated_s = benchmark.pedantic(run_s, ("--isolate",), rounds=1)
+    unisolated_s = run_s("--no-isolate")
+    figure(benchmark, "a fit with --no-isolate", 1e3 * unisolated_s / N_CELLS, "ms")
+    overhead_ms = 1e3 * (isolated_s - unisolated_s) / N_CELLS
     figure(benchmark, "isolation of a fit", overhead_ms, "ms", at_most=100)
 
 
@@ -98,8 +99,8 @@ DATASETS = tuple(f"kr10-twin@specimen={number}" for number in range(6))
 PROTOCOLS = ("holdout", "kfold", "sample-efficiency", "space-transfer", "load-extrapolation")
 
 
-def made_up(task: CellTask, seed: int) -> CellResult:
-    """Return a result whose errors are larger the later the model stands in `MODELS`; no fit."""
+def invented_result(task: CellTask, seed: int) -> CellResult:
+    """Return an invented result; errors grow with the model's position in `MODELS`."""
     rng, measured = np.random.default_rng(seed), task.data.samples.deflection[task.split.test]
     scale = 1e-4 * (1 + MODELS.index(task.shown.model))
     errors = rng.normal(scale=scale, size=(2, *measured.shape))
@@ -115,27 +116,27 @@ def made_up(task: CellTask, seed: int) -> CellResult:
 
 @pytest.fixture(scope="module")
 def board(tmp_path_factory) -> Callable[[int], tuple[Path, int]]:
-    """A function that gives a folder of results of so many splits, and its number of values."""
+    """Return a function that makes a folder of n splits and counts its values."""
 
     @cache
-    def made(n_splits: int) -> tuple[Path, int]:
+    def make_board(n_splits: int) -> tuple[Path, int]:
         protocols = [f"kfold@folds={n_splits}" if key == "kfold" else key for key in PROTOCOLS]
-        words = {"datasets": DATASETS, "protocols": tuple(protocols), "splits": n_splits}
-        tasks = list(cell_tasks(planned(models=MODELS, **words)))
+        options = {"datasets": DATASETS, "protocols": tuple(protocols), "splits": n_splits}
+        tasks = list(cell_tasks(planned(models=MODELS, **options)))
         store = ResultStore(tmp_path_factory.mktemp("board"))
         for data in {task.cell.data_sha256: task.data for task in tasks}.values():
             store.write_data(data)
-        results = [made_up(task, number) for number, task in enumerate(tasks)]
+        results = [invented_result(task, number) for number, task in enumerate(tasks)]
         store.write_cells(results)
         environment = {"stiffbench": "9.9", "commit": "", "dirty": ""}
         keys = tuple(task.cell.key for task in tasks)
         manifest = RunManifest(results[0].run_id, "bench run", "now", "finished", environment, keys)
         store.write_manifest(manifest)
         return store.folder, sum(
-            len(one.of_result(result)) for result in results for one in METRICS.values()
+            len(metric.of_result(result)) for result in results for metric in METRICS.values()
         )
 
-    return made
+    return make_board
 
 
 @pytest.mark.parametrize(
@@ -155,7 +156,7 @@ def test_results(benchmark, board, n_splits, values, at_most, words):
     figure(benchmark, f"{name}, peak memory", peak, "MiB", at_most=1024)
 
 
-def of_samples(n: int, folder: Path) -> RunPlan:
+def plan_of_samples(n: int, folder: Path) -> RunPlan:
     path = folder / f"{n}.csv"
     constants = shipped_constants("kr10_r1100_2")
     simulate(path, TwinExperiment(constants, loads="omni", specimen=0, seed=0), n)
@@ -163,36 +164,38 @@ def of_samples(n: int, folder: Path) -> RunPlan:
     return planned(models=("zero", "vjm"), datasets=(data.choice,))
 
 
-def of_splits(n: int, _: Path) -> RunPlan:
+def plan_of_splits(n: int, _: Path) -> RunPlan:
     return planned(models=("vjm",), splits=n)
 
 
 def cpu_seconds(plan: RunPlan, folder: Path) -> float:
-    """How long a run takes this process; what it prints is not shown."""
-    nowhere = io.StringIO()
-    with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+    """Return the processor time of a run in this process; hide its output."""
+    hidden_output = io.StringIO()
+    with contextlib.redirect_stdout(hidden_output), contextlib.redirect_stderr(hidden_output):
         start = time.process_time()
         assert execute(Run([replace(plan, output=folder)], Execution()), "github") == 0
         return time.process_time() - start
 
 
 @pytest.mark.parametrize(
-    ("of", "sizes"),
+    ("make_plan", "sizes"),
     [
-        (of_samples, (151, 1_000, 10_000, 30_000, 100_000)),
-        (of_splits, (2, 10, 100, 400, 1_600)),
+        (plan_of_samples, (151, 1_000, 10_000, 30_000, 100_000)),
+        (plan_of_splits, (2, 10, 100, 400, 1_600)),
     ],
     ids=["samples", "splits"],
 )
 @pytest.mark.benchmark(group="growth of a run's cost")
-def test_growth(benchmark, of, sizes, tmp_path, request):
-    """The exponent over the upper three sizes, where constant cost no longer hides it."""
-    what = request.node.callspec.id
+def test_growth(benchmark, make_plan, sizes, tmp_path, request):
+    """Fit the exponent to the upper three sizes, where constant costs are small."""
+    size_name = request.node.callspec.id
     cpu_seconds(planned(models=("vjm", "zero")), tmp_path / "warm")
-    plans = {size: of(size, tmp_path) for size in sizes}
-    ours_or_peer(benchmark, f"run of many {what}", work=sum(sizes), unit=what.removesuffix("s"))
+    plans = {size: make_plan(size, tmp_path) for size in sizes}
+    ours_or_peer(
+        benchmark, f"run of many {size_name}", work=sum(sizes), unit=size_name.removesuffix("s")
+    )
     times = benchmark.pedantic(
         lambda: [cpu_seconds(plan, tmp_path / str(size)) for size, plan in plans.items()], rounds=1
     )
     exponent = np.polyfit(np.log(sizes[-3:]), np.log(times[-3:]), 1)[0]
-    figure(benchmark, f"exponent, {what}", exponent, "", at_most=1.15)
+    figure(benchmark, f"exponent, {size_name}", exponent, "", at_most=1.15)

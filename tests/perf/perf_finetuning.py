@@ -1,4 +1,4 @@
-"""Fine-tuning: epochs a second beside the textbook loop in plain torch."""
+"""Compare epochs/s of fine-tuning with the textbook loop in plain torch."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ SAME = {"stiffbench float32": 1e-4, "stiffbench bfloat16": 3e-2}
 """Largest relative difference of a loss from the plain loop's in the first 40 epochs.
 
 Later the sign in the gradient of the mean absolute error makes every difference grow to some per
-cent: the plain loop's own losses do so when its first weights change by 1e-7.
+cent. The plain loop's losses differ as much if its first weights change by 1e-7.
 """
 AT_LEAST = {"stiffbench float32": 1.6, "stiffbench bfloat16": 3.0}
 
 
 @pytest.fixture(scope="module")
 def case() -> Pretrained:
-    """One division of the KR10 twin; a poorly pre-trained network costs the same time."""
+    """Return one KR10 twin split; poor pre-training does not change the time."""
     data = twin_data()
     (split,) = PaperHoldout().splits(data.samples, n_splits=1, seed=0)
     train, held_out = data.samples.take(split.train), data.samples.take(split.validation)
     model = FtMlp(pretrain_steps=30, epochs=0, device="cpu")
     model.fit(train, robot=data.robot)
-    rows, others = model._measured_rows(train), model._measured_rows(held_out)
-    return Pretrained(model.network_, rows, others)
+    rows, held_out_rows = model._measured_rows(train), model._measured_rows(held_out)
+    return Pretrained(model.network_, rows, held_out_rows)
 
 
 @pytest.mark.parametrize("who", ["stiffbench float32", "stiffbench bfloat16", PLAIN])
@@ -47,7 +47,7 @@ def test_epochs(benchmark, case, who):
     if plan.mixed_precision and not has_fast_bfloat16(torch.device("cpu")):
         pytest.skip("bfloat16: this processor has no products of it")
     way, chosen = (plain_loop, MOVING) if who == PLAIN else (our_loop, FREEZE)
-    if who != PLAIN:  # both have the same losses first
+    if who != PLAIN:  # both start with the same losses
         first = replace(plan, steps=SAME_EPOCHS)
         plain = plain_loop(case, MOVING, first)
         assert largest_difference(our_loop(case, FREEZE, first), plain) < SAME[who]

@@ -1,4 +1,4 @@
-"""Networks on a GPU beside the same on the processor; not measured where there is no GPU."""
+"""Compare networks on a GPU and on the processor; skip without a GPU."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def no_cache(monkeypatch):
     monkeypatch.setenv(VARIABLE, OFF)
 
 
-def says(benchmark, device, work, unit):
+def report_speed(benchmark, device, work, unit):
     gpu = f"stiffbench on {torch.cuda.get_device_name()}"
     name = gpu if device == "cuda" else "processor, one thread"
     ours_or_peer(benchmark, name, work=work, unit=unit)
@@ -35,7 +35,7 @@ def says(benchmark, device, work, unit):
 @pytest.mark.benchmark(group=f"GPU: pre-training, {STEPS} steps of recipe=fast")
 def test_pretraining(benchmark, device):
     data, model = twin_data(), MlpPretrained(device=device, pretrain_steps=STEPS)
-    says(benchmark, device, STEPS, "step")
+    report_speed(benchmark, device, STEPS, "step")
     arguments = (data.samples,), {"robot": data.robot, "seed": 0}
     benchmark.pedantic(model.fit, *arguments, rounds=2, warmup_rounds=1)
 
@@ -49,5 +49,5 @@ def test_sweep(benchmark, device):
             train, validation = (data.samples.take(r) for r in (split.train, split.validation))
             model.fit(train, robot=data.robot, validation=validation, seed=0)
 
-    says(benchmark, device, SPLITS, "split")
+    report_speed(benchmark, device, SPLITS, "split")
     benchmark.pedantic(sweep, rounds=1, warmup_rounds=1 if device == "cuda" else 0)

@@ -1,4 +1,4 @@
-"""Deflections of the linear VJM, inverse kinematics and a map, with Pinocchio's for comparison."""
+"""Compare VJM deflections, inverse kinematics and a map with Pinocchio."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COMPLIANCE = 1 / np.array([50.9e3, 63.4e3, 50.3e3, 2.27e3, 8.89e3, 1.39e3])
 PINOCCHIO = "Pinocchio loop"
 ROUNDS = 8
 MAP_REGION = np.array([[0.6, 0.9], [0.0, 0.0], [0.4, 0.7]])
-"""Ends along x, y and z [m] of a map of which the KR10 reaches every point with its tool down."""
+"""Ends of a map along x, y and z [m]. The KR10 reaches all its points with the tool down."""
 READY, PATH_POINTS = np.radians([0.0, -90.0, 90.0, 0.0, 60.0, 0.0]), 10_000
 
 DOWN = np.radians([0.0, -90.0, 90.0, 0.0, 90.0, 0.0])
@@ -34,21 +34,21 @@ Samples = tuple[FloatArray, FloatArray]
 Way = Callable[[FloatArray, FloatArray], FloatArray]
 
 
-SHIPPED = shipped_robot(ROBOT, tcp=TCP)  # one robot: a program is written once for it
+SHIPPED = shipped_robot(ROBOT, tcp=TCP)  # one robot: its program is compiled once
 
 
 def our_way(q: FloatArray, wrench: FloatArray) -> FloatArray:
     return SHIPPED.joint_deflection(COMPLIANCE, q, wrench)
 
 
-def drawn(n: int, seed: int = 0) -> Samples:
+def draw_samples(n: int, seed: int = 0) -> Samples:
     rng = np.random.default_rng(seed)
     wrench = rng.normal(size=(n, 6)) * np.repeat([60.0, 5.0], 3)
     return rng.uniform(-1.5, 1.5, size=(n, 6)), wrench
 
 
 def pinocchio_loop() -> Way:
-    """Pinocchio's fastest single call, sample by sample."""
+    """Return Pinocchio's fastest single call in a loop over samples."""
     chain = shipped_chain(ROBOT, TCP)
     model, at_tcp = chain.model.copy(), pin.SE3(np.eye(3), chain.robot.tcp)
     frame = model.addFrame(pin.Frame("perf_tcp", model.nv, 0, at_tcp, pin.FrameType.OP_FRAME))
@@ -68,34 +68,36 @@ def pinocchio_loop() -> Way:
 @pytest.mark.parametrize("who", [OURS, PINOCCHIO])
 def test_deflections(benchmark, who):
     way = pinocchio_loop() if who == PINOCCHIO else our_way
-    np.testing.assert_allclose(way(*drawn(50)), our_way(*drawn(50)), rtol=0, atol=NANOMETRE)
+    np.testing.assert_allclose(
+        way(*draw_samples(50)), our_way(*draw_samples(50)), rtol=0, atol=NANOMETRE
+    )
     ours_or_peer(benchmark, who, {PINOCCHIO: 15.0}, work=SAMPLES, unit="sample")
-    benchmark.pedantic(way, drawn(SAMPLES), rounds=ROUNDS, warmup_rounds=1)
+    benchmark.pedantic(way, draw_samples(SAMPLES), rounds=ROUNDS, warmup_rounds=1)
 
 
 def iso_path() -> ToolPath:
-    """10,000 points through the test points of ISO 9283, in a cube of 200 mm before the robot."""
-    stands = SHIPPED.forward(READY[None])
-    (rotation,), centre = stands.rotation, stands.points[0, -1]
+    """Return 10,000 points through ISO 9283's test points, in a 200 mm cube."""
+    frames = SHIPPED.forward(READY[None])
+    (rotation,), centre = frames.rotation, frames.points[0, -1]
     return shaped("iso9283", centre, 0.2, PATH_POINTS, rotation=rotation, wrench=np.zeros(6))
 
 
 def pinocchio_newton(path: ToolPath) -> FloatArray:
-    """Newton's method point by point, each from the one before, to the same tolerance."""
+    """Solve point by point with Newton's method, to the same tolerance."""
     chain = shipped_chain(ROBOT, TCP)
     model, at_tcp = chain.model.copy(), pin.SE3(np.eye(3), chain.robot.tcp)
     frame = model.addFrame(pin.Frame("perf_tcp", model.nv, 0, at_tcp, pin.FrameType.OP_FRAME))
-    data, q, found = model.createData(), READY.copy(), np.empty((len(path), model.nv))
+    data, q, solutions = model.createData(), READY.copy(), np.empty((len(path), model.nv))
     for row in range(len(path)):
-        wanted = pin.SE3(path.rotation[row], path.position[row])
+        target = pin.SE3(path.rotation[row], path.position[row])
         while True:
             pin.framesForwardKinematics(model, data, q)
-            error = pin.log6(data.oMf[frame].actInv(wanted)).vector
+            error = pin.log6(data.oMf[frame].actInv(target)).vector
             if max(error[:3] @ error[:3], error[3:] @ error[3:]) <= REACHED_M**2:
                 break
             q = q + np.linalg.solve(pin.computeFrameJacobian(model, data, q, frame), error)
-        found[row] = q
-    return found
+        solutions[row] = q
+    return solutions
 
 
 @pytest.mark.benchmark(group="Inverse kinematics along a path of 10,000 points")
@@ -106,9 +108,9 @@ def test_inverse(benchmark, who):
         OURS: lambda path: follow(SHIPPED, path.position, path.rotation, READY).q,
         PINOCCHIO: pinocchio_newton,
     }[who]
-    some = path.take(slice(500))
-    found, truth = way(some), pinocchio_newton(some)
-    np.testing.assert_allclose(found, truth, rtol=0, atol=100 * REACHED_RAD)
+    short_path = path.take(slice(500))
+    solution, truth = way(short_path), pinocchio_newton(short_path)
+    np.testing.assert_allclose(solution, truth, rtol=0, atol=100 * REACHED_RAD)
     ours_or_peer(benchmark, who, {PINOCCHIO: 1.2}, work=PATH_POINTS, unit="point")
     benchmark.pedantic(way, (path,), rounds=ROUNDS, warmup_rounds=1)
 
@@ -117,7 +119,7 @@ LOAD = np.array([0.0, 0.0, -100.0, 0.0, 0.0, 0.0])
 
 
 def map_task() -> WorkspaceTask:
-    """The deflection of the KR10 under 100 N, near one training pose."""
+    """Return a map's task: the KR10's deflection under 100 N, near one training pose."""
     return WorkspaceTask(
         robot=SHIPPED,
         training_range=TrainingRange(READY, READY, 100.0, 0.0, READY[None], LOAD[None] / 100.0),
@@ -134,12 +136,12 @@ def map_task() -> WorkspaceTask:
 
 
 def our_map(points: FloatArray) -> FloatArray:
-    """All eight configurations at every point, the nearest to training, and its deflection."""
+    """Return each point's deflection in the one of eight configurations nearest to training."""
     return mapped_points(map_task(), points[None]).values
 
 
 def pinocchio_map(points: FloatArray) -> FloatArray:
-    """One of the eight configurations from point to point, and its deflection."""
+    """Return each point's deflection in the configuration of the point before."""
     rows = points.copy()
     rows[1::2] = rows[1::2, ::-1]
     flat = rows.reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""The models beside kinematics and networks, each beside the obvious way of computing the same."""
+"""Compare Gaussian processes with scikit-learn's on the same rows."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Rows = tuple[FloatArray, FloatArray]
 
 
 def gp_rows(n: int) -> Rows:
-    """Standardised rows of the twin, some of them moved a little to make more."""
+    """Return n standardised rows of the twin; repeated rows are moved a little."""
     data, rng = twin_data(), np.random.default_rng(0)
     which = np.arange(n) % len(data.samples)
     features = encode(data.robot, data.samples.q, data.samples.wrench, "sincos")[which]
@@ -31,7 +31,7 @@ def gp_rows(n: int) -> Rows:
 COVARIANCE = Covariance("matern", 1.3, np.linspace(3.0, 6.0, 18), 0.02, jitter=1e-10)
 
 
-def scikit_learns(inputs: FloatArray, outputs: FloatArray) -> GaussianProcessRegressor:
+def scikit_learn_process(inputs: FloatArray, outputs: FloatArray) -> GaussianProcessRegressor:
     kernel = ConstantKernel(COVARIANCE.variance) * Matern(COVARIANCE.lengths, nu=2.5)
     kernel += WhiteKernel(COVARIANCE.noise)
     return GaussianProcessRegressor(kernel, alpha=COVARIANCE.jitter, optimizer=None).fit(
@@ -43,13 +43,13 @@ def scikit_learns(inputs: FloatArray, outputs: FloatArray) -> GaussianProcessReg
 @pytest.mark.parametrize("n", [151, 1000])
 def test_likelihood(benchmark, who, n):
     rows = gp_rows(n)
-    theirs = scikit_learns(*rows)
+    peer = scikit_learn_process(*rows)
     ways = {
         OURS: lambda: log_likelihood(COVARIANCE, *rows),
-        SCIKIT_LEARN: lambda: theirs.log_marginal_likelihood(COVARIANCE.theta, eval_gradient=True),
+        SCIKIT_LEARN: lambda: peer.log_marginal_likelihood(COVARIANCE.theta, eval_gradient=True),
     }
-    for found, expected in zip(ways[OURS](), ways[SCIKIT_LEARN](), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    for value, expected in zip(ways[OURS](), ways[SCIKIT_LEARN](), strict=True):
+        np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
     benchmark.group = f"GP likelihood and gradient, 18 length scales, {n:,} rows"
     ours_or_peer(benchmark, who, {SCIKIT_LEARN: 4.0})
     benchmark.pedantic(ways[who], rounds=5, iterations=10 if n < 1000 else 1, warmup_rounds=1)
@@ -58,11 +58,11 @@ def test_likelihood(benchmark, who, n):
 @pytest.mark.benchmark(group="GP prediction of 10,000 rows, 151 training rows")
 @pytest.mark.parametrize("who", [OURS, SCIKIT_LEARN])
 def test_prediction(benchmark, who):
-    rows, (elsewhere, _) = gp_rows(151), gp_rows(10_000)
+    rows, (new_inputs, _) = gp_rows(151), gp_rows(10_000)
     ways = {
         OURS: GaussianProcess.of(COVARIANCE, *rows).mean,
-        SCIKIT_LEARN: scikit_learns(*rows).predict,
+        SCIKIT_LEARN: scikit_learn_process(*rows).predict,
     }
-    np.testing.assert_allclose(*(way(elsewhere) for way in ways.values()), atol=1e-9)
+    np.testing.assert_allclose(*(way(new_inputs) for way in ways.values()), atol=1e-9)
     ours_or_peer(benchmark, who, {SCIKIT_LEARN: 2.0}, work=10_000, unit="sample")
-    benchmark.pedantic(ways[who], (elsewhere,), rounds=5, warmup_rounds=1)
+    benchmark.pedantic(ways[who], (new_inputs,), rounds=5, warmup_rounds=1)

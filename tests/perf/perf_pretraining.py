@@ -1,4 +1,4 @@
-"""Pre-training on the source domain: throughput beside peers."""
+"""Compare the throughput of pre-training on the source domain with peers."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def new_network() -> torch.nn.Sequential:
 
 
 def gigaflop(n_rows: int) -> float:
-    """Return what forward and backward passes of n rows take: three products a weight."""
+    """Return the work of both passes over n rows: three products per weight."""
     weights = sum(layer.weight.numel() for layer in linear_layers(new_network()))
     return 1e-9 * 3 * 2 * weights * n_rows
 
 
 @pytest.fixture(scope="module")
 def source() -> Rows:
-    """Return a scaled source on which ours and the plain loop train the same network."""
+    """Return a scaled source; both loops train the same network on it."""
     data, model = twin_data(), MlpPretrained(device="cpu", preset="paper")
     origin = model._origin(data.samples, data.robot)
     domain = model._simulated(origin.samples, origin.robot, 0)
@@ -49,8 +49,8 @@ def source() -> Rows:
     train(ours_, source, replace(TEXTBOOK, steps=5))
     for _ in zip(range(5), plain_steps(plain, source), strict=False):
         pass
-    for one, other in zip(ours_.parameters(), plain.parameters(), strict=True):
-        torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4)
+    for our_weights, plain_weights in zip(ours_.parameters(), plain.parameters(), strict=True):
+        torch.testing.assert_close(our_weights, plain_weights, rtol=1e-3, atol=1e-4)
     return source
 
 
@@ -59,7 +59,7 @@ def train(network: torch.nn.Sequential, source: Rows, plan: TrainingPlan) -> Non
 
 
 def plain_steps(network: torch.nn.Sequential, source: Rows) -> Iterator[None]:
-    """Train as the textbook does, with Adam as it comes; every step is one item."""
+    """Yield after each step of the textbook loop with default Adam."""
     optimizer = torch.optim.Adam(network.parameters())
     loss_of = torch.nn.MSELoss()
     generator = torch.Generator().manual_seed(0)
@@ -108,10 +108,12 @@ def test_throughput(benchmark, source, who):
 @pytest.mark.benchmark(group=THROUGHPUT)
 @pytest.mark.parametrize("route", SGEMM)
 def test_matrix_product(benchmark, route):
-    """The machine's own limit: one layer of a step."""
+    """Measure the machine's limit: the matrix product of one layer."""
     precision = torch.get_float32_matmul_precision()
     torch.set_float32_matmul_precision("medium" if "medium" in route else "highest")
-    left, right = torch.randn(BATCH, WIDTH), torch.randn(WIDTH, WIDTH)
+    batch_matrix, layer_matrix = torch.randn(BATCH, WIDTH), torch.randn(WIDTH, WIDTH)
     ours_or_peer(benchmark, route, work=2e-9 * BATCH * WIDTH**2, unit="GFLOP")
-    benchmark.pedantic(torch.mm, (left, right), rounds=20, iterations=20, warmup_rounds=1)
+    benchmark.pedantic(
+        torch.mm, (batch_matrix, layer_matrix), rounds=20, iterations=20, warmup_rounds=1
+    )
     torch.set_float32_matmul_precision(precision)

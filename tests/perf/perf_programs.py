@@ -1,4 +1,4 @@
-"""A robot program of 10,000 targets corrected, with a path file of the same points."""
+"""Compare correcting a robot program of 10,000 targets with correcting a path file."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def vjm():
 
 
 def spiral() -> np.ndarray:
-    """Points of a spiral pocket, mm."""
+    """Return the points of a spiral pocket, mm."""
     angle = np.linspace(0.0, 40.0 * np.pi, TARGETS)
     return np.column_stack([100 * np.cos(angle), 100 * np.sin(angle), np.linspace(0, 50, TARGETS)])
 

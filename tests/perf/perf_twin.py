@@ -1,4 +1,4 @@
-"""The digital twin beside the same balance solved with Pinocchio, sample by sample."""
+"""Compare the digital twin with the same balance solved in a Pinocchio loop."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SAMPLES = {"stiffbench, 200 samples": 200, "stiffbench, 20,000 samples": 20_000}
 LOOP = "Pinocchio loop"
 
 
-def drawn(n: int) -> tuple[FloatArray, FloatArray]:
+def draw_samples(n: int) -> tuple[FloatArray, FloatArray]:
     rng = np.random.default_rng(0)
     wrench = rng.normal(size=(n, 6)) * np.repeat([40.0, 4.0], 3)
     return rng.uniform(-1.5, 1.5, size=(n, 6)), wrench
@@ -28,16 +28,19 @@ def pinocchio_readings(q: FloatArray, wrench: FloatArray) -> FloatArray:
     model, law = elastic_pinocchio(CHAIN), SpringLaw(CONSTANTS.springs)
     data = model.createData()
 
-    def balanced(pose: FloatArray, load: FloatArray) -> FloatArray:
+    def loaded_tcp(pose: FloatArray, load: FloatArray) -> FloatArray:
         torque, change = np.zeros(model.nv), np.inf
         while change > TOLERANCE_NM:
             theta = law.angle(torque[:, None])[:, 0]
-            found, tcp, _ = torque_and_tcp(model, data, CHAIN.robot.tcp, pose, theta, load)
-            torque, change = found, np.abs(found - torque).max()
+            new_torque, tcp, _ = torque_and_tcp(model, data, CHAIN.robot.tcp, pose, theta, load)
+            torque, change = new_torque, np.abs(new_torque - torque).max()
         return tcp
 
     return np.array(
-        [balanced(*one) - balanced(one[0], np.zeros(6)) for one in zip(q, wrench, strict=True)]
+        [
+            loaded_tcp(pose, load) - loaded_tcp(pose, np.zeros(6))
+            for pose, load in zip(q, wrench, strict=True)
+        ]
     )
 
 
@@ -46,6 +49,8 @@ def pinocchio_readings(q: FloatArray, wrench: FloatArray) -> FloatArray:
 def test_readings(benchmark, who):
     twin, n = DigitalTwin(CONSTANTS.robot(), CONSTANTS.springs), SAMPLES.get(who, 200)
     way = pinocchio_readings if who == LOOP else twin.readings
-    np.testing.assert_allclose(way(*drawn(20)), twin.readings(*drawn(20)), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        way(*draw_samples(20)), twin.readings(*draw_samples(20)), rtol=0, atol=1e-13
+    )
     ours_or_peer(benchmark, who, work=n, unit="sample")
-    benchmark.pedantic(way, drawn(n), rounds=5, warmup_rounds=1)
+    benchmark.pedantic(way, draw_samples(n), rounds=5, warmup_rounds=1)

@@ -1,8 +1,8 @@
-"""Makes results/performance.md of pytest-benchmark's JSON, for `make perf`.
+"""Make results/performance.md from pytest-benchmark's JSON, for `make perf`.
 
 Usage: python tests/perf/write_page.py JSON PAGE
 
-A benchmark says in its `extra_info` who it is and what it must reach: see `helpers/perf_case.py`.
+`extra_info` has each benchmark's name and targets: see `helpers/perf_case.py`.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ def page(report: dict[str, Any]) -> str:
 
 
 def section(name: str, entries: list[Entry]) -> str:
-    """Return one group: a table of ours beside its peers, and a table of other figures."""
+    """Return one group: a table of comparisons, and a table of other figures."""
     ours = [entry for entry in entries if entry["extra_info"]["ours"]]
     peers = [entry for entry in entries if not entry["extra_info"]["ours"]]
     if ours and peers:
         header = ("ours", "median", "peer", "median", "ratio", "target")
-        rows = [compared(mine, peer) for mine in ours for peer in peers]
+        rows = [comparison_row(mine, peer) for mine in ours for peer in peers]
     else:
         header = ("", "median")
         rows = [(who(entry), time_text(entry)) for entry in entries]
@@ -64,25 +64,26 @@ def section(name: str, entries: list[Entry]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def compared(mine: Entry, peer: Entry) -> tuple[str, ...]:
-    """Return one row: ours, its peer, how many times as fast ours is, and what it must reach."""
+def comparison_row(mine: Entry, peer: Entry) -> tuple[str, ...]:
+    """Return one row: ours, its peer, the ratio of their times, and the target."""
     ratio = seconds(peer) / seconds(mine)
     target = target_text(ratio, at_least=mine["extra_info"]["at_least"].get(who(peer)))
     return who(mine), time_text(mine), who(peer), time_text(peer), f"{ratio:.3g}", target
 
 
 def other_figures(entry: Entry) -> list[tuple[str, ...]]:
-    """Return a row for each figure that is no ratio of times: an error, megabytes, an exponent."""
+    """Return a row per figure that is not a ratio of times, such as an error."""
     rows = []
-    for one in entry["extra_info"].get("figures", []):
-        what = one["what"] if who(entry) in one["what"] else f"{who(entry)}: {one['what']}"
-        target = target_text(one["value"], one.get("at_least"), one.get("at_most"))
-        rows.append((what, f"{one['value']:.3g} {one['unit']}".strip(), target))
+    for figure in entry["extra_info"].get("figures", []):
+        name = figure["what"]
+        name = name if who(entry) in name else f"{who(entry)}: {name}"
+        target = target_text(figure["value"], figure.get("at_least"), figure.get("at_most"))
+        rows.append((name, f"{figure['value']:.3g} {figure['unit']}".strip(), target))
     return rows
 
 
 def target_text(value: float, at_least: float | None = None, at_most: float | None = None) -> str:
-    """Return the bound and whether the value keeps it; "" where there is none."""
+    """Return the bound and whether the value meets it; "" without a bound."""
     if at_least is not None:
         return f"≥ {at_least:g}: {'met' if value >= at_least else 'missed'}"
     if at_most is not None:

@@ -1,4 +1,4 @@
-"""One Cartesian compliance for the whole work space: deflection = C wrench, C (3, 6)."""
+"""Provide a model with one Cartesian compliance: deflection = C wrench, C (3, 6)."""
 
 import numpy as np
 from sklearn.base import BaseEstimator
@@ -8,10 +8,10 @@ from stiff_protocols.contract.plugin import ModelInfo
 
 
 class CartesianSpring(BaseEstimator):
-    """Compliance of a hand by least squares.
+    """Fit the compliance of the hand by least squares.
 
     Attributes:
-        torques: whether torques move the TCP too, or forces alone.
+        torques: true if torques move the TCP too, false if only forces do.
     """
 
     def __init__(self, *, torques: bool = True):
@@ -42,6 +42,6 @@ MODELS = [
 TAKEN = [
     ModelInfo(key="vjm", target="cartesian_spring:CartesianSpring", summary="a key that is ours"),
     ModelInfo(
-        key="force-spring", target="cartesian_spring:CartesianSpring", summary="beside a taken key"
+        key="force-spring", target="cartesian_spring:CartesianSpring", summary="next to a taken key"
     ),
 ]

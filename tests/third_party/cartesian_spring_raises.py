@@ -1,3 +1,3 @@
-"""A plugin whose library is not installed."""
+"""Stand for a plugin whose library is not installed."""
 
 import not_there  # noqa: F401

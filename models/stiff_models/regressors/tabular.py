@@ -22,8 +22,11 @@ from stiff_models.device import RunsOnDevice, torch_device
 from stiff_models.model_catalog import missing_tabicl, missing_tabpfn
 from stiff_models.networks.encoded_model import StandardisedRows
 from stiff_models.regressors.regressor_model import RegressorModel, for_three_outputs
-from stiff_protocols.contract.errors import ConfigError, NotSavable
+from stiff_protocols.contract.errors import ConfigError, DataError, NotSavable
 from stiff_protocols.contract.types import FloatArray
+
+FEWEST_ROWS = 3
+"""Training samples that pytabkit can divide into batches."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -60,6 +63,11 @@ class PytabkitModel(RunsOnDevice, RegressorModel):
 
     def _learn(self, train: StandardisedRows, validation: StandardisedRows | None) -> None:
         inputs, targets = train
+        if len(inputs) < FEWEST_ROWS:
+            raise DataError(
+                f"pytabkit's models need at least {FEWEST_ROWS} training samples, "
+                f"there are {len(inputs)}"
+            )
         chosen = {}
         if validation is not None:
             chosen["val_idxs"] = np.arange(len(inputs), len(inputs) + len(validation[0]))

@@ -1,4 +1,4 @@
-"""Data cards next to files of samples: facts that are read, and values that are refused."""
+"""Check which facts of data cards are read and which values are refused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def file(tmp_path):
     return path
 
 
-def written(file, *lines):
+def write_and_read_card(file, *lines):
     file.with_suffix(".md").write_text("\n".join(["# Data card", "", *lines, ""]))
     return read_card(file)
 
@@ -34,12 +34,12 @@ def written(file, *lines):
     ],
 )
 def test_the_noise_of_a_deflection_is_that_of_two_readings(file, line, noise, kr10):
-    assert written(file, line).instrument_noise == pytest.approx(noise)
+    assert write_and_read_card(file, line).instrument_noise == pytest.approx(noise)
     assert read_samples(file, kr10).instrument_noise == pytest.approx(noise)
 
 
 def test_a_file_without_a_card_has_an_empty_one(file):
-    assert read_card(file) == DataCard() == written(file, "Measured in 2026.")
+    assert read_card(file) == DataCard() == write_and_read_card(file, "Measured in 2026.")
     assert read_card(file.with_suffix(".md")) == DataCard()  # a file of samples named so
 
 
@@ -48,9 +48,9 @@ def test_a_file_without_a_card_has_an_empty_one(file):
     ["unknown", "0.02", "0 mm a reading", "-1 mm a reading", "1 cm a reading", "11 mm a reading"],
 )
 def test_a_noise_that_cannot_be_read_is_refused_with_its_line(file, value, kr10):
-    with pytest.raises(DataError) as refused:
-        written(file, f"| Instrument noise | {value} |")
-    message = str(refused.value)
+    with pytest.raises(DataError) as caught_error:
+        write_and_read_card(file, f"| Instrument noise | {value} |")
+    message = str(caught_error.value)
     assert f"my.md: line 3, instrument noise: {value!r}, expected a number" in message
     with pytest.raises(DataError, match=r"my\.md: line 3"):
         read_samples(file, kr10)

@@ -1,4 +1,4 @@
-"""Descriptors of CSV files: what they state, and that Croissant and Frictionless accept them."""
+"""Check the descriptors of CSV files, and that Croissant and Frictionless accept them."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_a_damaged_copy_is_refused_by_both(damage, tmp_path):
 
 
 def without_hash(package: Path) -> None:
-    """Remove what tells any change, so that only the schema is left to tell one."""
+    """Remove size, hash and row count; only the schema can then detect changes."""
     descriptor = json.loads(package.read_text())
     for name in ("bytes", "hash", "rows"):
         del descriptor["resources"][0][name]
@@ -212,13 +212,13 @@ def test_descriptors_are_replaced_unless_another_program_wrote_them(file):
     file.with_suffix(".md").write_text("| | |\n|---|---|\n| Version | 2.0.0 |\n")
     assert write_descriptors(describe(file)) == paths
     assert json.loads(paths[1].read_text())["version"] == "2.0.0"
-    for strange in ('{"name": "mine"}', "[]", "no JSON"):
+    for foreign_text in ('{"name": "mine"}', "[]", "no JSON"):
         for path in paths:
             write_descriptors(describe(file))
-            path.write_text(strange)
+            path.write_text(foreign_text)
             with pytest.raises(StoreError, match=re.escape(f"{path}: exists")):
                 write_descriptors(describe(file))
-            assert path.read_text() == strange
+            assert path.read_text() == foreign_text
             path.unlink()
 
 

@@ -1,4 +1,4 @@
-"""Planted mistakes of a measurement: which `validate` names, and that clean data raise no alarm."""
+"""Check which planted mistakes `validate` names, and that clean data raise no alarm."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ QUICK = {
         "an external axis that moves",
     ],
 }
-"""One of each kind: the wrench, a unit, the joints, free numbers, a column."""
+"""One mistake of each kind: the wrench, a unit, the joints, free numbers, a column."""
 SOMETIMES = {"torque about the flange", "tool of 1 kg not tared"}
-"""Not named where they change the residual by less than 5 %, and 15 %."""
+"""Mistakes that are not named if they change the residual by less than 5 % or 15 %."""
 
 
 def not_named(faults, data, folder):
-    found = {fault: outcome(fault, data, folder / "my.csv") for fault in faults}
-    return {fault: what for fault, what in found.items() if what != "named"}
+    outcomes = {fault: outcome(fault, data, folder / "my.csv") for fault in faults}
+    return {fault: result for fault, result in outcomes.items() if result != "named"}
 
 
 DRIFT, JUMP = "dz drifts by 0.6 mm", "dz jumps by 0.6 mm half-way"
@@ -54,9 +54,9 @@ DRIFT, JUMP = "dz drifts by 0.6 mm", "dz jumps by 0.6 mm half-way"
 )
 def test_a_drift_or_a_jump_is_no_tool_and_a_tool_is_neither(source, fault, words, rows, tmp_path):
     data = clean(source, 1)
-    (found,) = data.report(tmp_path / "my.csv", FAULTS[fault][0](data)).warnings
-    assert re.search(words, found.message)
-    assert found.rows == rows
+    (warning,) = data.report(tmp_path / "my.csv", FAULTS[fault][0](data)).warnings
+    assert re.search(words, warning.message)
+    assert warning.rows == rows
 
 
 @pytest.mark.parametrize("source", [*TWINS, "FANUC"])
@@ -66,13 +66,13 @@ def test_clean_rows_neither_drift_nor_jump(source, n):
     for seed in range(2):
         rows = np.sort(np.random.default_rng(seed).permutation(len(data.table))[:n])
         columns = data.table.iloc[rows]
-        read = reading(
+        measurement = reading(
             data.robot,
             np.deg2rad(columns[JOINTS].to_numpy()),
             columns[FORCE + TORQUE].to_numpy(),
             columns[MOVED].to_numpy() / 1000.0,
         )
-        assert find_change(read, rows, find_outliers(read).odd) is None
+        assert find_change(measurement, rows, find_outliers(measurement).odd) is None
 
 
 @pytest.mark.parametrize("source", QUICK)
@@ -87,9 +87,9 @@ def test_nearly_every_planted_mistake_is_named_and_none_wrongly(source, first, t
     for start, specimen in enumerate((3, 6), start=first):
         data = clean(source, specimen)
         faults = [fault for fault in FAULTS if not (data.no_torque and fault in OF_TORQUE)]
-        others = not_named(faults[start::4], data, tmp_path)
-        assert "wrongly named" not in others.values()
-        assert data.no_torque or set(others) <= SOMETIMES
+        missed_faults = not_named(faults[start::4], data, tmp_path)
+        assert "wrongly named" not in missed_faults.values()
+        assert data.no_torque or set(missed_faults) <= SOMETIMES
 
 
 @pytest.mark.parametrize("twin", ["kr10-twin", "ur5-twin"])
@@ -100,15 +100,15 @@ def test_clean_data_are_ok(twin, tmp_path):
 
 
 def test_missing_torques_are_no_mistake_where_that_is_declared(tmp_path):
-    """And a TCP or a point of the force that is elsewhere is named for the FANUC."""
+    """For the FANUC, the second warning names a wrong TCP or force point."""
     fanuc, path = clean("FANUC"), tmp_path / "my.csv"
-    (found,) = fanuc.report(path).warnings
-    assert "no-torque" in found.message
-    (declared,) = fanuc.report(path, no_torque=True).warnings
-    assert "the TCP or the force's point" in declared.message
-    assert "measured and loaded (" in declared.message and "; loaded (" in declared.message
+    (warning,) = fanuc.report(path).warnings
+    assert "no-torque" in warning.message
+    (point_warning,) = fanuc.report(path, no_torque=True).warnings
+    for part in ("the TCP or the force's point", "measured and loaded (", "; loaded ("):
+        assert part in point_warning.message
     (tmp_path / "my.md").write_text("# Data card\n\nTorques were not measured.\n")
-    assert fanuc.report(path).warnings == (declared,)
+    assert fanuc.report(path).warnings == (point_warning,)
 
 
 def test_a_mistake_that_makes_a_file_invalid_is_named_beside_its_errors(tmp_path):

@@ -1,4 +1,4 @@
-"""The drilled holes: their file, their card, and where the drill was."""
+"""Check the drilled holes: their file, their card, and the drill's positions."""
 
 from __future__ import annotations
 

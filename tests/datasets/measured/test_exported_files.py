@@ -1,4 +1,4 @@
-"""A data set written as files: they read back as the same samples, or nothing is written."""
+"""Check that exported files read back unchanged, or that none are written."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from stiff_protocols.contract.types import BenchmarkData
 
 @pytest.fixture()
 def data() -> BenchmarkData:
-    """Five samples of an arm of seven joints, at random angles."""
+    """Return five samples of an arm of seven joints at random angles."""
     rng, robot = np.random.default_rng(1), seven_joint_arm()
     q = rng.uniform(-1.5, 1.5, size=(5, 7))
     samples = samples_with(q, rng.normal(0, 50.0, (5, 6)), rng.normal(0, 1e-3, (5, 3)))
@@ -54,8 +54,8 @@ def test_the_files_read_back_as_the_same_samples_and_robot(data, tmp_path):
 def test_what_is_exported_again_reads_back_exactly(data, tmp_path):
     files = exported(data, tmp_path / "first")
     robot = read_robot(files.paths[2], tcp=data.robot.tcp_on_flange.tolist())
-    again = BenchmarkData(read_samples(files.paths[0], robot), data.robot)
-    assert exported(again, tmp_path / "second").n_rounded == 0
+    read_data = BenchmarkData(read_samples(files.paths[0], robot), data.robot)
+    assert exported(read_data, tmp_path / "second").n_rounded == 0
     first, second = (tmp_path / name / "seven.csv" for name in ("first", "second"))
     assert first.read_bytes() == second.read_bytes()
 

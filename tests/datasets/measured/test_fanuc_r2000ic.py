@@ -1,4 +1,4 @@
-"""The measured FANUC: its kinematics, its file, and the published figures it must give."""
+"""Check the measured FANUC's kinematics and file against the published figures."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SHARED = Path(__file__).parents[4] / "shared" / "data" / "fanuc_r2000ic_sjtu"
 
 
 def joint_frames(q):
-    """Origins (6, 3) and rotations (6, 3, 3) of the joints by the published rows."""
+    """Return joint origins (6, 3) and rotations (6, 3, 3) by the published rows."""
     pose, origins, rotations = np.eye(4), [], []
     for (alpha, a, offset, d), angle in zip(DH_ROWS, q, strict=True):
         ca, sa, ct, st = (f(x) for x in (alpha, angle + offset) for f in (np.cos, np.sin))
@@ -57,7 +57,7 @@ def joint_frames(q):
 
 
 def dh_tcp(q):
-    """The TCP by the published modified Denavit-Hartenberg rows, without a URDF."""
+    """Return the TCP by the published modified Denavit-Hartenberg rows, without a URDF."""
     origins, rotations = joint_frames(q)
     return origins[-1] + rotations[-1] @ TCP
 
@@ -68,20 +68,20 @@ def test_the_urdf_stands_where_the_published_rows_put_it(rng):
     for q in rng.uniform(-3, 3, size=(50, 6)):
         pin.forwardKinematics(chain.model, data, q)
         for link, *frame in zip(list(data.oMi)[1:], *joint_frames(q), strict=True):
-            for found, expected in zip((link.translation, link.rotation), frame, strict=True):
-                np.testing.assert_allclose(found, expected, atol=1e-12)
+            for actual, expected in zip((link.translation, link.rotation), frame, strict=True):
+                np.testing.assert_allclose(actual, expected, atol=1e-12)
         np.testing.assert_allclose(data.oMi[6].act(chain.robot.tcp), dh_tcp(q), atol=1e-12)
 
 
 def weight_torque(q):
-    """(n, 6) N m that the published links' weight exerts on the joints of (n, 6) positions."""
+    """Return the joint torques of the published links' weight, (n, 6) N m."""
     torques = np.zeros(np.shape(q))
-    for torque, each in zip(torques, q, strict=True):
-        origins, rotations = joint_frames(each)
+    for torque, joint_angles in zip(torques, q, strict=True):
+        origins, rotations = joint_frames(joint_angles)
         for link, (mass, *centre) in enumerate(LINKS):
-            place = origins[link] + rotations[link] @ centre
+            mass_position = origins[link] + rotations[link] @ centre
             for joint in range(link + 1):
-                moment = np.cross(place - origins[joint], [0.0, 0.0, -9.81 * mass])
+                moment = np.cross(mass_position - origins[joint], [0.0, 0.0, -9.81 * mass])
                 torque[joint] += rotations[joint][:, 2] @ moment
     return torques
 
@@ -95,17 +95,19 @@ def test_its_weight_turns_the_joints_as_the_published_links_do(rng):
     q = rng.uniform(-3, 3, size=(20, 6))
     robot, chain = FanucR2000iC().load().robot, shipped_chain("fanuc_r2000ic", TCP)
     data = chain.model.createData()
-    balanced = [pin.computeGeneralizedGravity(chain.model, data, each).copy() for each in q]
-    np.testing.assert_allclose(weight_torque(q), np.negative(balanced), atol=1e-8)
+    balancing_torques = [
+        pin.computeGeneralizedGravity(chain.model, data, joint_angles).copy() for joint_angles in q
+    ]
+    np.testing.assert_allclose(weight_torque(q), np.negative(balancing_torques), atol=1e-8)
     np.testing.assert_allclose(weight_torque(q), robot.gravity_torque(q), atol=1e-8)
 
 
-def test_limits_are_the_published_ones_but_for_joint_5_where_a_measured_pose_lies_outside():
+def test_limits_are_the_published_ones_except_joint_5_which_a_measured_pose_exceeds():
     data = FanucR2000iC().load()
     published = np.array([(-3.2, 3.2), (-1.0, 1.3), (-2.3, 3.0), (-6.2, 6.2), (-2, 2), (-6.2, 6.2)])
-    others = [0, 1, 2, 3, 5]
+    joints = [0, 1, 2, 3, 5]
     limits = np.stack([data.robot.lower, data.robot.upper], axis=1)
-    np.testing.assert_array_equal(limits[others], published[others])
+    np.testing.assert_array_equal(limits[joints], published[joints])
     np.testing.assert_allclose(limits[4], np.deg2rad([-125, 125]))
     assert (data.samples.q[:, 4] > published[4, 1]).sum() == 1
 
@@ -128,7 +130,7 @@ def test_the_data_card_names_source_licence_and_checksum():
     assert all(fact in card for fact in facts)
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the original files are not beside this checkout")
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the original files")
 def test_the_shipped_file_holds_the_original_numbers():
     samples = FanucR2000iC().load().samples
     angles, force, move = (
@@ -146,7 +148,7 @@ def test_the_shipped_file_holds_the_original_numbers():
 
 
 def rotation_effects(samples):
-    """Per sample: how each of the 18 joint-frame axes moves the TCP, and the torque about it.
+    """Return the TCP's motion by each joint-frame axis, and the torque about the axis.
 
     Axes x, y, z of joint 1, then of joint 2, ...; (n, 3, 18) m/rad and (n, 18) N m.
     """
@@ -169,9 +171,10 @@ def eighteen_rotational_springs(moves, torques, train):
 
 
 def two_segments_a_joint(moves, torques, train, weight=0.0):
-    """The angle's slope changes where |torque| passes the training part's 25 % quantile.
+    """Return the regressor of springs with two slopes per joint.
 
-    With a weight, of its and the load's torque together; what the weight does is no part.
+    The slope changes where |torque| passes the training part's 25 % quantile. With a weight,
+    the quantile is of both torques' sum; the deflection under the weight is subtracted.
     """
     move, load, parts = moves[:, :, 2::3], torques[:, 2::3], 0.0
     loaded = weight + load
@@ -192,7 +195,7 @@ def two_segments_a_joint_and_weight(moves, torques, train):
         (six_springs, (0.211, 0.161, 0.130)),
         (eighteen_rotational_springs, (0.121, 0.136, 0.126)),
         (two_segments_a_joint, (0.205, 0.150, 0.129)),
-        (two_segments_a_joint_and_weight, (0.202, 0.143, 0.128)),  # by this function alone
+        (two_segments_a_joint_and_weight, (0.202, 0.143, 0.128)),  # by this function only
     ],
 )
 def test_left_out_samples_are_predicted_as_well_as_independently_found(springs, independent_mm):

@@ -1,4 +1,4 @@
-"""A user's own KR10 measurement: registered once, read whenever it is asked for."""
+"""Check registering and reading a user's KR10 measurement."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def home(monkeypatch, tmp_path):
 
 @pytest.fixture()
 def csv(tmp_path):
-    """Invented numbers in the schema."""
+    """Write a file of invented numbers in the schema."""
     path = tmp_path / "my.csv"
     path.write_text(f"{HEADER}\n{GOOD}\n")
     return path
 
 
-def damaged(text):
+def write_registry(text):
     registry_file().parent.mkdir(parents=True, exist_ok=True)
     registry_file().write_bytes(text.encode("latin-1"))
 
@@ -57,7 +57,7 @@ def test_a_registered_file_is_read_with_the_shipped_robot_and_its_tcp(csv, kr10)
 
 
 def test_a_urdf_of_ones_own_replaces_the_shipped_robot_and_other_tables_stay(csv, tmp_path):
-    damaged('[other]\ncsv = "x.csv"\n\n[kr10-measured]\nurdf = "old.urdf"\n')
+    write_registry('[other]\ncsv = "x.csv"\n\n[kr10-measured]\nurdf = "old.urdf"\n')
     urdf = tmp_path / "mine.urdf"
     shipped = (files("stiff_datasets.robots") / "kr10_r1100_2.urdf").read_text()
     urdf.write_text(shipped.replace('name="kr10_r1100_2"', 'name="mine"'))
@@ -125,13 +125,13 @@ def test_a_folder_of_a_user_who_does_not_exist_is_named(monkeypatch):
     ],
 )
 def test_a_damaged_file_of_registrations_is_one_clear_error(csv, text, message):
-    damaged(text)
+    write_registry(text)
     before = registry_file().read_bytes()
-    with pytest.raises(DataError, match=message) as caught:
+    with pytest.raises(DataError, match=message) as caught_error:
         Kr10Measured().load()
-    assert str(registry_file()) in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert missing() == str(caught.value)
+    assert str(registry_file()) in str(caught_error.value)
+    assert "\n" not in str(caught_error.value)
+    assert missing() == str(caught_error.value)
     if "not TOML" in message:  # and is never overwritten
         with pytest.raises(DataError, match=r"not TOML."):
             register(KEY, csv, None, TCP)

@@ -1,4 +1,4 @@
-"""Which rows of a measurement are one pose: those within a tolerance, whatever their order."""
+"""Check that rows within a tolerance are one pose, in any order."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ N_POSES = 150
 
 @pytest.fixture(scope="module")
 def repeats(twin):
-    """150 poses of a twin, each measured three times with an encoder's jitter; with true poses."""
+    """Return 150 poses of a twin, each measured three times with an encoder's jitter."""
     rng = np.random.default_rng(0)
     once = sample_table(twin.samples, twin.robot).iloc[:N_POSES]
     table = pd.concat([once] * 3).sample(frac=1.0, random_state=1).reset_index(drop=True)
@@ -37,25 +37,27 @@ def repeats(twin):
 
 
 @pytest.fixture()
-def unnamed(repeats, tmp_path):
-    """A file of them without `pose_id`."""
+def file_without_names(repeats, tmp_path):
+    """Write the repeats to a file without `pose_id`."""
     path = tmp_path / "my.csv"
     repeats.drop(columns=NAMES).to_csv(path, index=False)
     return path
 
 
 @pytest.fixture()
-def named(repeats, tmp_path):
-    """A file of them in which every row is a pose of its own."""
+def file_with_names(repeats, tmp_path):
+    """Write 45 repeats to a file in which every row has a different `pose_id`."""
     path = tmp_path / "named.csv"
-    some = repeats[repeats["pose_id"].isin(sorted(set(repeats["pose_id"]))[:15])]
-    some.assign(pose_id=[f"m{i}" for i in range(len(some))]).to_csv(path, index=False)
+    rows = repeats[repeats["pose_id"].isin(sorted(set(repeats["pose_id"]))[:15])]
+    rows.assign(pose_id=[f"m{i}" for i in range(len(rows))]).to_csv(path, index=False)
     return path
 
 
-def test_repeats_with_jitter_are_one_pose_and_on_one_side_of_every_split(unnamed, repeats, kr10):
+def test_repeats_with_jitter_are_one_pose_and_on_one_side_of_every_split(
+    file_without_names, repeats, kr10
+):
     with pytest.warns(StiffBenchWarning, match=r"450 rows grouped into 150 poses within 0\.05 deg"):
-        samples = read_samples(unnamed, kr10)
+        samples = read_samples(file_without_names, kr10)
     pairs = set(zip(samples.pose_id.tolist(), repeats["pose_id"], strict=True))
     assert len(pairs) == len(set(samples.pose_id)) == N_POSES
     splits = [*Holdout().splits(samples, n_splits=5, seed=0)]
@@ -63,10 +65,10 @@ def test_repeats_with_jitter_are_one_pose_and_on_one_side_of_every_split(unnamed
     assert len(splits) == 5
 
 
-def test_a_tolerance_of_its_own_gives_other_poses_and_another_hash(unnamed, kr10):
+def test_a_tolerance_of_its_own_gives_other_poses_and_another_hash(file_without_names, kr10):
     with warnings.catch_warnings(action="ignore"):
         usual, none = (
-            read_samples(unnamed, kr10, FileOptions(pose_tolerance=tolerance))
+            read_samples(file_without_names, kr10, FileOptions(pose_tolerance=tolerance))
             for tolerance in (0.05, 0.0)
         )
     assert len(set(none.pose_id)) == 3 * N_POSES
@@ -111,23 +113,28 @@ def test_rows_of_one_name_may_differ_by_the_tolerance_and_no_more(repeats, kr10,
         read_samples(tmp_path / "my.csv", kr10, FileOptions(pose_tolerance=0.0))
 
 
-def test_poses_of_two_names_are_one_suspicion(named, kr10, tmp_path):
-    near = check_sheet(read_sheet(named), kr10).near_poses
+def test_poses_of_two_names_are_one_suspicion(file_with_names, kr10, tmp_path):
+    near = check_sheet(read_sheet(file_with_names), kr10).near_poses
     for part in ("45 pose_ids name 15 poses", "'m0' (row 2)", "one pose_id", "leave the column"):
         assert part in near
     words = ["--data", "named.csv", "--robot", "kr10-r1100-2", "--model", "vjm"]
-    said = bench_here("run", "--splits", "1", *words, cwd=tmp_path).stderr
-    assert said.count("45 pose_ids name 15 poses") == said.count("warning") == 1
+    stderr = bench_here("run", "--splits", "1", *words, cwd=tmp_path).stderr
+    assert stderr.count("45 pose_ids name 15 poses") == stderr.count("warning") == 1
 
 
 def test_tables_and_arrays_in_memory_are_looked_at_too(repeats, kr10):
     with pytest.warns(StiffBenchWarning, match="450 rows grouped into 150 poses"):
-        grouped = sb.Dataset.from_frame(repeats.drop(columns=NAMES), kr10)
-    assert len(set(grouped.samples.pose_id)) == N_POSES
+        dataset = sb.Dataset.from_frame(repeats.drop(columns=NAMES), kr10)
+    assert len(set(dataset.samples.pose_id)) == N_POSES
     names = np.arange(len(repeats)).astype(str)
     with pytest.warns(StiffBenchWarning, match=r"mine: 450 pose_ids .*\(row 0\)"):
-        sb.Dataset.from_samples(replace(grouped.samples, pose_id=names), kr10, name="mine")
-    sb.Dataset.from_samples(grouped.samples, kr10)  # and no warning
-    counted = repeats.assign(pose_id=grouped.samples.pose_id, load_id=np.arange(len(repeats)))
-    of_numbers = sb.Dataset.from_frame(counted.iloc[::-1], kr10)
-    assert of_numbers.samples.load_id.tolist() == counted["load_id"].astype(str).tolist()[::-1]
+        sb.Dataset.from_samples(replace(dataset.samples, pose_id=names), kr10, name="mine")
+    sb.Dataset.from_samples(dataset.samples, kr10)  # and no warning
+    numbered_table = repeats.assign(
+        pose_id=dataset.samples.pose_id, load_id=np.arange(len(repeats))
+    )
+    numbered_dataset = sb.Dataset.from_frame(numbered_table.iloc[::-1], kr10)
+    assert (
+        numbered_dataset.samples.load_id.tolist()
+        == numbered_table["load_id"].astype(str).tolist()[::-1]
+    )

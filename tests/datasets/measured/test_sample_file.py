@@ -1,4 +1,4 @@
-"""One's own CSV: what the reader accepts, and how it says what is wrong."""
+"""Check which CSV files of users are read, and which errors name the place."""
 
 from __future__ import annotations
 
@@ -77,11 +77,11 @@ SPOKEN = (
 @pytest.mark.filterwarnings("ignore:.*columns not used")
 def test_a_file_is_read_as_people_write_it(tmp_path, kr10, content):
     (tmp_path / "my.csv").write_bytes(content)
-    found = read_samples(tmp_path / "my.csv", kr10)
-    usual = read_samples(write(tmp_path, HEADER, GOOD), kr10)
+    samples = read_samples(tmp_path / "my.csv", kr10)
+    expected = read_samples(write(tmp_path, HEADER, GOOD), kr10)
     for name in ("q", "wrench", "deflection"):
-        np.testing.assert_allclose(getattr(found, name), getattr(usual, name), rtol=1e-14)
-    assert found.pose_id.tolist() == usual.pose_id.tolist()
+        np.testing.assert_allclose(getattr(samples, name), getattr(expected, name), rtol=1e-14)
+    assert samples.pose_id.tolist() == expected.pose_id.tolist()
 
 
 def test_an_excel_file_is_read_and_its_rows_are_counted_as_excel_does(tmp_path, kr10):
@@ -118,7 +118,7 @@ POINTS = [text.replace(",", ";") for text in (HEADER, GOOD)]
         ([POINTS[0], POINTS[1].replace("-80", "1,080")], "1,080"),
         ([*GERMAN, GERMAN[1].replace("P1", "P2").replace("-80", "1.080")], "1.080"),
     ],
-    ids=["points beside commas", "commas beside points", "rows of one column"],
+    ids=["points and commas", "commas and points", "rows of one column"],
 )
 def test_a_number_that_may_have_decimals_or_thousands_is_refused(tmp_path, kr10, lines, load):
     message = rf"row {len(lines)}, column fz_N: '{load}', .* decimals or thousands"
@@ -128,7 +128,7 @@ def test_a_number_that_may_have_decimals_or_thousands_is_refused(tmp_path, kr10,
 
 @pytest.mark.parametrize("sign", ["\ufeff", "\u200b", "\u202e", "\u00ad", "\u00a0"])
 def test_a_name_with_an_invisible_sign_is_no_second_pose(tmp_path, kr10, sign):
-    """It would look like the pose of another row, and stand on the other side of a split."""
+    """Such a name looks like another row's pose. A split could separate the two rows."""
     path = write(tmp_path, HEADER, GOOD, line(pose_id=f"P{sign}1", load_id=2))
     with pytest.raises(DataError, match=r"row 3, column pose_id: .* invisible"):
         read_samples(path, kr10)
@@ -213,9 +213,9 @@ def test_a_folder_in_place_of_a_file_is_named(tmp_path, kr10, name):
     ],
 )
 def test_what_is_wrong_is_named_with_file_row_column_and_value(tmp_path, kr10, lines, message):
-    with pytest.raises(DataError, match=message) as caught:
+    with pytest.raises(DataError, match=message) as caught_error:
         read_samples(write(tmp_path, *lines), kr10)
-    assert "my.csv" in str(caught.value)
+    assert "my.csv" in str(caught_error.value)
 
 
 @pytest.mark.parametrize(

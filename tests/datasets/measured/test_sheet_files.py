@@ -1,4 +1,4 @@
-"""Samples come back from a file to the last bit; what is wrong with a file is named."""
+"""Check that files return the same bits, and that errors name the place."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("files")
 
 
-def assert_identical(found, wanted):
+def assert_identical(samples, expected):
     for name in COLUMNS:
-        have, want = getattr(found, name), getattr(wanted, name)
-        if want.dtype.kind == "f":
-            assert have.tobytes() == want.tobytes(), name  # minus zero too
+        actual_values, expected_values = getattr(samples, name), getattr(expected, name)
+        if expected_values.dtype.kind == "f":
+            assert actual_values.tobytes() == expected_values.tobytes(), name  # minus zero too
         else:
-            assert have.tolist() == want.tolist()
-    assert found.instrument_noise == wanted.instrument_noise
+            assert actual_values.tolist() == expected_values.tolist()
+    assert samples.instrument_noise == expected.instrument_noise
 
 
 def test_other_si_numbers_are_written_as_the_nearest_and_are_exact_from_then_on(folder, rng, kr10):
@@ -47,7 +47,7 @@ def test_other_si_numbers_are_written_as_the_nearest_and_are_exact_from_then_on(
 
 @pytest.fixture()
 def table(kr10):
-    """Three good rows of a KR10."""
+    """Return three valid rows of a KR10."""
     n = 3
     q = np.deg2rad([[10.0, -60, 70, 0, 40, 0], [20, -50, 60, 0, 30, 0], [30, -40, 50, 0, 20, 5]])
     wrench, deflection = np.full((n, 6), 5.0), np.full((n, 3), 1e-4)
@@ -94,6 +94,6 @@ def test_what_cannot_be_written_is_named(tmp_path, kr10, table):
     assert (table.loc[0, "q2_deg"], table.loc[0, "dx_mm"]) == (-60.0, 0.1)  # a file's units
     with pytest.raises(StoreError, match=r"copy\.csv: cannot be written"):
         write_table(tmp_path / "absent" / "copy.csv", [table])
-    other = Samples(*(np.ones((1, n)) for n in (5, 6, 3)), *[np.array(["1"])] * 3)
+    five_joint_samples = Samples(*(np.ones((1, n)) for n in (5, 6, 3)), *[np.array(["1"])] * 3)
     with pytest.raises(DataError, match="samples have 5 joint angles"):
-        sample_table(other, kr10)
+        sample_table(five_joint_samples, kr10)

@@ -1,4 +1,4 @@
-"""Files as they come: several sheets, a row of units, positions in place of deflections, names."""
+"""Check files with several sheets, a row of units, positions, or other column names."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def table(twin):
 
 @pytest.fixture(scope="module")
 def tcp_mm(table, kr10):
-    """(30, 3) positions of the TCP."""
+    """Return the positions of the TCP, (30, 3) mm."""
     return 1000.0 * kr10.forward(np.deg2rad(table[JOINTS].to_numpy())).points[:, -1]
 
 
 @pytest.fixture()
 def book(tmp_path, table):
-    """A function that writes an Excel file with these rows on its sheets; 0: a note."""
+    """Return a function that writes an Excel file with n rows per sheet; 0: a note."""
     pytest.importorskip("openpyxl")
 
     def write(**sheets):
@@ -56,11 +56,11 @@ def test_a_sheet_is_asked_for_where_two_hold_tables(book, kr10, tmp_path):
     assert len(sb.read_samples(path, robot="kr10-r1100-2", sheet="Monday")) == 9
     assert sb.validate(path, sheet="Monday").verdict != "invalid"
     words = ["fit", "--data", "my.xlsx", *ROBOT, "--model", "vjm", "--output", "vjm.stiff"]
-    fitted = bench_here(*words, "--sheet", "Monday", cwd=tmp_path)
-    assert fitted.returncode == 0, fitted.stderr
+    fit_process = bench_here(*words, "--sheet", "Monday", cwd=tmp_path)
+    assert fit_process.returncode == 0, fit_process.stderr
     words = ["predict", "--model", "vjm.stiff", "--input", "my.xlsx", "--output", "out.csv"]
-    done = bench_here(*words, "--sheet", "Tuesday", cwd=tmp_path)
-    assert "4 rows predicted" in done.stdout, done.stderr
+    predict_process = bench_here(*words, "--sheet", "Tuesday", cwd=tmp_path)
+    assert "4 rows predicted" in predict_process.stdout, predict_process.stderr
 
 
 def test_a_sheet_that_is_not_there_is_refused_with_those_that_are(book, kr10, table, tmp_path):
@@ -79,7 +79,7 @@ BRACKETED = [*[""] * 3, *(f"[{unit}]" for unit in DEG_N_NM), "[um]", "[um]", "[u
 
 
 def with_units_row(table, units, names):
-    """The lines of a file that has its units in the second row."""
+    """Return the text of a file that has its units in the second row."""
     rows = table.copy()
     rows[DEFLECTIONS] *= 1.0 if units[-2] == "mm" else 1000.0
     rows.columns = names or rows.columns
@@ -94,15 +94,15 @@ def with_units_row(table, units, names):
         (BRACKETED, BARE),
         (["-", "", "-", *DEG_N_NM, "mm", "mm", "mm"], None),
     ],
-    ids=["bare", "bracketed", "beside names with units"],
+    ids=["bare", "bracketed", "names with units too"],
 )
 def test_a_row_of_units_below_the_header_is_used(tmp_path, kr10, table, units, names):
     path = tmp_path / "my.csv"
     path.write_text(with_units_row(table, units, names))
     with pytest.warns(StiffBenchWarning, match="row 2 states the units"):
         samples = read_samples(path, kr10)
-    wanted = table[DEFLECTIONS].to_numpy() / 1000.0
-    np.testing.assert_allclose(samples.deflection, wanted, rtol=1e-12)
+    expected = table[DEFLECTIONS].to_numpy() / 1000.0
+    np.testing.assert_allclose(samples.deflection, expected, rtol=1e-12)
     path.write_text(path.read_text().replace("\nP", "\nQ").replace(",0.0,", ",x,", 1))
     with pytest.raises(DataError, match="row 3, column"):  # rows are still counted as in an editor
         read_samples(path, kr10)
@@ -124,7 +124,7 @@ def test_a_row_of_units_that_cannot_be_used_is_refused(tmp_path, kr10, table, la
 
 
 def with_positions(table, tcp_mm, unit="mm", names="{axis}{number}_{unit}"):
-    """The table with the positions without and under load in place of the deflections."""
+    """Replace the table's deflections by the positions without and under load."""
     scale = {"mm": 1.0, "m": 1e-3}[unit]
     rows = table.drop(columns=DEFLECTIONS)
     before = tcp_mm.round(3)
@@ -141,20 +141,20 @@ def test_positions_without_and_under_load_give_the_deflection(tmp_path, kr10, ta
     with_positions(table, tcp_mm, unit).iloc[:9].to_csv(path, index=False)
     with pytest.warns(StiffBenchWarning, match=rf"deflections are x1_{unit} - x0_{unit}, "):
         samples = read_samples(path, kr10)
-    wanted = table[DEFLECTIONS].to_numpy()[:9] / 1000.0
-    np.testing.assert_allclose(samples.deflection, wanted, rtol=0, atol=1e-12)
+    expected = table[DEFLECTIONS].to_numpy()[:9] / 1000.0
+    np.testing.assert_allclose(samples.deflection, expected, rtol=0, atol=1e-12)
     assert "deflections are" in repr(validate(path, kr10))
 
 
 def test_positions_that_are_not_whole_are_named(tmp_path, kr10, table, tcp_mm):
     path, rows = tmp_path / "my.csv", with_positions(table, tcp_mm)
-    for wrong, message in (
+    for wrong_table, message in (
         (rows.drop(columns=["x0_mm", "y0_mm", "z0_mm"]), "missing x0_mm, y0_mm, z0_mm"),
         (rows.astype({"y1_mm": str}).replace({"y1_mm": {rows.y1_mm.astype(str)[3]: "?"}}), "'?'"),
         (rows.assign(z1_mm=rows.z1_mm + 60.0 * (rows.index == 0)), r"row 2, column z1_mm - z0_mm"),
         (table.drop(columns=DEFLECTIONS), r"missing dx_mm.*x1_mm"),
     ):
-        wrong.to_csv(path, index=False)
+        wrong_table.to_csv(path, index=False)
         with pytest.raises(DataError, match=message.replace("?", r"\?")):
             read_samples(path, kr10)
 
@@ -185,9 +185,11 @@ def test_columns_are_found_under_the_names_people_give_them(
     tmp_path, kr10, table, joint, force, torque, deflection
 ):
     kinds = {"f{}_N": force, "t{}_Nm": torque, "d{}_mm": deflection}
-    names = {ours.format(a): theirs.format(a) for ours, theirs in kinds.items() for a in "xyz"}
-    names |= {f"q{i}_deg": joint.format(i) for i in range(1, 7)}
-    table.rename(columns=names).to_csv(tmp_path / "my.csv", index=False)
+    user_names = {
+        name.format(a): user_name.format(a) for name, user_name in kinds.items() for a in "xyz"
+    }
+    user_names |= {f"q{i}_deg": joint.format(i) for i in range(1, 7)}
+    table.rename(columns=user_names).to_csv(tmp_path / "my.csv", index=False)
     samples = read_samples(tmp_path / "my.csv", kr10)
     np.testing.assert_allclose(np.rad2deg(samples.q), table[JOINTS], rtol=0, atol=1e-12)
     np.testing.assert_allclose(samples.wrench[:, 5], table["tz_Nm"])

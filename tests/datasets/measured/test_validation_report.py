@@ -1,4 +1,4 @@
-"""What `validate` finds in real and simulated data with one planted problem, and without."""
+"""Check the findings of `validate` in data with one planted problem, and without."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ class Measurement:
 
 @pytest.fixture(params=["fanuc", "twin"])
 def measurement(request, tmp_path):
-    """Of either robot: for what is found by way of the physics."""
+    """Return either robot's data, for findings that use the physics."""
     data = request.getfixturevalue(request.param)
     return Measurement(data.samples, data.robot, tmp_path / "my.csv")
 
 
 @pytest.fixture()
 def fanucs(fanuc, tmp_path):
-    """Nine poses, too few for a diagnosis: for what is found in a row, whatever the robot."""
+    """Return nine poses, too few for a diagnosis, for findings in single rows."""
     return Measurement(fanuc.samples.take(np.arange(9)), fanuc.robot, tmp_path / "my.csv")
 
 
@@ -68,17 +68,17 @@ def messages(findings):
 
 
 def only(findings, words):
-    """The one finding whose message has these words."""
-    (found,) = [finding for finding in findings if words in finding.message]
-    return found
+    """Return the only finding whose message has these words."""
+    (match,) = [finding for finding in findings if words in finding.message]
+    return match
 
 
 def test_a_wrench_in_the_tool_frame_with_other_axes_is_named(measurement):
     robot = measurement.robot
     tool = robot.forward(measurement.samples.q).rotation @ robot.flange[:3, :3]
     parts = np.split(measurement.samples.wrench, 2, axis=1)
-    turned = [np.einsum("ba,ncb,nc->na", TOOL, tool, part) for part in parts]
-    report = measurement.report(wrench=np.hstack(turned))
+    turned_parts = [np.einsum("ba,ncb,nc->na", TOOL, tool, part) for part in parts]
+    report = measurement.report(wrench=np.hstack(turned_parts))
     words = "expressed in the flange frame and had to be read with x, y, z taken from its"
     assert only(report.warnings, f"wrench looks as if it were {words}")
 
@@ -100,11 +100,11 @@ def test_a_slip_of_the_pen_in_a_small_a_usual_or_a_large_deflection_is_named(
     rows = np.flatnonzero(clear)
     row = rows[np.argsort(np.linalg.norm(deflection[rows], axis=1))[rank]]
     deflection[row] *= factors
-    (found,) = outlier_findings(
+    (finding,) = outlier_findings(
         np.arange(len(deflection)), find_outliers(read(measurement, deflection))
     )
-    assert found.rows == (row,)
-    assert rank == 0 or f"({slip}?)" in found.message  # small ones are hardly told from zero
+    assert finding.rows == (row,)
+    assert rank == 0 or f"({slip}?)" in finding.message  # small ones are hardly told from zero
 
 
 @pytest.mark.parametrize("n", [10, 20])
@@ -116,20 +116,20 @@ def test_clean_data_have_no_outliers_however_few_they_are(measurement, n):
 
 
 def test_copies_of_a_row_of_its_deflection_or_of_the_whole_table_are_found(fanucs):
-    table, copied = fanucs.table(), "the same three deflections"
+    table, copy_message = fanucs.table(), "the same three deflections"
     n = len(table)
-    again = pd.concat([table, table.loc[[4]].assign(pose_id="again")])
-    report = fanucs.report_of(again)
-    for words in ("the same joint angles and the same wrench", copied):
+    repeated_table = pd.concat([table, table.loc[[4]].assign(pose_id="again")])
+    report = fanucs.report_of(repeated_table)
+    for words in ("the same joint angles and the same wrench", copy_message):
         assert only(report.warnings, words).rows == (n + 2,)
-    near = only(report.warnings, "2 pose_ids name 1 pose").message
-    assert f"{table.pose_id[4]!r} (row 6) and 'again' (row {n + 2})" in near
-    twice = pd.concat([table, table.assign(load_id="2")])
+    near_message = only(report.warnings, "2 pose_ids name 1 pose").message
+    assert f"{table.pose_id[4]!r} (row 6) and 'again' (row {n + 2})" in near_message
+    doubled_table = pd.concat([table, table.assign(load_id="2")])
     rows = tuple(range(n + 2, 2 * n + 2))
-    assert only(fanucs.report_of(twice).warnings, copied).rows == rows
+    assert only(fanucs.report_of(doubled_table).warnings, copy_message).rows == rows
     deflection = fanucs.samples.deflection.copy()
     deflection[7] = deflection[2]
-    assert only(fanucs.report(deflection=deflection).warnings, copied).rows == (9,)
+    assert only(fanucs.report(deflection=deflection).warnings, copy_message).rows == (9,)
 
 
 @pytest.mark.parametrize(
@@ -157,16 +157,16 @@ def test_forces_in_another_unit_and_no_forces_are_noticed(fanucs, factor, words)
 def test_a_column_that_stops_at_one_value_is_named_with_the_value_and_its_rows(twin):
     wrench = twin.samples.wrench.copy()
     limit = np.sort(wrench[:, 0])[15]
-    cut = np.flatnonzero(wrench[:, 0] <= limit)
+    expected_rows = np.flatnonzero(wrench[:, 0] <= limit)
     wrench[:, 0] = np.maximum(wrench[:, 0], limit)
     samples = dataclasses.replace(twin.samples, wrench=wrench)
-    found = only(range_findings(samples, np.arange(len(wrench))), "reach its limit")
-    assert f"fx_N is exactly {limit:.6g} in 16 rows" in found.message
-    assert found.rows == tuple(cut)
+    finding = only(range_findings(samples, np.arange(len(wrench))), "reach its limit")
+    assert f"fx_N is exactly {limit:.6g} in 16 rows" in finding.message
+    assert finding.rows == tuple(expected_rows)
 
 
 @pytest.mark.parametrize(
-    ("column", "values", "moved"),
+    ("column", "values", "axis_moves"),
     [
         ("E1", [0.0, 500.0], True),
         ("A7 [deg]", [10.0, 20.0], True),
@@ -178,20 +178,20 @@ def test_a_column_that_stops_at_one_value_is_named_with_the_value_and_its_rows(t
         ("E2", ["left", "right"], False),
     ],
 )
-def test_a_column_like_an_axis_that_moves_is_a_warning(fanucs, column, values, moved):
+def test_a_column_like_an_axis_that_moves_is_a_warning(fanucs, column, values, axis_moves):
     table = fanucs.table().assign(**{column: np.resize(values, len(fanucs.samples))})
     sheet = sheet_of(fanucs.path, table)
-    found = [*external_axis_findings(sheet, [column], fanucs.robot, sheet.lines)]
-    assert [each.level for each in found] == ["warning"] * moved
-    assert all(f"column {column} looks like an axis" in each.message for each in found)
+    findings = [*external_axis_findings(sheet, [column], fanucs.robot, sheet.lines)]
+    assert [finding.level for finding in findings] == ["warning"] * axis_moves
+    assert all(f"column {column} looks like an axis" in finding.message for finding in findings)
 
 
 def test_without_masses_the_size_of_the_deflections_says_a_range_of_units(fanucs):
     robot = dataclasses.replace(fanucs.robot, masses=np.zeros(6))
     measured = dataclasses.replace(fanucs, robot=robot)
     report = measured.report(deflection=fanucs.samples.deflection * 100.0)
-    (found,) = messages(report.errors)
-    assert "0.001 inch, 1/100 mm or micrometres" in found
+    (message,) = messages(report.errors)
+    assert "0.001 inch, 1/100 mm or micrometres" in message
 
 
 def test_repeats_that_differ_are_found(fanucs, rng):
@@ -202,8 +202,8 @@ def test_repeats_that_differ_are_found(fanucs, rng):
     table["fx_N"] += rng.normal(scale=0.1, size=len(table))
     assert "repeats: 9 loads" in only(fanucs.report_of(table).facts, "repeats").message
     table.loc[9, "dy_mm"] += 0.4  # of the third group
-    found = only(fanucs.report_of(table).warnings, "repeats of a load differ")
-    assert found.rows == (10, 11, 12, 13)
+    finding = only(fanucs.report_of(table).warnings, "repeats of a load differ")
+    assert finding.rows == (10, 11, 12, 13)
 
 
 def test_validate_and_the_vjm_name_the_same_joints(kr10, tmp_path, rng):
@@ -225,8 +225,8 @@ def test_a_negative_stiffness_is_called_negative_and_not_unidentifiable(joint, t
     samples, robot = twin.samples, twin.robot
     deflection = robot.joint_deflection(1.0 / stiffness, samples.q, samples.wrench)
     report = Measurement(samples, robot, tmp_path / "my.csv").report(deflection=deflection)
-    (found,) = report.warnings
-    assert found.message == f"infinite or negative stiffness: {robot.joint_names[joint]}"
+    (warning,) = report.warnings
+    assert warning.message == f"infinite or negative stiffness: {robot.joint_names[joint]}"
 
 
 def test_every_error_is_listed_and_there_is_no_other_finding(fanucs):
@@ -246,9 +246,9 @@ def test_every_error_is_listed_and_there_is_no_other_finding(fanucs):
 def test_a_plan_that_is_not_filled_in_is_one_error(fanucs, empty):
     table = fanucs.table().assign(dx_mm=empty, dy_mm=empty, dz_mm=empty)
     report = fanucs.report_of(table)
-    (found,) = report.errors
-    assert all(part in found.message for part in ("not filled in", "9 of 9 rows", "rows 2-10"))
-    assert "dx_mm, dy_mm, dz_mm" in found.message
+    (error,) = report.errors
+    assert all(part in error.message for part in ("not filled in", "9 of 9 rows", "rows 2-10"))
+    assert "dx_mm, dy_mm, dz_mm" in error.message
     assert report.warnings == report.facts == ()
     with pytest.raises(DataError, match=r"my\.csv: plan not filled in yet[^\n]*"):
         read_samples(fanucs.path, fanucs.robot)
@@ -256,37 +256,37 @@ def test_a_plan_that_is_not_filled_in_is_one_error(fanucs, empty):
 
 def test_of_a_plan_without_any_complete_row_the_columns_to_fill_in_are_named(fanucs):
     table = fanucs.table().assign(dy_mm=np.nan, dz_mm=np.nan)
-    (found,) = fanucs.report_of(table).errors
-    assert "9 of 9 rows have no dy_mm, dz_mm (rows 2-10)" in found.message
+    (error,) = fanucs.report_of(table).errors
+    assert "9 of 9 rows have no dy_mm, dz_mm (rows 2-10)" in error.message
 
 
 def test_a_plan_without_names_and_wrenches_is_one_error(fanucs):
     columns = ["fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm", "dx_mm", "dy_mm", "dz_mm"]
     table = fanucs.table().drop(columns=["pose_id", "load_id", "group"])
-    (found,) = fanucs.report_of(table.assign(**dict.fromkeys(columns, ""))).errors
-    assert "9 of 9 rows" in found.message
+    (error,) = fanucs.report_of(table.assign(**dict.fromkeys(columns, ""))).errors
+    assert "9 of 9 rows" in error.message
 
 
 def test_a_cell_that_is_missing_in_a_complete_file_is_an_error_of_its_row(fanucs):
     table = fanucs.table().astype(object)
     table.loc[3, "dz_mm"] = ""
-    (found,) = fanucs.report_of(table).errors
-    assert found.rows == (5,) and "dz_mm" in found.message
+    (error,) = fanucs.report_of(table).errors
+    assert error.rows == (5,) and "dz_mm" in error.message
 
 
 def test_of_a_plan_that_is_filled_in_by_half_the_other_half_is_checked(fanucs):
     table = fanucs.table().astype({"dx_mm": object})
     table.loc[[3, 6, 7, 8], ["dx_mm", "dy_mm", "dz_mm"]] = np.nan
     report = fanucs.report_of(table)
-    found = only(report.warnings, "plan not filled in")
-    assert "4 of 9 rows have no dx_mm, dy_mm, dz_mm (rows 5, 8-10)" in found.message
+    finding = only(report.warnings, "plan not filled in")
+    assert "4 of 9 rows have no dx_mm, dy_mm, dz_mm (rows 5, 8-10)" in finding.message
     assert "5, 5 poses" in only(report.facts, "samples: ").message
     with pytest.raises(DataError, match="4 of 9 rows have no dx_mm"):
         read_samples(fanucs.path, fanucs.robot, FileOptions(no_torque=True))
     table.loc[2, "fx_N"] = 5e6
     report = fanucs.report_of(table)
-    assert [each.rows for each in report.errors] == [(4,)]
-    assert [found.message] == messages(report.warnings)
+    assert [error.rows for error in report.errors] == [(4,)]
+    assert [finding.message] == messages(report.warnings)
 
 
 def test_a_file_that_cannot_be_read_is_an_error_of_the_report(fanucs):
@@ -307,4 +307,4 @@ def test_a_better_model_lists_the_rows_that_it_predicts_worst_when_left_out(fanu
     )
     errors[3] = np.nan
     facts = validate(fanucs.path, fanucs.robot, left_out_errors=lambda *_: errors).facts
-    assert not any("curves" in each.message for each in facts)
+    assert not any("curves" in fact.message for fact in facts)

@@ -1,4 +1,4 @@
-"""How simulated loads lie."""
+"""Check the sizes and directions of simulated loads."""
 
 from __future__ import annotations
 

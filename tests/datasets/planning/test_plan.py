@@ -43,7 +43,7 @@ CRITERIA = ("d-optimal", "i-optimal")
 
 
 def plan_of(robot, n_poses, *, criterion="d-optimal", **options):
-    """A plan chosen from candidates of its own."""
+    """Choose a plan from new candidates."""
     pool = candidate_plan(robot, **options)
     design = SpringDesign(regressor(robot, pool.q, pool.wrench), criterion)
     return chosen_plan(pool, n_poses, design)[0]
@@ -51,7 +51,7 @@ def plan_of(robot, n_poses, *, criterion="d-optimal", **options):
 
 @pytest.fixture(scope="module", params=ROBOTS)
 def case(request):
-    """A robot, and what its plans are made with."""
+    """Return a robot and the options of its plans."""
     payload, clearance = ROBOTS[request.param]
     options = {"candidates": 300, "seed": 4, "payload_kg": payload, "clearance": clearance}
     return named_robot(request.param).robot(), options
@@ -62,7 +62,10 @@ def between(start, end, n=150):
 
 
 def sampled_clearances(robot, q):
-    """Distance to the base column and height of points sampled on the arm from joint 3 on."""
+    """Return the smallest distance to the base column and height of sampled points.
+
+    The points lie on the arm from joint 3 on.
+    """
     (points,) = robot.forward(q[None]).points
     arm = np.concatenate([between(*ends) for ends in itertools.pairwise(points[2:])])
     column = between(np.zeros(3), points[1])
@@ -85,12 +88,12 @@ def test_clearances_are_those_of_points_sampled_on_the_arm(case, rng):
     robot, _ = case
     q = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), size=(60, 6))
     points = robot.forward(q).points
-    sampled = np.array([sampled_clearances(robot, row) for row in q])
+    sampled_distances = np.array([sampled_clearances(robot, row) for row in q])
     reach = 3.0  # m, longer than either robot; sampling is coarser than this over 150
     base, height = arm_distances(points)
-    np.testing.assert_allclose(base, sampled[:, 0], atol=reach / 150)
-    assert (base <= sampled[:, 0] + 1e-12).all()
-    np.testing.assert_allclose(height, sampled[:, 1], atol=1e-12)
+    np.testing.assert_allclose(base, sampled_distances[:, 0], atol=reach / 150)
+    assert (base <= sampled_distances[:, 0] + 1e-12).all()
+    np.testing.assert_allclose(height, sampled_distances[:, 1], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +139,7 @@ def test_joints_of_more_than_a_turn_are_drawn_within_half_a_turn_of_their_middle
     q, middle = plan.q, (5.5 - 1.0) / 2
     assert (np.abs(q[:, 0] - middle) <= np.pi).all()
     assert np.abs(q[:, 1]).max() <= np.pi and np.ptp(q[:, :3], axis=0).min() > 5.0
-    assert q[:, 3].max() > middle + np.pi  # a slide's metres are no angle
+    assert q[:, 3].max() > middle + np.pi  # a slide's metres are not an angle
     assert q[:, 3].min() >= -1.0 and q[:, 3].max() <= 5.5
     table = plan_table(plan, robot)
     assert table["q2_deg"].abs().max() <= 180.0
@@ -153,8 +156,8 @@ def test_every_row_of_a_filled_in_plan_is_a_valid_sample(tmp_path, kr10, source)
     write_plan(path, plan, kr10)
     with pytest.raises(DataError, match=r"not filled in.*dx_mm"):
         read_samples(path, kr10)
-    filled = pd.read_csv(path, dtype={"load_id": str}).fillna(0.25)
-    filled.to_csv(path, index=False)
+    filled_plan = pd.read_csv(path, dtype={"load_id": str}).fillna(0.25)
+    filled_plan.to_csv(path, index=False)
     samples = read_samples(path, kr10)
     np.testing.assert_allclose(samples.q, plan.q, atol=np.deg2rad(1e-4))
     np.testing.assert_allclose(samples.wrench, plan.wrench, atol=1e-3)
@@ -177,7 +180,7 @@ def test_the_papers_plan_has_its_61_and_90_poses_and_keeps_the_default_clearance
 
 
 def test_angles_are_not_rounded_out_of_the_limits(kr10):
-    """0.785398163397448 rad, the upper limit of A2, is a hair less than 45 deg."""
+    """The upper limit of A2, 0.785398163397448 rad, is slightly less than 45 deg."""
     q = np.stack([kr10.lower, kr10.upper])
     ids = np.array(["1", "2"])
     table = plan_table(MeasurementPlan(q, np.zeros((2, 6)), ids, ids), kr10)
@@ -251,32 +254,34 @@ def test_an_arm_on_a_track_keeps_clear_of_its_own_cart_all_along_it(tmp_path):
 
 
 def measured_at(plan, **names):
-    """The plan's poses and loads with a deflection: a design does not look at it."""
+    """Return the plan's poses and loads with a deflection, which no design uses."""
     return samples_with(plan.q, plan.wrench, np.full((len(plan.q), 3), 1e-4), **names)
 
 
 @pytest.fixture(scope="module")
-def going_on(case):
-    """A robot's candidates and workspace, and 15 poses that are measured."""
+def measured_case(case):
+    """Return a robot's candidates, its workspace, and 15 measured poses."""
     robot, options = case
-    drawn = candidate_plan(robot, **(options | {"candidates": 500}))
-    measured = measured_at(candidate_plan(robot, **(options | {"candidates": 15, "seed": 77})))
-    return robot, drawn.take(slice(150, None)), drawn.take(slice(150)), measured
+    drawn_plan = candidate_plan(robot, **(options | {"candidates": 500}))
+    measured_samples = measured_at(
+        candidate_plan(robot, **(options | {"candidates": 15, "seed": 77}))
+    )
+    return robot, drawn_plan.take(slice(150, None)), drawn_plan.take(slice(150)), measured_samples
 
 
-def spring_design(going_on, criterion):
-    robot, pool, workspace, measured = going_on
-    regressors = [regressor(robot, one.q, one.wrench) for one in (pool, workspace, measured)]
+def spring_design(measured_case, criterion):
+    robot, pool, workspace, measured = measured_case
+    regressors = [regressor(robot, loads.q, loads.wrench) for loads in (pool, workspace, measured)]
     return SpringDesign(regressors[0], criterion, *regressors[1:])
 
 
-def test_the_variance_of_a_prediction_is_that_of_simulated_measurements(going_on, rng):
-    """Least squares on many draws of the noise, and the spread of what it then predicts."""
-    design = spring_design(going_on, "i-optimal")
+def test_the_variance_of_a_prediction_is_that_of_simulated_measurements(measured_case, rng):
+    """Compare with the spread of least-squares predictions over many draws of the noise."""
+    design = spring_design(measured_case, "i-optimal")
     rows = design.choose(5)
-    seen = np.concatenate([design.measured, design.candidates[rows]]).reshape(-1, 6)
-    noise = rng.normal(scale=np.sqrt(design.noise), size=(len(seen), 4000))
-    errors = design.workspace.reshape(-1, 6) @ np.linalg.lstsq(seen, noise, rcond=None)[0]
+    sample_rows = np.concatenate([design.measured, design.candidates[rows]]).reshape(-1, 6)
+    noise = rng.normal(scale=np.sqrt(design.noise), size=(len(sample_rows), 4000))
+    errors = design.workspace.reshape(-1, 6) @ np.linalg.lstsq(sample_rows, noise, rcond=None)[0]
     assert design.variance(rows) == pytest.approx(errors.var(), rel=0.05)
     assert design.variance(rows) < design.variance(rows[:2]) < design.variance(rows[:0])
 
@@ -285,19 +290,23 @@ def test_a_measured_pose_is_not_proposed_again_and_new_ones_are_numbered_on(kr10
     pool = candidate_plan(kr10, 60, seed=0, payload_kg=10.0)
     first = SpringDesign(regressor(kr10, pool.q, pool.wrench), "d-optimal")
     plan, rows = chosen_plan(pool, 9, first)
-    reached = plan.q + np.deg2rad(0.3)  # a controller's log
-    reached[0, 5] += 2.0 * np.pi
-    measured = measured_at(replace(plan, q=reached))
-    left = unmeasured(pool, measured, kr10)
-    assert sorted(left.pose_id) == sorted(np.delete(pool.pose_id, rows))
-    again = SpringDesign(regressor(kr10, left.q, left.wrench), "d-optimal")
-    more, _ = chosen_plan(left, 51, again, measured=measured_at(plan, pose_id=plan.pose_id))
-    assert more.pose_id[[0, -1]].tolist() == ["P10", "P60"]
-    assert np.abs(more.q[:, None] - plan.q).max(axis=2).min() > MIN_POSE_DISTANCE
+    reached_angles = plan.q + np.deg2rad(0.3)  # a controller's log
+    reached_angles[0, 5] += 2.0 * np.pi
+    measured = measured_at(replace(plan, q=reached_angles))
+    remaining_pool = unmeasured(pool, measured, kr10)
+    assert sorted(remaining_pool.pose_id) == sorted(np.delete(pool.pose_id, rows))
+    next_design = SpringDesign(
+        regressor(kr10, remaining_pool.q, remaining_pool.wrench), "d-optimal"
+    )
+    next_plan, _ = chosen_plan(
+        remaining_pool, 51, next_design, measured=measured_at(plan, pose_id=plan.pose_id)
+    )
+    assert next_plan.pose_id[[0, -1]].tolist() == ["P10", "P60"]
+    assert np.abs(next_plan.q[:, None] - plan.q).max(axis=2).min() > MIN_POSE_DISTANCE
 
 
 class Wave:
-    """A process of one feature, q1, with a kernel of length 0.5 rad, given three samples."""
+    """Model a process of q1 with a kernel of length 0.5 rad and three samples."""
 
     at = np.array([-1.0, -0.9, 2.0])
     noise = 0.01
@@ -307,9 +316,13 @@ class Wave:
             return np.exp(-0.5 * ((a[:, None] - b) / 0.5) ** 2)
 
         first, second = q[:, 0], other_q[:, 0]
-        known = kernel(self.at, self.at) + self.noise * np.eye(3)
-        left = kernel(first, self.at) @ np.linalg.solve(known, kernel(self.at, second))
-        return np.stack([scale * (kernel(first, second) - left) for scale in (1.0, 4.0, 0.0)])
+        sample_covariance = kernel(self.at, self.at) + self.noise * np.eye(3)
+        explained_covariance = kernel(first, self.at) @ np.linalg.solve(
+            sample_covariance, kernel(self.at, second)
+        )
+        return np.stack(
+            [scale * (kernel(first, second) - explained_covariance) for scale in (1.0, 4.0, 0.0)]
+        )
 
     def noise_variance(self):
         return self.noise * np.array([1.0, 4.0, 1.0])
@@ -321,13 +334,13 @@ def lines(q1):
 
 def test_each_choice_for_a_process_is_the_best_step_by_brute_force(rng):
     design = ProcessDesign(Wave(), lines(rng.uniform(-3, 3, 40)), lines(np.linspace(-2, 3, 30)))
-    chosen = design.choose(6).tolist()
+    chosen_rows = design.choose(6).tolist()
     for k in range(6):
-        left = [i for i in range(40) if i not in chosen[:k]]
-        variances = [design.variance(np.array([*chosen[:k], i])) for i in left]
-        assert chosen[k] == left[int(np.argmin(variances))]
+        free_rows = [i for i in range(40) if i not in chosen_rows[:k]]
+        variances = [design.variance(np.array([*chosen_rows[:k], i])) for i in free_rows]
+        assert chosen_rows[k] == free_rows[int(np.argmin(variances))]
     assert design.noise == pytest.approx(0.02)
-    gain = variance_gain(design, np.array(chosen), 40)
+    gain = variance_gain(design, np.array(chosen_rows), 40)
     assert gain.plan < gain.random_best < gain.random_mean < gain.before
     assert gain.ratio == pytest.approx(
         (gain.before - gain.plan) / (gain.before - gain.random_mean), rel=1e-12

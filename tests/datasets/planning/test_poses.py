@@ -1,4 +1,4 @@
-"""The measurement plan: 61 + 90 poses inside the limits, on their grids."""
+"""Check the paper's plan: 61 + 90 poses inside the limits, on their grids."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stiff_datasets.planning.poses import (
 RADII = {"base column": 0.12, "upper arm": 0.09, "forearm": 0.08, "hand": 0.06}
 """m, for a KR10: about half the width of the widest housing of each; assumption."""
 PAIRS = (("base column", "forearm"), ("base column", "hand"), ("upper arm", "hand"))
-"""Neighbours share a joint and always overlap there."""
+"""Pairs that can collide; neighbours share a joint and always overlap there."""
 STEPS = np.linspace(0.0, 1.0, 101)[:, None]
 
 
@@ -47,7 +47,10 @@ def test_the_cartesian_group_puts_the_tcp_on_the_grid(kr10, kr10_chain):
 
 
 def self_clearance(robot, q):
-    """The smallest gap [m] of an arm to itself, capsules of sampled centre lines; overlap: < 0."""
+    """Return an arm's smallest gap to itself, m; a negative gap is an overlap.
+
+    The parts are capsules around sampled centre lines.
+    """
     gaps = []
     for points in robot.forward(q).points:
         ends = {
@@ -70,11 +73,11 @@ def test_no_planned_pose_collides_with_itself(kr10):
     assert self_clearance(kr10, paper_poses(kr10).q).min() > 0
 
 
-def test_the_bent_wrist_is_the_same_plan_but_for_a5_in_joint_space(kr10, bent):
+def test_the_bent_wrist_plan_differs_only_in_a5_of_the_joint_space_poses(kr10, bent):
     level = paper_poses(kr10)
     assert (bent.pose_id == level.pose_id).all() and (bent.group == level.group).all()
-    others = [0, 1, 2, 3, 5]
-    np.testing.assert_array_equal(bent.q[:, others], level.q[:, others])
+    joints = [0, 1, 2, 3, 5]
+    np.testing.assert_array_equal(bent.q[:, joints], level.q[:, joints])
     np.testing.assert_array_equal(bent.q[61:], level.q[61:])
     a5 = np.rad2deg(bent.q[:61, 4])
     assert (a5 >= 0).all() and (a5 <= 90).all() and (a5 == 90).sum() > 40

@@ -1,4 +1,4 @@
-"""Controllers' joint angles and frames against published poses and closed forms."""
+"""Check controllers' joint angles and frames against published poses and closed forms."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ UP_X = DOWN_X @ Rotation.from_euler("z", 180, degrees=True).as_matrix()
 
 
 def flange_pose(name, angles_deg):
-    """The controller's flange, mm, in its world frame, at its joint angles."""
+    """Return the flange's position (mm) and rotation in the controller's world frame."""
     robot = named_robot(name).robot()
     controller = robot.controller
-    stands = robot.forward(controller.to_description(np.radians([angles_deg])))
+    frames = robot.forward(controller.to_description(np.radians([angles_deg])))
     pose = np.eye(4)
-    pose[:3, :3] = stands.rotation[0]
-    pose[:3, 3] = stands.points[0, -1] - stands.rotation[0] @ robot.tcp
+    pose[:3, :3] = frames.rotation[0]
+    pose[:3, 3] = frames.points[0, -1] - frames.rotation[0] @ robot.tcp
     pose = np.linalg.inv(controller.world) @ pose @ robot.flange @ controller.flange
     return 1000.0 * pose[:3, 3], pose[:3, :3]
 
 
 @pytest.mark.parametrize(
-    ("name", "angles", "place", "rotation"),
+    ("name", "angles", "expected_position", "rotation"),
     [
         ("kr10-r1100-2", (0, -90, 90, 0, 0, 0), (630, 0, 985), DOWN_X),
         ("irb120-3-06", (0, 0, 0, 0, 0, 0), (374, 0, 630), DOWN_X),
@@ -37,10 +37,10 @@ def flange_pose(name, angles_deg):
         ("fanuc-r2000ic", (0, 0, 0, 0, 0, 0), (1807, 0, 1300), UP_X),
     ],
 )
-def test_the_flange_at_home_is_where_the_makers_say(name, angles, place, rotation):
-    where, turned = flange_pose(name, angles)
-    np.testing.assert_allclose(where, place, atol=0.01)
-    np.testing.assert_allclose(turned, rotation, atol=1e-9)
+def test_the_flange_at_home_is_where_the_makers_say(name, angles, expected_position, rotation):
+    position, flange_rotation = flange_pose(name, angles)
+    np.testing.assert_allclose(position, expected_position, atol=0.01)
+    np.testing.assert_allclose(flange_rotation, rotation, atol=1e-9)
 
 
 def test_the_ur5_has_the_makers_denavit_hartenberg_pose():
@@ -57,9 +57,9 @@ def test_the_ur5_has_the_makers_denavit_hartenberg_pose():
         pose = pose @ np.array(
             [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
         )
-    where, turned = flange_pose("ur5", np.degrees(angles))
-    np.testing.assert_allclose(where, 1000.0 * pose[:3, 3], atol=0.01)
-    np.testing.assert_allclose(turned, pose[:3, :3], atol=1e-6)
+    position, rotation = flange_pose("ur5", np.degrees(angles))
+    np.testing.assert_allclose(position, 1000.0 * pose[:3, 3], atol=0.01)
+    np.testing.assert_allclose(rotation, pose[:3, :3], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["lr-mate-200id", "m20ib-25", "fanuc-r2000ic"])
@@ -74,8 +74,8 @@ def test_joint_3_of_a_fanuc_is_counted_from_the_ground(name):
 def test_joint_angles_come_back_from_the_description(name):
     controller = named_robot(name).robot().controller
     angles = np.random.default_rng(0).uniform(-2.0, 2.0, (20, 6))
-    back = controller.from_description(controller.to_description(angles))
-    np.testing.assert_allclose(back, angles, atol=1e-12)
+    returned_angles = controller.from_description(controller.to_description(angles))
+    np.testing.assert_allclose(returned_angles, angles, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Programs of four languages: what is read, what is left, what is refused, and the way back."""
+"""Check reading, refusing and writing back programs of four languages."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ REAL = st.one_of(
 EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 
 
-def written(tmp_path: Path, name: str, text: str) -> Path:
+def write_program(tmp_path: Path, name: str, text: str) -> Path:
     file = tmp_path / name
     file.write_bytes(text.encode("latin-1"))
     return file
 
 
-def rewritten(program) -> list[str]:
-    """The texts of a program after each number was replaced by its own text."""
+def rewrite_numbers(program) -> list[str]:
+    """Return a program's texts after each number was replaced by its own text."""
     edits = []
     for row in range(len(program)):
         index = int(program.text_index[row])
@@ -49,7 +49,7 @@ def rewritten(program) -> list[str]:
 @pytest.mark.parametrize("name", FILES)
 def test_a_program_of_the_docs_is_written_back_to_the_byte(name):
     program = read_program(DOCS / name)
-    for path, text in zip(program.paths, rewritten(program), strict=True):
+    for path, text in zip(program.paths, rewrite_numbers(program), strict=True):
         assert text.encode("latin-1") == path.read_bytes()
     for row in range(len(program)):
         text = program.texts[program.text_index[row]]
@@ -146,11 +146,11 @@ def test_any_urscript_motion_is_read_and_written_back(tmp_path, rows, newline, s
 
 
 def check(tmp_path: Path, name: str, text: str, rows) -> None:
-    program = read_program(written(tmp_path, name, text))
+    program = read_program(write_program(tmp_path, name, text))
     np.testing.assert_array_equal(
         program.values[:, : len(rows[0])], np.array(rows, dtype=float), err_msg=text
     )
-    assert rewritten(program) == [text]
+    assert rewrite_numbers(program) == [text]
 
 
 @pytest.mark.parametrize(
@@ -184,9 +184,9 @@ def check(tmp_path: Path, name: str, text: str, rows) -> None:
     ],
 )
 def test_what_cannot_be_read_is_one_line_with_file_and_line(tmp_path, name, text, parts):
-    with pytest.raises(DataError) as refused:
-        read_program(written(tmp_path, name, text))
-    message = str(refused.value)
+    with pytest.raises(DataError) as caught_error:
+        read_program(write_program(tmp_path, name, text))
+    message = str(caught_error.value)
     assert "\n" not in message
     assert [part for part in (*parts, name) if part not in message] == []
 
@@ -201,8 +201,8 @@ def test_krl_takes_frames_from_inline_forms_and_points_from_the_dat(tmp_path):
         "DECL E6POS XP1={X 1.5,Y 2,Z 3,A 4,B 5,C 6,S 'B010',T 'H23',E1 0.0}\n"
         "E6AXIS XP2={A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\n"
     )
-    written(tmp_path, "a.dat", dat)
-    program = read_program(written(tmp_path, "a.src", src))
+    write_program(tmp_path, "a.dat", dat)
+    program = read_program(write_program(tmp_path, "a.src", src))
     assert len(program) == 2 and (program.text_index == 1).all()
     np.testing.assert_array_equal(program.config[0, :2], [2.0, 35.0])
     names = [[frame.name for frame in program.frames[i]] for i in program.frame_index]

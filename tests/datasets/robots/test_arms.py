@@ -1,4 +1,4 @@
-"""The ten arms' URDF files against the public descriptions that they are typed from."""
+"""Check the ten arms' URDF files against the public descriptions they come from."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ gp180 1775 0 2100  454.55031 192.64948 3057.54884  -552.87004 569.63467 2649.614
 # kroshu/kuka_robot_descriptions 7766e92a, kuka_quantec_support/urdf/kr240_r2900_2_macro.xacro
 kr240_r2900_2 3140 0 760  2882.18895 -628.20768 842.64263  1756.7762 1035.42964 2751.05164
 """
-"""Where frame tool0 of each public description stands at `ANGLES_DEG`, base frame, mm, by Pinocchio
-on its joints as they stand there (origins, turns and axes; no text of ours in between)."""
+"""Position of frame tool0 of each public description at `ANGLES_DEG`, base frame, mm. Computed by
+Pinocchio from the description's own joints (origins, turns and axes), without our files."""
 FLANGES_MM = {
     name: np.array(numbers, dtype=float).reshape(3, 3)
     for name, *numbers in (line.split() for line in FLANGES.split("\n") if line and line[0] != "#")
@@ -43,8 +43,8 @@ FLANGES_MM = {
 @pytest.mark.parametrize("name", FLANGES_MM)
 def test_an_arms_flange_stands_where_the_public_description_puts_it(name):
     robot = shipped_chain(name, (0, 0, 0)).robot
-    found = robot.tcp_position(np.deg2rad(np.array(ANGLES_DEG, dtype=float)))
-    np.testing.assert_allclose(found, FLANGES_MM[name] / 1000, atol=1e-6)
+    positions = robot.tcp_position(np.deg2rad(np.array(ANGLES_DEG, dtype=float)))
+    np.testing.assert_allclose(positions, FLANGES_MM[name] / 1000, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", FLANGES_MM)
@@ -52,14 +52,14 @@ def test_an_arm_has_masses_inside_its_links_limits_and_151_poses_of_its_own(name
     chain = shipped_chain(name, (0, 0, 0.1))
     robot = chain.robot
     assert (robot.masses > 0).all() and (robot.lower < robot.upper).all()
-    assert (np.rad2deg(robot.upper - robot.lower) < 1000).all()  # deg were read as rad otherwise
+    assert (np.rad2deg(robot.upper - robot.lower) < 1000).all()  # larger if deg were read as rad
     # the tool points where the last joint's axis does, or opposite
     across = np.cross(robot.flange[:3, 2], robot.axes[-1])
     np.testing.assert_allclose(across, 0.0, atol=1e-12)
-    stands = robot.forward(np.zeros((1, 6)))
-    elbow, wrist = stands.points[0, 2], stands.points[0, 4]
+    frames = robot.forward(np.zeros((1, 6)))
+    elbow, wrist = frames.points[0, 2], frames.points[0, 4]
     centres = (
-        stands.points[0, :-1] + (stands.rotations[0] @ robot.centres_of_mass[..., None])[..., 0]
+        frames.points[0, :-1] + (frames.rotations[0] @ robot.centres_of_mass[..., None])[..., 0]
     )
     along = (centres - elbow) @ (wrist - elbow) / np.linalg.norm(wrist - elbow) ** 2
     assert (along[3:] > 0.3).all() and (along < 1.5).all()  # the forearm weighs beyond the elbow

@@ -1,4 +1,4 @@
-"""The serial chain of a description that is a tree: grippers, hands, two arms, wheels."""
+"""Check the serial chain of tree-like descriptions: grippers, hands, two arms, wheels."""
 
 from __future__ import annotations
 
@@ -73,17 +73,17 @@ def test_what_hangs_off_the_chain_is_part_of_its_links_as_in_pinocchio(tmp_path,
     chain = chain_of(tmp_path, MOBILE + WHEELS)
     robot = chain.robot
     np.testing.assert_allclose(robot.masses, [3, 1, 1, 1, 1, 1, 1, 8])  # two in the head, seven
-    whole = pin.buildModelFromUrdf(str(tmp_path / "made.urdf"))
+    model = pin.buildModelFromUrdf(str(tmp_path / "made.urdf"))
     q = rng.uniform(0.0, 0.3, size=robot.n_joints)
-    at = pin.neutral(whole)
+    positions = pin.neutral(model)
     for name, value in zip(robot.joint_names, q, strict=True):
-        at[whole.joints[whole.getJointId(name)].idx_q] = value
-    data = whole.createData()
-    gravity = pin.computeGeneralizedGravity(whole, data, at)
-    rows = [whole.joints[whole.getJointId(name)].idx_v for name in robot.joint_names]
+        positions[model.joints[model.getJointId(name)].idx_q] = value
+    data = model.createData()
+    gravity = pin.computeGeneralizedGravity(model, data, positions)
+    rows = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
     np.testing.assert_allclose(-robot.gravity_torque(q[None])[0], gravity[rows], atol=1e-12)
-    pin.framesForwardKinematics(whole, data, at)
-    palm = data.oMf[whole.getFrameId("palm")].translation
+    pin.framesForwardKinematics(model, data, positions)
+    palm = data.oMf[model.getFrameId("palm")].translation
     np.testing.assert_allclose(robot.tcp_position(q[None])[0], palm, atol=1e-12)
 
 
@@ -99,10 +99,10 @@ def test_what_hangs_off_the_chain_is_part_of_its_links_as_in_pinocchio(tmp_path,
     ],
 )
 def test_a_chain_that_cannot_be_one_is_refused_by_name(tmp_path, joints, tip, error, parts):
-    with pytest.raises(error) as refused:
+    with pytest.raises(error) as caught_error:
         chain_of(tmp_path, joints, tip=tip)
     for part in parts:
-        assert part in str(refused.value)
+        assert part in str(caught_error.value)
 
 
 def test_limits_that_an_exporter_left_at_zero_are_none(tmp_path):

@@ -1,4 +1,4 @@
-"""URDF -> Robot: the KR10's published check positions and torques, and what is refused."""
+"""Check robots read from URDF against published positions and torques, and refused files."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_the_kr10_has_its_data_sheets_limits_and_masses_and_the_default_tcp(kr10
     assert (kr10.tcp[0], np.hypot(*kr10.tcp[1:])) == pytest.approx((0.08, 0.06))
 
 
-@pytest.mark.parametrize("shipped", shipped_robots().values(), ids=lambda one: one.urdf)
+@pytest.mark.parametrize("shipped", shipped_robots().values(), ids=lambda info: info.urdf)
 @pytest.mark.parametrize("tcp", [None, (-0.06, 0.0, 0.08)])
 def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped, tcp):
     assert tuple(shipped.robot(tcp).tcp_on_flange) == (tcp or shipped.tcp)
@@ -88,7 +88,7 @@ def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped
         (joint().replace("0 0 1", "1e308 0 1e308"), "unit length"),
         (joint(inside='<origin xyz="nan 0 0"/>'), ""),
     ],
-    ids=lambda given: given[:40],
+    ids=lambda text: text[:40],
 )
 def test_what_is_no_serial_chain_is_refused(tmp_path, body, message):
     with pytest.raises(DataError, match=rf"r(obot\.urdf)?: .*{message}"):

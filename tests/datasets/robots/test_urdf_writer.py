@@ -1,4 +1,4 @@
-"""Robots written as URDF, and read back."""
+"""Check that robots written as URDF read back unchanged."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def read_back(robot: Robot, folder, text: str = "") -> Robot:
     return read_robot(path, tcp=robot.tcp_on_flange.tolist())
 
 
-def assert_same(read: Robot, robot: Robot) -> None:
+def assert_same(actual: Robot, robot: Robot) -> None:
     for name in ("name", "joint_names", "joint_types"):
-        assert getattr(read, name) == getattr(robot, name)
+        assert getattr(actual, name) == getattr(robot, name)
     for name in ARRAYS:
-        np.testing.assert_allclose(getattr(read, name), getattr(robot, name), atol=1e-14)
-    moments = (arm.masses[:, None] * arm.centres_of_mass for arm in (read, robot))
+        np.testing.assert_allclose(getattr(actual, name), getattr(robot, name), atol=1e-14)
+    moments = (arm.masses[:, None] * arm.centres_of_mass for arm in (actual, robot))
     np.testing.assert_allclose(*moments, atol=1e-13)
-    np.testing.assert_allclose(read.tcp, robot.tcp, atol=1e-9)  # given to 1 nm
+    np.testing.assert_allclose(actual.tcp, robot.tcp, atol=1e-9)  # given to 1 nm
 
 
 @pytest.mark.parametrize("name", shipped_robots())

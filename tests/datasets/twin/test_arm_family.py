@@ -1,4 +1,4 @@
-"""Ten types of robot: constants of a plausible size, drawn by the rule that their files state."""
+"""Check the ten robots' constants: plausible sizes, drawn by the rule in their files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def data():
 
 
 def wrist_reach(robot):
-    """How far from joint 1's axis, which is vertical, the wrist (joint 5) comes, stretched, m."""
+    """Return the stretched wrist's (joint 5) distance from joint 1's vertical axis, m."""
     origins = robot.forward(np.zeros((1, robot.n_joints))).points[0]
     across = robot.axes[1]  # joints 2, 3 and 5 turn about one direction at zero joint angles
     shoulder, elbow, wrist = (point - across * (across @ point) for point in origins[[1, 2, 4]])
@@ -47,35 +47,46 @@ def wrist_reach(robot):
 
 @pytest.fixture(scope="module")
 def deflections(data, constants):
-    """(151,) mm by the payload that hangs from each arm's hook, links bent, without noise."""
-    found = []
-    for one, twin in zip(data, constants, strict=True):
-        robot, q = twin.robot(), one.samples.q
+    """Return the deflections by the payload on each arm's hook, (151,) mm.
+
+    The links bend; the readings have no noise.
+    """
+    sizes_mm = []
+    for benchmark_data, twin in zip(data, constants, strict=True):
+        robot, q = twin.robot(), benchmark_data.samples.q
         beams = specimen_beams(twin, robot, 0, must_bend=True)
         weight = np.tile([0.0, 0.0, -twin.payload_kg * STANDARD_GRAVITY], (len(q), 1))
         wrench = hook_wrenches(weight, robot.forward(q).rotation @ np.array(twin.hook_m))
-        moved = DigitalTwin(robot, twin.springs, beams=beams).readings(q, wrench)
-        found.append(np.linalg.norm(moved, axis=1) * 1000)
-    return found
+        reading = DigitalTwin(robot, twin.springs, beams=beams).readings(q, wrench)
+        sizes_mm.append(np.linalg.norm(reading, axis=1) * 1000)
+    return sizes_mm
 
 
 def test_the_card_has_what_each_arm_is_like(constants, deflections):
     card = (files("stiff_datasets") / "data" / "arm_family.md").read_text(encoding="utf-8")
     rows = [[word.strip() for word in line.split("|")[1:-1]] for line in card.splitlines()]
-    told = [(row[0], *row[3:6], *row[7:]) for row in rows if row and row[0].isdecimal()]
-    assert told == [
+    card_rows = [(row[0], *row[3:6], *row[7:]) for row in rows if row and row[0].isdecimal()]
+    assert card_rows == [
         (
             *(str(number), f"{twin.payload_kg:g}", f"{wrist_reach(twin.robot()):.2f}"),
-            *(f"{twin.robot().masses.sum():.3g}", f"{np.median(moved):.2f}", f"{moved.max():.1f}"),
+            *(
+                f"{twin.robot().masses.sum():.3g}",
+                f"{np.median(sizes_mm):.2f}",
+                f"{sizes_mm.max():.1f}",
+            ),
         )
-        for number, (twin, moved) in enumerate(zip(constants, deflections, strict=True))
+        for number, (twin, sizes_mm) in enumerate(zip(constants, deflections, strict=True))
     ]
 
 
 def test_ten_robots_have_151_poses_inside_the_limits_and_loads_to_80_percent(data, constants):
-    assert len({one.robot.name for one in data}) == len({one.sha256 for one in data}) == 10
-    for one, twin in zip(data, constants, strict=True):
-        samples, robot = one.samples, one.robot
+    assert (
+        len({benchmark_data.robot.name for benchmark_data in data})
+        == len({benchmark_data.sha256 for benchmark_data in data})
+        == 10
+    )
+    for benchmark_data, twin in zip(data, constants, strict=True):
+        samples, robot = benchmark_data.samples, benchmark_data.robot
         assert len(set(samples.pose_id)) == len(samples) == 151
         assert (samples.q > robot.lower - 1e-5).all() and (samples.q < robot.upper + 1e-5).all()
         share = np.linalg.norm(samples.wrench[:, :3], axis=1) / (twin.payload_kg * STANDARD_GRAVITY)
@@ -89,10 +100,10 @@ def test_a_gears_rated_torque_is_near_the_joints_static_torque(number, data, con
     twin, q = constants[number], data[number].samples.q
     chain, robot = twin.chain(), twin.robot()
     model, frames = chain.model, chain.model.createData()
-    stands = robot.forward(q)
-    hook = stands.points[:, -1] + stands.rotation @ np.array(twin.hook_m)
-    axes = np.einsum("njab,jb->nja", stands.rotations, robot.axes)
-    lever = np.linalg.norm(np.cross(axes, hook[:, None] - stands.points[:, :-1]), axis=2)
+    poses = robot.forward(q)
+    hook = poses.points[:, -1] + poses.rotation @ np.array(twin.hook_m)
+    axes = np.einsum("njab,jb->nja", poses.rotations, robot.axes)
+    lever = np.linalg.norm(np.cross(axes, hook[:, None] - poses.points[:, :-1]), axis=2)
     weight = [np.abs(pin.computeGeneralizedGravity(model, frames, angles)) for angles in q]
     largest = (np.array(weight) + twin.payload_kg * STANDARD_GRAVITY * lever).max(axis=0)
     ratio = np.array([joint.springs.gear.rated_Nm for joint in twin.joint]) / largest
@@ -139,8 +150,11 @@ def test_a_narrow_plan_stays_inside_the_share_of_the_payload():
 
 
 def test_a_wide_plan_of_the_kr10_has_random_poses_and_forces_of_every_direction():
-    wide, usual = Kr10Twin(plan="wide").load(), Kr10Twin().load()
-    assert len(wide.samples) == len(usual.samples) == 151
-    assert wide.samples.q[:, [3, 5]].all() and (wide.samples.wrench[:, :3].min(axis=0) < 0.0).all()
-    lowest = np.linalg.svd(wide.samples.wrench[:, :3], compute_uv=False)
-    assert lowest[-1] / lowest[0] > 0.5
+    wide_plan, default_plan = Kr10Twin(plan="wide").load(), Kr10Twin().load()
+    assert len(wide_plan.samples) == len(default_plan.samples) == 151
+    assert (
+        wide_plan.samples.q[:, [3, 5]].all()
+        and (wide_plan.samples.wrench[:, :3].min(axis=0) < 0.0).all()
+    )
+    singular_values = np.linalg.svd(wide_plan.samples.wrench[:, :3], compute_uv=False)
+    assert singular_values[-1] / singular_values[0] > 0.5

@@ -1,4 +1,4 @@
-"""Bending links against a cantilever's closed form and a frame's stiffness matrix."""
+"""Check bending links against a cantilever's closed form and a frame's stiffness matrix."""
 
 from __future__ import annotations
 
@@ -27,57 +27,57 @@ def poses(rng):
 
 
 def cantilever(length, tube):
-    """One joint at the origin, the tool a tube along x."""
+    """Return the beams of one joint at the origin with a tube along x."""
     robot = replace(planar_arm(1, (0.0, 0.0, 1.0)), tcp=np.array([length, 0.0, 0.0]))
     return Beams(robot, (tube, tube), np.full(2, E), NU)
 
 
 def compliances(beams, q):
-    """Return (n, 6, 6): how the TCP gives way to unit wrenches."""
+    """Return the TCP's deflections under unit wrenches, (n, 6, 6)."""
     columns = [beams.displacement(q, np.tile(unit, (len(q), 1))) for unit in np.eye(6)]
     return np.stack(columns, axis=2)
 
 
-def test_a_cantilever_gives_way_as_timoshenkos_closed_form_says():
+def test_a_cantilever_deflects_as_timoshenkos_closed_form_says():
     length, tube = 0.8, Tube(outer_m=0.1, wall_m=0.01)
     area = np.pi * (0.05**2 - 0.04**2)
     inertia = np.pi / 4 * (0.05**4 - 0.04**4)
-    found = compliances(cantilever(length, tube), np.zeros((1, 1)))[0]
+    compliance = compliances(cantilever(length, tube), np.zeros((1, 1)))[0]
     sideways = length**3 / (3 * E * inertia) + length / (SHEAR_COEFFICIENT * G * area)
     expected = np.diag([length / (E * area), sideways, sideways, *[length / (E * inertia)] * 3])
     expected[3, 3] = length / (G * 2 * inertia)
     turn = length**2 / (2 * E * inertia)
     expected[1, 5] = expected[5, 1] = turn  # a force along y turns the end about z
     expected[2, 4] = expected[4, 2] = -turn
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-20)
-    turned = compliances(cantilever(length, tube), np.array([[np.pi / 2]]))[0]
-    assert turned[1, 1] == pytest.approx(length / (E * area))
+    np.testing.assert_allclose(compliance, expected, rtol=1e-12, atol=1e-20)
+    turned_compliance = compliances(cantilever(length, tube), np.array([[np.pi / 2]]))[0]
+    assert turned_compliance[1, 1] == pytest.approx(length / (E * area))
 
 
-def test_the_robot_gives_way_as_its_assembled_stiffness_matrix_says(beams, poses):
-    for q, found in zip(poses, compliances(beams, poses), strict=True):
-        np.testing.assert_allclose(found, frame_compliance(beams, q), rtol=1e-9, atol=1e-16)
+def test_the_robot_deflects_as_its_assembled_stiffness_matrix_says(beams, poses):
+    for q, compliance in zip(poses, compliances(beams, poses), strict=True):
+        np.testing.assert_allclose(compliance, frame_compliance(beams, q), rtol=1e-9, atol=1e-16)
 
 
 def frame_compliance(beams, q):
-    """Return (6, 6) of the last node of a frame, from its element stiffness matrices."""
+    """Return the compliance of a frame's last node from its element stiffness matrices."""
     ends = np.concatenate([np.zeros((1, 3)), beams.robot.forward(q[None]).points[0]])
     segments = np.diff(ends, axis=0)
-    there = np.flatnonzero(np.linalg.norm(segments, axis=1))  # the UR5's base is no beam
-    n = len(there) + 1
-    whole = np.zeros((6 * n, 6 * n))
+    beam_numbers = np.flatnonzero(np.linalg.norm(segments, axis=1))  # the UR5's base has no length
+    n = len(beam_numbers) + 1
+    stiffness = np.zeros((6 * n, 6 * n))
     clamp = np.minimum(beams.foundation, 1e14)
-    whole[:6, :6] += np.diag(np.repeat(clamp, 3))
-    for i, number in enumerate(there):
+    stiffness[:6, :6] += np.diag(np.repeat(clamp, 3))
+    for i, number in enumerate(beam_numbers):
         segment, tube = segments[number], beams.tubes[number]
         length = np.linalg.norm(segment)
         element = element_stiffness(length, tube, beams.modulus[number])
         across = np.linalg.svd(segment[None])[2][1]
         along = segment / length
         turn = np.kron(np.eye(4), np.stack([along, across, np.cross(along, across)]))
-        at = slice(6 * i, 6 * i + 12)
-        whole[at, at] += turn.T @ element @ turn
-    return np.linalg.inv(whole)[-6:, -6:]
+        block = slice(6 * i, 6 * i + 12)
+        stiffness[block, block] += turn.T @ element @ turn
+    return np.linalg.inv(stiffness)[-6:, -6:]
 
 
 def element_stiffness(length, tube, modulus):

@@ -1,4 +1,4 @@
-"""What the rough twin has beyond the default one, effect by effect."""
+"""Check each effect that the rough twin adds to the default one."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TWINS = [Kr10Twin, Kr10TwinOmni, Kr10TwinMultiload, Kr10TwinRough, Ur5Twin, ArmF
 
 
 def own_twin(tmp_path, name, old="", new=""):
-    """Constants of a user's file: a shipped one with one change."""
+    """Return the constants of a user's file: a shipped file with one change."""
     source = (files("stiff_datasets") / "twins" / f"{name}.toml").read_text(encoding="utf-8")
     assert old in source
     path = tmp_path / "my.toml"
@@ -57,20 +57,20 @@ def test_an_unknown_effect_is_named_with_the_valid_ones(text, message):
 
 def test_each_effect_changes_the_measurement_and_none_is_the_default_twins_physics():
     texts = ["none", *(",".join(EFFECTS[: i + 1]) for i in range(len(EFFECTS)))]
-    found = [Kr10TwinRough(effects=text).load() for text in texts]
-    for one, other in itertools.pairwise(found):
-        shown = one.samples.deflection - other.samples.deflection
-        assert np.abs(shown).max() > 5e-6 or not np.array_equal(
-            one.samples.wrench, other.samples.wrench
+    datasets = [Kr10TwinRough(effects=text).load() for text in texts]
+    for data, next_data in itertools.pairwise(datasets):
+        difference = data.samples.deflection - next_data.samples.deflection
+        assert np.abs(difference).max() > 5e-6 or not np.array_equal(
+            data.samples.wrench, next_data.samples.wrench
         )
-    assert Kr10TwinRough().load().sha256 == found[-1].sha256
-    q, wrench = found[0].samples.q, found[0].samples.wrench
+    assert Kr10TwinRough().load().sha256 == datasets[-1].sha256
+    q, wrench = datasets[0].samples.q, datasets[0].samples.wrench
     twin = DigitalTwin(CONSTANTS.robot(), specimen_springs(CONSTANTS, 0))
-    np.testing.assert_allclose(found[0].known["oracle"], twin.readings(q, wrench), atol=1e-12)
+    np.testing.assert_allclose(datasets[0].known["oracle"], twin.readings(q, wrench), atol=1e-12)
 
 
 def stop_angle(law, path):
-    """Return theta [rad] after a torque path [N m], by Prandtl's stops, which have a memory.
+    """Return theta [rad] along a torque path [N m] by Prandtl's stops.
 
     Their weights give the tanh of `SpringLaw` from rest; Masing's rule follows from them.
     """
@@ -78,10 +78,11 @@ def stop_angle(law, path):
     edges = np.linspace(0.0, 8.0 * torque, STOPS + 1)
     slope = half / torque / np.cosh(edges / torque) ** 2  # of half * tanh(tau / torque)
     radius, weight = (edges[:-1] + edges[1:]) / 2, slope[:-1] - slope[1:]
-    at, angles, state = path[0], [], -radius  # the torque has fallen for long: a turning point
+    last_torque, angles = path[0], []
+    state = -radius  # the torque has fallen for long: a turning point
     for tau in path:
-        state = np.clip(state + tau - at, -radius, radius)
-        at = tau
+        state = np.clip(state + tau - last_torque, -radius, radius)
+        last_torque = tau
         angles.append((weight * state).sum())
     return np.array(angles)
 
@@ -106,18 +107,18 @@ def test_a_pose_loaded_alone_or_among_others_in_any_order_reads_the_same(kr10, r
     q = np.repeat(rng.uniform(-1.5, 1.5, size=(1, 6)), 5, axis=0)
     wrench = LOAD * rng.uniform(-1, 1, size=(5, 1))
     order = rng.permutation(5)
-    together, mixed = twin.readings(q, wrench), twin.readings(q, wrench[order])
-    np.testing.assert_allclose(mixed, together[order], rtol=0, atol=1e-14)
-    alone = twin.readings(q[:1], wrench[:1])
-    np.testing.assert_allclose(alone, together[:1], rtol=0, atol=1e-14)
+    readings, shuffled_readings = twin.readings(q, wrench), twin.readings(q, wrench[order])
+    np.testing.assert_allclose(shuffled_readings, readings[order], rtol=0, atol=1e-14)
+    single_reading = twin.readings(q[:1], wrench[:1])
+    np.testing.assert_allclose(single_reading, readings[:1], rtol=0, atol=1e-14)
 
 
 def test_the_real_robot_is_off_by_the_stated_sizes(kr10):
     real = real_robot(kr10, CONSTANTS.errors, stream("test"))
-    for described, found in zip(kr10.placements, real.placements, strict=True):
-        off = np.linalg.inv(described) @ found
-        assert np.linalg.norm(off[:3, 3]) == pytest.approx(3e-4)
-        assert np.linalg.norm(pin.log3(off[:3, :3])) == pytest.approx(5e-4)
+    for nominal, actual in zip(kr10.placements, real.placements, strict=True):
+        offset = np.linalg.inv(nominal) @ actual
+        assert np.linalg.norm(offset[:3, 3]) == pytest.approx(3e-4)
+        assert np.linalg.norm(pin.log3(offset[:3, :3])) == pytest.approx(5e-4)
     np.testing.assert_allclose(np.abs(real.masses / kr10.masses - 1.0), 0.1)
     assert np.linalg.norm(real.tcp - kr10.tcp) == pytest.approx(3e-4)
     at_zero = np.zeros((1, 6))
@@ -129,10 +130,12 @@ def test_the_force_sensor_is_turned_by_one_degree_and_its_gain_is_off_by_three_p
     wrench = rng.normal(size=(50, 6))
     for specimen in (0, 5):
         sensor = Instruments.of(CONSTANTS, specimen, EFFECTS)
-        shown = sensor.sensor_wrench(wrench)
-        np.testing.assert_allclose(sensor.true_wrench(shown), wrench, atol=1e-14)
+        reading = sensor.sensor_wrench(wrench)
+        np.testing.assert_allclose(sensor.true_wrench(reading), wrench, atol=1e-14)
         for part in (slice(0, 3), slice(3, 6)):
-            gain = np.linalg.norm(shown[:, part], axis=1) / np.linalg.norm(wrench[:, part], axis=1)
+            gain = np.linalg.norm(reading[:, part], axis=1) / np.linalg.norm(
+                wrench[:, part], axis=1
+            )
             np.testing.assert_allclose(np.abs(gain - 1.0), 0.03)
         assert np.rad2deg(np.linalg.norm(pin.log3(sensor.force_frame))) == pytest.approx(
             1.0, rel=1e-5
@@ -147,16 +150,16 @@ def test_the_oracle_knows_all_but_the_noise():
     error = np.abs(data.known["oracle"] - data.samples.deflection).mean()
     noise = np.abs(data.known["noise"] - data.samples.deflection).mean()
     assert noise <= 1.05 * error < 3e-5
-    assert data.sha256 == replace(data, known={}).sha256  # models' data, and nothing beside it
+    assert data.sha256 == replace(data, known={}).sha256  # the hash is of the models' data only
 
 
 def test_links_that_shall_bend_need_sections(tmp_path):
     own_twin(tmp_path, "ur5")
     path = tmp_path / "my.toml"
     path.write_text(path.read_text().partition("[beams]")[0])
-    for asked in ({"effects": "links"}, {"physics": "rigid"}):
+    for options in ({"effects": "links"}, {"physics": "rigid"}):
         with pytest.raises(DataError, match=r"my\.toml: no table \[beams\].*(links|rigid)"):
-            RobotTwin(constants=path, poses=2, **asked).load()
+            RobotTwin(constants=path, poses=2, **options).load()
 
 
 @pytest.mark.parametrize(
@@ -180,21 +183,21 @@ def test_a_robot_without_masses_makes_no_twin(tmp_path):
         constants.chain()
 
 
-@pytest.mark.parametrize("of", TWINS)
-def test_rigid_bearings_keep_poses_and_loads_and_change_the_deflections(of):
-    tilting, rigid = of().load(), of(physics="rigid").load()
+@pytest.mark.parametrize("twin_class", TWINS)
+def test_rigid_bearings_keep_poses_and_loads_and_change_the_deflections(twin_class):
+    tilting, rigid = twin_class().load(), twin_class(physics="rigid").load()
     for name in ("q", "wrench", "pose_id"):
         np.testing.assert_array_equal(getattr(rigid.samples, name), getattr(tilting.samples, name))
-    moved = np.linalg.norm(rigid.samples.deflection - tilting.samples.deflection, axis=1)
-    assert np.median(moved) > 2e-5
+    distance = np.linalg.norm(rigid.samples.deflection - tilting.samples.deflection, axis=1)
+    assert np.median(distance) > 2e-5
     error = np.abs(rigid.known["oracle"] - rigid.samples.deflection)
     assert np.median(error) < 2e-5  # the oracle bends, too
-    card = card_of(of)
+    card = card_of(twin_class)
     assert f"`{tilting.sha256}`" in card and f"`{rigid.sha256}`" in card
 
 
 def card_of(cls):
-    """The text of a data set's card."""
+    """Return the text of a data set's card."""
     info = next(info for info in DATASETS if info.target.endswith(f":{cls.__name__}"))
     return (files("stiff_datasets") / info.card).read_text(encoding="utf-8")
 

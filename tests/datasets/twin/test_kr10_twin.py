@@ -1,4 +1,4 @@
-"""The simulated KR10: what its data sets hold, and that each is what its name says."""
+"""Check the contents of the simulated KR10's data sets."""
 
 from __future__ import annotations
 

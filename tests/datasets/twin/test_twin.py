@@ -1,4 +1,4 @@
-"""The digital twin against Pinocchio, closed forms and the axioms of a spring; its instruments."""
+"""Check the digital twin against Pinocchio, closed forms and the axioms of a spring."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ KR10 = shipped_constants("kr10_r1100_2")
 SPRINGS = KR10.springs
 
 
-def geared(slopes, breakpoints, lost_motion=0.0):
+def geared_springs(slopes, breakpoints, lost_motion=0.0):
     gear = Gear(slopes_Nm_per_rad=slopes, breakpoints_Nm=breakpoints, rated_Nm=100.0)
     return JointSprings(gear, STIFF, (STIFF, STIFF), lost_motion)
 
 
-def linear(stiffness):
-    return geared((stiffness,) * 3, (1.0, 2.0))
+def linear_springs(stiffness):
+    return geared_springs((stiffness,) * 3, (1.0, 2.0))
 
 
 @pytest.fixture()
 def arm():
-    """One joint about y at the origin, 1 m long, 2 kg in its middle."""
+    """Return a 1 m arm with one joint about y and 2 kg in its middle."""
     middle = np.array([[0.5, 0.0, 0.0]])
     return replace(planar_arm(1, (0.0, 1.0, 0.0), mass=2.0), centres_of_mass=middle)
 
@@ -50,46 +50,48 @@ def twin(kr10):
     return DigitalTwin(kr10, SPRINGS)
 
 
-def one(values):
+def row_of(values):
     return np.asarray(values, dtype=np.float64)[None]
 
 
-def assert_balanced_as_in_pinocchio(chain, found, q, wrench):
+def assert_balanced_as_in_pinocchio(chain, balance, q, wrench):
     for i in range(len(q)):
-        torque, tcp, _ = pinocchio_torque(chain, q[i], found.theta[i], wrench[i])
-        np.testing.assert_allclose(found.torque[i], torque, atol=1e-10)
-        np.testing.assert_allclose(found.tcp[i], tcp, atol=1e-14)
+        torque, tcp, _ = pinocchio_torque(chain, q[i], balance.theta[i], wrench[i])
+        np.testing.assert_allclose(balance.torque[i], torque, atol=1e-10)
+        np.testing.assert_allclose(balance.tcp[i], tcp, atol=1e-14)
 
 
-def drawn(rng, n_joints):
-    """Twenty poses and loads."""
+def draw_samples(rng, n_joints):
+    """Draw twenty poses and loads."""
     wrench = rng.normal(size=(20, 6)) * np.repeat([60.0, 6.0], 3)
     return rng.uniform(-1.5, 1.5, size=(20, n_joints)), wrench
 
 
 def test_torques_and_tcp_are_those_of_pinocchios_elastic_model(kr10_chain, twin, rng):
-    q, wrench = drawn(rng, 6)
+    q, wrench = draw_samples(rng, 6)
     assert_balanced_as_in_pinocchio(kr10_chain, twin.equilibrium(q, wrench), q, wrench)
 
 
 @pytest.fixture()
 def track(tmp_path):
-    """A robot of seven joints, the first a track along x."""
+    """Return a robot of seven joints, the first a track along x."""
     return read_chain(tree_urdf(tmp_path / "track.urdf", track_lines()), tcp=(0.1, 0.0, 0.2))
 
 
 def test_a_robot_on_a_track_deforms_as_in_pinocchio(track, rng):
     twin = DigitalTwin(track.robot, [SlideSprings(2e6, (3e5, 3e5)), *SPRINGS])
-    q, wrench = drawn(rng, 7)
-    found = twin.equilibrium(q, wrench)
-    assert_balanced_as_in_pinocchio(track, found, q, wrench)
-    np.testing.assert_allclose(found.theta[:, 0], wrench[:, 0] / 2e6, atol=1e-15)
+    q, wrench = draw_samples(rng, 7)
+    balance = twin.equilibrium(q, wrench)
+    assert_balanced_as_in_pinocchio(track, balance, q, wrench)
+    np.testing.assert_allclose(balance.theta[:, 0], wrench[:, 0] / 2e6, atol=1e-15)
 
 
 def test_a_drive_alone_gives_force_over_stiffness_along_the_track(track):
-    twin = DigitalTwin(track.robot, [SlideSprings(1e5, (STIFF, STIFF)), *[linear(1e10)] * 6])
-    moved = twin.readings(np.full((1, 7), 0.3), one(LOAD))
-    np.testing.assert_allclose(moved, one([LOAD[0] / 1e5, 0.0, 0.0]), atol=1e-6)
+    twin = DigitalTwin(
+        track.robot, [SlideSprings(1e5, (STIFF, STIFF)), *[linear_springs(1e10)] * 6]
+    )
+    moved = twin.readings(np.full((1, 7), 0.3), row_of(LOAD))
+    np.testing.assert_allclose(moved, row_of([LOAD[0] / 1e5, 0.0, 0.0]), atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -103,12 +105,12 @@ def test_every_samples_springs_carry_load_and_weight_to_a_nanonewton_metre(
     wrench = experiment.wrenches(q)
     law = SpringLaw(specimen_springs(KR10, specimen))
     for load in (wrench, np.zeros_like(wrench)):
-        found = experiment.twin.equilibrium(q, load)
+        balance = experiment.twin.equilibrium(q, load)
         for i in range(len(q)):
-            # torque of Pinocchio at the angles that the springs have under the torque found
-            theta = law.angle(found.torque[i][:, None])[:, 0]
+            # torque of Pinocchio at the angles that the springs have under the balance's torque
+            theta = law.angle(balance.torque[i][:, None])[:, 0]
             torque, _, _ = pinocchio_torque(kr10_chain, q[i], theta, load[i])
-            assert np.abs(torque - found.torque[i]).max() < 1e-9
+            assert np.abs(torque - balance.torque[i]).max() < 1e-9
 
 
 def test_a_joints_turn_is_that_of_its_spring_in_balance(twin, kr10, rng):
@@ -119,13 +121,13 @@ def test_a_joints_turn_is_that_of_its_spring_in_balance(twin, kr10, rng):
     hysteresis = DigitalTwin(kr10, SPRINGS, hysteresis=True)
     torque = 1e3 * np.ones((1, 6))  # a load takes up the whole width, not half of it
     widths = [joint.lost_motion for joint in SPRINGS]
-    more = hysteresis.joint_turn(torque) - twin.joint_turn(torque)
-    np.testing.assert_allclose(more[0], np.array(widths) / 2.0, rtol=1e-6)
+    width_difference = hysteresis.joint_turn(torque) - twin.joint_turn(torque)
+    np.testing.assert_allclose(width_difference[0], np.array(widths) / 2.0, rtol=1e-6)
 
 
 def test_a_linear_joint_bends_by_the_pendulum_equation(arm):
-    twin = DigitalTwin(arm, [linear(1000.0)])
-    theta = twin.equilibrium(np.zeros((1, 1)), one([0, 0, -50.0, 0, 0, 0])).theta[0, 0]
+    twin = DigitalTwin(arm, [linear_springs(1000.0)])
+    theta = twin.equilibrium(np.zeros((1, 1)), row_of([0, 0, -50.0, 0, 0, 0])).theta[0, 0]
     # the load and the weight turn the arm down by theta: k theta = (F + m g / 2) cos theta
     assert 1000.0 * theta == pytest.approx((50.0 + 9.81) * np.cos(theta), abs=1e-9)
 
@@ -134,25 +136,25 @@ def test_a_linear_joint_bends_by_the_pendulum_equation(arm):
     ("springs", "torque", "angle"),
     [
         *(
-            (geared((1e4, 2e4, 4e4), (2.0, 5.0)), torque, angle)  # the catalogue's curve
+            (geared_springs((1e4, 2e4, 4e4), (2.0, 5.0)), torque, angle)  # the catalogue's curve
             for torque, angle in ((1.0, 1e-4), (3.0, 2e-4 + 0.5e-4), (9.0, 2e-4 + 1.5e-4 + 1e-4))
         ),
         *(  # rigid, and 4 N m are 4 % of the rated torque: half the lost motion's width
-            (geared((1e9,) * 3, (1.0, 2.0), 2e-4), torque, angle)
+            (geared_springs((1e9,) * 3, (1.0, 2.0), 2e-4), torque, angle)
             for torque, angle in ((40.0, 1e-4), (-40.0, -1e-4))
         ),
     ],
 )
 def test_an_upright_joint_follows_its_gears_slopes_and_lost_motion(arm, springs, torque, angle):
-    upright = one([-np.pi / 2])  # no gravity torque, a force along x has the full lever
-    found = DigitalTwin(arm, [springs]).equilibrium(upright, one([torque, 0, 0, 0, 0, 0]))
-    assert found.theta[0, 0] == pytest.approx(angle, rel=2e-3)  # a little gravity as it leans
+    upright = row_of([-np.pi / 2])  # no gravity torque, a force along x has the full lever
+    balance = DigitalTwin(arm, [springs]).equilibrium(upright, row_of([torque, 0, 0, 0, 0, 0]))
+    assert balance.theta[0, 0] == pytest.approx(angle, rel=2e-3)  # a little gravity as it leans
 
 
 def test_without_tilts_slopes_and_lost_motion_it_is_the_linear_vjm_to_first_order(kr10):
     stiffness = np.array([5.1e4, 6.3e4, 5.0e4, 2.3e3, 8.9e3, 1.4e3])
     weightless = replace(kr10, gravity=np.zeros(3))  # it bends the robot with the load at nil
-    twin = DigitalTwin(weightless, [linear(k) for k in stiffness])
+    twin = DigitalTwin(weightless, [linear_springs(k) for k in stiffness])
     rows = kr10.jacobian(POSE[None])[0]
     loads = LOAD * np.array([1.0, 0.5, 0.25, 0.125])[:, None]
     expected = ((loads @ rows) / stiffness) @ rows[:3].T
@@ -162,19 +164,21 @@ def test_without_tilts_slopes_and_lost_motion_it_is_the_linear_vjm_to_first_orde
     assert error[-1] < 1e-2 * np.linalg.norm(expected[-1])
 
 
-def test_samples_do_not_depend_on_those_beside_them_and_no_load_moves_nothing(twin, rng):
+def test_samples_do_not_depend_on_their_neighbours_and_no_load_moves_nothing(twin, rng):
     q = rng.uniform(-1.5, 1.5, size=(50, 6))
     wrench = rng.normal(size=(50, 6)) * 30
-    together = twin.readings(q, wrench)
-    alone = np.concatenate([twin.readings(q[i : i + 1], wrench[i : i + 1]) for i in (0, 25)])
-    np.testing.assert_allclose(together[[0, 25]], alone, rtol=0, atol=1e-13)
+    readings = twin.readings(q, wrench)
+    single_readings = np.concatenate(
+        [twin.readings(q[i : i + 1], wrench[i : i + 1]) for i in (0, 25)]
+    )
+    np.testing.assert_allclose(readings[[0, 25]], single_readings, rtol=0, atol=1e-13)
     assert not twin.readings(q, np.zeros((50, 6))).any()
 
 
 def test_a_load_that_no_spring_can_carry_is_refused(kr10):
-    soft = DigitalTwin(kr10, [linear(20.0)] * 6)
+    soft = DigitalTwin(kr10, [linear_springs(20.0)] * 6)
     with pytest.raises(DataError, match=r"no elastic equilibrium at q = .* the load is too large"):
-        soft.readings(one(POSE), one(LOAD))
+        soft.readings(row_of(POSE), row_of(LOAD))
 
 
 def test_noise_has_the_data_sheets_size_over_10000_repeats(rng):
@@ -192,20 +196,25 @@ def test_noise_has_the_data_sheets_size_over_10000_repeats(rng):
 def test_data_sets_that_share_a_seed_share_no_random_numbers():
     names, ur5 = np.arange(50).astype(str), shipped_constants("ur5")
     poses = Poses(np.zeros((50, 6)), names, names)
-    drawn = []
+    draws = []
     for constants, specimen, loads in ((KR10, 0, 1), (KR10, 1, 1), (KR10, 0, 5), (ur5, 0, 1)):
         twin = TwinExperiment(
             constants, loads="omni", specimen=specimen, seed=0, loads_per_pose=loads
         )
         force = twin.wrenches(np.zeros((50, 6)))[:, :3]
-        still = np.zeros((50 * loads, 3))
-        noise = twin.recorded(poses, np.zeros((50 * loads, 6)), still).deflection[:50]
-        drawn.append((force / np.linalg.norm(force, axis=1, keepdims=True), noise))
-    for pair in itertools.combinations(drawn, 2):
-        for one, other in zip(*pair, strict=True):
-            assert np.abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 0.3
+        zero_deflection = np.zeros((50 * loads, 3))
+        noise = twin.recorded(poses, np.zeros((50 * loads, 6)), zero_deflection).deflection[:50]
+        draws.append((force / np.linalg.norm(force, axis=1, keepdims=True), noise))
+    for pair in itertools.combinations(draws, 2):
+        for first, second in zip(*pair, strict=True):
+            assert np.abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.3
     factors = [
-        [one.structure / two.structure for one, two in zip(found, type_.springs, strict=True)]
-        for found, type_ in ((specimen_springs(type_, 3), type_) for type_ in (KR10, ur5))
+        [
+            spring.structure / nominal.structure
+            for spring, nominal in zip(
+                specimen_springs(robot_type, 3), robot_type.springs, strict=True
+            )
+        ]
+        for robot_type in (KR10, ur5)
     ]
     assert not np.isclose(*factors).any()  # specimens of two robots

@@ -1,4 +1,4 @@
-"""The TOML file of a twin: what it gives, and how it says what is wrong."""
+"""Check reading a twin's TOML file, and the errors of a wrong one."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ def write(tmp_path, text):
 
 def test_constants_are_converted_to_springs_in_si_units(tmp_path):
     text = TOP + 5 * JOINT + JOINT.replace("25", OWN_GEAR)
-    *alike, own = read_constants(write(tmp_path, text)).springs
-    assert len(alike) == 5 and own.gear.slopes_Nm_per_rad == (1e6, 2e6, 2e6)
-    assert alike[0].gear == CATALOGUE[25]
-    assert alike[0].structure == 1e5 and alike[0].tilting == (4 * 5e4, 4 * 5e4)
-    assert alike[0].lost_motion == pytest.approx(np.deg2rad(1 / 60))
+    spring, *_, custom_spring = springs = read_constants(write(tmp_path, text)).springs
+    assert len(springs) == 6 and custom_spring.gear.slopes_Nm_per_rad == (1e6, 2e6, 2e6)
+    assert spring.gear == CATALOGUE[25]
+    assert spring.structure == 1e5 and spring.tilting == (4 * 5e4, 4 * 5e4)
+    assert spring.lost_motion == pytest.approx(np.deg2rad(1 / 60))
 
 
 @pytest.mark.parametrize(
@@ -94,15 +94,15 @@ def test_a_missing_joint_and_a_missing_file_are_named(tmp_path):
         read_constants(tmp_path / "absent.toml")
 
 
-def test_a_robot_is_simulated_from_its_urdf_beside_the_file_and_its_constants(tmp_path):
+def test_a_robot_is_simulated_from_its_constants_and_the_urdf_next_to_them(tmp_path):
     urdf = (files("stiff_datasets") / "robots" / "ur5.urdf").read_text()
     (tmp_path / "mine.urdf").write_text(urdf.replace('robot name="ur5"', 'robot name="mine"'))
     path = write(tmp_path, TOP.replace('"ur5"', '"mine.urdf"') + 6 * JOINT)
-    data, again = (
+    data, second_data = (
         RobotTwin(constants=path, poses=20, loads_per_pose=2, seed=3).load() for _ in range(2)
     )
     assert data.robot.name == "mine" and len(data.samples) == 40
-    assert again.sha256 == data.sha256
+    assert second_data.sha256 == data.sha256
     lower, upper = data.robot.lower, data.robot.upper
     assert (data.samples.q >= lower).all() and (data.samples.q <= upper).all()
     assert np.linalg.norm(data.samples.deflection, axis=1).max() < 0.05
@@ -119,8 +119,8 @@ def test_a_track_has_a_drive_and_a_guide_and_its_scatter(tmp_path):
     assert constants.chain().notes == ()
     slide, *_ = constants.springs
     assert slide == SlideSprings(2e7, (5e6, 5e6))
-    other, *_ = specimen_springs(constants, 3)
-    assert 0.5 < other.drive / slide.drive < 2.0 and other.drive != slide.drive
+    specimen_slide, *_ = specimen_springs(constants, 3)
+    assert 0.5 < specimen_slide.drive / slide.drive < 2.0 and specimen_slide.drive != slide.drive
 
 
 def test_a_twin_on_a_track_moves_along_it_and_records_millimetres(tmp_path):

@@ -1,4 +1,4 @@
-"""The UR5: its description against the published rows, limits, efforts and masses."""
+"""Check the UR5's description against the published rows, limits, efforts and masses."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def dh_step(row, angle):
 
 
 def dh_flange(q):
-    """The flange by the published distal Denavit-Hartenberg rows, without a URDF."""
+    """Return the flange by the published distal Denavit-Hartenberg rows."""
     pose = np.eye(4)
     for row, angle in zip(DH_ROWS, q, strict=True):
         pose = pose @ dh_step(row, angle)
@@ -48,7 +48,7 @@ def dh_flange(q):
 
 
 def flange_poses(angles):
-    """The flange by the shipped URDF: (n, 4, 4)."""
+    """Return the flange's poses by the shipped URDF, (n, 4, 4)."""
     model = shipped_chain("ur5", (0, 0, 0)).model
     data, flange = model.createData(), model.getFrameId("flange")
     poses = []

@@ -1,4 +1,4 @@
-"""Model files: what is read back, and what is refused."""
+"""Check that model files read back unchanged and that wrong files are refused."""
 
 from __future__ import annotations
 
@@ -34,20 +34,22 @@ from stiff_models.networks.mlp import Mlp
 from stiff_protocols.contract.errors import DataError, ModelError, NotFittedError, StoreError
 
 
-class Stranger(LinearRegression):
-    """An estimator of a module that is none of scikit-learn's."""
+class ThirdPartyRegressor(LinearRegression):
+    """Stand for an estimator outside scikit-learn."""
 
 
 @pytest.mark.parametrize("key", ["gp", "vjm-gp", "mf-gp", "deep-ensemble"])
 def test_intervals_have_the_same_bits_after_a_round_trip(key, tmp_path):
-    """The predictions of every model: the conformance suite."""
+    """Compare only intervals; the conformance suite compares every model's predictions."""
     model, samples = quick_model(key), twin_data().samples
     model.save(tmp_path / "model.stiff")
-    loaded = load(tmp_path / "model.stiff")
-    ours, theirs = (m.predict_interval(samples.q, samples.wrench, 0.9) for m in (model, loaded))
-    np.testing.assert_array_equal([ours.lower, ours.upper], [theirs.lower, theirs.upper])
-    assert type(loaded) is type(model) and vars(loaded).keys() == vars(model).keys()
-    assert loaded.robot_.name == "kr10_r1100_2"
+    loaded_model = load(tmp_path / "model.stiff")
+    before, after = (
+        m.predict_interval(samples.q, samples.wrench, 0.9) for m in (model, loaded_model)
+    )
+    np.testing.assert_array_equal([before.lower, before.upper], [after.lower, after.upper])
+    assert type(loaded_model) is type(model) and vars(loaded_model).keys() == vars(model).keys()
+    assert loaded_model.robot_.name == "kr10_r1100_2"
 
 
 REGRESSORS = [
@@ -61,7 +63,7 @@ REGRESSORS = [
 ]
 
 
-@pytest.mark.parametrize("regressor", REGRESSORS, ids=lambda each: type(each).__name__)
+@pytest.mark.parametrize("regressor", REGRESSORS, ids=lambda regressor: type(regressor).__name__)
 def test_a_trusted_regressor_predicts_the_same_bits_after_a_round_trip(regressor, rng):
     inputs = rng.normal(size=(120, 4))
     regressor.fit(inputs, inputs @ rng.normal(size=(4, 3)))
@@ -87,7 +89,7 @@ def test_a_fresh_process_predicts_the_same_bits_and_imports_nothing_heavy_before
     )
 
 
-def there_and_back(value, folder):
+def save_and_load(value, folder):
     holder = copy.copy(quick_model("zero"))
     holder.value_ = value
     holder.save(folder / "model.stiff")
@@ -96,8 +98,8 @@ def there_and_back(value, folder):
 
 def test_numbers_that_json_has_not_and_nested_containers_come_back(tmp_path):
     nested = {1: (float("inf"), [float("-inf"), {"a": (2,)}])}
-    assert there_and_back(nested, tmp_path) == nested
-    assert np.isnan(there_and_back(float("nan"), tmp_path))
+    assert save_and_load(nested, tmp_path) == nested
+    assert np.isnan(save_and_load(float("nan"), tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -108,22 +110,27 @@ def test_numbers_that_json_has_not_and_nested_containers_come_back(tmp_path):
         (lambda: 0, "<lambda>"),
         (BaseEstimator, "sklearn.base.BaseEstimator"),
         (FunctionTransformer(func=os.getcwd), "posix.getcwd"),
-        (Stranger(), "Stranger"),
+        (ThirdPartyRegressor(), "ThirdPartyRegressor"),
     ],
 )
 def test_what_no_file_can_hold_is_refused_by_its_types_name(value, name, tmp_path):
-    with pytest.raises(ModelError, match="zero cannot be saved: it holds ") as refused:
-        there_and_back(value, tmp_path)
-    assert name in str(refused.value)
+    with pytest.raises(ModelError, match="zero cannot be saved: it holds ") as caught_error:
+        save_and_load(value, tmp_path)
+    assert name in str(caught_error.value)
     assert not list(tmp_path.iterdir())
 
 
 def test_what_is_not_fitted_not_ours_or_has_no_folder_is_refused(tmp_path):
-    stranger = Stranger()
-    stranger.robot_ = twin_data().robot
+    third_party = ThirdPartyRegressor()
+    third_party.robot_ = twin_data().robot
     for model, path, error, message in (
         (Mlp(), "model", NotFittedError, "call fit before save"),
-        (stranger, "model", ModelError, r"Stranger is not a stiffbench model.*own library"),
+        (
+            third_party,
+            "model",
+            ModelError,
+            r"ThirdPartyRegressor is not a stiffbench model.*own library",
+        ),
         (quick_model("vjm"), "none/model", StoreError, "cannot be written"),
     ):
         with pytest.raises(error, match=message):
@@ -133,85 +140,85 @@ def test_what_is_not_fitted_not_ours_or_has_no_folder_is_refused(tmp_path):
 def test_a_network_of_another_machines_gpu_runs_on_what_is_here(tmp_path, monkeypatch):
     model = copy.copy(quick_model("mlp"))
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    for device, loaded in (("cpu", "cpu"), ("cuda", "auto")):
+    for device, expected in (("cpu", "cpu"), ("cuda", "auto")):
         model.device = device
         model.save(tmp_path / "model.stiff")
-        assert load(tmp_path / "model.stiff").device == loaded
+        assert load(tmp_path / "model.stiff").device == expected
 
 
 def test_files_that_are_none_or_damaged_are_refused_in_one_line(tmp_path):
-    path, other = tmp_path / "model.stiff", tmp_path / "other.stiff"
+    path, copy_path = tmp_path / "model.stiff", tmp_path / "other.stiff"
     quick_model("mlp").save(path)
-    whole = path.read_bytes()
-    flipped = bytearray(whole)
-    flipped[-5] ^= 1
+    valid = path.read_bytes()
+    flipped_bytes = bytearray(valid)
+    flipped_bytes[-5] ^= 1
     bomb = {"schema.json": bytes(2**20)}
-    for content, said in (
+    for content, message in (
         (b"no model at all", "not a model file, or a corrupt file"),
         (b"", "not a model file, or a corrupt file"),
-        (whole[:-100], "not a model file, or a corrupt file"),
-        (whole[:50], "not a model file, or a corrupt file"),
-        (bytes(flipped), ""),
+        (valid[:-100], "not a model file, or a corrupt file"),
+        (valid[:50], "not a model file, or a corrupt file"),
+        (bytes(flipped_bytes), ""),
         (archived({"weight.npy": bytes(3)}), "not a model file of stiffbench"),
         (archived(bomb, zipfile.ZIP_DEFLATED), r"file of \d+ bytes unpacks to 1048576"),
     ):
-        other.write_bytes(content)
-        with pytest.raises(DataError, match=rf"other\.stiff: .*{said}") as refused:
-            load(other)
-        assert "\n" not in str(refused.value)
+        copy_path.write_bytes(content)
+        with pytest.raises(DataError, match=rf"other\.stiff: .*{message}") as caught_error:
+            load(copy_path)
+        assert "\n" not in str(caught_error.value)
     with pytest.raises(DataError, match="No such file"):
         load(tmp_path / "none.stiff")
     with pytest.raises(DataError, match="Is a directory"):
         load(tmp_path)
 
 
-def fitted(**nodes):
+def change_fitted(**nodes):
     return lambda content: content["model"]["fitted"].update(nodes)
 
 
-def object_of(kind, name, **parts):
-    return fitted(a_={"stiffbench": kind, "class": name} | parts)
+def replace_attribute(kind, name, **parts):
+    return change_fitted(a_={"stiffbench": kind, "class": name} | parts)
 
 
 CHANGES = {
     "has format 3": lambda content: content.update(format=3),
     "unknown model 'vjn'": lambda content: content["model"].update({"class": "vjn"}),
     "KeyError: 'class'": lambda content: content["model"].pop("class"),
-    "unknown model 'os:system'": object_of("record", "os:system", fields={}),
-    "holds stiff_models.io.model_file:load,": object_of(
+    "unknown model 'os:system'": replace_attribute("record", "os:system", fields={}),
+    "holds stiff_models.io.model_file:load,": replace_attribute(
         "record", "stiff_models.io.model_file:load", fields={"path": "x"}
     ),
-    "holds stiff_models.io.model_file:Path,": object_of(
+    "holds stiff_models.io.model_file:Path,": replace_attribute(
         "record", "stiff_models.io.model_file:Path", fields={}
     ),
-    "which is not a frozen dataclass": object_of(
+    "which is not a frozen dataclass": replace_attribute(
         "record", "stiff_models.networks.mlp:Mlp", fields={}
     ),
-    "which is not a stiffbench model": object_of(
+    "which is not a stiffbench model": replace_attribute(
         "model", "stiff_models.networks.encoded_model:Scaler", params={}, fitted={}
     ),
-    "sets 'predict'": fitted(predict=0),
-    "sets '__class__'": fitted(__class__=0),
+    "sets 'predict'": change_fitted(predict=0),
+    "sets '__class__'": change_fitted(__class__=0),
     "unexpected keyword argument 'colour'": lambda content: content["model"]["params"].update(
         colour=1
     ),
-    "a model without its robot": fitted(robot_="kr10"),
+    "a model without its robot": change_fitted(robot_="kr10"),
     "lengths are in m": lambda content: content["model"]["fitted"]["robot_"]["fields"].update(
         tcp=np.array([1e300, 0.0, 0.0])
     ),
     "is not a rotation": lambda content: content["model"]["fitted"]["robot_"]["fields"].update(
         flange=np.zeros((4, 4))
     ),
-    "posix.getcwd": fitted(a_=FunctionTransformer(func=os.getcwd)),
-    "test_model_file.Stranger": fitted(a_=Stranger()),
+    "posix.getcwd": change_fitted(a_=FunctionTransformer(func=os.getcwd)),
+    "test_model_file.ThirdPartyRegressor": change_fitted(a_=ThirdPartyRegressor()),
 }
 
 
 @pytest.mark.parametrize("message", CHANGES)
 def test_a_crafted_file_builds_nothing_that_is_not_ours(message, tmp_path):
-    with pytest.raises(DataError, match=r"model\.stiff: ") as refused:
+    with pytest.raises(DataError, match=r"model\.stiff: ") as caught_error:
         load(changed(saved_model(tmp_path, "vjm"), CHANGES[message]))
-    assert message in str(refused.value)
+    assert message in str(caught_error.value)
 
 
 @pytest.mark.parametrize(("option", "value"), [("layers", 10**9), ("width", 0), ("width", "all")])

@@ -1,4 +1,4 @@
-"""The cache of trainings: what its key holds, and what it survives."""
+"""Check the keys of the cache of trainings, and how it handles broken entries."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ def test_other_training_samples_are_another_training(twin, trainings):
 
 
 class Wavy(torch.nn.Sequential):
-    """A third-party network."""
+    """Stand for a third-party network."""
 
 
 class ThirdParty(MlpPretrained):
-    """A plugin's model."""
+    """Stand for a plugin's model."""
 
     def _new_network(self, n_inputs, seed, n_outputs=3):
         return Wavy(*super()._new_network(n_inputs, seed, n_outputs))
@@ -68,10 +68,10 @@ class ThirdParty(MlpPretrained):
 def test_third_party_code_is_part_of_the_key(twin, monkeypatch, tmp_path, trainings):
     source = tmp_path / "plugin.py"
     monkeypatch.setattr(sys.modules[Wavy.__module__], "__file__", str(source))
-    for text, trained in (("a", 1), ("a", 1), ("bb", 2)):
+    for text, n_trainings in (("a", 1), ("a", 1), ("bb", 2)):
         source.write_text(text)
         fit(twin, ThirdParty)
-        assert len(trainings) == trained
+        assert len(trainings) == n_trainings
 
 
 @pytest.mark.parametrize(
@@ -119,9 +119,9 @@ def test_no_steps_are_not_kept_and_switched_off_nothing_is(
 
 
 def test_a_damaged_entry_is_trained_again(twin, trainings, empty_cache):
-    first = fit(twin).predict(twin.samples.q, twin.samples.wrench)
-    (stored,) = empty_cache.rglob("output.pkl")
-    stored.write_bytes(stored.read_bytes()[:100])
-    again = fit(twin).predict(twin.samples.q, twin.samples.wrench)
-    np.testing.assert_array_equal(first, again)
+    before = fit(twin).predict(twin.samples.q, twin.samples.wrench)
+    (entry,) = empty_cache.rglob("output.pkl")
+    entry.write_bytes(entry.read_bytes()[:100])
+    after = fit(twin).predict(twin.samples.q, twin.samples.wrench)
+    np.testing.assert_array_equal(before, after)
     assert len(trainings) == 2

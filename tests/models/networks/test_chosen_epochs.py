@@ -1,4 +1,4 @@
-"""How cross-validation chooses the number of epochs."""
+"""Check how cross-validation chooses the number of epochs."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ def test_every_row_is_held_out_once_with_all_rows_of_its_pose(twin):
 )
 def test_more_epochs_are_taken_where_they_gain_a_standard_error(gain, scatter, chosen, twin):
     rng = np.random.default_rng(3)
-    of_pose = rng.uniform(1, 9, size=100)
+    pose_errors = rng.uniform(1, 9, size=100)
     difference = rng.normal(size=100)
     difference = gain + scatter * (difference - difference.mean()) / difference.std()
 
     def errors_of(learn, held_out):
-        return np.stack([of_pose, of_pose - difference])[:, held_out]
+        return np.stack([pose_errors, pose_errors - difference])[:, held_out]
 
     assert chosen_epochs(samples_of(twin, 100), (0, 10), errors_of, seed=0) == chosen
 
 
 def test_a_single_pose_is_trained_to_the_end(twin):
-    one = replace(twin.samples.take(np.arange(5)), pose_id=np.full(5, "p"))
-    assert chosen_epochs(one, (0, 30), lambda *_: pytest.fail("divided"), seed=0) == 30
+    one_pose = replace(twin.samples.take(np.arange(5)), pose_id=np.full(5, "p"))
+    assert chosen_epochs(one_pose, (0, 30), lambda *_: pytest.fail("divided"), seed=0) == 30
 
 
 @pytest.mark.parametrize("cls", [Mlp, FtMlp])
@@ -67,7 +67,9 @@ def test_a_network_is_then_trained_so_long_on_all_rows(cls, parts, small_source)
     model = cls(**options, epochs=30).fit(train, robot=robot, validation=held_out, seed=2)
     epochs = model.best_params_["epochs"]
     assert not model.chooses_epoch() and epochs in (0, 10, 30)
-    same = cls(**options, epochs=epochs, training="normal").fit(train, robot=robot, seed=2)
-    assert not getattr(same, "best_params_", {})
+    retrained_model = cls(**options, epochs=epochs, training="normal").fit(
+        train, robot=robot, seed=2
+    )
+    assert not getattr(retrained_model, "best_params_", {})
     q, wrench = held_out.q, held_out.wrench
-    np.testing.assert_array_equal(model.predict(q, wrench), same.predict(q, wrench))
+    np.testing.assert_array_equal(model.predict(q, wrench), retrained_model.predict(q, wrench))

@@ -1,4 +1,4 @@
-"""`mlp`, `mlp-pretrained` and `ft-mlp` as models, on small networks."""
+"""Check `mlp`, `mlp-pretrained` and `ft-mlp` as models, on small networks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SMALL = {"layers": 4, "width": 16, "device": "cpu"}
 SMALL_SOURCE = SMALL | {"pretrain_steps": 30, "source_poses": "sobol"}
 EVERY = frozenset({0, 2, 4, 6, 8})
 STRATEGIES = {"layers:1,2": {0, 2}, "layers:4,out": {6, 8}, "lp-ft": EVERY}
-"""Freeze strategy -> numbers of the modules that it lets move."""
+"""Freeze strategy -> numbers of the modules that it trains."""
 
 
 def fit(model, parts, seed=5, validation=True):
@@ -49,6 +49,8 @@ def test_an_angle_and_the_same_angle_a_turn_later_are_one_input(parts):
 def test_every_strategy_moves_its_own_parameters_and_no_others(freeze, parts):
     model = fit(FtMlp(**SMALL_SOURCE, epochs=20, freeze=freeze, training="normal"), parts)
     before, after = state(model.source_network_), state(model.network_)
-    changed = {name for name in before if not np.array_equal(before[name], after[name])}
-    moving = {f"{layer}.{kind}" for layer in STRATEGIES[freeze] for kind in ("weight", "bias")}
-    assert changed == moving
+    changed_names = {name for name in before if not np.array_equal(before[name], after[name])}
+    expected_names = {
+        f"{layer}.{kind}" for layer in STRATEGIES[freeze] for kind in ("weight", "bias")
+    }
+    assert changed_names == expected_names

@@ -1,4 +1,4 @@
-"""Networks as ONNX files, run by onnxruntime."""
+"""Check networks exported as ONNX files by running them in onnxruntime."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ pytest.importorskip("onnxscript")
 
 pytestmark = pytest.mark.xdist_group("onnx")  # an import of seconds, in one process
 LONG = ("mlp", "mlp-pretrained", "ft-mlp", "residual-mlp", "compliance-net", "dt-cnn", "adann-2r")
-"""Networks: an export takes seconds."""
-ENSEMBLE = "deep-ensemble"  # many times as long; what it has of its own is the mean
+"""Networks whose export takes seconds."""
+ENSEMBLE = "deep-ensemble"  # takes many times as long; only the mean is new
 
 
 @pytest.mark.parametrize(
@@ -43,9 +43,9 @@ def test_onnxruntime_predicts_what_the_model_does(key, tmp_path, capfd):
     session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
     predicted = model.predict(samples.q, samples.wrench)
     for n in (len(samples), 1):
-        (ours,) = session.run(["deflection"], {"q": samples.q[:n], "wrench": samples.wrench[:n]})
-        assert ours.shape == (n, 3) and ours.dtype == np.float64
-        assert np.abs(ours - predicted[:n]).max() <= 1e-6
+        (outputs,) = session.run(["deflection"], {"q": samples.q[:n], "wrench": samples.wrench[:n]})
+        assert outputs.shape == (n, 3) and outputs.dtype == np.float64
+        assert np.abs(outputs - predicted[:n]).max() <= 1e-6
     meta = session.get_modelmeta().custom_metadata_map
     assert meta["robot"] == model.robot_.name and "rad" in meta["units"]
 
@@ -54,8 +54,8 @@ def test_an_ensemble_is_the_mean_of_its_members_in_torch():
     model, samples = quick_model(ENSEMBLE), twin_data().samples
     module = model._torch_module()
     with torch.no_grad():
-        ours = module(torch.tensor(samples.q), torch.tensor(samples.wrench)).numpy()
-    np.testing.assert_allclose(ours, model.predict(samples.q, samples.wrench), atol=1e-6)
+        outputs = module(torch.tensor(samples.q), torch.tensor(samples.wrench)).numpy()
+    np.testing.assert_allclose(outputs, model.predict(samples.q, samples.wrench), atol=1e-6)
 
 
 def test_a_missing_package_is_named_with_the_extra_that_brings_it(tmp_path, monkeypatch):

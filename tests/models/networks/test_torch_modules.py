@@ -1,4 +1,4 @@
-"""The Jacobian and the parts of a prediction as torch modules, against the numpy ones."""
+"""Check the torch modules of Jacobian and prediction against the numpy functions."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def test_the_torch_jacobian_is_the_numpy_one(kinds, dtype, tolerance, rng):
     robot = random_chain(rng, kinds)
     q = torch.tensor(rng.uniform(-3, 3, size=(200, robot.n_joints)), dtype=dtype)
     truth = robot.jacobian(q.double().numpy())
-    ours = TorchJacobian(robot)(q)
-    assert ours.dtype == dtype
-    assert np.abs(ours.numpy() - truth).max() <= tolerance * np.abs(truth).max()
+    jacobian = TorchJacobian(robot)(q)
+    assert jacobian.dtype == dtype
+    assert np.abs(jacobian.numpy() - truth).max() <= tolerance * np.abs(truth).max()
 
 
 @pytest.mark.parametrize("encoding", ["sincos", "raw"])
@@ -41,5 +41,5 @@ def test_an_encoded_network_sees_the_features_that_training_saw(encoding, rng):
     with torch.no_grad():
         inputs = torch.tensor(scalers[0].apply(features), dtype=torch.float32)
         truth = scalers[1].undo(network(inputs).double().numpy())
-        ours = module(torch.tensor(q), torch.tensor(wrench)).numpy()
-    np.testing.assert_allclose(ours, truth, atol=1e-6)
+        outputs = module(torch.tensor(q), torch.tensor(wrench)).numpy()
+    np.testing.assert_allclose(outputs, truth, atol=1e-6)

@@ -1,4 +1,4 @@
-"""The training loop, its optimizer, and its passes without autograd."""
+"""Check the training loop, its optimizers and its passes without autograd."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def plan(**changes):
     )
 
 
-def train(net, data=None, chosen=None, **options):
-    data, chosen = data or rows(), chosen or plan()
-    return train_network(net, data, chosen, **({"seed": 0, "phase": "t"} | options))
+def train(net, data=None, training_plan=None, **options):
+    data, training_plan = data or rows(), training_plan or plan()
+    return train_network(net, data, training_plan, **({"seed": 0, "phase": "t"} | options))
 
 
 def error(net, data):
@@ -45,8 +45,8 @@ def error(net, data):
 def test_training_lowers_the_error(optimizer, loss, rate):
     net, data = network(), rows()
     before = error(net, data)
-    chosen = plan(steps=100, optimizer=optimizer, loss=loss, learning_rate=rate)
-    train(net, data, chosen)
+    training_plan = plan(steps=100, optimizer=optimizer, loss=loss, learning_rate=rate)
+    train(net, data, training_plan)
     assert error(net, data) < 0.9 * before
 
 
@@ -55,16 +55,17 @@ def test_the_best_step_on_the_validation_rows_is_kept():
     curve = train(net, data, plan(steps=300, keep_best=True), validation=held_out)
     assert error(net, held_out) == pytest.approx(curve.best_loss, rel=1e-5)
     assert 0 < curve.best_step < 300
-    last = network(width=64)
-    train(last, data, plan(steps=300), validation=held_out)
-    assert curve.best_loss < error(last, held_out)
+    last_network = network(width=64)
+    train(last_network, data, plan(steps=300), validation=held_out)
+    assert curve.best_loss < error(last_network, held_out)
 
 
 def test_validation_rows_do_not_change_what_is_learned():
-    with_rows, without = network(), network()
-    kept_last = train(with_rows, validation=rows(9, seed=5))
-    train(without)
-    assert math.isnan(kept_last.best_loss)
+    validated_network, plain_network = network(), network()
+    curve = train(validated_network, validation=rows(9, seed=5))
+    train(plain_network)
+    assert math.isnan(curve.best_loss)
     assert all(
-        torch.equal(a, b) for a, b in zip(with_rows.parameters(), without.parameters(), strict=True)
+        torch.equal(a, b)
+        for a, b in zip(validated_network.parameters(), plain_network.parameters(), strict=True)
     )

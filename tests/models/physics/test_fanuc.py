@@ -1,4 +1,4 @@
-"""The physical models on the measured Fanuc, against figures computed by other means."""
+"""Check the physical models on the measured Fanuc against independent figures."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from stiff_protocols.splits.random_splits import LeaveOneOut
 
 
 def _family(model, mae_mm, tolerance, *, unknown="none"):
-    """A family, its figures, and the springs (regular expression) that 42 samples cannot tell."""
-    named = f"joint stiffness not identifiable from the training samples. {unknown} .regressor"
+    """Return a family, its figures, and a filter for its unidentifiable springs."""
+    warning = f"joint stiffness not identifiable from the training samples. {unknown} .regressor"
     return pytest.param(
-        model, mae_mm, tolerance, marks=pytest.mark.filterwarnings(f"ignore:{named}")
+        model, mae_mm, tolerance, marks=pytest.mark.filterwarnings(f"ignore:{warning}")
     )
 
 
@@ -51,11 +51,11 @@ def test_leave_one_out_gives_the_independent_figures(family, mae_mm, tolerance):
         test = data.samples.take(split.test)
         model = family().fit(train, robot=data.robot)
         errors.append(np.abs(model.predict(test.q, test.wrench) - test.deflection))
-    found = np.concatenate(errors).mean(axis=0) * 1000
-    np.testing.assert_allclose(found, mae_mm, atol=tolerance)
+    mean_error = np.concatenate(errors).mean(axis=0) * 1000
+    np.testing.assert_allclose(mean_error, mae_mm, atol=tolerance)
 
 
 def test_all_43_samples_give_the_independent_stiffnesses():
     data = FanucR2000iC().load()
-    found = identify_joints(data.robot, data.samples).stiffness
-    np.testing.assert_allclose(found, [8.6e5, 2.7e6, 2.0e6, 2.7e5, 4.2e5, 2.1e5], rtol=0.025)
+    stiffness = identify_joints(data.robot, data.samples).stiffness
+    np.testing.assert_allclose(stiffness, [8.6e5, 2.7e6, 2.0e6, 2.7e5, 4.2e5, 2.1e5], rtol=0.025)

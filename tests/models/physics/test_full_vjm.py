@@ -1,4 +1,4 @@
-"""The full VJM: springs in all axes, found where they can be and counted where not."""
+"""Check the full VJM: springs about all axes, their identification and intervals."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def test_a_joint_that_tilts_is_told_from_one_that_turns(kr10, rng):
     compliance[springs.index("A1 rx")], compliance[springs.index("A2 rz")] = 2e-5, 3e-5
     deflection = spring_regressor(kr10, q, wrench, 3) @ compliance
     model = FullVjm().fit(samples_with(q, wrench, deflection), robot=kr10)
-    names, found = model.springs_.names, model.springs_.stiffness
-    assert found[names.index("A1 rx")] == pytest.approx(1 / 2e-5, rel=0.02)
-    assert found[names.index("A2 rz")] == pytest.approx(1 / 3e-5, rel=0.02)
+    names, stiffness = model.springs_.names, model.springs_.stiffness
+    assert stiffness[names.index("A1 rx")] == pytest.approx(1 / 2e-5, rel=0.02)
+    assert stiffness[names.index("A2 rz")] == pytest.approx(1 / 3e-5, rel=0.02)
 
 
 def test_ridge_minimises_generalised_cross_validation_against_brute_force(rng):
@@ -61,8 +61,8 @@ def test_ridge_minimises_generalised_cross_validation_against_brute_force(rng):
         residual = target - hat @ target
         return (residual @ residual) / np.trace(np.eye(40) - hat) ** 2
 
-    best = min(np.geomspace(1e-8, 1e1, 2000), key=gcv)
-    truth = np.linalg.solve(matrix.T @ matrix + best * np.eye(8), matrix.T @ target)
+    best_strength = min(np.geomspace(1e-8, 1e1, 2000), key=gcv)
+    truth = np.linalg.solve(matrix.T @ matrix + best_strength * np.eye(8), matrix.T @ target)
     np.testing.assert_allclose(ridge(matrix, target), truth, rtol=0.02, atol=1e-3)
 
 
@@ -79,13 +79,13 @@ def test_the_intervals_of_its_torsion_springs_hold_the_twins_own_where_those_of_
         gears.angle(np.kron(torque.T, [[1.0], [0.0], [0.0]]))[::3].T  # no tilting
         for torque in (at_rest + load, at_rest)
     ]
-    own = (load**2).sum(axis=0) / (load * (angles[0] - angles[1])).sum(axis=0)
+    twin_stiffness = (load**2).sum(axis=0) / (load * (angles[0] - angles[1])).sum(axis=0)
 
-    def held(springs, kind):
-        place = [springs.names.index(f"A{joint}{kind}") for joint in range(1, 7)]
-        low, high = springs.interval(0.9)[place].T
-        return ((low <= own) & (own <= high))[springs.known[place]]
+    def intervals_hold(springs, kind):
+        indices = [springs.names.index(f"A{joint}{kind}") for joint in range(1, 7)]
+        low, high = springs.interval(0.9)[indices].T
+        return ((low <= twin_stiffness) & (twin_stiffness <= high))[springs.known[indices]]
 
-    of_full = held(FullVjm().fit(samples, robot=robot).springs_, " rz")
-    assert of_full.all() and len(of_full) >= 3
-    assert held(identify_joints(robot, samples), "").sum() <= 2
+    full_holds = intervals_hold(FullVjm().fit(samples, robot=robot).springs_, " rz")
+    assert full_holds.all() and len(full_holds) >= 3
+    assert intervals_hold(identify_joints(robot, samples), "").sum() <= 2

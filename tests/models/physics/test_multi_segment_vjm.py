@@ -1,4 +1,4 @@
-"""The multi-segment VJM: its law in closed form, what gravity does to it, real samples."""
+"""Check the multi-segment VJM: its law in closed form, gravity, and given breakpoints."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ SOFT, STIFF = 1e-4, 4e-5  # rad/(N m): a gear below and above its breakpoint
 DOWN = (0.0, 1.0, 0.0)  # about y: an arm along x turns downwards
 
 
-def down(forces):
-    """Samples of the level arm under forces downwards: the torque about y is the force."""
+def downward_loads(forces):
+    """Return poses and wrenches of a level arm; each force is the torque about y."""
     forces = np.asarray(forces, dtype=float)
     wrench = np.zeros((len(forces), 6))
     wrench[:, 2] = -forces
@@ -33,7 +33,7 @@ def phi(torque, slopes, breakpoint):
 
 def test_one_joint_bends_by_the_closed_form_and_its_slopes_are_found():
     torque = np.array([-30.0, -10.0, 2.0, 8.0, 10.0, 15.0, 40.0])
-    q, wrench = down(torque)
+    q, wrench = downward_loads(torque)
     deflection = np.zeros((7, 3))
     deflection[:, 2] = -phi(torque, (SOFT, STIFF), 10.0)  # 1 m from the joint
     model = MultiSegmentVjm(breakpoints="given", given_breakpoints="10", gravity=False)
@@ -45,11 +45,11 @@ def test_one_joint_bends_by_the_closed_form_and_its_slopes_are_found():
     assert model.diagnostics_["rank"] == 2.0
     new = np.array([-100.0, 0.0, 5.0, 60.0])
     expected = -phi(new, (SOFT, STIFF), 10.0)
-    np.testing.assert_allclose(model.predict(*down(new))[:, 2], expected, atol=1e-15)
+    np.testing.assert_allclose(model.predict(*downward_loads(new))[:, 2], expected, atol=1e-15)
 
 
-def preloaded():
-    """An arm of 3 kg whose gear its weight (29 N m, level) takes past the breakpoint."""
+def preloaded_samples():
+    """Return samples of an arm whose weight (29 N m, level) exceeds the breakpoint."""
     robot, rng = planar_arm(1, DOWN, mass=3.0), np.random.default_rng(3)
     q = rng.uniform(-1.5, 1.5, size=(80, 1))
     wrench = np.zeros((80, 6))
@@ -61,17 +61,17 @@ def preloaded():
 
 
 def test_with_gravity_a_preloaded_gear_is_found_and_without_it_is_not():
-    robot, samples = preloaded()
-    fitted = [
+    robot, samples = preloaded_samples()
+    models = [
         MultiSegmentVjm(breakpoints="given", given_breakpoints="12", gravity=gravity).fit(
             samples, robot=robot
         )
         for gravity in (True, False)
     ]
-    np.testing.assert_allclose(fitted[0].slopes_, [[SOFT, STIFF]], rtol=1e-10)
-    assert fitted[1].slopes_[0, 0] < 0.8 * SOFT  # phi(J^T w) takes the preloaded slope for it
+    np.testing.assert_allclose(models[0].slopes_, [[SOFT, STIFF]], rtol=1e-10)
+    assert models[1].slopes_[0, 0] < 0.8 * SOFT  # phi(J^T w) takes the preloaded slope for it
     error = [
-        np.abs(m.predict(samples.q, samples.wrench) - samples.deflection).max() for m in fitted
+        np.abs(m.predict(samples.q, samples.wrench) - samples.deflection).max() for m in models
     ]
     assert error[0] < 1e-15 and error[1] > 1e-4
 
@@ -93,7 +93,7 @@ def test_equal_slopes_give_the_linear_models_springs(kr10, rng):
 
 
 def test_a_segment_that_no_training_torque_reaches_is_named_and_is_like_the_others():
-    q, wrench = down([1.0, 2.0, 3.0])
+    q, wrench = downward_loads([1.0, 2.0, 3.0])
     deflection = np.outer([1.0, 2.0, 3.0], [0.0, 0.0, -SOFT])
     model = MultiSegmentVjm(breakpoints="given", given_breakpoints="5", gravity=False)
     with pytest.warns(StiffBenchWarning, match=r"not identifiable.*: j1 segment 2 \(.*rank 1 of 2"):
@@ -101,7 +101,7 @@ def test_a_segment_that_no_training_torque_reaches_is_named_and_is_like_the_othe
     assert np.isnan(model.diagnostics_["stiffness j1 segment 2 [Nm/rad]"])
     prior = model.diagnostics_["prior stiffness j1 segment 2 [Nm/rad]"]
     assert prior == pytest.approx(1 / SOFT) == model.diagnostics_["stiffness j1 segment 1 [Nm/rad]"]
-    assert model.predict(*down([9.0]))[0, 2] == pytest.approx(-9.0 * SOFT)
+    assert model.predict(*downward_loads([9.0]))[0, 2] == pytest.approx(-9.0 * SOFT)
 
 
 @pytest.mark.parametrize(
@@ -120,18 +120,18 @@ def test_given_breakpoints_that_are_none_are_refused(text, segments):
 
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # from noise
-def test_given_breakpoints_are_for_all_joints_or_one_list_a_joint(kr10, rng):
+def test_given_breakpoints_are_for_all_joints_or_one_list_per_joint(kr10, rng):
     q, wrench = rng.uniform(-1.0, 1.0, size=(90, 6)), rng.normal(size=(90, 6)) * 20.0
     samples = samples_with(q, wrench, rng.normal(size=(90, 3)) * 1e-3)
-    given = {
+    breakpoints_by_text = {
         "1,2": [[1, 2]] * 6,
         "1,2;3,4;5,6;1,2;1,2;1,3": [[1, 2], [3, 4], [5, 6], [1, 2], [1, 2], [1, 3]],
     }
-    for text, expected in given.items():
+    for text, expected in breakpoints_by_text.items():
         model = MultiSegmentVjm(
             breakpoints="given", given_breakpoints=text, segments=3, gravity=False
         )
         np.testing.assert_array_equal(model.fit(samples, robot=kr10).breakpoints_, expected)
-    two = MultiSegmentVjm(breakpoints="given", given_breakpoints="1;2")
+    two_lists = MultiSegmentVjm(breakpoints="given", given_breakpoints="1;2")
     with pytest.raises(ConfigError, match="holds 2 lists, expected 1 for all joints or 6"):
-        two.check_robot(kr10)
+        two_lists.check_robot(kr10)

@@ -1,4 +1,4 @@
-"""Gaussian processes and their likelihood against scikit-learn's."""
+"""Check Gaussian processes and their likelihood against scikit-learn's."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def covariance_of(kernel, rng, *, shared=False, noise=0.02):
     return Covariance(kernel, 1.3, lengths, noise, jitter=1e-10)
 
 
-def scikit_learns(covariance, inputs, outputs):
-    """The same process, its hyperparameters as they are."""
+def scikit_learn_process(covariance, inputs, outputs):
+    """Return scikit-learn's process with the same fixed hyperparameters."""
     lengths = covariance.lengths if len(covariance.lengths) > 1 else covariance.lengths[0]
     shape = RBF(lengths) if covariance.kernel == "rbf" else Matern(lengths, nu=2.5)
     kernel = ConstantKernel(covariance.variance) * shape
@@ -54,23 +54,24 @@ def scikit_learns(covariance, inputs, outputs):
 def test_likelihood_gradient_and_predictions_are_scikit_learns(kernel, shared, noise, rng):
     covariance = covariance_of(kernel, rng, shared=shared, noise=noise)
     inputs, outputs = rows_of(rng)
-    truth = scikit_learns(covariance, inputs, outputs)
+    truth = scikit_learn_process(covariance, inputs, outputs)
     value, gradient = log_likelihood(covariance, inputs, outputs)
     expected = truth.log_marginal_likelihood(covariance.theta, eval_gradient=True)
     assert value == pytest.approx(expected[0], rel=1e-9)
     np.testing.assert_allclose(gradient, expected[1], rtol=1e-6, atol=1e-6)
     process = GaussianProcess.of(covariance, inputs, outputs)
-    elsewhere = rows_of(rng, 2000)[0]  # more than a block of the covariance
-    mean, deviation = truth.predict(elsewhere, return_std=True)
-    np.testing.assert_allclose(process.mean(elsewhere), mean, atol=1e-8)
-    np.testing.assert_allclose(process.deviation(elsewhere), deviation, atol=1e-7)
-    _, together = truth.predict(elsewhere[:9], return_cov=True)
-    found = process.between(elsewhere[:9], elsewhere[4:9]) + noise * np.eye(9)[:, 4:]
-    np.testing.assert_allclose(found, together[:, 4:], atol=1e-8)
+    new_inputs = rows_of(rng, 2000)[0]  # more than a block of the covariance
+    mean, deviation = truth.predict(new_inputs, return_std=True)
+    np.testing.assert_allclose(process.mean(new_inputs), mean, atol=1e-8)
+    np.testing.assert_allclose(process.deviation(new_inputs), deviation, atol=1e-7)
+    _, joint_covariance = truth.predict(new_inputs[:9], return_cov=True)
+    cross_covariance = process.between(new_inputs[:9], new_inputs[4:9]) + noise * np.eye(9)[:, 4:]
+    np.testing.assert_allclose(cross_covariance, joint_covariance[:, 4:], atol=1e-8)
 
 
-def in_range(known, samples):
-    values, (lower, upper) = known.quantities(samples.q, samples.wrench), known.ends
+def is_in_range(training_range, samples):
+    values = training_range.quantities(samples.q, samples.wrench)
+    lower, upper = training_range.ends
     return ((lower <= values) & (values <= upper)).all(axis=1)
 
 
@@ -82,17 +83,17 @@ def test_covariances_of_a_model_are_those_of_its_intervals(model, parts):
         fitted.set_params(source_samples=40)
     fitted.fit(train.take(np.arange(40)), robot=robot)
     assert offers(fitted, "covariance")
-    inside = test.take(np.flatnonzero(in_range(fitted.training_range_, test)))
-    q, wrench = inside.q[:6], inside.wrench[:6]
-    found = fitted.covariance(q, wrench, q, wrench)
-    np.testing.assert_allclose(found, found.transpose(0, 2, 1), atol=1e-18)
-    variance = np.diagonal(found, axis1=1, axis2=2).T + fitted.noise_variance()
+    inside_samples = test.take(np.flatnonzero(is_in_range(fitted.training_range_, test)))
+    q, wrench = inside_samples.q[:6], inside_samples.wrench[:6]
+    covariance = fitted.covariance(q, wrench, q, wrench)
+    np.testing.assert_allclose(covariance, covariance.transpose(0, 2, 1), atol=1e-18)
+    variance = np.diagonal(covariance, axis1=1, axis2=2).T + fitted.noise_variance()
     interval = fitted.predict_interval(q, wrench, 0.9)
     half = (interval.upper - interval.lower) / 2.0
     half /= fitted.training_range_.stretch(q, wrench)[:, None]
     np.testing.assert_allclose(ndtri(0.95) * np.sqrt(variance), half, rtol=1e-4)
-    other = fitted.covariance(q, wrench, q[2:5], wrench[2:5])
-    np.testing.assert_allclose(other, found[:, :, 2:5], atol=1e-18)
+    part_covariance = fitted.covariance(q, wrench, q[2:5], wrench[2:5])
+    np.testing.assert_allclose(part_covariance, covariance[:, :, 2:5], atol=1e-18)
 
 
 def test_the_gradient_with_a_trend_is_that_of_the_likelihood_at_its_likeliest_scale(rng):
@@ -103,7 +104,7 @@ def test_the_gradient_with_a_trend_is_that_of_the_likelihood_at_its_likeliest_sc
         return log_likelihood(start.with_theta(theta), inputs, outputs, trend)[0]
 
     step = 1e-5 * np.eye(len(start.theta))
-    slopes = [(value(start.theta + one) - value(start.theta - one)) / 2e-5 for one in step]
+    slopes = [(value(start.theta + offset) - value(start.theta - offset)) / 2e-5 for offset in step]
     gradient = log_likelihood(start, inputs, outputs, trend)[1]
     np.testing.assert_allclose(gradient, slopes, rtol=1e-5, atol=1e-5)
     assert value(start.theta) > log_likelihood(start, inputs, outputs)[0]
@@ -112,23 +113,25 @@ def test_the_gradient_with_a_trend_is_that_of_the_likelihood_at_its_likeliest_sc
 @pytest.mark.parametrize("family", [GaussianProcessModel, VjmGp])
 def test_the_noise_that_the_data_card_states_is_the_instruments(family, parts):
     robot, train, _, _ = parts
-    few = train.take(np.arange(12))
-    stated = replace(few, instrument_noise=4e-5)
+    some_samples = train.take(np.arange(12))
+    noisy_samples = replace(some_samples, instrument_noise=4e-5)
 
     def noise(samples, **options):
-        model = family(restarts=0, **options).fit(samples, robot=robot)
+        model = family(restarts=0, ard=False, **options).fit(samples, robot=robot)
         return model.instrument_noise_, np.sqrt(model.noise_variance())
 
-    assert noise(few)[0] == 1e-5
-    taken, found = noise(stated)
-    assert taken == 4e-5 and (found >= 0.999 * taken).all()
-    assert noise(stated, instrument_noise_mm=0.02)[0] == 2e-5  # what is said goes before
+    assert noise(some_samples)[0] == 1e-5
+    instrument_noise, deviation = noise(noisy_samples)
+    assert instrument_noise == 4e-5 and (deviation >= 0.999 * instrument_noise).all()
+    assert (
+        noise(noisy_samples, instrument_noise_mm=0.02)[0] == 2e-5
+    )  # the option replaces the card's
 
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable.* J6")  # of FANUC samples
-def test_a_process_that_is_too_sure_of_few_poses_is_told_so_by_those_that_were_left_out(fanuc):
+def test_too_narrow_intervals_of_few_poses_are_widened_by_the_errors_on_left_out_poses(fanuc):
     samples, robot = fanuc.samples, fanuc.robot
-    inside, own = [], []
+    inside, uncalibrated_inside = [], []
     for part in range(4):
         tested = np.arange(len(samples)) % 4 == part
         train, test = (samples.take(np.flatnonzero(rows)) for rows in (~tested, tested))
@@ -137,14 +140,14 @@ def test_a_process_that_is_too_sure_of_few_poses_is_told_so_by_those_that_were_l
         interval = model.predict_interval(test.q, test.wrench, 0.9)
         half = (interval.upper - interval.lower) / 2.0
         inside.append(error <= half)
-        own.append(error <= half / model.calibration_)
+        uncalibrated_inside.append(error <= half / model.calibration_)
     assert 0.85 <= np.vstack(inside).mean() <= 0.97
-    assert np.vstack(own).mean() < 0.75
+    assert np.vstack(uncalibrated_inside).mean() < 0.75
 
 
 @pytest.fixture(scope="module")
 def real_robot():
-    """What the deflections of the KR10 twin's samples come from."""
+    """Return the simulated robot behind the KR10 twin's samples."""
     constants = Kr10Twin().twin.constants()
     return TwinExperiment(constants, loads="line-hook", specimen=0, seed=0).twin
 
@@ -154,11 +157,11 @@ def five_times(train, test):
 
 
 def sixty_degrees_off(train, test):
-    """One joint a row, in turn beyond its smallest and its largest training position."""
+    """Move one joint per row beyond its smallest or largest training position, in turn."""
     q = test.q.copy()
     for row, joint in enumerate(np.arange(len(q)) % 6):
-        known, off = train.q[:, joint], np.deg2rad(60.0)
-        q[row, joint] = known.max() + off if row // 6 % 2 else known.min() - off
+        positions, distance = train.q[:, joint], np.deg2rad(60.0)
+        q[row, joint] = positions.max() + distance if row // 6 % 2 else positions.min() - distance
     return q, test.wrench
 
 
@@ -175,8 +178,13 @@ def sixty_degrees_off(train, test):
 def test_intervals_hold_beyond_the_training_range(model, beyond, parts, real_robot):
     robot, train, _, test = parts
     fitted = clone(model).fit(train, robot=robot)
-    near = fitted.predict_interval(test.q, test.wrench, 0.9)
+    near_interval = fitted.predict_interval(test.q, test.wrench, 0.9)
     q, wrench = beyond(train, test)
-    far, truth = fitted.predict_interval(q, wrench, 0.9), real_robot.readings(q, wrench)
-    assert ((far.lower <= truth) & (truth <= far.upper)).mean() >= 0.8
-    assert np.median((far.upper - far.lower) / (near.upper - near.lower)) >= 1.8
+    far_interval, truth = fitted.predict_interval(q, wrench, 0.9), real_robot.readings(q, wrench)
+    assert ((far_interval.lower <= truth) & (truth <= far_interval.upper)).mean() >= 0.8
+    assert (
+        np.median(
+            (far_interval.upper - far_interval.lower) / (near_interval.upper - near_interval.lower)
+        )
+        >= 1.8
+    )

@@ -1,4 +1,4 @@
-"""Processes over springs: dense formulas, finite differences, and the models they contain."""
+"""Check processes over springs against dense formulas, differences and simpler models."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def twin() -> BenchmarkData:
     return ArmFamily(robot=0).load()
 
 
-def prepared(twin, n=15, **options):
-    """A model with the loads of its first samples and its hyperparameters, before any search."""
+def prepared_model(twin, n=15, **options):
+    """Return a model with the loads of its first samples and its starting hyperparameters."""
     train = twin.samples.take(np.arange(n))
     model = GpSprings(**options)
     model.instrument_noise_, model.load_scale_ = 1e-5, np.abs(train.wrench).max(axis=0)
@@ -34,7 +34,7 @@ def prepared(twin, n=15, **options):
     return model, loads, hyper, train.deflection.T
 
 
-def some(hyper, rng):
+def draw_theta(hyper, rng):
     start = np.array([prior.start for prior in hyper.priors.values()])
     return start + 0.3 * rng.normal(size=len(start))
 
@@ -43,8 +43,8 @@ def some(hyper, rng):
     "options", [{}, {"springs": 6}, {"remainder": False, "lost_motion": False}]
 )
 def test_slopes_of_the_likelihood_are_its_differences(twin, options, rng):
-    _, loads, hyper, deflection = prepared(twin, **options)
-    theta = some(hyper, rng)
+    _, loads, hyper, deflection = prepared_model(twin, **options)
+    theta = draw_theta(hyper, rng)
 
     def value(theta):
         return likelihood_slopes(hyper.covariance(theta), loads, deflection).value
@@ -57,7 +57,7 @@ def test_slopes_of_the_likelihood_are_its_differences(twin, options, rng):
 
 
 def dense(covariance, loads):
-    """The covariance of deflections, spring by spring and axis by axis, as the equation has it."""
+    """Return the covariance of deflections, computed spring by spring and axis by axis."""
     n = len(loads)
     matrix = np.zeros((3, n, 3, n))
     for s, scale in enumerate(covariance.scale):
@@ -68,40 +68,46 @@ def dense(covariance, loads):
         curve += covariance.lost[0, s] * np.outer(lost, lost)
         change = np.hstack([np.eye(n), -np.eye(n)])  # loaded minus unloaded
         load = loads.loaded[s] - loads.unloaded[s]
-        again = 2.0 * np.arctan(load / (2.0 * covariance.width * scale))
-        turned = change @ curve @ change.T + covariance.lost[1, s] * np.outer(again, again)
-        matrix += np.einsum("an,nm,bm->anbm", loads.move[s], turned, loads.move[s])
+        loading_loss = 2.0 * np.arctan(load / (2.0 * covariance.width * scale))
+        angle_covariance = change @ curve @ change.T + covariance.lost[1, s] * np.outer(
+            loading_loss, loading_loss
+        )
+        matrix += np.einsum("an,nm,bm->anbm", loads.move[s], angle_covariance, loads.move[s])
     if covariance.remainder is not None:
         lengths = covariance.remainder.lengths
-        rest = covariance.remainder.variance * Matern(lengths, nu=2.5)(loads.features)
-        rest *= loads.load @ loads.load.T
-        matrix += np.eye(3)[:, None, :, None] * rest[None, :, None, :]
+        remainder = covariance.remainder.variance * Matern(lengths, nu=2.5)(loads.features)
+        remainder *= loads.load @ loads.load.T
+        matrix += np.eye(3)[:, None, :, None] * remainder[None, :, None, :]
     return matrix.reshape(3 * n, 3 * n)
 
 
 def test_likelihood_and_posterior_are_those_of_the_normal_that_the_equation_describes(twin, rng):
-    _, loads, hyper, deflection = prepared(twin)
-    covariance = hyper.covariance(some(hyper, rng))
-    whole = dense(covariance, loads)
-    noisy = whole + covariance.noise * np.eye(len(whole))
+    _, loads, hyper, deflection = prepared_model(twin)
+    covariance = hyper.covariance(draw_theta(hyper, rng))
+    matrix = dense(covariance, loads)
+    noisy = matrix + covariance.noise * np.eye(len(matrix))
     truth = multivariate_normal(cov=noisy).logpdf(deflection.ravel())
     assert likelihood_slopes(covariance, loads, deflection).value == pytest.approx(truth)
 
-    first, last = loads.take(np.arange(10)), loads.take(np.arange(10, 15))
-    known = np.arange(45).reshape(3, 15)[:, :10].ravel()
-    new = np.setdiff1d(np.arange(45), known)
-    process = SpringProcess.of(covariance, first, deflection[:, :10])
-    gain = np.linalg.solve(noisy[np.ix_(known, known)], whole[np.ix_(known, new)]).T
-    mean, deviation = process.mean_and_deviation(last)
+    train_loads, test_loads = loads.take(np.arange(10)), loads.take(np.arange(10, 15))
+    train_rows = np.arange(45).reshape(3, 15)[:, :10].ravel()
+    test_rows = np.setdiff1d(np.arange(45), train_rows)
+    process = SpringProcess.of(covariance, train_loads, deflection[:, :10])
+    gain = np.linalg.solve(
+        noisy[np.ix_(train_rows, train_rows)], matrix[np.ix_(train_rows, test_rows)]
+    ).T
+    mean, deviation = process.mean_and_deviation(test_loads)
     np.testing.assert_allclose(mean.T.ravel(), gain @ deflection[:, :10].ravel(), atol=1e-9)
-    np.testing.assert_allclose(process.mean(last), mean, atol=1e-15)
-    left = whole[np.ix_(new, new)] - gain @ whole[np.ix_(known, new)]
-    expected = np.sqrt(np.diag(left) + covariance.noise)
+    np.testing.assert_allclose(process.mean(test_loads), mean, atol=1e-15)
+    posterior = matrix[np.ix_(test_rows, test_rows)] - gain @ matrix[np.ix_(train_rows, test_rows)]
+    expected = np.sqrt(np.diag(posterior) + covariance.noise)
     np.testing.assert_allclose(deviation.T.ravel(), expected, rtol=1e-6)
-    together = process.between(last, last)
+    process_covariance = process.between(test_loads, test_loads)
     for axis in range(3):
-        block = left.reshape(3, 5, 3, 5)[axis, :, axis]
-        np.testing.assert_allclose(together[axis], block, atol=1e-6 * np.abs(left).max())
+        block = posterior.reshape(3, 5, 3, 5)[axis, :, axis]
+        np.testing.assert_allclose(
+            process_covariance[axis], block, atol=1e-6 * np.abs(posterior).max()
+        )
 
 
 def with_deflection(twin, model):
@@ -109,15 +115,15 @@ def with_deflection(twin, model):
     return replace(samples, deflection=model.predict(samples.q, samples.wrench))
 
 
-def straight(hyper):
-    """Springs of unknown slope and nothing else, next to no noise."""
+def straight_covariance(hyper):
+    """Return the covariance of straight springs of unknown slope with almost no noise."""
     theta = np.array([prior.start for prior in hyper.priors.values()])
-    found = hyper.covariance(theta)
+    covariance = hyper.covariance(theta)
     return replace(
-        found,
-        slope=1e4 * found.slope,
-        bend=0.0 * found.bend,
-        lost=0.0 * found.lost,
+        covariance,
+        slope=1e4 * covariance.slope,
+        bend=0.0 * covariance.bend,
+        lost=0.0 * covariance.lost,
         noise=1e-16,
         remainder=None,
     )
@@ -127,8 +133,8 @@ def straight(hyper):
 def test_straight_curves_are_the_linear_virtual_joint_model(twin, springs, linear):
     samples = with_deflection(twin, linear().fit(twin.samples, robot=twin.robot))
     train, test = samples.take(np.arange(60)), samples.take(np.arange(60, 151))
-    model, loads, hyper, _ = prepared(replace(twin, samples=samples), 60, springs=springs)
-    process = SpringProcess.of(straight(hyper), loads, train.deflection.T)
+    model, loads, hyper, _ = prepared_model(replace(twin, samples=samples), 60, springs=springs)
+    process = SpringProcess.of(straight_covariance(hyper), loads, train.deflection.T)
     predicted = process.mean(model._loads(twin.robot, test.q, test.wrench))
     expected = linear().fit(train, robot=twin.robot).predict(test.q, test.wrench)
     np.testing.assert_allclose(predicted, expected, atol=1e-3 * np.abs(test.deflection).max())
@@ -156,11 +162,13 @@ def test_the_bands_of_curves_hold_most_true_curves_where_no_link_bends():
     data = Ur5Twin().load()
     model = GpSprings().fit(data.samples, robot=data.robot)
     inside = []
-    for joint, (at, turn, deviation) in enumerate(points.T for points in model.curves_.values()):
-        torque = np.zeros((len(at), 6))
-        torque[:, joint] = at
-        true = data.joint_turn(torque)[:, joint]
-        inside.append((np.abs(turn - true) < 2.0 * deviation).mean())
+    for joint, (torques, turn, deviation) in enumerate(
+        points.T for points in model.curves_.values()
+    ):
+        torque = np.zeros((len(torques), 6))
+        torque[:, joint] = torques
+        true_turn = data.joint_turn(torque)[:, joint]
+        inside.append((np.abs(turn - true_turn) < 2.0 * deviation).mean())
     assert np.median(inside) > 0.95
     assert np.mean(inside) > 0.75
 
@@ -173,12 +181,12 @@ def test_a_point_that_lies_elsewhere_is_found_to_a_few_millimetres_by_the_likeli
     card = replace(data.robot, tcp=data.robot.tcp + np.array([0.0, 0.0, 0.03]))
     model = GpSprings(tcp="fit").fit(samples, robot=card)
     assert model.geometry_ is not None
-    away = model.geometry_.robot.tcp - data.robot.tcp
-    assert np.linalg.norm(away) < 0.01
-    assert (np.abs(away) < 3.0 * np.sqrt(np.diag(model.geometry_.covariance))).all()
-    given = GpSprings().fit(samples, robot=data.robot)
+    offset = model.geometry_.robot.tcp - data.robot.tcp
+    assert np.linalg.norm(offset) < 0.01
+    assert (np.abs(offset) < 3.0 * np.sqrt(np.diag(model.geometry_.covariance))).all()
+    true_point_model = GpSprings().fit(samples, robot=data.robot)
     q, wrench = samples.q, samples.wrench
-    difference = model.predict(q, wrench) - given.predict(q, wrench)
+    difference = model.predict(q, wrench) - true_point_model.predict(q, wrench)
     assert np.abs(difference).max() < 0.1 * np.abs(samples.deflection).max()
     at_card = model.predict_at_tcp(q, wrench)
     assert np.linalg.norm(at_card - model.predict(q, wrench), axis=1).mean() > 1e-5

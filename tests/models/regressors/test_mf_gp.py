@@ -1,4 +1,4 @@
-"""Co-kriging, alone and as `mf-gp`."""
+"""Check co-kriging, the method of `mf-gp`, against joint processes."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ DEAR = CHEAP[[0, 4, 6, 10]]  # 0, 0.4, 0.6, 1: nested
 
 
 def high(x):
-    """Forrester, Sobester and Keane 2007, Proc. R. Soc. A 463: 3251-3269, section 4."""
+    """Return Forrester's function (2007, Proc. R. Soc. A 463: 3251-3269, section 4)."""
     return ((6 * x - 2) ** 2 * np.sin(12 * x - 4))[:, 0]
 
 
 def low(x):
-    """Its low fidelity: 0.5 high + 10 (x - 0.5) - 5."""
+    """Return its low fidelity: 0.5 high + 10 (x - 0.5) - 5."""
     return 0.5 * high(x) + (10 * (x - 0.5) - 5)[:, 0]
 
 
 def process(length, nugget=NUGGET):
-    """A squared exponential that a search starts from."""
+    """Return the squared exponential from which a search starts."""
     return Covariance("rbf", 100.0, np.array([length]), noise=0.0, jitter=nugget)
 
 
@@ -45,12 +45,12 @@ def co_kriging(low_start, delta_start, measured, nugget=NUGGET):
 def test_forresters_function_is_found_from_four_points_and_its_low_fidelity():
     nugget = 1e-6  # with less, rounding may end a search early
     fitted = co_kriging(0.2, 1.0, high(DEAR), nugget)
-    found = Search(0, 100, 0).likeliest(process(0.2, nugget), DEAR, high(DEAR))
-    alone = GaussianProcess.of(found, DEAR, high(DEAR)).mean(LINE)
+    likeliest = Search(0, 100, 0).likeliest(process(0.2, nugget), DEAR, high(DEAR))
+    single_level = GaussianProcess.of(likeliest, DEAR, high(DEAR)).mean(LINE)
     error = np.abs(fitted.mean(LINE) - high(LINE)).max()
     assert fitted.rho == pytest.approx(2.0, abs=0.05)  # high = 2 low - 20 (x - 0.5) + 10
     assert error < 0.5  # the function spans -6 to 16
-    assert error < 0.1 * np.abs(alone - high(LINE)).max()
+    assert error < 0.1 * np.abs(single_level - high(LINE)).max()
     np.testing.assert_allclose(fitted.mean(DEAR), high(DEAR), atol=1e-2)
 
 
@@ -59,7 +59,7 @@ def squared_exponential(first, second, length, variance):
 
 
 def joint_co_kriging(low_kernel, delta_kernel, rho, measured, *, nugget, constant_means=False):
-    """Mean and variance of the high fidelity on LINE from both levels' joint covariance.
+    """Return mean and variance of the high fidelity on LINE from the joint covariance.
 
     M. C. Kennedy and A. O'Hagan, Biometrika 87 (2000) 1-13, section 2: no recursion, one system of
     the outputs of both levels. Kernels are (length scale, variance).
@@ -67,7 +67,7 @@ def joint_co_kriging(low_kernel, delta_kernel, rho, measured, *, nugget, constan
     Args:
         measured: the high fidelity at DEAR.
         constant_means: each level has an unknown constant mean, by generalised least squares;
-            otherwise their means are zero, and so are ours.
+            otherwise the means are zero, as in `mf-gp`.
     """
     inputs, outputs = np.vstack([CHEAP, DEAR]), np.concatenate([low(CHEAP), measured])
     dear = np.repeat([0.0, 1.0], [len(CHEAP), len(DEAR)])
@@ -103,7 +103,7 @@ def test_the_recursion_is_the_joint_process_of_both_levels():
 
 
 def test_smts_co_kriging_is_the_same_joint_process_with_constant_means():
-    """The one difference of the definitions: smt's levels have constant means, ours have none."""
+    """The definitions differ only in the means: constant in smt, zero in `mf-gp`."""
     applications = pytest.importorskip("smt.applications")
     theta = np.array([[10.0], [2.0]])  # exp(-theta x^2) of inputs divided by X_scale
     smt = applications.MFK(print_global=False, hyper_opt="NoOp", theta0=theta, corr="squar_exp")
@@ -112,7 +112,7 @@ def test_smts_co_kriging_is_the_same_joint_process_with_constant_means():
     with contextlib.redirect_stdout(io.StringIO()):
         smt.train()
     np.testing.assert_array_equal(smt.optimal_theta, theta)
-    kernels = [(smt.X_scale[0] / np.sqrt(2.0 * each), 1.0) for (each,) in theta]
+    kernels = [(smt.X_scale[0] / np.sqrt(2.0 * rate), 1.0) for (rate,) in theta]
     rho = smt.optimal_par[1]["beta"][0, 0]
     mean, _ = joint_co_kriging(*kernels, rho, high(DEAR), nugget=0.0, constant_means=True)
     np.testing.assert_allclose(smt.predict_values(LINE)[:, 0], mean, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Physics plus learner: `vjm-gp`, `vjm-boosting`, `residual-mlp`."""
+"""Check learners on physics: `vjm-gp`, `vjm-boosting`, `residual-mlp`."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ COMPLIANCE = 1.0 / np.array([5e5, 4e5, 3e5, 4e4, 4e4, 3e4])  # rad/(N m)
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class OnNothing(OnPhysics, ZeroModel):
-    """A learner that learns nothing."""
+    """Stand for a learner that learns nothing."""
 
 
-def vjm_made(samples, robot):
+def with_vjm_deflections(samples, robot):
     return replace(
         samples, deflection=robot.joint_deflection(COMPLIANCE, samples.q, samples.wrench)
     )
@@ -45,9 +45,9 @@ def test_a_learner_that_learns_nothing_leaves_the_physics(parts):
 )
 def test_samples_of_a_vjm_give_the_vjm_back(make, parts):
     robot, train, _, test = parts
-    model = make().fit(vjm_made(train, robot), robot=robot)
+    model = make().fit(with_vjm_deflections(train, robot), robot=robot)
     np.testing.assert_allclose(
-        model.predict(test.q, test.wrench), vjm_made(test, robot).deflection, atol=1e-9
+        model.predict(test.q, test.wrench), with_vjm_deflections(test, robot).deflection, atol=1e-9
     )
     stiffness = [v for k, v in model.diagnostics_.items() if k.startswith("stiffness ")]
     np.testing.assert_allclose(stiffness, 1.0 / COMPLIANCE, rtol=1e-6)
@@ -62,5 +62,5 @@ def test_validation_rows_reach_the_residual_network_and_never_the_physics(parts)
         for rows in (held_out, replace(held_out, deflection=-3 * held_out.deflection))
     ]
     np.testing.assert_array_equal(*(fit.physics_.springs_.compliance for fit in fits))
-    one, other = (fit.curves_["training"][:, 2] for fit in fits)
-    assert (one != other).all() and np.isfinite([one, other]).all()
+    losses, changed_losses = (fit.curves_["training"][:, 2] for fit in fits)
+    assert (losses != changed_losses).all() and np.isfinite([losses, changed_losses]).all()

@@ -1,4 +1,4 @@
-"""`realmlp`, `tabm`, `tabpfn`, `tabicl`: what they say without a package, what they do with it."""
+"""Check `realmlp`, `tabm`, `tabpfn` and `tabicl` without their package and with a stand-in."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_weights_that_are_not_there_are_named_and_never_fetched(key, tmp_path, m
 
 
 class NearestRow(KNeighborsRegressor):
-    """What the package tabicl is in these tests: a regressor of one output."""
+    """Stand for the package tabicl: a regressor of one output."""
 
     checkpoint_version = "tabicl-regressor.ckpt"
 
@@ -76,17 +76,17 @@ def test_tabicl_predicts_each_axis_with_the_weights_that_are_there(fake_tabicl, 
         assert axis.device == "cpu" and not axis.allow_auto_download
 
 
-@pytest.mark.parametrize("kept", [None, "weights.ckpt"])
-def test_tabicls_own_weights_are_looked_for_in_its_cache_alone(
-    fake_tabicl, kept, tmp_path, monkeypatch
+@pytest.mark.parametrize("cached_name", [None, "weights.ckpt"])
+def test_tabicls_own_weights_are_looked_for_only_in_its_cache(
+    fake_tabicl, cached_name, tmp_path, monkeypatch
 ):
     (tmp_path / "weights.ckpt").touch()
-    found = None if kept is None else str(tmp_path / kept)
-    hub = SimpleNamespace(try_to_load_from_cache=lambda repository, name: found)
+    cached_path = None if cached_name is None else str(tmp_path / cached_name)
+    hub = SimpleNamespace(try_to_load_from_cache=lambda repository, name: cached_path)
     monkeypatch.setitem(sys.modules, "huggingface_hub", hub)
     reason = optional_packages.missing_tabicl()
-    assert (reason == "") is (kept is not None)
-    assert kept or "tabicl-regressor.ckpt does not exist" in reason
+    assert (reason == "") is (cached_name is not None)
+    assert cached_name or "tabicl-regressor.ckpt does not exist" in reason
 
 
 @pytest.mark.parametrize("model", [RealMlp(), TabPfn(), TabIcl()])

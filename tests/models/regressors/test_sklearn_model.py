@@ -1,4 +1,4 @@
-"""`sklearn:module.Class` and `vjm+sklearn:module.Class`."""
+"""Check models named `sklearn:module.Class` and `vjm+sklearn:module.Class`."""
 
 from __future__ import annotations
 

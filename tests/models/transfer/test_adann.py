@@ -1,4 +1,4 @@
-"""Two regressors against one extractor, alone and as `adann-2r`."""
+"""Check two regressors against one extractor, the method of `adann-2r`."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ NOMINAL = {"source_stiffness": "nominal", "nominal_stiffness": "5e4,6e4,5e4,2e3,
 
 def two_regressors(layers=4, width=8, seed=0):
     networks = (
-        build_network(7, layers=layers, width=width, activation="relu", seed=each)
-        for each in (seed, seed + 1)
+        build_network(7, layers=layers, width=width, activation="relu", seed=network_seed)
+        for network_seed in (seed, seed + 1)
     )
     return TwoRegressors(*networks)
 
@@ -38,8 +38,8 @@ def objective(network, labels=None, weight=2.0, target=OF_TARGET):
 
 def gradients(network, loss):
     parameters = dict(network.named_parameters())
-    found = torch.autograd.grad(loss, list(parameters.values()), allow_unused=True)
-    return dict(zip(parameters, found, strict=True))
+    slopes = torch.autograd.grad(loss, list(parameters.values()), allow_unused=True)
+    return dict(zip(parameters, slopes, strict=True))
 
 
 def test_before_a_sixth_of_the_training_both_regressors_learn_the_source_alone():
@@ -56,16 +56,16 @@ def test_before_a_sixth_of_the_training_both_regressors_learn_the_source_alone()
 
 def test_regressors_are_driven_apart_on_the_target_and_the_extractor_against_them():
     network, weight, progress = two_regressors(), 2.0, 0.6
-    full = objective(network, weight=weight)(progress, INPUTS, TARGETS)
-    alone = objective(network, weight=0.0)(progress, INPUTS, TARGETS)
-    apart = network.disagreement(network.extractor(OF_TARGET))
+    total_loss = objective(network, weight=weight)(progress, INPUTS, TARGETS)
+    source_loss = objective(network, weight=0.0)(progress, INPUTS, TARGETS)
+    disagreement = network.disagreement(network.extractor(OF_TARGET))
     strength = weight * ramp(progress)
-    torch.testing.assert_close(full, alone - REGRESSORS_SHARE * strength * apart)
-    with_target, without = gradients(network, full), gradients(network, alone)
-    for name, slope in gradients(network, apart).items():
+    torch.testing.assert_close(total_loss, source_loss - REGRESSORS_SHARE * strength * disagreement)
+    total_slopes, source_slopes = gradients(network, total_loss), gradients(network, source_loss)
+    for name, slope in gradients(network, disagreement).items():
         factor = strength if name.startswith("extractor") else -REGRESSORS_SHARE * strength
         torch.testing.assert_close(
-            with_target[name] - without[name], factor * slope, rtol=1e-4, atol=1e-6
+            total_slopes[name] - source_slopes[name], factor * slope, rtol=1e-4, atol=1e-6
         )
 
 
@@ -75,9 +75,9 @@ def quick(small_source, monkeypatch):
 
 
 def fit(parts, train=None, **options):
-    robot, own, _, _ = parts
+    robot, usual_train, _, _ = parts
     model = Adann2R(**(SMALL | options))
-    return model.fit(own if train is None else train, robot=robot, seed=5)
+    return model.fit(usual_train if train is None else train, robot=robot, seed=5)
 
 
 def predictions(model, parts):
@@ -88,14 +88,14 @@ def predictions(model, parts):
 @pytest.mark.usefixtures("quick")
 def test_unsupervised_labels_of_the_target_change_nothing_but_the_source(parts):
     train = parts[1]
-    for supervision, used in (("none", False), ("labels", True)):
+    for supervision, labels_used in (("none", False), ("labels", True)):
         options = {"supervision": supervision, **NOMINAL}
         model = fit(parts, **options)
-        moved = predictions(fit(parts, with_other_labels(train), **options), parts)
-        assert (np.abs(moved - predictions(model, parts)).max() > 0.0) == used
-        assert model.regime == ("" if used else NO_TARGET_LABELS)
-    identified = predictions(fit(parts, with_other_labels(train)), parts)
-    assert np.abs(identified - predictions(fit(parts), parts)).max() > 0.0
+        changed = predictions(fit(parts, with_other_labels(train), **options), parts)
+        assert (np.abs(changed - predictions(model, parts)).max() > 0.0) == labels_used
+        assert model.regime == ("" if labels_used else NO_TARGET_LABELS)
+    changed_prediction = predictions(fit(parts, with_other_labels(train)), parts)
+    assert np.abs(changed_prediction - predictions(fit(parts), parts)).max() > 0.0
 
 
 @pytest.mark.usefixtures("small_source")
@@ -107,10 +107,10 @@ def test_a_kept_training_is_taken_for_no_other_weight_or_label(parts, tmp_path, 
     np.testing.assert_array_equal(
         predictions(fit(parts, **options), parts), predictions(first, parts)
     )
-    others = [
+    other_models = [
         fit(parts, **options, adversarial_weight=2.0),
         fit(parts, **options | {"supervision": "none"}),
         fit(parts, with_other_labels(train), **options),
     ]
-    for other in others:
-        assert np.abs(predictions(other, parts) - predictions(first, parts)).max() > 0.0
+    for model in other_models:
+        assert np.abs(predictions(model, parts) - predictions(first, parts)).max() > 0.0

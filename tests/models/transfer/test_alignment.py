@@ -1,4 +1,4 @@
-"""Distances of domains against sums written out and published code; the objective made of them."""
+"""Check distances of domains and their objective against explicit sums and published code."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def objective(alignment, weight=1.0, loss="huber", target=OF_TARGET):
     return AlignedObjective(network, target, alignment=alignment, weight=weight, loss=loss, seed=3)
 
 
-def together(made, source=INPUTS, target=OF_TARGET):
-    """Bottleneck features and outputs of both domains, in one pass as in training."""
-    features = made.network.bottleneck(torch.cat([source, target]))
-    outputs = made.network.head(features)
+def joint_pass(aligned, source=INPUTS, target=OF_TARGET):
+    """Return bottleneck features and outputs of both domains, in one pass as in training."""
+    features = aligned.network.bottleneck(torch.cat([source, target]))
+    outputs = aligned.network.head(features)
     n = len(source)
     return features[:n], features[n:], outputs[:n], outputs[n:]
 
@@ -50,32 +50,34 @@ def test_the_ramp_starts_after_a_sixth_and_ends_at_one():
 def test_then_the_distance_comes_in_with_its_weight(alignment, distance):
     # 30 target rows: all of them are in every batch
     target = OF_TARGET[:30]
-    made = objective(alignment, weight=0.7, loss="mse", target=target)
+    aligned = objective(alignment, weight=0.7, loss="mse", target=target)
     order = torch.randperm(30, generator=torch.Generator().manual_seed(3))
-    value = made(0.5, INPUTS, TARGETS)
-    source_features, target_features, outputs, _ = together(made, target=target[order])
+    value = aligned(0.5, INPUTS, TARGETS)
+    source_features, target_features, outputs, _ = joint_pass(aligned, target=target[order])
     expected = (outputs - TARGETS).square().mean() + 0.7 * ramp(0.5) * distance(
         source_features, target_features
     )
     assert value.item() == pytest.approx(expected.item(), rel=1e-4)
 
 
-def test_dann_carries_the_ramp_in_the_reversed_gradient_alone():
-    made = objective("dann", loss="mse")
-    made.discriminator.eval()
-    value = made(0.5, INPUTS, TARGETS)
-    source, target, outputs, _ = together(made)
+def test_dann_carries_the_ramp_only_in_the_reversed_gradient():
+    aligned = objective("dann", loss="mse")
+    aligned.discriminator.eval()
+    value = aligned(0.5, INPUTS, TARGETS)
+    source, target, outputs, _ = joint_pass(aligned)
     expected = (outputs - TARGETS).square().mean()
-    expected = expected + domain_loss(made.discriminator, source, target, strength=ramp(0.5))
+    expected = expected + domain_loss(aligned.discriminator, source, target, strength=ramp(0.5))
     assert value.item() == pytest.approx(expected.item(), rel=1e-4)
     value.backward()
-    of_discriminator = [p.grad.norm().item() for p in made.discriminator.parameters()]
-    of_network = made.network.body[1].weight.grad.clone()
+    discriminator_norms = [p.grad.norm().item() for p in aligned.discriminator.parameters()]
+    network_gradient = aligned.network.body[1].weight.grad.clone()
     expected.backward()  # the same gradients once more
-    assert torch.allclose(made.network.body[1].weight.grad, 2 * of_network, rtol=1e-3, atol=1e-6)
+    assert torch.allclose(
+        aligned.network.body[1].weight.grad, 2 * network_gradient, rtol=1e-3, atol=1e-6
+    )
     assert all(
         p.grad.norm().item() == pytest.approx(2 * norm, rel=1e-3)
-        for p, norm in zip(made.discriminator.parameters(), of_discriminator, strict=True)
+        for p, norm in zip(aligned.discriminator.parameters(), discriminator_norms, strict=True)
     )
 
 
@@ -98,7 +100,7 @@ ONE = torch.tensor([[-1.0, 0.0]])
 
 
 def logit():
-    """A discriminator whose logit is x - 2 y + 0.25."""
+    """Return a discriminator whose logit is x - 2 y + 0.25."""
     layer = torch.nn.Linear(2, 1)
     with torch.no_grad():
         layer.weight.copy_(torch.tensor([[1.0, -2.0]]))
@@ -106,7 +108,7 @@ def logit():
     return layer
 
 
-def by_hand(source, target):
+def expected_loss(source, target):
     def probability(x, y):
         return 1 / (1 + math.exp(-(x - 2 * y + 0.25)))
 
@@ -121,7 +123,7 @@ def test_the_loss_is_the_cross_entropy_and_features_climb_where_the_discriminato
 ):
     discriminator, source = logit(), THREE.clone().requires_grad_()
     loss = domain_loss(discriminator, source, ONE, strength=strength)
-    assert loss.item() == pytest.approx(by_hand(THREE, ONE), rel=1e-6)
+    assert loss.item() == pytest.approx(expected_loss(THREE, ONE), rel=1e-6)
     loss.backward()
     step = 1e-3
 
@@ -129,7 +131,7 @@ def test_the_loss_is_the_cross_entropy_and_features_climb_where_the_discriminato
         upper, lower = THREE.double(), THREE.double()
         upper[move] += step
         lower[move] -= step
-        return (by_hand(upper, ONE) - by_hand(lower, ONE)) / (2 * step)
+        return (expected_loss(upper, ONE) - expected_loss(lower, ONE)) / (2 * step)
 
     assert source.grad[1, 0].item() == pytest.approx(-strength * slope((1, 0)), abs=1e-6)
     # the discriminator itself learns at full weight: d loss / d bias does not know the strength

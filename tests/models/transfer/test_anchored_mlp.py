@@ -1,4 +1,4 @@
-"""Anchored transfer: before fine-tuning a network predicts what its teacher predicts."""
+"""Check anchored transfer: before fine-tuning a network predicts what its teacher predicts."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ pytestmark = [
 SMALL = {"width": 8, "pretrain_steps": 5, "device": "cpu"}
 
 
-def predicted(model, samples):
+def predict(model, samples):
     return model.predict(samples.q, samples.wrench)
 
 
 def errors(model, samples):
-    return np.linalg.norm(predicted(model, samples) - samples.deflection, axis=1)
+    return np.linalg.norm(predict(model, samples) - samples.deflection, axis=1)
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_without_fine_tuning_an_anchored_network_is_its_teacher_exactly(
     robot, train, _, test = parts
     model = cls(**SMALL, **options, anchor=anchor).fit(train, robot=robot, seed=3)
     teacher = fitted_physics(anchor, train, robot)
-    np.testing.assert_array_equal(predicted(model, test), predicted(teacher, test))
+    np.testing.assert_array_equal(predict(model, test), predict(teacher, test))
 
 
 @pytest.mark.parametrize("teacher", TEACHERS)
@@ -59,8 +59,8 @@ def test_the_teacher_is_chosen_that_predicts_left_out_poses_best(teacher, parts,
     robot, train, _, _ = parts
     truth = fitted_physics(teacher, train, robot)
     noise = rng.normal(scale=2e-6, size=train.deflection.shape)
-    samples = replace(train, deflection=predicted(truth, train) + noise)
-    if teacher == "vjm":  # the others hold it, but for their own priors
+    samples = replace(train, deflection=predict(truth, train) + noise)
+    if teacher == "vjm":  # the other teachers contain it, except for their priors
         assert chosen_teacher(samples.take(np.arange(3)), robot, 0) in TEACHERS
     else:
         assert chosen_teacher(samples, robot, 0) == teacher
@@ -68,12 +68,12 @@ def test_the_teacher_is_chosen_that_predicts_left_out_poses_best(teacher, parts,
 
 def test_the_chosen_teacher_is_reported_and_an_ensembles_members_have_the_first_ones(parts):
     robot, train, _, _ = parts
-    chosen = chosen_teacher(train, robot, 3)
-    alone = FtMlp(**SMALL, epochs=10, training="normal").fit(train, robot=robot, seed=3)
-    assert alone.best_params_ == {"anchor": chosen}
-    several = DeepEnsemble(**SMALL, epochs=10, members=2).fit(train, robot=robot, seed=3)
-    assert several.best_params_ == {"anchor": chosen, "epochs": several.members_[1].epochs}
-    assert several.members_[1].anchor == chosen
+    teacher = chosen_teacher(train, robot, 3)
+    single = FtMlp(**SMALL, epochs=10, training="normal").fit(train, robot=robot, seed=3)
+    assert single.best_params_ == {"anchor": teacher}
+    ensemble = DeepEnsemble(**SMALL, epochs=10, members=2).fit(train, robot=robot, seed=3)
+    assert ensemble.best_params_ == {"anchor": teacher, "epochs": ensemble.members_[1].epochs}
+    assert ensemble.members_[1].anchor == teacher
 
 
 @pytest.mark.parametrize(
@@ -102,17 +102,17 @@ def test_the_labels_that_identify_a_teacher_are_declared():
 def test_a_fold_has_a_teacher_that_never_saw_the_poses_left_out(parts, monkeypatch):
     robot, train, _, _ = parts
     learn, held_out = np.arange(60), np.arange(60, 90)
-    seen = []
+    fold_errors = []
 
-    def witnessed(samples, lengths, errors_of, seed):
-        seen.append(errors_of(learn, held_out))
+    def record_errors(samples, lengths, errors_of, seed):
+        fold_errors.append(errors_of(learn, held_out))
         return 0
 
-    monkeypatch.setattr("stiff_models.networks.network_model.chosen_epochs", witnessed)
+    monkeypatch.setattr("stiff_models.networks.network_model.chosen_epochs", record_errors)
     FtMlp(**SMALL, epochs=10, anchor="vjm-full").fit(train, robot=robot, seed=2)
     teacher = fitted_physics("vjm-full", train.take(learn), robot)
-    np.testing.assert_allclose(seen[0][0], errors(teacher, train.take(held_out)), atol=2e-9)
-    assert (seen[0][1] != seen[0][0]).any()
+    np.testing.assert_allclose(fold_errors[0][0], errors(teacher, train.take(held_out)), atol=2e-9)
+    assert (fold_errors[0][1] != fold_errors[0][0]).any()
 
 
 PHYSICS = (
@@ -131,5 +131,5 @@ def test_a_physical_model_predicts_the_same_in_torch(model, slide, parts):
         robot = replace(robot, joint_types=("prismatic", *robot.joint_types[1:]))
     model.fit(train, robot=robot)
     module = physics_module(model)
-    ours = module(torch.tensor(test.q), torch.tensor(test.wrench)).numpy()
-    np.testing.assert_allclose(ours, predicted(model, test), atol=1e-12)
+    torch_prediction = module(torch.tensor(test.q), torch.tensor(test.wrench)).numpy()
+    np.testing.assert_allclose(torch_prediction, predict(model, test), atol=1e-12)

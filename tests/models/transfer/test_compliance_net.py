@@ -1,4 +1,4 @@
-"""`compliance-net`: physics that holds whatever the network has learned."""
+"""Check that `compliance-net` keeps to physics for any weights of its network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`dt-cnn` as a model: its presets, what it learns from in each regime, and that it learns."""
+"""Check `dt-cnn`: its presets, its layers, and the labels that each regime uses."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def short_training(small_source, monkeypatch):
 
 
 def fit(parts, train=None, **options):
-    robot, own, _, _ = parts
+    robot, usual_train, _, _ = parts
     model = DtCnn(**(SMALL | options))
-    return model.fit(own if train is None else train, robot=robot, seed=5)
+    return model.fit(usual_train if train is None else train, robot=robot, seed=5)
 
 
 def predictions(model, parts):
@@ -41,10 +41,12 @@ def kinds(network):
     return {type(module) for module in network.modules()}
 
 
-def changed(first, second):
-    """Names of the weights and buffers in which two fitted models differ."""
-    other = second.network_.state_dict()
-    return {k for k, v in first.network_.state_dict().items() if not torch.equal(v, other[k])}
+def differing_names(first, second):
+    """Return the names of weights and buffers in which two fitted models differ."""
+    second_state = second.network_.state_dict()
+    return {
+        k for k, v in first.network_.state_dict().items() if not torch.equal(v, second_state[k])
+    }
 
 
 def test_the_udtl_preset_is_the_literal_network(parts):
@@ -57,7 +59,7 @@ def test_the_udtl_preset_is_the_literal_network(parts):
 
 
 def test_adabn_changes_only_the_batch_statistics(parts):
-    differing = changed(fit(parts, alignment="none"), fit(parts, alignment="adabn"))
+    differing = differing_names(fit(parts, alignment="none"), fit(parts, alignment="adabn"))
     assert differing == {
         f"body.{number}.{name}"
         for number in (2, 5, 8, 11)
@@ -79,9 +81,13 @@ def test_unsupervised_labels_of_the_target_change_nothing_but_the_source(parts, 
         predictions(fit(parts, with_other_labels(train), **options), parts),
         predictions(model, parts),
     )
-    identified = {"alignment": alignment}  # the labels make the source's stiffnesses
-    moved = predictions(fit(parts, with_other_labels(train), **identified), parts)
-    assert np.abs(moved - predictions(fit(parts, **identified), parts)).max() > 0
+    identified_options = {"alignment": alignment}  # the labels make the source's stiffnesses
+    changed_prediction = predictions(
+        fit(parts, with_other_labels(train), **identified_options), parts
+    )
+    assert (
+        np.abs(changed_prediction - predictions(fit(parts, **identified_options), parts)).max() > 0
+    )
 
 
 @pytest.mark.slow
@@ -89,7 +95,7 @@ def test_fine_tuning_learns_every_weight_for_the_chosen_epochs_and_keeps_the_bat
     parts,
 ):
     tuned, source = fit(parts, supervision="fine-tune"), fit(parts)
-    assert changed(tuned, source) == {name for name, _ in tuned.network_.named_parameters()}
+    assert differing_names(tuned, source) == {name for name, _ in tuned.network_.named_parameters()}
     train = parts[1]
     errors = [
         np.abs(model.predict(train.q, train.wrench) - train.deflection).mean()
@@ -101,7 +107,7 @@ def test_fine_tuning_learns_every_weight_for_the_chosen_epochs_and_keeps_the_bat
 
 
 def network(n_inputs=12, pool="none", dropout=0.0, per_sample=False, seed=0):
-    """A network in evaluation mode whose batch statistics are not those of its first moment."""
+    """Return a network in evaluation mode with batch statistics adapted to inputs."""
     net = build_cnn(n_inputs, pool=pool, dropout=dropout, per_sample=per_sample, seed=seed)
     adapt_statistics(net, inputs(64, n_inputs, seed=9))
     return net
@@ -111,7 +117,7 @@ def inputs(n=20, n_inputs=12, seed=1):
     return torch.randn(n, n_inputs, generator=torch.Generator().manual_seed(seed))
 
 
-def swapped(values, first, second):
+def swap_columns(values, first, second):
     order = list(range(values.shape[1]))
     order[first], order[second] = order[second], order[first]
     return values[:, order]
@@ -140,10 +146,10 @@ def test_layers_are_those_of_udtl(n_inputs, pool, hidden):
 @pytest.mark.parametrize(("n_inputs", "pair"), [(12, 0), (18, 4)])
 def test_the_pooled_network_cannot_tell_apart_the_features_of_a_pair(n_inputs, pair):
     values = inputs(50, n_inputs)
-    other = swapped(values, 2 * pair, 2 * pair + 1)
+    swapped_values = swap_columns(values, 2 * pair, 2 * pair + 1)
     net = network(n_inputs, pool="udtl")
-    assert not torch.equal(values, other)
-    assert torch.equal(net(values), net(other))  # exactly, q1 with q2 for example
+    assert not torch.equal(values, swapped_values)
+    assert torch.equal(net(values), net(swapped_values))  # exactly, q1 with q2 for example
 
 
 def test_samples_are_normalised_on_their_own():

@@ -1,4 +1,4 @@
-"""Freeze strategies: what each word lets move."""
+"""Check which layers each freeze strategy trains."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ def plan(freeze, epochs=100):
 
 
 def test_lp_ft_trains_the_head_first_and_then_everything():
-    head, everything = plan("lp-ft", epochs=101)
-    assert (head.layers, everything.layers) == ((4,), (0, 1, 2, 3, 4))
-    assert head.epochs + everything.epochs == 101
+    head_stage, full_stage = plan("lp-ft", epochs=101)
+    assert (head_stage.layers, full_stage.layers) == ((4,), (0, 1, 2, 3, 4))
+    assert head_stage.epochs + full_stage.epochs == 101
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Pre-training once a robot: the joints' sum, what training parts share, and what shapes it."""
+"""Check pre-training: its sum over joints, and the options that change it."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ SMALL = {"pretrain_steps": 20, "device": "cpu"}
 
 
 @pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch, small_source):
+def empty_cache(tmp_path, monkeypatch, small_source):
     monkeypatch.setenv("STIFFBENCH_CACHE", str(tmp_path / "cache"))
 
 
-def predicted(model, samples):
+def predict(model, samples):
     return model.predict(samples.q, samples.wrench)
 
 
 def with_compliance(robot, samples, factors):
-    """The same samples of a robot whose joints are so many times as compliant."""
+    """Return the samples of a robot whose joints' compliances are multiplied by factors."""
     joints = identify_joints(robot, samples)
     vjm = VirtualJointModel().fit(samples, robot=robot)
     vjm.springs_ = replace(joints, compliance=joints.compliance * factors)
-    return replace(samples, deflection=predicted(vjm, samples))
+    return replace(samples, deflection=predict(vjm, samples))
 
 
 @pytest.mark.parametrize("cls", [MlpPretrained, DtCnn])
@@ -43,7 +43,7 @@ def test_predictions_are_linear_in_the_identified_compliances(cls, twin, trainin
     options = SMALL | ({} if cls is DtCnn else {"width": 16})
     factors = [np.ones(6), bounds, 0.5 * (1 + bounds)]
     first, second, between = (
-        predicted(
+        predict(
             cls(**options).fit(
                 with_compliance(twin.robot, samples, factor), robot=twin.robot, seed=seed
             ),
@@ -67,7 +67,7 @@ def test_leave_one_out_needs_few_pre_trainings(twin, trainings):
 
 
 def test_what_makes_another_pre_training(twin, trainings):
-    """A strategy of fine-tuning does not: see the tests of the cache."""
+    """Options of fine-tuning do not: see the tests of the cache."""
     changes = [
         {"activation": "tanh"},
         {"pretrain_steps": 21},
@@ -77,8 +77,8 @@ def test_what_makes_another_pre_training(twin, trainings):
         {"source_teacher": "vjm-multisegment"},
     ]
     for number, options in enumerate([{}, *changes], start=1):
-        given = SMALL | {"width": 8, "epochs": 0} | options
-        FtMlp(**given).fit(twin.samples, robot=twin.robot)
+        all_options = SMALL | {"width": 8, "epochs": 0} | options
+        FtMlp(**all_options).fit(twin.samples, robot=twin.robot)
         assert trainings.count("pre-train") == number, options
 
 
@@ -101,4 +101,4 @@ def test_no_result_depends_on_the_robots_name(twin):
         )
         for name in (twin.robot.name, "another")
     )
-    np.testing.assert_array_equal(predicted(first, twin.samples), predicted(second, twin.samples))
+    np.testing.assert_array_equal(predict(first, twin.samples), predict(second, twin.samples))

@@ -1,4 +1,4 @@
-"""The source domain: its size, its grid, its physics, and that only training samples shape it."""
+"""Check the source domain's size, grid and physics, and its ranges from training samples."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def test_each_springs_part_is_its_deflection_with_all_others_rigid(kinds, rng):
     robot, compliance = random_chain(rng, kinds), rng.uniform(size=len(kinds))
     design = SourceDesign(rng.uniform(-3, 3, size=(20, len(kinds))), rng.normal(size=(20, 3, 6)))
     domain = simulate(robot, compliance, design)
-    for joint, alone in enumerate(np.diag(compliance)):
-        truth = robot.joint_deflection(alone, domain.q, domain.wrench)
+    for joint, joint_compliance in enumerate(np.diag(compliance)):
+        truth = robot.joint_deflection(joint_compliance, domain.q, domain.wrench)
         np.testing.assert_allclose(domain.parts[:, :, joint], truth, rtol=0, atol=1e-12)
     truth = robot.joint_deflection(compliance, domain.q, domain.wrench)
     np.testing.assert_allclose(domain.deflection, truth, rtol=0, atol=1e-12)
@@ -47,9 +47,12 @@ def test_another_robots_source_spans_its_own_poses_and_loads_rounded_outwards():
     lower, upper = joint_ranges(data.robot, data.samples.q)
     assert (lower <= design.q).all() and (design.q <= upper).all()
     assert (np.ptp(design.q, axis=0) > 0.99 * (upper - lower)).all()
-    loads, own = design.wrench.reshape(-1, 6), data.samples.wrench
+    loads, measured_loads = design.wrench.reshape(-1, 6), data.samples.wrench
     assert not loads[:, 3:].any()  # no torque was recorded
-    assert (loads.min(axis=0)[:3] < own.min(axis=0)[:3] + 0.01 * np.ptp(own[:, :3], axis=0)).all()
+    assert (
+        loads.min(axis=0)[:3]
+        < measured_loads.min(axis=0)[:3] + 0.01 * np.ptp(measured_loads[:, :3], axis=0)
+    ).all()
 
 
 def test_ranges_hold_all_samples_in_steps_of_15_degrees_and_of_1_2_5(rng):
@@ -70,9 +73,9 @@ def test_ranges_hold_all_samples_in_steps_of_15_degrees_and_of_1_2_5(rng):
 @pytest.mark.parametrize("wrenches", ["uniform", "sobol"])
 def test_drawn_wrenches_fill_the_range_of_the_training_samples_components(twin, wrenches):
     design = source_design("paper", wrenches, twin.robot, twin.samples, 0)
-    loads, own = design.wrench.reshape(-1, 6), twin.samples.wrench
+    loads, measured_loads = design.wrench.reshape(-1, 6), twin.samples.wrench
     assert loads.shape == (106_400, 6)
-    lower, upper = load_ranges(own)
+    lower, upper = load_ranges(measured_loads)
     assert (loads >= lower).all() and (loads <= upper).all()
     np.testing.assert_allclose(loads.mean(axis=0), (lower + upper) / 2, atol=0.5)
     assert np.linalg.matrix_rank(loads) == 6
@@ -83,24 +86,26 @@ def model_with(**options):
 
 
 @pytest.mark.parametrize(
-    ("text", "refused"),
+    ("text", "message"),
     [
         (None, r"nominal_stiffness to 6 values in N m/rad"),
         *((text, "6 positive numbers") for text in ("1,2", "1,2,3,4,5,0", "1,2,3,4,5,x")),
         ("1,2,3,4,5,inf", "6 positive numbers"),
     ],
 )
-def test_nominal_stiffnesses_of_another_robot_must_be_given_one_a_joint(text, refused):
+def test_nominal_stiffnesses_of_another_robot_must_be_given_per_joint(text, message):
     robot = FanucR2000iC().load().robot
-    with pytest.raises(ConfigError, match=refused):
+    with pytest.raises(ConfigError, match=message):
         model_with(source_stiffness="nominal", nominal_stiffness=text).check_robot(robot)
-    given = model_with(source_stiffness="nominal", nominal_stiffness="1e6,2e6,2e6,3e5,4e5,2e5")
-    given.check_robot(robot)
+    complete_model = model_with(
+        source_stiffness="nominal", nominal_stiffness="1e6,2e6,2e6,3e5,4e5,2e5"
+    )
+    complete_model.check_robot(robot)
     with pytest.raises(ConfigError, match="would be ignored: source_stiffness is 'identified'"):
         model_with(nominal_stiffness="1,2,3,4,5,6").check_robot(robot)
 
 
 def test_the_papers_source_is_refused_for_a_robot_without_six_joints(rng):
-    one = random_chain(rng, ("revolute",))
+    one_joint_robot = random_chain(rng, ("revolute",))
     with pytest.raises(ConfigError, match=r"Table 4 has 6 joints, robot 'chain' has 1"):
-        model_with(source_poses="paper").check_robot(one)
+        model_with(source_poses="paper").check_robot(one_joint_robot)

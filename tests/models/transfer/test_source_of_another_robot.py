@@ -1,4 +1,4 @@
-"""A source domain of another robot: its VJM, its kinematics, its poses; then the target's."""
+"""Check source domains of another robot: its VJM, kinematics and poses."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def ur5() -> BenchmarkData:
     return Ur5Twin().load()
 
 
-def fitted(model, target, source, **fit):
+def fit_with_source(model, target, source, **fit):
     model.use_source(source)
     return model.fit(target.samples, robot=target.robot, **fit)
 
 
-def predicted(model, data):
+def predict(model, data):
     return model.predict(data.samples.q, data.samples.wrench)
 
 
@@ -74,14 +74,14 @@ def test_simulated_deflections_are_those_of_the_source_robots_physics(
 ):
     domains = []
 
-    def divided_before_witnesses(domain, seed):
+    def record_domain(domain, seed):
         domains.append(domain)
         return divided(domain, seed)
 
     divided = pretraining.divided
-    monkeypatch.setattr(pretraining, "divided", divided_before_witnesses)
+    monkeypatch.setattr(pretraining, "divided", record_domain)
     options = {"pretrain_steps": 0} | ({} if key == "dt-cnn" else {"width": 8}) | options
-    model = fitted(model_info(key).load()(**options, device="cpu"), target, ur5)
+    model = fit_with_source(model_info(key).load()(**options, device="cpu"), target, ur5)
     (domain,) = domains
     q, wrench = domain.q[::50], domain.wrench[::50]
     if "preset" not in options:
@@ -89,10 +89,10 @@ def test_simulated_deflections_are_those_of_the_source_robots_physics(
         assert (q >= lower).all() and (q <= upper).all()
     physics = fitted_physics(options.get("source_teacher", "vjm"), ur5.samples, ur5.robot)
     if model.shares_pretraining:  # each spring at its reference compliance
-        own = physics.springs_.compliance
+        compliance = physics.springs_.compliance
         rows = ur5.robot.jacobian(q)
         torque = np.einsum("nij,ni->nj", rows, wrench)
-        expected = rows[:, :3] * (torque * power_of_four(own))[:, None, :]
+        expected = rows[:, :3] * (torque * power_of_four(compliance))[:, None, :]
         np.testing.assert_allclose(domain.parts[::50], expected, rtol=1e-9, atol=1e-15)
     else:
         expected = physics.predict(q, wrench)
@@ -103,25 +103,29 @@ def test_simulated_deflections_are_those_of_the_source_robots_physics(
 def test_fine_tuning_begins_with_the_other_robots_network_and_learns_the_targets_labels(
     target, ur5
 ):
-    before = predicted(fitted(MlpPretrained(**TINY), target, ur5), target)
+    before = predict(fit_with_source(MlpPretrained(**TINY), target, ur5), target)
     options = TINY | {"anchor": "none"}
-    untouched = predicted(fitted(FtMlp(**options, epochs=0), target, ur5), target)
-    tuned = predicted(fitted(FtMlp(**options, freeze="full", epochs=30), target, ur5), target)
-    np.testing.assert_array_equal(untouched, before)
-    left = [np.abs(each - target.samples.deflection).mean() for each in (before, tuned)]
-    assert left[1] < left[0]
+    untuned = predict(fit_with_source(FtMlp(**options, epochs=0), target, ur5), target)
+    tuned = predict(
+        fit_with_source(FtMlp(**options, freeze="full", epochs=30), target, ur5), target
+    )
+    np.testing.assert_array_equal(untuned, before)
+    errors = [
+        np.abs(prediction - target.samples.deflection).mean() for prediction in (before, tuned)
+    ]
+    assert errors[1] < errors[0]
 
 
 def test_a_compliance_network_begins_with_the_other_robots_springs_in_the_targets_kinematics(
     target, ur5
 ):
-    model = fitted(ComplianceNet(width=8, epochs=0, device="cpu"), target, ur5)
+    model = fit_with_source(ComplianceNet(width=8, epochs=0, device="cpu"), target, ur5)
     springs = vjm_of(ur5).springs_
     assert np.isfinite(springs.stiffness).all()
     rows = target.robot.jacobian(target.samples.q)
     joint = np.einsum("nij,ni->nj", rows, target.samples.wrench) * springs.compliance
     expected = np.einsum("nij,nj->ni", rows[:, :3], joint)
-    np.testing.assert_allclose(predicted(model, target), expected, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(predict(model, target), expected, rtol=1e-4, atol=1e-9)
 
 
 @pytest.mark.parametrize("key", TAKE_A_SOURCE)
@@ -135,8 +139,8 @@ def test_a_copy_keeps_the_source_and_a_new_model_has_none(key, ur5):
 
 
 def test_a_saved_model_needs_its_source_no_more(target, ur5, tmp_path):
-    model = fitted(FtMlp(**TINY, epochs=2), target, ur5)
+    model = fit_with_source(FtMlp(**TINY, epochs=2), target, ur5)
     model.save(tmp_path / "m")
-    again = load(tmp_path / "m")
-    np.testing.assert_array_equal(predicted(again, target), predicted(model, target))
-    assert again.robot_.name == target.robot.name and again._source is None
+    loaded = load(tmp_path / "m")
+    np.testing.assert_array_equal(predict(loaded, target), predict(model, target))
+    assert loaded.robot_.name == target.robot.name and loaded._source is None

@@ -1,4 +1,4 @@
-"""The conformance suite passes what keeps the contract and names the one thing that does not."""
+"""Check that the conformance suite passes valid models and names a broken rule."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_a_model_that_keeps_the_contract_passes_every_question(fanuc):
     [(*row, False) for row in BROKEN] + [(*row, True) for row in BROKEN_CHOOSERS],
     ids=[row[0].__name__ for row in BROKEN + BROKEN_CHOOSERS],
 )
-def test_a_model_that_breaks_one_rule_fails_that_question_and_is_told_how_to_mend_it(
+def test_a_model_that_breaks_one_rule_fails_that_question_with_advice_how_to_fix_it(
     cls, name, reason, uses_validation, fanuc
 ):
     failed = failures(cls, fanuc, uses_validation=uses_validation)
@@ -59,13 +59,13 @@ def test_when_fit_fails_the_questions_that_need_it_are_not_applicable(fanuc):
     assert len(reasons) > 10
 
 
-def not_ours(self, path):
+def refuse_to_save(self, path):
     raise NotSavable("its weights are not ours")
 
 
-OFFSET = predicting("Offset", lambda found: found + 1e-4)
+OFFSET = predicting("Offset", lambda deflection: deflection + 1e-4)
 NOMINAL = finding("Nominal", lambda *_: {"compliance_": np.full((6, 3), 1e-6)})
-LICENSED = broken("Licensed", save=not_ours)
+LICENSED = broken("Licensed", save=refuse_to_save)
 
 
 @pytest.mark.parametrize(

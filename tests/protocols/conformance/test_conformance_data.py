@@ -1,4 +1,4 @@
-"""The conformance suite for data sets and protocols."""
+"""Check the conformance suite for data sets and protocols."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from stiff_protocols.splits.extrapolation import SpaceTransfer
 from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
 
 
-def by_name(make, fanuc):
+def checks_by_name(make, fanuc):
     return {check.name: check for check in check_protocol(make, fanuc)}
 
 
 @pytest.mark.parametrize("info", PROTOCOLS, ids=lambda info: info.key)
 def test_the_shipped_protocols_keep_the_contract_and_part_no_pose(info, twin):
     samples = twin.samples.take(np.arange(0, len(twin.samples), 3))
-    some = BenchmarkData(samples, twin.robot, under_load=twin.under_load)
-    checks = by_name(info.load(), some)
+    thinned_data = BenchmarkData(samples, twin.robot, under_load=twin.under_load)
+    checks = checks_by_name(info.load(), thinned_data)
     assert [str(check) for check in checks.values() if check.status == "failed"] == []
     assert checks["no pose is parted"].status == "passed"
 
 
 def test_a_protocol_may_report_training_rows_where_it_declares_that_and_nowhere_else(fanuc):
     question = "splits are those that a run accepts"
-    declared = by_name(lambda: PaperHoldout(read_on="all"), fanuc)
-    assert [str(check) for check in declared.values() if check.status == "failed"] == []
+    checks = checks_by_name(lambda: PaperHoldout(read_on="all"), fanuc)
+    assert [str(check) for check in checks.values() if check.status == "failed"] == []
 
     class Silent(PaperHoldout):
         reports_training = False
@@ -39,7 +39,7 @@ def test_a_protocol_may_report_training_rows_where_it_declares_that_and_nowhere_
         def splits(self, samples, *, n_splits, seed):
             return PaperHoldout(read_on="all").splits(samples, n_splits=n_splits, seed=seed)
 
-    check = by_name(Silent, fanuc)[question]
+    check = checks_by_name(Silent, fanuc)[question]
     assert check.status == "failed" and "does not declare reports_training" in check.reason
 
 
@@ -50,7 +50,7 @@ def test_a_protocol_that_cannot_divide_a_data_set_says_so_once(fanuc):
     assert {check.reason for check in checks if check is not failed} == {f"see {failed.name!r}"}
 
 
-def careless(samples):
+def random_overlapping_splits(samples):
     order = np.random.default_rng().permutation(len(samples))
     return [Split(0, order[:30], order[:0], order[20:40])]
 
@@ -61,7 +61,7 @@ def by_deflection(samples):
 
 
 def by_row(samples):
-    """One row in five is tested."""
+    """Return a split that tests one row in five."""
     rows = np.arange(len(samples))
     return [Split(0, rows[rows % 5 > 0], rows[:0], rows[rows % 5 == 0])]
 
@@ -70,12 +70,17 @@ ACCEPTED = "splits are those that a run accepts"
 
 
 @pytest.mark.parametrize(
-    ("how", "question", "status", "reason"),
+    ("make_splits", "question", "status", "reason"),
     [
-        (careless, ACCEPTED, "failed", "trains on 10 rows of its other"),
+        (random_overlapping_splits, ACCEPTED, "failed", "trains on 10 rows of its other"),
         (lambda _: [], ACCEPTED, "failed", "made no split"),
         (lambda samples: 2 * by_row(samples), ACCEPTED, "failed", "splits of index [0, 0]"),
-        (careless, "the same seed gives the same splits", "failed", "the same seed gave different"),
+        (
+            random_overlapping_splits,
+            "the same seed gives the same splits",
+            "failed",
+            "the same seed gave different",
+        ),
         (
             by_deflection,
             "the division does not look at deflections",
@@ -85,12 +90,12 @@ ACCEPTED = "splits are those that a run accepts"
         (by_row, "no pose is parted", "not applicable", "warning: 1 of 1 splits test a pose"),
     ],
 )
-def test_a_protocol_that_breaks_a_rule_is_told_which(how, question, status, reason, fanuc):
+def test_a_protocol_that_breaks_a_rule_is_told_which(make_splits, question, status, reason, fanuc):
     class Broken(Holdout):
         def splits(self, samples, *, n_splits, seed):
-            return how(samples)
+            return make_splits(samples)
 
-    check = by_name(Broken, fanuc)[question]
+    check = checks_by_name(Broken, fanuc)[question]
     assert check.status == status and reason in check.reason
 
 

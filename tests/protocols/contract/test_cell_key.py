@@ -1,4 +1,4 @@
-"""A cell's key and seed: the same wherever and however they are asked for, and changed by all."""
+"""Check that a cell's key and seed are stable, and that fields change them."""
 
 from __future__ import annotations
 
@@ -39,22 +39,22 @@ ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
 def test_the_key_is_the_same_in_a_process_that_hashes_or_writes_otherwise():
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(Path(__file__).parents[2])],
         env=os.environ | ASCII | {"PYTHONHASHSEED": "1"},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert done.stdout.strip() == f"{CELL.key} {CELL.model_seed}"
+    assert process.stdout.strip() == f"{CELL.key} {CELL.model_seed}"
 
 
 @pytest.mark.parametrize("name", ["model_params", "dataset_params", "protocol_params"])
 def test_the_key_does_not_depend_on_the_order_of_options(name):
     options = getattr(CELL, name)
     for order in itertools.permutations(options):
-        other = replace(CELL, **{name: {key: options[key] for key in order}})
-        assert (other.key, other.model_seed) == (CELL.key, CELL.model_seed)
+        reordered_cell = replace(CELL, **{name: {key: options[key] for key in order}})
+        assert (reordered_cell.key, reordered_cell.model_seed) == (CELL.key, CELL.model_seed)
 
 
 CHANGED = {
@@ -67,7 +67,7 @@ CHANGED = {
 
 @pytest.mark.parametrize("name", [item.name for item in fields(Cell)])
 def test_every_field_of_a_cell_changes_its_key(name):
-    """A field that comes to be later is tested here too, whatever it is called."""
+    """Test all fields, so that new ones are included."""
     value = getattr(CELL, name)
     assert replace(CELL, **{name: CHANGED[type(value)](value)}).key != CELL.key
 
@@ -80,26 +80,31 @@ NO_PART_OF_THE_SEED = {
 
 
 def test_a_cell_has_the_key_and_the_seed_that_it_always_had():
-    """With another key stored results are not found, with another seed random models differ."""
-    plain = Cell("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)
-    assert plain.key == "8a49b67bbeadb3aae6d65663"
-    more = replace(plain, model_version="2", interval_version=2, coverage=0.9, source_sha256="x")
-    assert replace(more, condition="n = 5", rows_sha256="y").key == "dbb33d74898fbad004e67ddb"
+    """A changed key loses stored results; a changed seed changes random models."""
+    plain_cell = Cell("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)
+    assert plain_cell.key == "8a49b67bbeadb3aae6d65663"
+    versioned_cell = replace(
+        plain_cell, model_version="2", interval_version=2, coverage=0.9, source_sha256="x"
+    )
+    assert (
+        replace(versioned_cell, condition="n = 5", rows_sha256="y").key
+        == "dbb33d74898fbad004e67ddb"
+    )
     assert CELL.model_seed == 2208388108
     for name, value in NO_PART_OF_THE_SEED.items():
         assert replace(CELL, **{name: value}).model_seed == CELL.model_seed, name
-    other = replace(CELL, dataset="my-robot-ü", rows_sha256="", seed=2**32 + 5)
-    assert other.model_seed == 3571893947
+    other_cell = replace(CELL, dataset="my-robot-ü", rows_sha256="", seed=2**32 + 5)
+    assert other_cell.model_seed == 3571893947
 
 
 @pytest.mark.parametrize("name", ["model_params", "dataset_params", "protocol_params"])
 def test_every_option_and_its_type_changes_the_key(name):
     options = getattr(CELL, name)
     for option in options:
-        others = [options | {option: other} for other in ("other", 2.5, False)]
-        others.append({key: value for key, value in options.items() if key != option})
-        keys = {replace(CELL, **{name: other}).key for other in (options, *others)}
+        variants = [options | {option: value} for value in ("other", 2.5, False)]
+        variants.append({key: value for key, value in options.items() if key != option})
+        keys = {replace(CELL, **{name: variant}).key for variant in (options, *variants)}
         assert len(keys) == 5
-    for one, other in ((1, "1"), ([10, 20], [20, 10])):
-        keys = {replace(CELL, model_params={"a": value}).key for value in (one, other)}
+    for values in ((1, "1"), ([10, 20], [20, 10])):
+        keys = {replace(CELL, model_params={"a": value}).key for value in values}
         assert len(keys) == 2

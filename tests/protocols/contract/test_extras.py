@@ -1,4 +1,4 @@
-"""What an optional feature says where its package is not installed."""
+"""Check the messages of optional features whose package is not installed."""
 
 from __future__ import annotations
 

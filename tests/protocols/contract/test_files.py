@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all; TOML that is read, or refused before it costs time."""
+"""Check that files are written completely or not at all; check reading TOML."""
 
 from __future__ import annotations
 

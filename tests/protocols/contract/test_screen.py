@@ -1,4 +1,4 @@
-"""Short views of objects: a screen of text, and HTML that shows hostile names as they are."""
+"""Check short views of objects: a screen of text, and HTML that escapes hostile names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Optional methods of any object with fit and predict."""
+"""Check optional methods of any object with fit and predict."""
 
 from __future__ import annotations
 

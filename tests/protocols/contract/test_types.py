@@ -1,4 +1,4 @@
-"""The frozen values: shapes are checked, arrays cannot be written, hashes tell data apart."""
+"""Check the frozen values: their shapes, read-only arrays and hashes."""
 
 from __future__ import annotations
 
@@ -40,28 +40,34 @@ def test_samples_are_read_only_copies_whose_rows_stay_together():
     assert samples.q[0, 0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         samples.deflection[0, 0] = 1.0
-    taken = make(deflection=np.arange(6.0).reshape(2, 3)).take(np.array([1]))
-    assert taken.pose_id.tolist() == ["1"]
-    assert taken.deflection.tolist() == [[3.0, 4.0, 5.0]]
+    row = make(deflection=np.arange(6.0).reshape(2, 3)).take(np.array([1]))
+    assert row.pose_id.tolist() == ["1"]
+    assert row.deflection.tolist() == [[3.0, 4.0, 5.0]]
 
 
 def test_the_hash_of_data_changes_with_any_number_name_or_robot(kr10):
     base = BenchmarkData(make(), kr10).sha256
     assert BenchmarkData(make(), kr10).sha256 == base
-    others = [make(deflection=np.ones((2, 3)) * (1 + 1e-15)), make(group=np.array(["g", "h"]))]
-    assert all(BenchmarkData(other, kr10).sha256 != base for other in others)
+    changed_samples = [
+        make(deflection=np.ones((2, 3)) * (1 + 1e-15)),
+        make(group=np.array(["g", "h"])),
+    ]
+    assert all(BenchmarkData(samples, kr10).sha256 != base for samples in changed_samples)
     assert BenchmarkData(make(), replace(kr10, tcp=[0.0, 0.0, 0.1])).sha256 != base
     assert BenchmarkData(make(), replace(kr10, flange=np.eye(4)[[1, 2, 0, 3]])).sha256 == base
 
 
 def test_the_noise_of_the_instrument_stays_with_the_samples_and_is_hashed_where_it_is_stated(kr10):
-    stated, unstated = make(instrument_noise=2e-5), make()
+    noisy_samples, plain_samples = make(instrument_noise=2e-5), make()
     rows = np.array([1])
-    assert stated.take(rows).instrument_noise == 2e-5 and unstated.take(rows).instrument_noise == 0
-    assert Samples.together(unstated, stated).instrument_noise == 2e-5
-    hashes = {BenchmarkData(one, kr10).sha256 for one in (stated, unstated)}
+    assert (
+        noisy_samples.take(rows).instrument_noise == 2e-5
+        and plain_samples.take(rows).instrument_noise == 0
+    )
+    assert Samples.together(plain_samples, noisy_samples).instrument_noise == 2e-5
+    hashes = {BenchmarkData(samples, kr10).sha256 for samples in (noisy_samples, plain_samples)}
     assert len(hashes) == 2
-    assert BenchmarkData(replace(stated, instrument_noise=0.0), kr10).sha256 in hashes
+    assert BenchmarkData(replace(noisy_samples, instrument_noise=0.0), kr10).sha256 in hashes
     assert BenchmarkData(make(instrument_noise=np.float64(2e-5)), kr10).sha256 in hashes
 
 

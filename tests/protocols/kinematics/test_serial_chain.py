@@ -1,4 +1,4 @@
-"""Poses, Jacobians, weights, springs and inverse kinematics against Pinocchio and products."""
+"""Check poses, Jacobians, weights, springs and inverse kinematics against Pinocchio."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CHAINS = [
 
 @pytest.fixture(params=CHAINS, ids="-".join)
 def chain(request, rng):
-    """A chain with masses, 50 of its positions, and Pinocchio's model of it."""
+    """Return a chain with masses, 50 of its positions, and Pinocchio's model of it."""
     robot = random_chain(rng, request.param)
     n = robot.n_joints
     masses, centres = rng.uniform(1.0, 9.0, n), rng.normal(size=(n, 3))
@@ -45,9 +45,9 @@ def chain(request, rng):
 
 def test_joints_and_tcp_are_where_pinocchio_puts_them(chain):
     robot, q, model = chain
-    found, data = robot.forward(q), model.createData()
-    np.testing.assert_allclose(robot.tcp_position(q), found.points[:, -1], atol=1e-15)
-    for position, points, rotations in zip(q, found.points, found.rotations, strict=True):
+    frames, data = robot.forward(q), model.createData()
+    np.testing.assert_allclose(robot.tcp_position(q), frames.points[:, -1], atol=1e-15)
+    for position, points, rotations in zip(q, frames.points, frames.rotations, strict=True):
         pin.forwardKinematics(model, data, position)
         places = [data.oMi[joint + 1] for joint in range(robot.n_joints)]
         truth = [*(place.translation for place in places), places[-1].act(robot.tcp)]
@@ -63,53 +63,56 @@ def test_gravity_torque_is_what_pinocchios_drives_balance(chain):
 
 
 def with_virtual_joints(robot):
-    """Pinocchio's model of the chain with three turns and three slides after every joint."""
+    """Return Pinocchio's model with three turns and three slides after every joint."""
     model = pin.Model()
     parent, zero = 0, pin.SE3.Identity()
-    own, virtual = [], []
+    own_columns, virtual_columns = [], []
     for i, kind in enumerate(robot.joint_types):
         aligned = joint_basis(robot.axes[i])
         placement = pin.SE3(robot.placements[i]) * pin.SE3(aligned, np.zeros(3))
-        before = joint_basis(robot.axes[i - 1]) if i else np.eye(3)
-        placement = pin.SE3(before.T, np.zeros(3)) * placement
+        previous_basis = joint_basis(robot.axes[i - 1]) if i else np.eye(3)
+        placement = pin.SE3(previous_basis.T, np.zeros(3)) * placement
         joint = pin.JointModelRZ() if kind == "revolute" else pin.JointModelPZ()
-        parent = model.addJoint(parent, joint, placement, f"own {i}")
-        own.append(model.joints[parent].idx_v)
+        parent = model.addJoint(parent, joint, placement, f"joint {i}")
+        own_columns.append(model.joints[parent].idx_v)
         columns = []
         for k, spring in enumerate(SPRINGS):
             parent = model.addJoint(parent, spring(), zero, f"virtual {i} {k}")
             columns.append(model.joints[parent].idx_v)
-        virtual.append(columns)
+        virtual_columns.append(columns)
     tcp = joint_basis(robot.axes[-1]).T @ robot.tcp
     model.addFrame(pin.Frame("tcp", parent, 0, pin.SE3(np.eye(3), tcp), pin.FrameType.OP_FRAME))
-    return model, own, virtual
+    return model, own_columns, virtual_columns
 
 
 def joint_basis(axis):
-    """Columns: x and y across the axis (the URDF frame's own where it can be), z along it."""
+    """Return a basis as columns: x and y across the axis, z along it.
+
+    If the axis is an axis of the URDF frame, so are x and y.
+    """
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     x = np.cross(helper, axis) / np.linalg.norm(np.cross(helper, axis))
     return np.column_stack([x, np.cross(axis, x), axis])
 
 
-def assert_relatively_equal(ours, truth):
-    assert np.abs(ours - truth).max() <= 1e-12 * np.abs(truth).max()
+def assert_relatively_equal(actual, truth):
+    assert np.abs(actual - truth).max() <= 1e-12 * np.abs(truth).max()
 
 
 @pytest.mark.parametrize("n_joints", [1, 2, 5, 8])
 def test_own_and_virtual_joints_move_the_tcp_as_pinocchios_model_with_both(n_joints, kr10, rng):
     for robot in (kr10, *(random_chain(rng, MIXED[:n_joints]) for _ in range(5))):
-        model, own, virtual = with_virtual_joints(robot)
+        model, own_columns, virtual_columns = with_virtual_joints(robot)
         data = model.createData()
         q = rng.uniform(-3, 3, size=(20, robot.n_joints))
-        found = zip(q, robot.jacobian(q), robot.virtual_jacobian(q), strict=True)
-        for pose, twists, virtual_twists in found:
+        rows = zip(q, robot.jacobian(q), robot.virtual_jacobian(q), strict=True)
+        for pose, twists, virtual_twists in rows:
             position = pin.neutral(model)
-            position[own] = pose
+            position[own_columns] = pose
             frame = model.getFrameId("tcp")
             truth = pin.computeFrameJacobian(model, data, position, frame, pin.LOCAL_WORLD_ALIGNED)
-            assert_relatively_equal(twists, truth[:, own])
-            assert_relatively_equal(virtual_twists, truth[:, virtual])
+            assert_relatively_equal(twists, truth[:, own_columns])
+            assert_relatively_equal(virtual_twists, truth[:, virtual_columns])
 
 
 def test_virtual_axes_are_those_of_the_urdf_frame_where_the_joints_axis_is_one_of_them(kr10):
@@ -129,22 +132,22 @@ def test_deflection_is_the_product_of_the_jacobians(kinds, rng):
     q, wrench = rng.uniform(-3, 3, size=(60, robot.n_joints)), rng.normal(size=(60, 6))
     rows = robot.jacobian(q)
     truth = np.einsum("nai,i,nbi,nb->na", rows[:, :3], compliance, rows, wrench)
-    found = robot.joint_deflection(compliance, q, wrench)
-    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
+    deflection = robot.joint_deflection(compliance, q, wrench)
+    np.testing.assert_allclose(deflection, truth, rtol=0, atol=1e-13 * np.abs(truth).max())
 
 
 def test_inverse_gives_positions_at_which_the_tcp_has_each_pose_it_reaches(kr10, rng):
     q = rng.uniform(0.6 * kr10.lower, 0.6 * kr10.upper, size=(20, 6))
-    wanted = kr10.forward(q)
-    position = wanted.points[:, -1].copy()
+    targets = kr10.forward(q)
+    position = targets.points[:, -1].copy()
     position[7] = 5.0, 0.0, 0.0
-    found, reached = kr10.inverse(
-        position, wanted.rotation, q + rng.normal(scale=0.05, size=q.shape)
+    solutions, reached = kr10.inverse(
+        position, targets.rotation, q + rng.normal(scale=0.05, size=q.shape)
     )
     np.testing.assert_array_equal(reached, np.arange(20) != 7)
-    stands = kr10.forward(found)
-    np.testing.assert_allclose(stands.points[reached, -1], position[reached], atol=1e-8)
-    np.testing.assert_allclose(stands.rotation[reached], wanted.rotation[reached], atol=2e-8)
+    frames = kr10.forward(solutions)
+    np.testing.assert_allclose(frames.points[reached, -1], position[reached], atol=1e-8)
+    np.testing.assert_allclose(frames.rotation[reached], targets.rotation[reached], atol=2e-8)
 
 
 def test_a_batch_of_several_chunks_equals_its_rows_one_at_a_time(kr10, rng):
@@ -164,7 +167,7 @@ def test_no_pose_has_no_numbers(kr10):
 def test_joint_angles_springs_wrenches_and_poses_of_another_shape_are_refused(kr10):
     q, wrench, eyes = np.zeros((2, 6)), np.zeros((2, 6)), np.stack([np.eye(3)] * 2)
     position = np.zeros((2, 3))
-    for call, named in (
+    for call, message in (
         (lambda: kr10.jacobian(q[:, :5]), r"\(2, 5\), expected \(n, 6\)"),
         (lambda: kr10.joint_deflection(np.ones(5), q, wrench), "compliance has shape"),
         (lambda: kr10.joint_deflection(np.ones(6), q, wrench[:1]), "wrench has shape"),
@@ -172,5 +175,5 @@ def test_joint_angles_springs_wrenches_and_poses_of_another_shape_are_refused(kr
         (lambda: kr10.inverse(np.nan * position, eyes, q), "position.*is nan"),
         (lambda: kr10.inverse(position, eyes[:1], q), "rotation has shape"),
     ):
-        with pytest.raises(DataError, match=named):
+        with pytest.raises(DataError, match=message):
             call()

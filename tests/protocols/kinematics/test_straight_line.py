@@ -1,4 +1,4 @@
-"""Formulas that become programs on arrays."""
+"""Check formulas that are compiled to programs on arrays."""
 
 from __future__ import annotations
 

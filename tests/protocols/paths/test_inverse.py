@@ -1,4 +1,4 @@
-"""Shapes of paths, and joint positions along them against Pinocchio."""
+"""Check shapes of paths, and joint positions along them against Pinocchio."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ N = 201
 
 
 def tool_at(robot, q):
-    """Position and orientation of the tool."""
-    stands = robot.forward(np.atleast_2d(q))
-    return stands.points[:, -1], stands.rotation
+    """Return the tool's position and orientation."""
+    frames = robot.forward(np.atleast_2d(q))
+    return frames.points[:, -1], frames.rotation
 
 
 def path_of(robot, name="square", size=0.2):
@@ -58,7 +58,7 @@ def test_every_corner_of_a_square_is_a_point_of_the_path(n):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "match"),
+    ("changes", "match"),
     [
         ({"size": 0.0}, "size is 0"),
         ({"n_points": 4}, "at least 5"),
@@ -67,21 +67,21 @@ def test_every_corner_of_a_square_is_a_point_of_the_path(n):
         ({"centre": (0.0, np.nan, 0.0)}, "centre"),
     ],
 )
-def test_a_shape_that_is_none_is_refused(wrong, match):
-    asked = {"centre": (0, 0, 0), "size": 1.0, "n_points": 9, "rotation": np.eye(3)}
+def test_a_shape_that_is_none_is_refused(changes, match):
+    arguments = {"centre": (0, 0, 0), "size": 1.0, "n_points": 9, "rotation": np.eye(3)}
     with pytest.raises(DataError, match=match):
-        shaped("square", **{**asked, "wrench": LOAD, **wrong})
+        shaped("square", **{**arguments, "wrench": LOAD, **changes})
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_joint_positions_put_pinocchios_tool_on_the_path_without_a_jump(kr10, kr10_chain, name):
     path = path_of(kr10, name)
-    found = follow(kr10, path.position, path.rotation)
-    assert found.ok.all()
-    assert np.abs(np.diff(found.q, axis=0)).max() < 0.05
+    course = follow(kr10, path.position, path.rotation)
+    assert course.ok.all()
+    assert np.abs(np.diff(course.q, axis=0)).max() < 0.05
     model = kr10_chain.model
     data = model.createData()
-    for q, position, rotation in zip(found.q, path.position, path.rotation, strict=True):
+    for q, position, rotation in zip(course.q, path.position, path.rotation, strict=True):
         pin.forwardKinematics(model, data, q)
         tool = data.oMi[model.njoints - 1] * pin.SE3(np.eye(3), kr10_chain.robot.tcp)
         np.testing.assert_allclose(tool.translation, position, atol=2e-8)
@@ -90,87 +90,88 @@ def test_joint_positions_put_pinocchios_tool_on_the_path_without_a_jump(kr10, kr
 
 def test_points_far_apart_and_a_point_alone_are_reached_in_one_configuration(kr10):
     path = path_of(kr10, size=0.4)
-    dense = follow(kr10, path.position, path.rotation, READY)
+    dense_course = follow(kr10, path.position, path.rotation, READY)
     corners = path.take(np.arange(0, N, 50))
-    sparse = follow(kr10, corners.position, corners.rotation, READY)
-    np.testing.assert_allclose(sparse.q, dense.q[::50], atol=1e-6)
-    alone = follow(kr10, path.position[:1], path.rotation[:1], READY)
-    np.testing.assert_allclose(alone.q, dense.q[:1], atol=1e-6)
+    sparse_course = follow(kr10, corners.position, corners.rotation, READY)
+    np.testing.assert_allclose(sparse_course.q, dense_course.q[::50], atol=1e-6)
+    single = follow(kr10, path.position[:1], path.rotation[:1], READY)
+    np.testing.assert_allclose(single.q, dense_course.q[:1], atol=1e-6)
 
 
 def test_start_chooses_the_configuration_with_its_whole_turns(kr10):
     path = path_of(kr10, "line")
-    usual = follow(kr10, path.position, path.rotation, READY)
+    usual_course = follow(kr10, path.position, path.rotation, READY)
     turned = follow(kr10, path.position, path.rotation, READY - [0, 0, 0, 0, 0, 2 * np.pi])
-    np.testing.assert_allclose(turned.q[:, 5], usual.q[:, 5] - 2 * np.pi, atol=1e-6)
-    other = follow(
+    np.testing.assert_allclose(turned.q[:, 5], usual_course.q[:, 5] - 2 * np.pi, atol=1e-6)
+    flipped = follow(
         kr10, path.position, path.rotation, READY * [1, 1, 1, 1, -1, 1] + [0, 0, 0, np.pi, 0, np.pi]
     )
-    np.testing.assert_allclose(tool_at(kr10, other.q)[0], path.position, atol=1e-7)
-    assert (np.sign(other.q[:, 4]) == -np.sign(usual.q[:, 4])).all()
+    np.testing.assert_allclose(tool_at(kr10, flipped.q)[0], path.position, atol=1e-7)
+    assert (np.sign(flipped.q[:, 4]) == -np.sign(usual_course.q[:, 4])).all()
 
 
-def test_points_out_of_reach_are_named_alone(kr10):
+def test_only_points_out_of_reach_are_named(kr10):
     path = path_of(kr10, "line", size=1.2)
-    found = follow(kr10, path.position, path.rotation, READY)
-    away = np.linalg.norm(tool_at(kr10, found.q)[0] - path.position, axis=1)
-    assert 0 < found.reached.sum() < N
-    assert (away[found.reached] < 1e-7).all()
-    assert (away[~found.reached] > 1e-6).all()
-    reached = np.flatnonzero(found.reached)
+    course = follow(kr10, path.position, path.rotation, READY)
+    away = np.linalg.norm(tool_at(kr10, course.q)[0] - path.position, axis=1)
+    assert 0 < course.reached.sum() < N
+    assert (away[course.reached] < 1e-7).all()
+    assert (away[~course.reached] > 1e-6).all()
+    reached = np.flatnonzero(course.reached)
     assert len(reached) == reached[-1] - reached[0] + 1
 
 
 def test_joint_beyond_its_limits_is_named_with_its_rows(kr10):
     path = path_of(kr10)
-    free = follow(kr10, path.position, path.rotation, READY)
+    unlimited_course = follow(kr10, path.position, path.rotation, READY)
     upper = kr10.upper.copy()
-    upper[1] = np.median(free.q[:, 1]) + 1e-4
-    found = follow(replace(kr10, upper=upper), path.position, path.rotation, READY)
-    np.testing.assert_array_equal(found.beyond[:, 1], free.q[:, 1] > upper[1])
-    assert not np.delete(found.beyond, 1, axis=1).any()
+    upper[1] = np.median(unlimited_course.q[:, 1]) + 1e-4
+    course = follow(replace(kr10, upper=upper), path.position, path.rotation, READY)
+    np.testing.assert_array_equal(course.beyond[:, 1], unlimited_course.q[:, 1] > upper[1])
+    assert not np.delete(course.beyond, 1, axis=1).any()
 
 
 def test_whole_turns_bring_a_joint_into_its_limits_where_no_start_is_given(kr10):
     path = path_of(kr10, "line")
     lower, upper = kr10.lower.copy(), kr10.upper.copy()
     lower[5], upper[5] = 1.5 * np.pi, 3.5 * np.pi
-    found = follow(replace(kr10, lower=lower, upper=upper), path.position, path.rotation)
-    assert found.ok.all()
+    course = follow(replace(kr10, lower=lower, upper=upper), path.position, path.rotation)
+    assert course.ok.all()
 
 
 def test_straight_wrist_is_singular_and_passing_it_is_a_flip(kr10):
     q = np.tile(READY, (N, 1))
     q[:, 4] = np.linspace(0.4, -0.4, N)
-    through = follow(kr10, *tool_at(kr10, q), q[0])
-    assert through.reached.all()
-    assert through.singular[N // 2]
-    assert not through.singular[[0, -1]].any()
+    straight_course = follow(kr10, *tool_at(kr10, q), q[0])
+    assert straight_course.reached.all()
+    assert straight_course.singular[N // 2]
+    assert not straight_course.singular[[0, -1]].any()
     position, rotation = tool_at(kr10, q)
     tilted = Rotation.from_rotvec([1e-3, 0, 1e-3]).as_matrix() @ rotation
-    for found in (through, follow(kr10, position, tilted, q[0])):
-        assert abs(int(np.flatnonzero(found.flips)[0]) - N // 2) < 5
+    for course in (straight_course, follow(kr10, position, tilted, q[0])):
+        assert abs(int(np.flatnonzero(course.flips)[0]) - N // 2) < 5
 
 
 @pytest.fixture(scope="module")
 def configurations(kr10):
-    """All joint positions at one pose, several of which two or three flips apart."""
-    seeds, found = np.random.default_rng(0).uniform(-np.pi, np.pi, size=(200, 6)), []
+    """Return all joint positions at one pose; some are two or three flips apart."""
+    seeds, solutions = np.random.default_rng(0).uniform(-np.pi, np.pi, size=(200, 6)), []
     q, reached = kr10.inverse(*tool_at(kr10, np.tile(READY, (200, 1))), seeds)
-    for one in (q[reached] + np.pi) % (2 * np.pi) - np.pi:
-        if not any(np.abs(np.sin(0.5 * (one - other))).max() < 0.01 for other in found):
-            found.append(one)
-    return np.array(found)
+    for position in (q[reached] + np.pi) % (2 * np.pi) - np.pi:
+        distances = [np.abs(np.sin(0.5 * (position - solution))).max() for solution in solutions]
+        if min(distances, default=np.inf) >= 0.01:
+            solutions.append(position)
+    return np.array(solutions)
 
 
 def test_given_joint_angles_are_in_one_configuration_only_where_no_part_flips(kr10, configurations):
     assert len(configurations) == 8  # shoulder, elbow and wrist
     sign = np.sign(np.linalg.det(kr10.jacobian(configurations)))
-    assert (sign > 0).sum() == 4  # the sign alone misses three of seven changes
-    for i, one in enumerate(configurations):
-        for k, other in enumerate(configurations):
-            found = judged(kr10, np.stack([one, other, other]))
-            assert found.flips.tolist() == [False, i != k, False]
+    assert (sign > 0).sum() == 4  # the sign misses three of seven changes
+    for i, first in enumerate(configurations):
+        for k, second in enumerate(configurations):
+            course = judged(kr10, np.stack([first, second, second]))
+            assert course.flips.tolist() == [False, i != k, False]
 
 
 def test_given_joint_angles_far_apart_in_one_configuration_are_no_flip(kr10):
@@ -188,12 +189,12 @@ def test_a_joint_of_a_redundant_arm_is_held_along_the_path(joint, start):
     held[joint] = BENT[joint]
     (centre,), (rotation,) = tool_at(arm, BENT)
     path = shaped("square", centre, 0.1, 41, rotation=rotation, wrench=LOAD)
-    found = follow(arm, path.position, path.rotation, start, held=held)
-    assert found.ok.all()
-    np.testing.assert_array_equal(found.q[:, joint], BENT[joint])
-    position, turned = tool_at(arm, found.q)
+    course = follow(arm, path.position, path.rotation, start, held=held)
+    assert course.ok.all()
+    np.testing.assert_array_equal(course.q[:, joint], BENT[joint])
+    position, tool_rotation = tool_at(arm, course.q)
     np.testing.assert_allclose(position, path.position, atol=1e-8)
-    np.testing.assert_allclose(turned, path.rotation, atol=1e-7)
+    np.testing.assert_allclose(tool_rotation, path.rotation, atol=1e-7)
 
 
 def test_a_held_joint_makes_the_arm_singular_where_the_others_are(kr10):
@@ -250,8 +251,8 @@ def test_all_configurations_of_neighbouring_poses_are_those_of_a_search_for_each
     assert regular.sum() > 80
     assert (np.nanmin(near[regular], axis=1) < 1e-6).all()
     for row in range(0, 100, 9):
-        alone = all_configurations(robot, poses.points[[row], -1], poses.rotation[[row]])
-        assert (~np.isnan(alone[..., 0])).sum() == (~np.isnan(configurations[row, :, 0])).sum()
+        single = all_configurations(robot, poses.points[[row], -1], poses.rotation[[row]])
+        assert (~np.isnan(single[..., 0])).sum() == (~np.isnan(configurations[row, :, 0])).sum()
 
 
 def test_a_pose_out_of_reach_has_no_configuration():

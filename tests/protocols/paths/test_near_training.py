@@ -1,4 +1,4 @@
-"""Example paths inside the training range of a model."""
+"""Check example paths inside the training range of a model."""
 
 from __future__ import annotations
 
@@ -8,10 +8,18 @@ import pytest
 import stiffbench as sb
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.training_range import TrainingRange
+from stiff_protocols.paths import near_training
 from stiff_protocols.paths.inverse import follow
 from stiff_protocols.paths.near_training import path_near_training, training_load
 
 SIZE = 0.15
+
+
+@pytest.fixture()
+def few_centres(monkeypatch):
+    """Try fewer training poses, for tests that do not need the best one."""
+    monkeypatch.setattr(near_training, "CENTRES", 12)
+    monkeypatch.setattr(near_training, "FOLLOWED", 2)
 
 
 @pytest.mark.parametrize("name", ["kr10-twin", "ur5-twin", "fanuc-r2000ic"])
@@ -28,6 +36,7 @@ def test_path_and_load_lie_inside_the_training_range_and_can_be_driven(name):
     assert path.wrench[0, 2] < 0.0
 
 
+@pytest.mark.usefixtures("few_centres")
 def test_joints_that_training_never_moved_are_held(twin):
     training_range = TrainingRange.of(twin.samples)
     still = training_range.upper == training_range.lower
@@ -44,6 +53,7 @@ def test_joints_that_training_never_moved_are_held(twin):
     np.testing.assert_allclose(driven.q[:, still] - training_range.lower[still], 0.0, atol=1e-6)
 
 
+@pytest.mark.usefixtures("few_centres")
 def test_a_load_beyond_training_is_counted_and_a_path_that_is_too_large_is_refused(twin):
     training_range = TrainingRange.of(twin.samples)
     load = 10.0 * training_load(training_range)

@@ -1,4 +1,4 @@
-"""Postures at a point and along a path, against closed forms and enumeration."""
+"""Check postures at a point and along a path against closed forms and enumeration."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ ALL_FREE = np.ones(6, dtype=bool)
 
 
 def wrist_arm(limit=np.pi):
-    """Six axes: shoulder in the origin, elbow, spherical wrist, tool along the last axis."""
+    """Return an arm with shoulder in the origin, elbow and spherical wrist.
+
+    The tool lies along the last axis.
+    """
     placements = np.tile(np.eye(4), (6, 1, 1))
     placements[2, 2, 3], placements[3, 2, 3] = UPPER_ARM, FOREARM
     along, across = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
@@ -49,16 +52,16 @@ def tool_at(robot, q):
 
 
 def elbows(x, z):
-    """x of the elbow in the plane of the arm, up and down: where two circles meet."""
+    """Return x of both elbow positions: the intersections of two circles."""
     distance = np.hypot(x, z)
     along = (UPPER_ARM**2 - FOREARM**2 + distance**2) / (2.0 * distance)
-    away = np.sqrt(UPPER_ARM**2 - along**2)
-    return (along * x - away * z) / distance, (along * x + away * z) / distance
+    across = np.sqrt(UPPER_ARM**2 - along**2)
+    return (along * x - across * z) / distance, (along * x + across * z) / distance
 
 
 @pytest.mark.parametrize("height", [0.4, -0.4])
 def test_with_a_soft_elbow_the_best_branch_is_that_of_the_elbow_over_the_load(height):
-    """A force along z bends joint 3 by its horizontal lever from the elbow to the tool."""
+    """A force along z turns joint 3 by its horizontal lever from the elbow to the tool."""
     robot, compliance, force = wrist_arm(), np.array([0.0, 0, 1e-5, 0, 0, 0]), -100.0
     x, z = 0.55, height
     tilted = DOWN @ Rotation.from_euler("y", 0.7).as_matrix()
@@ -76,10 +79,10 @@ def test_with_a_soft_elbow_the_best_branch_is_that_of_the_elbow_over_the_load(he
     for name, elbow in zip(("up", "down"), elbows(x, z), strict=True):
         sizes = [size[BRANCHES.index(f"front {name} {wrist}")] for wrist in "+-"]
         assert sizes == pytest.approx([1e-5 * abs(force) * (x + tool[0] - elbow) ** 2] * 2)
-    best = BRANCHES[int(np.argmin(np.where(front, size, np.inf)))]
+    best_branch = BRANCHES[int(np.argmin(np.where(front, size, np.inf)))]
     up, down = elbows(x, z)
-    nearer = "up" if abs(x + tool[0] - up) < abs(x + tool[0] - down) else "down"
-    assert best.split()[1] == nearer
+    nearer_elbow = "up" if abs(x + tool[0] - up) < abs(x + tool[0] - down) else "down"
+    assert best_branch.split()[1] == nearer_elbow
 
 
 @pytest.mark.parametrize("name", shipped_robots())
@@ -87,11 +90,11 @@ def test_every_configuration_of_a_shipped_arm_has_a_branch_of_its_own(name):
     robot, rng = named_robot(name).robot(), np.random.default_rng(0)
     low, high = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
     for q in rng.uniform(low, high, size=(12, 6)):
-        every = all_configurations(robot, *tool_at(robot, q))[0]
-        every = every[~np.isnan(every[:, 0])]
-        numbers = branch_numbers(robot, every)
-        assert len(set(numbers)) == len(every) >= 2
-        assert branch_numbers(robot, every + 2.0 * np.pi).tolist() == numbers.tolist()
+        configurations = all_configurations(robot, *tool_at(robot, q))[0]
+        configurations = configurations[~np.isnan(configurations[:, 0])]
+        numbers = branch_numbers(robot, configurations)
+        assert len(set(numbers)) == len(configurations) >= 2
+        assert branch_numbers(robot, configurations + 2.0 * np.pi).tolist() == numbers.tolist()
 
 
 def test_a_branch_is_named_as_the_arm_looks():
@@ -119,17 +122,19 @@ def test_postures_reach_the_point_with_the_axis_inside_limits_away_from_singular
     rotations = turned(rotation, axis, angles)
     postures = all_postures(robot, position, rotations, near=np.zeros(6))
     row, turn, branch = np.nonzero(~np.isnan(postures.q[..., 0]))
-    every = postures.q[row, turn, branch]
-    assert 24 < len(every) <= postures.n_inside[0] < postures.n_reached[0]
-    reached, orientation = tool_at(robot, every)
-    np.testing.assert_allclose(reached, np.tile(position, (len(every), 1)), atol=1e-7)
+    joint_positions = postures.q[row, turn, branch]
+    assert 24 < len(joint_positions) <= postures.n_inside[0] < postures.n_reached[0]
+    reached_positions, orientation = tool_at(robot, joint_positions)
+    np.testing.assert_allclose(
+        reached_positions, np.tile(position, (len(joint_positions), 1)), atol=1e-7
+    )
     np.testing.assert_allclose(orientation, rotations[0, turn], atol=1e-6)
     np.testing.assert_allclose(
-        orientation @ axis, np.tile(rotation[0] @ axis, (len(every), 1)), atol=1e-6
+        orientation @ axis, np.tile(rotation[0] @ axis, (len(joint_positions), 1)), atol=1e-6
     )
-    assert ((every >= robot.lower - 1e-6) & (every <= robot.upper + 1e-6)).all()
-    assert not is_singular(robot, every, ALL_FREE).any()
-    assert (branch_numbers(robot, every) == branch).all()
+    assert ((joint_positions >= robot.lower - 1e-6) & (joint_positions <= robot.upper + 1e-6)).all()
+    assert not is_singular(robot, joint_positions, ALL_FREE).any()
+    assert (branch_numbers(robot, joint_positions) == branch).all()
     angle = Rotation.from_matrix(rotation[0].T @ orientation).as_rotvec() @ axis
     np.testing.assert_allclose(np.cos(angle), np.cos(angles[turn]), atol=1e-6)
 
@@ -143,7 +148,7 @@ def test_whole_turns_of_a_joint_are_taken_next_to_the_wanted_ones_inside_the_lim
 
 
 def made_postures(rng, n, m):
-    """Joint positions that hardly change from point to point, some of them missing."""
+    """Return joint positions that hardly change between points; some are missing."""
     q = np.tile(rng.uniform(-0.3, 0.3, size=(1, m, 8, 6)), (n, 1, 1, 1))
     q[rng.random((n, m, 8)) < 0.2] = np.nan
     return q
@@ -154,7 +159,7 @@ def test_the_best_course_is_the_one_that_enumeration_finds(max_change):
     rng, n, m = np.random.default_rng(max_change), 4, 7
     q, cost = made_postures(rng, n, m), rng.random((n, m, 8))
     courses = best_courses(wrist_arm(), q, cost, np.zeros(6), max_change)
-    postures = {}
+    expected_costs = {}
     for branch in range(8):
         for turns in product(range(m), repeat=n):
             change = np.abs((np.diff(turns) + m // 2) % m - m // 2)
@@ -162,13 +167,13 @@ def test_the_best_course_is_the_one_that_enumeration_finds(max_change):
             if (change <= max_change).all() and not np.isnan(q[rows]).any():
                 mean = cost[rows].mean()
                 key = (branch, turns[-1]) if max_change == 0 else branch
-                postures[key] = min(mean, postures.get(key, np.inf))
-    ours = {
+                expected_costs[key] = min(mean, expected_costs.get(key, np.inf))
+    best_costs = {
         (course.branch, int(course.turn[-1])) if max_change == 0 else course.branch: course.cost
         for course in courses
     }
-    assert ours == pytest.approx(postures)
-    assert [course.cost for course in courses] == sorted(ours.values())
+    assert best_costs == pytest.approx(expected_costs)
+    assert [course.cost for course in courses] == sorted(best_costs.values())
     for course in courses:
         rows = np.arange(n), course.turn, course.branch
         assert course.cost == pytest.approx(cost[rows].mean())

@@ -1,4 +1,4 @@
-"""Grids of the workspace, the configurations at their points, and what is predicted there."""
+"""Check grids of the workspace, and the configurations and predictions at their points."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REGION = np.array([[0.2, 1.2], [0.0, 0.0], [0.0, 1.0]])
 
 
 def trained_at(q):
-    """The range of a model that was trained at (n, 6) poses."""
+    """Return the range of a model that was trained at (n, 6) poses."""
     return TrainingRange(
         q.min(axis=0), q.max(axis=0), 100.0, 0.0, q, np.array([[0.0, 0.0, -1.0, 0.0, 0.0, 0.0]])
     )
@@ -31,6 +31,17 @@ def trained_at(q):
 @pytest.fixture(scope="module")
 def grid():
     return plane_grid("xz", np.array([0.1]), REGION, 21)[0]
+
+
+@pytest.fixture(scope="module")
+def coarse_grid():
+    return plane_grid("xz", np.array([0.1]), REGION, 9)[0]
+
+
+@pytest.fixture(scope="module")
+def grid_q(kr10, grid, rotation):
+    """Return all configurations at the points of the grid."""
+    return grid_configurations(kr10, grid, rotation, FREE)
 
 
 @pytest.fixture(scope="module")
@@ -52,17 +63,18 @@ def test_the_reach_of_a_planar_arm_is_its_length():
     np.testing.assert_allclose(ends, [[-2.0, 2.0], [-2.0, 2.0], [0.0, 0.0]], atol=0.02)
 
 
-def test_waves_find_all_that_random_seeds_find_at_every_point(kr10, grid, rotation):
-    spread = grid_configurations(kr10, grid, rotation, FREE)
+def test_waves_find_all_that_random_seeds_find_at_every_point(kr10, grid, rotation, grid_q):
     points = grid.reshape(-1, 3)
-    lone = [all_configurations(kr10, point[None], rotation[None])[0] for point in points[::7]]
-    for spread_q, searched in zip(spread[::7], lone, strict=True):
-        for q in searched[~np.isnan(searched[:, 0])]:
+    searched_points = [
+        all_configurations(kr10, point[None], rotation[None])[0] for point in points[::7]
+    ]
+    for point_q, expected_q in zip(grid_q[::7], searched_points, strict=True):
+        for q in expected_q[~np.isnan(expected_q[:, 0])]:
             if not is_singular(kr10, q[None], np.isnan(FREE))[0]:
-                away = np.abs(np.sin(0.5 * (spread_q - q))).max(axis=1)
-                assert np.nanmin(away) < 1e-6
-    has_q = ~np.isnan(spread[..., 0])
-    tcp = kr10.tcp_position(spread[has_q])
+                distance = np.abs(np.sin(0.5 * (point_q - q))).max(axis=1)
+                assert np.nanmin(distance) < 1e-6
+    has_q = ~np.isnan(grid_q[..., 0])
+    tcp = kr10.tcp_position(grid_q[has_q])
     np.testing.assert_allclose(tcp, points[np.nonzero(has_q)[0]], atol=1e-7)
 
 
@@ -78,10 +90,10 @@ def test_the_edge_of_the_reach_is_a_sphere_about_the_shoulder(kr10, rotation):
         points.reshape(-1, 3)[:, [0, 2]] - lever - shoulder[0, [0, 2]], axis=1
     )
     longest = distance[reached].max()
-    assert reached[distance < 0.95 * longest].mean() > 0.97  # but for the hole about the shoulder
+    assert reached[distance < 0.95 * longest].mean() > 0.97  # except in the hole about the shoulder
 
 
-def test_the_nearest_configuration_inside_the_limits_is_taken(kr10, grid, rotation):
+def test_the_nearest_configuration_inside_the_limits_is_taken(kr10, grid, rotation, grid_q):
     upright, bent = READY, READY + np.radians([0.0, 30.0, -40.0, 180.0, -100.0, 180.0])
     for pose in (upright, bent):
         poses = reached_poses(kr10, grid, rotation, trained_at(np.stack([pose, pose])))
@@ -89,24 +101,26 @@ def test_the_nearest_configuration_inside_the_limits_is_taken(kr10, grid, rotati
         assert (poses.blank[~poses.reached] != "").all() and np.isnan(poses.q[~poses.reached]).all()
         assert ((q >= kr10.lower - 1e-5) & (q <= kr10.upper + 1e-5)).all()
         assert not is_singular(kr10, q, np.isnan(FREE)).any()
-        all_q = grid_configurations(kr10, grid, rotation, FREE)[poses.reached]
+        all_q = grid_q[poses.reached]
         inside = ((all_q >= kr10.lower) & (all_q <= kr10.upper)).all(axis=2)
-        away = np.where(inside, np.linalg.norm(all_q - pose, axis=2), np.inf)
-        assert (np.linalg.norm(q - pose, axis=1) <= away.min(axis=1) + 1e-5).all()
+        distances = np.where(inside, np.linalg.norm(all_q - pose, axis=2), np.inf)
+        assert (np.linalg.norm(q - pose, axis=1) <= distances.min(axis=1) + 1e-5).all()
 
 
 def test_points_are_blank_for_a_stated_reason(kr10, rotation):
-    narrow = replace(kr10, lower=np.radians([-5.0, -190, -120, -185, -120, -350]))
-    narrow = replace(narrow, upper=np.radians([5.0, 45, 156, 185, 120, 350]))
+    narrow_robot = replace(kr10, lower=np.radians([-5.0, -190, -120, -185, -120, -350]))
+    narrow_robot = replace(narrow_robot, upper=np.radians([5.0, 45, 156, 185, 120, 350]))
     grid = plane_grid("xy", np.array([0.5]), np.array([[-1.0, 3.0], [-0.5, 0.5], [0, 0]]), 17)[0]
-    blank = reached_poses(narrow, grid, rotation, trained_at(READY[None])).blank.reshape(5, 17)
+    blank = reached_poses(narrow_robot, grid, rotation, trained_at(READY[None])).blank.reshape(
+        5, 17
+    )
     assert blank[2, 16] == "out of reach"  # at x = 3 m
     assert blank[4, 7] == "joint limits"  # joint 1 would turn by 34 deg
     assert blank[2, 7] == ""  # straight ahead
 
 
 def task_of(robot, **options):
-    usual = {
+    defaults = {
         "robot": robot,
         "training_range": trained_at(READY[None]),
         "predict": lambda q, wrench: robot.joint_deflection(np.full(6, 1e-5), q, wrench),
@@ -119,13 +133,13 @@ def task_of(robot, **options):
         "axis": None,
         "held": FREE,
     }
-    return WorkspaceTask(**(usual | options))
+    return WorkspaceTask(**(defaults | options))
 
 
-def test_the_tool_has_its_orientation_at_every_point(kr10, grid):
+def test_the_tool_has_its_orientation_at_every_point(kr10, coarse_grid):
     task = task_of(kr10)
     for turn in (0.0, 0.7):
-        q = mapped_points(task, grid[None], (turn,)).q
+        q = mapped_points(task, coarse_grid[None], (turn,)).q
         q = q[~np.isnan(q[:, 0])]
         rotations = kr10.forward(q).rotation @ kr10.flange[:3, :3]
         rotation_of_tool = turned_tool(task.orientation, turn)
@@ -140,27 +154,25 @@ def test_a_load_in_the_tool_frame_turns_with_the_tool(kr10):
 
 
 @pytest.mark.parametrize("axis", [None, "x", "tool"])
-def test_the_closed_form_and_the_derivative_give_one_map(kr10, grid, axis):
-    by_formula = mapped_points(task_of(kr10, quantity="compliance", axis=axis), grid[None])
+def test_the_closed_form_and_the_derivative_give_one_map(kr10, coarse_grid, axis):
+    by_formula = mapped_points(task_of(kr10, quantity="compliance", axis=axis), coarse_grid[None])
     task = task_of(kr10, quantity="compliance", axis=axis, joint_compliance=None)
-    by_differences = mapped_points(task, grid[None])
+    by_differences = mapped_points(task, coarse_grid[None])
     np.testing.assert_allclose(by_formula.values, by_differences.values, rtol=1e-6, atol=1e-15)
     assert np.nanmax(by_formula.values) > 0.0
 
 
-def test_the_best_turn_is_never_worse_than_the_given_one(kr10, grid):
+def test_the_best_turn_is_never_worse_than_the_given_one(kr10, coarse_grid):
     task, turns = task_of(kr10), (0.0, 1.0, 2.0)
-    fixed, best = (
-        mapped_points(task, grid[None], chosen_turns) for chosen_turns in (turns[:1], turns)
-    )
-    both_reached = ~np.isnan(fixed.values)
-    assert (best.values[both_reached] <= fixed.values[both_reached]).all()
-    assert (best.values[both_reached] < fixed.values[both_reached]).any()
-    for turn in turns:
-        at = best.turns == turn
-        again = mapped_points(task, grid[None], (turn,))
-        np.testing.assert_array_equal(best.values[at], again.values[at])
-        np.testing.assert_array_equal(best.q[at], again.q[at])
+    turn_maps = {turn: mapped_points(task, coarse_grid[None], (turn,)) for turn in turns}
+    best_map, fixed_map = mapped_points(task, coarse_grid[None], turns), turn_maps[0.0]
+    is_reached = ~np.isnan(fixed_map.values)
+    assert (best_map.values[is_reached] <= fixed_map.values[is_reached]).all()
+    assert (best_map.values[is_reached] < fixed_map.values[is_reached]).any()
+    for turn, turn_map in turn_maps.items():
+        rows = best_map.turns == turn
+        np.testing.assert_array_equal(best_map.values[rows], turn_map.values[rows])
+        np.testing.assert_array_equal(best_map.q[rows], turn_map.q[rows])
 
 
 def test_an_arm_of_seven_joints_is_mapped_with_one_joint_held():

@@ -1,10 +1,10 @@
-"""How often is a difference found between two models that are equal? Counted, not derived.
+"""Count how often a difference is reported between two equal models.
 
-In each of many simulated data sets of 151 poses the truth is linear in ten features, which all
-count alike. Model A sees the first five alone, model B the others; both are least squares. What one
-of them leaves out is noise to it, and the two exchange places when the features do: their expected
-errors are equal over data sets of this kind, by construction. The data are divided by the product's
-own repeated 80/20 holdout, by pose, and the p-values are the product's own.
+In each of many simulated data sets of 151 poses the truth is linear in ten features of equal
+weight. Model A uses only the first five, model B the other five; both are least squares. The
+features that a model leaves out are noise to it. The models are symmetric in the features, so their
+expected errors over such data sets are equal. Splits by pose and p-values come from stiffbench's
+repeated 80/20 holdout and paired tests.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from stiff_protocols.splits.random_splits import Holdout
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.xdist_group("false positives"),  # all count the same data sets
+    pytest.mark.xdist_group("false positives"),  # all use the same data sets
 ]
 N_POSES = 151
 FEATURES = 5  # of each model
@@ -38,39 +38,41 @@ N_VERDICTS = 100  # of each of 16 draws
 
 
 def drawn_test_rows(n_splits, seed):
-    """Return (J, t): the test rows of the product's splits of 151 poses, one row each."""
-    zeros, names = np.zeros((N_POSES, 6)), np.arange(N_POSES).astype(str)
-    samples = Samples(zeros, zeros, zeros[:, :3], names, names, names)
+    """Return the test rows (J, t) of stiffbench's splits of 151 poses."""
+    zeros, pose_ids = np.zeros((N_POSES, 6)), np.arange(N_POSES).astype(str)
+    samples = Samples(zeros, zeros, zeros[:, :3], pose_ids, pose_ids, pose_ids)
     splits = Holdout().splits(samples, n_splits=n_splits, seed=seed)
     assert all(len(s.train) + len(s.validation) + len(s.test) == N_POSES for s in splits)
     return np.array([split.test for split in splits])
 
 
 def simulated(rng, n_datasets, n_poses=N_POSES, n_features=FEATURES):
-    """Return features (2, n, poses, features) of A and of B, and targets (n, poses)."""
+    """Return features (2, n, poses, features) of both models, and targets (n, poses)."""
     features = rng.normal(size=(2, n_datasets, n_poses, n_features))
     truth = features.sum(axis=(0, 3)) / np.sqrt(2 * n_features)
     return features, truth + NOISE * rng.normal(size=truth.shape)
 
 
 def errors_on(features, target, rows):
-    """Return (n, J, t) absolute errors on the test rows (J, t) of least squares on the others."""
-    tested, aim = features[:, rows], target[:, rows]
+    """Return absolute errors (n, J, t) of least squares on the test rows (J, t)."""
+    test_features, test_target = features[:, rows], target[:, rows]
     across = np.swapaxes(features, -1, -2)
-    tested_across = np.swapaxes(tested, -1, -2)
-    gram = (across @ features)[:, None] - tested_across @ tested
-    moment = (across @ target[..., None])[:, None] - tested_across @ aim[..., None]
-    return np.abs(aim - (tested @ np.linalg.solve(gram, moment))[..., 0])
+    test_features_across = np.swapaxes(test_features, -1, -2)
+    gram = (across @ features)[:, None] - test_features_across @ test_features
+    moment = (across @ target[..., None])[:, None] - test_features_across @ test_target[..., None]
+    return np.abs(test_target - (test_features @ np.linalg.solve(gram, moment))[..., 0])
 
 
 def differences_of(n_draws, n_datasets, n_features):
-    """Return (draws, data sets, 15): MAE of A less MAE of B on each split's test part."""
+    """Return each split's MAE of A less MAE of B, (draws, data sets, 15)."""
     rng = np.random.default_rng(20261121)
     result = []
     for seed in range(n_draws):
         rows = drawn_test_rows(15, seed)
         features, target = simulated(rng, n_datasets, n_features=n_features)
-        a, b = (errors_on(one, target, rows).mean(axis=-1) for one in features)
+        a, b = (
+            errors_on(model_features, target, rows).mean(axis=-1) for model_features in features
+        )
         result.append(a - b)
     return np.array(result)
 
@@ -126,15 +128,15 @@ def test_the_naive_t_finds_one_far_more_often_and_ever_more_with_more_splits(
 
 def errors_after(features, target, train, test):
     """Return (n,) mean absolute errors on `test` rows of least squares on `train` rows."""
-    fitted_to, tested = features[:, train], features[:, test]
-    across = np.swapaxes(fitted_to, -1, -2)
-    weights = np.linalg.solve(across @ fitted_to, across @ target[:, train, None])
-    return np.abs(target[:, test] - (tested @ weights)[..., 0]).mean(axis=1)
+    train_features, test_features = features[:, train], features[:, test]
+    across = np.swapaxes(train_features, -1, -2)
+    weights = np.linalg.solve(across @ train_features, across @ target[:, train, None])
+    return np.abs(target[:, test] - (test_features @ weights)[..., 0]).mean(axis=1)
 
 
 @pytest.mark.parametrize("n_train", [10, 40])
 def test_with_few_training_rows_the_tested_share_of_the_data_is_correction_enough(n_train):
-    """As in a learning curve: 30 of 151 poses are tested, `n_train` of the others learned from."""
+    """Test 30 of 151 poses and train on `n_train` of the others."""
     rng, result = np.random.default_rng(3), []
     for _ in range(30):
         features, target = simulated(rng, 100)
@@ -150,7 +152,7 @@ def test_with_few_training_rows_the_tested_share_of_the_data_is_correction_enoug
 
 
 def test_the_corrected_t_is_a_little_too_bold_for_models_with_a_parameter_per_three_poses():
-    """The limit of the test, stated in docs/comparing.md: 40 parameters on 120 training poses."""
+    """Check the limit in docs/comparing.md: 40 parameters on 120 training poses."""
     rate, error = rate_and_error(corrected_p_values(differences_of(40, 50, n_features=40)))
     print(f"corrected t, 40 parameters, 15 splits: {rate:.4f} +- {error:.4f}")
     assert LEVEL < rate - 2 * error and rate + 2 * error < 0.085
@@ -159,34 +161,35 @@ def test_the_corrected_t_is_a_little_too_bold_for_models_with_a_parameter_per_th
 def least_squares_fits(rng, rows):
     """Return (data sets, splits, tested poses) errors of both models of this file."""
     features, target = simulated(rng, N_VERDICTS)
-    return [errors_on(one, target, rows) for one in features]
+    return [errors_on(model_features, target, rows) for model_features in features]
 
 
-def fits_that_start_anew(rng, rows):
-    """Return the same of two models that know all but how each of their fits was initialised."""
+def fits_of_random_start(rng, rows):
+    """Return errors of two models that differ only in each fit's start."""
     inputs = rng.normal(size=(N_VERDICTS, N_POSES, 2 * FEATURES))[:, rows]
     noise = NOISE * rng.normal(size=(N_VERDICTS, N_POSES))[:, rows]
     starts = 0.2 * rng.normal(size=(2, N_VERDICTS, len(rows), 2 * FEATURES, 1))
-    return [np.abs(noise + (inputs @ one)[..., 0]) for one in starts]
+    return [np.abs(noise + (inputs @ weights)[..., 0]) for weights in starts]
 
 
 def verdicts_on(a, b, rows):
-    """Return a verdict for each of the (data sets, splits, tested poses) errors of A and of B.
+    """Return a verdict per data set from errors (data sets, splits, tested poses).
 
-    It is that of compare, and before its correction of leaderboard and report; each data set is a
-    pair of its own.
+    `compare` gives this verdict; leaderboard and report correct it. Each data set is a pair.
     """
-    both = np.concatenate([a, b])  # (columns, splits, tested poses)
+    all_errors = np.concatenate([a, b])  # (columns, splits, tested poses)
     errors = SharedErrors(
-        of_splits=both.mean(axis=2).T,
+        of_splits=all_errors.mean(axis=2).T,
         test_share=rows.shape[1] / N_POSES,
-        of_poses=pose_errors(np.arange(N_POSES), both.reshape(len(both), -1).T, rows.ravel()),
+        of_poses=pose_errors(
+            np.arange(N_POSES), all_errors.reshape(len(all_errors), -1).T, rows.ravel()
+        ),
     )
     pairs = [(column, len(a) + column) for column in range(len(a))]
     return decide_pairs(errors, pairs, Question())
 
 
-@pytest.mark.parametrize("errors_of", [least_squares_fits, fits_that_start_anew])
+@pytest.mark.parametrize("errors_of", [least_squares_fits, fits_of_random_start])
 def test_over_five_splits_a_verdict_has_a_winner_in_at_most_6_of_100(errors_of):
     rng = np.random.default_rng(3)
     rates = []
@@ -201,24 +204,24 @@ def test_over_five_splits_a_verdict_has_a_winner_in_at_most_6_of_100(errors_of):
 
 
 def bootstrap_rate(a, b):
-    """Return how often the interval over poses of equal models leaves zero out.
+    """Return how often the interval over poses of equal models excludes zero.
 
     Args:
-        a, b: (data sets, tested poses) absolute errors of one row a pose.
+        a, b: (data sets, tested poses) absolute errors of one row per pose.
     """
-    tested = np.arange(a.shape[1])
-    of_poses = pose_errors(np.arange(N_POSES), np.concatenate([a, b]).T, tested)
+    tested_poses = np.arange(a.shape[1])
+    of_poses = pose_errors(np.arange(N_POSES), np.concatenate([a, b]).T, tested_poses)
     pairs = [(column, len(a) + column) for column in range(len(a))]
     (intervals,) = estimates(SharedErrors(None, 0.0, of_poses), pairs, Question())
-    rate = np.mean([one.low > 0 or one.high < 0 for one in intervals])
+    rate = np.mean([interval.low > 0 or interval.high < 0 for interval in intervals])
     return rate, np.sqrt(rate * (1 - rate) / len(a))
 
 
 def test_the_bootstrap_over_31_poses_is_a_little_narrow_even_for_fixed_models():
-    """Neither model is fitted: each knows its features' true weights."""
+    """Neither model is fitted; each uses its features' true weights."""
     features, target = simulated(np.random.default_rng(1), 1500, n_poses=31)
-    known = features.sum(axis=3) / np.sqrt(2 * FEATURES)
-    rate, error = bootstrap_rate(*np.abs(target - known))
+    prediction = features.sum(axis=3) / np.sqrt(2 * FEATURES)
+    rate, error = bootstrap_rate(*np.abs(target - prediction))
     print(f"bootstrap, fixed models: {rate:.4f} +- {error:.4f}")
     assert LEVEL < rate - 2 * error and rate + 2 * error < 2 * LEVEL
 
@@ -227,9 +230,9 @@ def test_the_bootstrap_over_31_poses_is_a_little_narrow_even_for_fixed_models():
 def test_the_bootstrap_over_poses_does_not_cover_that_a_fit_ends_elsewhere_each_time(
     spread, at_least
 ):
-    """Both models know all but how their fit was initialised, which is drawn anew each time.
+    """Both models differ from the truth only by the random start of each fit.
 
-    The fitted models do differ, so the interval is right about them, and wrong about the learners.
+    The fitted models do differ. The interval is right about them, but wrong about the learners.
     """
     rng = np.random.default_rng(2)
     inputs = rng.normal(size=(400, 31, 2 * FEATURES))

@@ -1,8 +1,9 @@
-"""What turns predictions into a cell's numbers, against numbers that were kept.
+"""Compare metrics, intervals, inner searches and sensor errors with stored numbers.
 
-A change puts the new numbers here. One of the intervals raises `INTERVAL_VERSION`, one of the inner
-search the version of every model with a grid. Metrics are computed when results are read, and the
-sensor's errors are part of a split's hash: they need no version.
+After a change put the new numbers here. A change of the intervals raises `INTERVAL_VERSION`. A
+change of the inner search raises the version of every model with a grid. Metrics and the sensor's
+errors need no version: metrics are computed when results are read, and the sensor's errors are
+part of a split's hash.
 """
 
 from __future__ import annotations
@@ -64,44 +65,45 @@ SENSOR_ERROR = (  # N and N m, on the first test row, five times the sensor's fi
 SEED = 5
 
 
-def without_pattern(size: float, step: float) -> FloatArray:
+def fixed_numbers(size: float, step: float) -> FloatArray:
     """Return (11, 3) fixed numbers up to a size, m."""
     return np.asarray(size * np.sin(step * np.arange(33.0) ** 2).reshape(11, 3))
 
 
-def agree(now: object, kept: object) -> None:
-    same = np.shape(now) == np.shape(kept) and np.allclose(now, kept, rtol=1e-9, atol=1e-12)
-    if not same:
-        changed = f"numbers changed: see the first lines of this file\n{kept}\nbecame\n{now}"
-        pytest.fail(changed, pytrace=False)
+def assert_stored(actual: object, expected: object) -> None:
+    if np.shape(actual) != np.shape(expected) or not np.allclose(
+        actual, expected, rtol=1e-9, atol=1e-12
+    ):
+        message = "numbers changed: see the first lines of this file"
+        pytest.fail(f"{message}\n{expected}\nbecame\n{actual}", pytrace=False)
 
 
 @pytest.mark.parametrize("key", METRICS)
 def test_a_metric_of_fixed_predictions(key: str) -> None:
-    measured = without_pattern(1e-3, 0.7)
-    predicted = measured + without_pattern(2e-4, 0.9)
-    half = np.abs(without_pattern(3e-4, 0.4))
+    measured = fixed_numbers(1e-3, 0.7)
+    predicted = measured + fixed_numbers(2e-4, 0.9)
+    half = np.abs(fixed_numbers(3e-4, 0.4))
     prediction = Prediction(
         rows=np.arange(11),
         predicted=predicted,
         measured=measured,
         interval=Interval(predicted - half, predicted + half, coverage=0.8),
-        reference=measured + without_pattern(3e-4, 1.3),
+        reference=measured + fixed_numbers(3e-4, 1.3),
     )
     cost = Cost(2.0, 0.25, 0.001, 4000.0, 2**20)
     assert key in METRIC_VALUES, f"a new metric: put its value here, {METRICS[key]}"
-    agree([*METRICS[key].values(prediction, cost).values()], METRIC_VALUES[key])
+    assert_stored([*METRICS[key].values(prediction, cost).values()], METRIC_VALUES[key])
 
 
 def test_split_conformal_intervals() -> None:
     data = twin_data()
-    train, asked = data.samples.take(np.arange(60)), data.samples.take(np.array([100, 101]))
+    train, test_samples = data.samples.take(np.arange(60)), data.samples.take(np.array([100, 101]))
     model = SplitConformal(VirtualJointModel(), coverage=0.8)
     model.fit(train, robot=data.robot, seed=SEED)
-    agree(len(model.residuals_), 15)
-    interval = model.predict_interval(asked.q, asked.wrench, 0.8)
-    agree(interval.lower, LOWER)
-    agree(interval.upper, UPPER)
+    assert_stored(len(model.residuals_), 15)
+    interval = model.predict_interval(test_samples.q, test_samples.wrench, 0.8)
+    assert_stored(interval.lower, LOWER)
+    assert_stored(interval.upper, UPPER)
 
 
 def test_the_choice_of_an_inner_search() -> None:
@@ -109,14 +111,14 @@ def test_the_choice_of_an_inner_search() -> None:
     grid = {"neighbours": (1, 3, 5, 10), "weights": ("uniform", "distance")}
     search = InnerSearch(NearestNeighbours(), grid, folds=3)
     search.fit(data.samples.take(np.arange(60)), robot=data.robot, seed=SEED)
-    agree([tried.error for tried in search.scores_], INNER_ERRORS)
-    agree(search.best_params_["neighbours"], 3)
+    assert_stored([candidate.error for candidate in search.scores_], INNER_ERRORS)
+    assert_stored(search.best_params_["neighbours"], 3)
     assert search.best_params_["weights"] == "distance"
 
 
 def test_the_errors_of_the_sensor() -> None:
     samples = twin_data().samples.take(np.arange(60))
     _, split = SensorNoise(levels="1,5").splits(samples, n_splits=1, seed=SEED)
-    agree(split.test[:3], [19, 21, 23])
+    assert_stored(split.test[:3], [19, 21, 23])
     assert split.wrench_error is not None
-    agree(split.wrench_error[0], SENSOR_ERROR)
+    assert_stored(split.wrench_error[0], SENSOR_ERROR)

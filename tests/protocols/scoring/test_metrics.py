@@ -1,4 +1,4 @@
-"""The metrics against numbers worked out by hand."""
+"""Check the metrics against numbers computed by hand."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def by_axis(key, prediction):
     return list(metric(key).values(prediction).values())
 
 
-def whole(key, prediction):
+def overall(key, prediction):
     return metric(key).values(prediction)[""]
 
 
@@ -43,26 +43,28 @@ def whole(key, prediction):
     ],
 )
 def test_metrics_of_an_axis_are_of_its_absolute_errors(prediction, key, values):
-    found = metric(key).values(prediction)
-    assert found == pytest.approx(dict(zip("xyz", values, strict=True)))
+    axis_values = metric(key).values(prediction)
+    assert axis_values == pytest.approx(dict(zip("xyz", values, strict=True)))
 
 
 def test_r2_agrees_with_scikit_learn_and_is_absent_where_nothing_varies(rng):
     measured = rng.normal(size=(20, 3))
     measured[:, 1] = 3.0
     predicted = measured + rng.normal(size=(20, 3))
-    found = metric("r2").values(Prediction(np.arange(20), predicted, measured))
-    assert set(found) == {"x", "z"}
+    axis_values = metric("r2").values(Prediction(np.arange(20), predicted, measured))
+    assert set(axis_values) == {"x", "z"}
     for axis, column in (("x", 0), ("z", 2)):
-        assert found[axis] == pytest.approx(r2_score(measured[:, column], predicted[:, column]))
+        assert axis_values[axis] == pytest.approx(
+            r2_score(measured[:, column], predicted[:, column])
+        )
 
 
 def test_norm_and_relative_are_of_the_error_vectors_lengths(prediction):
     first, second = 5**0.5, 29**0.5  # of (-1, 2, 0) and (3, 2, -4)
-    assert whole("norm", prediction) == pytest.approx((first + second) / 2)
-    assert whole("norm-p95", prediction) == pytest.approx(first + 0.95 * (second - first))
+    assert overall("norm", prediction) == pytest.approx((first + second) / 2)
+    assert overall("norm-p95", prediction) == pytest.approx(first + 0.95 * (second - first))
     sizes = 26**0.5 + 17**0.5  # a ratio of means; none without any deflection
-    assert whole("relative", prediction) == pytest.approx((first + second) / sizes)
+    assert overall("relative", prediction) == pytest.approx((first + second) / sizes)
     still = Prediction(prediction.rows, prediction.predicted, np.zeros((2, 3)))
     assert metric("relative").values(still) == {}
 
@@ -70,22 +72,22 @@ def test_norm_and_relative_are_of_the_error_vectors_lengths(prediction):
 def test_skill_compares_the_norm_with_the_references_and_is_absent_without_one(prediction):
     assert metric("skill").values(prediction) == {}
     twice = prediction.measured + 2.0 * (prediction.predicted - prediction.measured)
-    assert whole("skill", replace(prediction, reference=twice)) == pytest.approx(0.5)
-    assert whole("skill", replace(prediction, reference=prediction.predicted)) == 0.0
+    assert overall("skill", replace(prediction, reference=twice)) == pytest.approx(0.5)
+    assert overall("skill", replace(prediction, reference=prediction.predicted)) == 0.0
 
 
 def test_coverage_and_width_are_of_each_axis_and_the_bounds_are_inside(prediction):
     # measured x: 1, 0; y: 0, 1; z: 5, 4
     lower = np.array([[1.0, 1.0, 0.0], [-1.0, 2.0, 0.0]])
     upper = np.array([[2.0, 2.0, 4.0], [3.0, 5.0, 4.0]])
-    judged = replace(prediction, interval=Interval(lower, upper, 0.9))
-    assert by_axis("coverage", judged) == [1.0, 0.0, 0.5]
-    assert by_axis("width", judged) == [2.5, 2.0, 4.0]
-    assert whole("coverage-3d", judged) == 0.0
+    with_interval = replace(prediction, interval=Interval(lower, upper, 0.9))
+    assert by_axis("coverage", with_interval) == [1.0, 0.0, 0.5]
+    assert by_axis("width", with_interval) == [2.5, 2.0, 4.0]
+    assert overall("coverage-3d", with_interval) == 0.0
     around_the_first = Interval(
         lower - [[0.0, 1.0, 0.0], [0.0] * 3], np.add(upper, [[1.0], [0.0]]), 0.9
     )
-    assert whole("coverage-3d", replace(prediction, interval=around_the_first)) == 0.5
+    assert overall("coverage-3d", replace(prediction, interval=around_the_first)) == 0.5
     for key in ("coverage", "coverage-3d", "width"):
         assert metric(key).needs_interval and metric(key).values(prediction) == {}
 

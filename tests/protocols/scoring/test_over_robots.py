@@ -1,4 +1,4 @@
-"""Statistics over robots: against textbook formulas, counted signs, and another library."""
+"""Check statistics over robots against textbook formulas, counts and another library."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from stiff_protocols.scoring.over_robots import (
 
 def test_the_mean_ratio_is_geometric_with_students_interval(rng):
     logs = rng.normal(-0.5, 0.3, size=12)
-    found = mean_ratio(logs)
+    result = mean_ratio(logs)
     low, high = stats.t.interval(0.95, 11, logs.mean(), stats.sem(logs))
-    assert found.ratio == pytest.approx(stats.gmean(np.exp(logs)))
-    assert (found.low, found.high, found.n_robots) == pytest.approx(
+    assert result.ratio == pytest.approx(stats.gmean(np.exp(logs)))
+    assert (result.low, result.high, result.n_robots) == pytest.approx(
         (math.exp(low), math.exp(high), 12)
     )
 

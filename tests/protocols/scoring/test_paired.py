@@ -1,4 +1,4 @@
-"""Paired tests on one data set: against closed forms, another library, and what they refuse."""
+"""Check paired tests on one data set against closed forms and other libraries."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MM = 1e-3
 
 
 def below_with_4_degrees(t):
-    """Distribution function of Student's t for 4 degrees of freedom, in closed form."""
+    """Return Student's t distribution function for 4 degrees of freedom, in closed form."""
     u = t / math.sqrt(1 + t**2 / 4)
     return 0.5 + 0.375 * u * (1 - u**2 / 12)
 
@@ -46,9 +46,9 @@ def test_the_corrected_t_is_the_one_computed_by_hand():
 def test_the_posterior_is_that_of_baycomp(rng, folds, runs, shift):
     error_a, error_b = rng.normal(3e-4, 2e-5, (2, folds * runs))
     error_a += shift
-    wanted = baycomp.CorrelatedTTest.probs(error_b, error_a, rope=ROPE_M, runs=runs)
+    expected = baycomp.CorrelatedTTest.probs(error_b, error_a, rope=ROPE_M, runs=runs)
     posterior = corrected_t(error_a - error_b, 1 / folds).posterior()
-    assert (posterior.a_better, posterior.equivalent, posterior.b_better) == pytest.approx(wanted)
+    assert (posterior.a_better, posterior.equivalent, posterior.b_better) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_the_posterior_is_that_of_baycomp(rng, folds, runs, shift):
     [
         (0.0, 1.0, Posterior(0.0, 1.0, 0.0)),
         (ROPE_M / 3, 0.0, Posterior(0.0, 1.0, 0.0)),
-        (0.1 * MM, 0.0, Posterior(0.0, 0.0, 1.0)),  # the mean of seven is not exactly that
+        (0.1 * MM, 0.0, Posterior(0.0, 0.0, 1.0)),  # the mean of seven differs by rounding
         (-0.1 * MM, 0.0, Posterior(1.0, 0.0, 0.0)),
     ],
 )
@@ -103,8 +103,8 @@ def test_shares_outside_0_and_1_and_a_negative_rope_are_refused_by_name():
 @pytest.mark.parametrize("n", [1, 2, 5, 12, 15, 30, 50])
 def test_without_ties_the_signed_rank_test_is_scipys_exact_one(rng, n):
     differences = rng.normal(0.4, 1.0, n)
-    wanted = stats.wilcoxon(differences, method="exact").pvalue
-    assert wilcoxon_signed_rank(differences) == pytest.approx(wanted, rel=1e-9)
+    expected = stats.wilcoxon(differences, method="exact").pvalue
+    assert wilcoxon_signed_rank(differences) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -117,22 +117,22 @@ def test_without_ties_the_signed_rank_test_is_scipys_exact_one(rng, n):
     ],
 )
 def test_with_ties_and_zeros_the_signed_rank_test_counts_all_signs(differences):
-    ways = stats.PermutationMethod(n_resamples=2**12)  # more than there are: it counts
-    others = [value for value in differences if value]
-    wanted = stats.wilcoxon(others, method=ways).pvalue
-    assert wilcoxon_signed_rank(differences) == pytest.approx(wanted)
+    method = stats.PermutationMethod(n_resamples=2**12)  # more than there are: it counts
+    nonzero_differences = [value for value in differences if value]
+    expected = stats.wilcoxon(nonzero_differences, method=method).pvalue
+    assert wilcoxon_signed_rank(differences) == pytest.approx(expected)
 
 
 def test_beyond_fifty_differences_the_signed_rank_test_is_close_to_the_count(rng):
     differences = rng.normal(0.2, 1.0, 51)
-    wanted = stats.wilcoxon(differences, method="exact").pvalue
-    assert wilcoxon_signed_rank(differences) == pytest.approx(wanted, rel=0.05)
+    expected = stats.wilcoxon(differences, method="exact").pvalue
+    assert wilcoxon_signed_rank(differences) == pytest.approx(expected, rel=0.05)
 
 
 def test_differences_of_zero_say_nothing_to_the_signed_rank_test():
     assert wilcoxon_signed_rank(np.zeros(30)) == 1.0
-    some = wilcoxon_signed_rank(np.array([1, 2, 3, 4, 5, 6]) * MM)
-    assert wilcoxon_signed_rank(np.array([1, 2, 0, 3, 4, 5, 6, 0]) * MM) == pytest.approx(some)
+    p_value = wilcoxon_signed_rank(np.array([1, 2, 3, 4, 5, 6]) * MM)
+    assert wilcoxon_signed_rank(np.array([1, 2, 0, 3, 4, 5, 6, 0]) * MM) == pytest.approx(p_value)
     with pytest.raises(DataError, match="at least 1 difference"):
         wilcoxon_signed_rank([])
 

@@ -1,4 +1,4 @@
-"""Predictions in the wrong shape or unit, and predictions that are merely bad."""
+"""Check that predictions of wrong shape or unit are refused, and bad ones accepted."""
 
 from __future__ import annotations
 

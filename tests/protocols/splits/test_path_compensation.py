@@ -1,4 +1,4 @@
-"""`path-compensation`: its paths, what its robot makes of commands, and what it refuses."""
+"""Check `path-compensation`: its paths, the deflection under its commands, and errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stiff_protocols.splits.random_splits import Holdout
 
 PROTOCOL = PathCompensation()
 ROUNDED_M = 1e-8
-"""To which the data record a deflection."""
+"""Rounding of the data's deflections."""
 
 
 @pytest.fixture(scope="module")
@@ -34,11 +34,11 @@ def no_prediction(q, wrench):
     return np.zeros((len(q), 3))
 
 
-def left(data, rows, q):
-    """Path errors [m] of commands, worked out from where the loaded robot stands."""
+def remaining_error(data, rows, q):
+    """Return path errors [m] of commands from the loaded robot's position."""
     samples = data.samples.take(rows)
-    stands = data.robot.tcp_position(q) + data.under_load(q, samples.wrench)
-    return stands - data.robot.tcp_position(samples.q)
+    loaded_position = data.robot.tcp_position(q) + data.under_load(q, samples.wrench)
+    return loaded_position - data.robot.tcp_position(samples.q)
 
 
 def test_whole_paths_stand_behind_the_measured_samples(data, twin, rows):
@@ -57,34 +57,38 @@ def test_whole_paths_stand_behind_the_measured_samples(data, twin, rows):
 
 def test_paths_keep_from_the_joints_limits_and_the_loads_inside_the_measured_ones(data, twin, rows):
     points, robot = data.samples.take(rows), data.robot
-    room = np.minimum(points.q - robot.lower, robot.upper - points.q)
-    assert room.min() > MARGIN_RAD - 1e-5
-    force, measured = (np.linalg.norm(one.wrench[:, :3], axis=1) for one in (points, twin.samples))
+    limit_distance = np.minimum(points.q - robot.lower, robot.upper - points.q)
+    assert limit_distance.min() > MARGIN_RAD - 1e-5
+    force, measured = (
+        np.linalg.norm(samples.wrench[:, :3], axis=1) for samples in (points, twin.samples)
+    )
     assert 0.0 < force.max() < measured.max()
-    away = data.samples.q[rows][:, None] - twin.samples.q
-    assert np.abs(away).max(axis=2).min() > 1e-3  # no point is a measured pose
+    distances = data.samples.q[rows][:, None] - twin.samples.q
+    assert np.abs(distances).max(axis=2).min() > 1e-3  # no point is a measured pose
 
 
 def test_models_learn_from_the_rows_that_holdout_gives_them_and_all_paths_are_tested(
     data, twin, rows
 ):
-    of_paths = PROTOCOL.splits(data.samples, n_splits=3, seed=4)
-    of_holdout = Holdout().splits(twin.samples, n_splits=3, seed=4)
-    for one, other in zip(of_paths, of_holdout, strict=True):
-        np.testing.assert_array_equal(one.train, other.train)
-        np.testing.assert_array_equal(one.validation, other.validation)
-        np.testing.assert_array_equal(one.test, rows)
+    path_splits = PROTOCOL.splits(data.samples, n_splits=3, seed=4)
+    holdout_splits = Holdout().splits(twin.samples, n_splits=3, seed=4)
+    for path_split, holdout_split in zip(path_splits, holdout_splits, strict=True):
+        np.testing.assert_array_equal(path_split.train, holdout_split.train)
+        np.testing.assert_array_equal(path_split.validation, holdout_split.validation)
+        np.testing.assert_array_equal(path_split.test, rows)
 
 
-def commanded(predict, data, rows):
+def command_positions(predict, data, rows):
     points = data.samples.take(rows)
     return PROTOCOL.commanded(predict, data.robot, points.q, points.wrench)
 
 
 def test_no_correction_leaves_the_deflection_and_removes_nothing(data, rows):
-    q = commanded(no_prediction, data, rows)
+    q = command_positions(no_prediction, data, rows)
     np.testing.assert_array_equal(q, data.samples.q[rows])
-    np.testing.assert_allclose(left(data, rows, q), data.samples.deflection[rows], atol=ROUNDED_M)
+    np.testing.assert_allclose(
+        remaining_error(data, rows, q), data.samples.deflection[rows], atol=ROUNDED_M
+    )
     np.testing.assert_allclose(PROTOCOL.scored(q, q, data, rows), 0.0, atol=ROUNDED_M)
     assert (data.known["uncorrected"] == 0.0).all()
 
@@ -95,28 +99,30 @@ def test_the_twins_own_truth_leaves_the_tolerance(data, rows):
 
 
 def test_what_is_removed_is_the_error_without_correction_less_the_one_with_it(data, rows):
-    few = rows[::7]
-    q = commanded(lambda q, w: 0.7 * data.under_load(q, w), data, few)
-    removed = PROTOCOL.scored(q, q, data, few)
-    without = data.samples.deflection[few]
-    np.testing.assert_allclose(without - removed, left(data, few, q), atol=1e-12)
-    assert 0.65 < np.linalg.norm(removed) / np.linalg.norm(without) < 0.75
+    some_rows = rows[::7]
+    q = command_positions(lambda q, w: 0.7 * data.under_load(q, w), data, some_rows)
+    removed = PROTOCOL.scored(q, q, data, some_rows)
+    uncorrected = data.samples.deflection[some_rows]
+    np.testing.assert_allclose(
+        uncorrected - removed, remaining_error(data, some_rows, q), atol=1e-12
+    )
+    assert 0.65 < np.linalg.norm(removed) / np.linalg.norm(uncorrected) < 0.75
 
 
 def test_points_whose_correction_does_not_converge_keep_their_command_with_a_warning(data, rows):
-    few = rows[::50]
+    some_rows = rows[::50]
 
-    def wild(q, wrench):
+    def predict_jumps(q, wrench):
         return 0.05 * np.sign(np.sin(1e4 * q[:, :3]))
 
     with pytest.warns(StiffBenchWarning, match="path points are left uncorrected"):
-        q = commanded(wild, data, few)
-    kept = (q == data.samples.q[few]).all(axis=1)
-    assert kept.any()
+        q = command_positions(predict_jumps, data, some_rows)
+    is_unchanged = (q == data.samples.q[some_rows]).all(axis=1)
+    assert is_unchanged.any()
 
 
-def on_a_track(twin):
-    """The twin's robot on a track of 4 m, measured at the same poses along it."""
+def twin_on_a_track(twin):
+    """Return the twin on a 4 m track, measured at the same poses."""
     arm, slide = twin.robot, np.eye(4)[None]
     track = replace(
         arm,
@@ -138,21 +144,21 @@ def on_a_track(twin):
 
 def test_an_arm_on_a_track_is_corrected_with_its_cart_held_where_the_poses_have_it(twin):
     protocol = PathCompensation(hold="rail")
-    data = protocol.prepared(on_a_track(twin))
+    data = protocol.prepared(twin_on_a_track(twin))
     rows = np.flatnonzero(data.samples.group == PATH_GROUP)
     carts = data.samples.q[rows, 0].reshape(36, -1)
     assert np.ptp(carts, axis=1).max() == 0.0 and np.ptp(carts) > 2.0
-    few = rows[::29]
-    points = data.samples.take(few)
+    some_rows = rows[::29]
+    points = data.samples.take(some_rows)
     q = protocol.commanded(data.under_load, data.robot, points.q, points.wrench)
-    np.testing.assert_array_equal(q[:, 0], data.samples.q[few, 0])
-    assert np.linalg.norm(left(data, few, q), axis=1).max() <= 1.01 * TOLERANCE_M
+    np.testing.assert_array_equal(q[:, 0], data.samples.q[some_rows, 0])
+    assert np.linalg.norm(remaining_error(data, some_rows, q), axis=1).max() <= 1.01 * TOLERANCE_M
 
 
 @pytest.mark.parametrize("hold", ["", "rail,A1", "wagon"])
 def test_other_than_six_moving_joints_are_refused(twin, hold):
     with pytest.raises(ConfigError, match=r"rail"):
-        PathCompensation(hold=hold).prepared(on_a_track(twin))
+        PathCompensation(hold=hold).prepared(twin_on_a_track(twin))
 
 
 def test_a_robot_that_cannot_be_asked_or_turned_is_refused(twin, fanuc):

@@ -1,4 +1,4 @@
-"""The learning curve: nested subsets, one test part."""
+"""Check the learning curve's splits: nested training parts, the same test part."""
 
 from __future__ import annotations
 

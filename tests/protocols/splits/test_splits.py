@@ -1,4 +1,4 @@
-"""Divisions: what is kept apart stays apart."""
+"""Check that splits keep their parts apart, and that impossible splits are refused."""
 
 from __future__ import annotations
 
@@ -75,41 +75,41 @@ def test_a_list_that_holds_no_valid_numbers_is_refused_by_its_option(
     protocol, option, valid, texts
 ):
     for text in texts:
-        made = protocol(**{option.partition(".")[2]: text})
-        refused = re.escape(f"{option}={text!r}: valid are {valid}, separated by commas")
-        with pytest.raises(ConfigError, match=refused):
-            made.splits(unloaded(20), n_splits=None, seed=0)
+        instance = protocol(**{option.partition(".")[2]: text})
+        message = re.escape(f"{option}={text!r}: valid are {valid}, separated by commas")
+        with pytest.raises(ConfigError, match=message):
+            instance.splits(unloaded(20), n_splits=None, seed=0)
 
 
 def test_repeated_holdout_begins_with_holdouts_splits_and_has_fifteen_unless_told_otherwise():
     samples = unloaded(30, 2)
-    repeated = RepeatedHoldout().splits(samples, n_splits=None, seed=4)
-    plain = Holdout().splits(samples, n_splits=3, seed=4)
-    assert [s.sha256 for s in repeated[:3]] == [s.sha256 for s in plain]
-    assert [s.index for s in repeated] == list(range(15))
-    for protocol, asked, given in (
+    repeated_splits = RepeatedHoldout().splits(samples, n_splits=None, seed=4)
+    holdout_splits = Holdout().splits(samples, n_splits=3, seed=4)
+    assert [s.sha256 for s in repeated_splits[:3]] == [s.sha256 for s in holdout_splits]
+    assert [s.index for s in repeated_splits] == list(range(15))
+    for protocol, n_splits, expected in (
         (RepeatedHoldout(), 2, 2),
         (RepeatedHoldout(repetitions=7), None, 7),
     ):
-        assert len(protocol.splits(samples, n_splits=asked, seed=4)) == given
+        assert len(protocol.splits(samples, n_splits=n_splits, seed=4)) == expected
 
 
 def test_kfold_tests_every_pose_once_in_folds_of_about_one_size():
     samples = unloaded(23, 2)
     splits = KFold().splits(samples, n_splits=None, seed=0)
-    tested = np.concatenate([split.test for split in splits])
-    np.testing.assert_array_equal(np.sort(tested), np.arange(46))
+    test_rows = np.concatenate([split.test for split in splits])
+    np.testing.assert_array_equal(np.sort(test_rows), np.arange(46))
     assert sorted(len(split.test) // 2 for split in splits) == [4, 4, 5, 5, 5]
-    for asked in (None, 3):
-        assert len(KFold(folds=3).splits(samples, n_splits=asked, seed=0)) == 3
+    for n_splits in (None, 3):
+        assert len(KFold(folds=3).splits(samples, n_splits=n_splits, seed=0)) == 3
 
 
-def test_splits_that_differ_in_sensor_errors_alone_have_other_hashes_and_the_same_rows():
+def test_splits_that_differ_only_in_sensor_errors_have_other_hashes_and_the_same_rows():
     samples = unloaded(10)
     (split,) = Holdout().splits(samples, n_splits=1, seed=0)
     error = np.full((len(split.test), 6), 0.5)
-    noisy, again = (replace(split, wrench_error=error.copy()) for _ in range(2))
-    assert noisy.sha256 == again.sha256 != split.sha256 == split.rows_sha256
+    noisy, noisy_copy = (replace(split, wrench_error=error.copy()) for _ in range(2))
+    assert noisy.sha256 == noisy_copy.sha256 != split.sha256 == split.rows_sha256
     assert noisy.rows_sha256 == split.rows_sha256
     np.testing.assert_array_equal(noisy.told_wrench(samples), samples.wrench[split.test] + 0.5)
     np.testing.assert_array_equal(split.told_wrench(samples), samples.wrench[split.test])
@@ -117,13 +117,18 @@ def test_splits_that_differ_in_sensor_errors_alone_have_other_hashes_and_the_sam
 
 def test_paper_holdout_read_on_all_samples_divides_as_before_and_reports_them_all():
     samples = unloaded(151)
-    tested = PaperHoldout().splits(samples, n_splits=3, seed=4)
-    read = PaperHoldout(read_on="all").splits(samples, n_splits=3, seed=4)
-    for one, other in zip(tested, read, strict=True):
-        assert one.rows_sha256 == other.rows_sha256 == one.sha256 != other.sha256
-        np.testing.assert_array_equal(other.reported, np.arange(151))
-        np.testing.assert_array_equal(one.reported, one.test)
-        np.testing.assert_array_equal(other.told_wrench(samples), samples.wrench)
+    test_splits = PaperHoldout().splits(samples, n_splits=3, seed=4)
+    full_splits = PaperHoldout(read_on="all").splits(samples, n_splits=3, seed=4)
+    for test_split, full_split in zip(test_splits, full_splits, strict=True):
+        assert (
+            test_split.rows_sha256
+            == full_split.rows_sha256
+            == test_split.sha256
+            != full_split.sha256
+        )
+        np.testing.assert_array_equal(full_split.reported, np.arange(151))
+        np.testing.assert_array_equal(test_split.reported, test_split.test)
+        np.testing.assert_array_equal(full_split.told_wrench(samples), samples.wrench)
 
 
 def split_of(**changes):
@@ -158,27 +163,27 @@ def test_a_split_that_cannot_be_used_or_leaks_is_found(splits, message):
 
 def test_splits_that_keep_the_rules_or_declare_what_they_do_have_no_fault():
     assert first_fault([split_of(), replace(split_of(), index=1)], 10, selects_on_test=False) == ""
-    selecting = split_of(validation=np.arange(8, 10))
-    assert first_fault([selecting], 10, selects_on_test=True) == ""
-    declared = {"selects_on_test": False, "reports_training": True}
-    reporting = split_of(also_reported=np.arange(8))
-    assert first_fault([reporting], 10, **declared) == ""
-    training_on_test = replace(reporting, train=np.arange(9))
-    assert "trains on 3 rows" in first_fault([training_on_test], 10, **declared)
+    selecting_split = split_of(validation=np.arange(8, 10))
+    assert first_fault([selecting_split], 10, selects_on_test=True) == ""
+    declarations = {"selects_on_test": False, "reports_training": True}
+    reporting_split = split_of(also_reported=np.arange(8))
+    assert first_fault([reporting_split], 10, **declarations) == ""
+    leaking_split = replace(reporting_split, train=np.arange(9))
+    assert "trains on 3 rows" in first_fault([leaking_split], 10, **declarations)
 
 
 def test_lazy_splits_are_computed_when_they_are_looked_at_and_are_the_same_every_time():
-    made = []
+    computed = []
 
     def make():
         for index in range(4):
-            made.append(index)
+            computed.append(index)
             yield replace(split_of(), index=index)
 
     splits = LazySplits(make, 4)
-    assert made == [0]  # whether the data can be divided
-    assert len(splits) == 4 and made == [0]
-    assert splits[1].index == 1 and made == [0, 0, 1]
+    assert computed == [0]  # whether the data can be divided
+    assert len(splits) == 4 and computed == [0]
+    assert splits[1].index == 1 and computed == [0, 0, 1]
     assert splits[-1].index == 3
     assert [split.index for split in splits[1:3]] == [1, 2]
     assert [[split.index for split in splits] for _ in range(2)] == [[0, 1, 2, 3]] * 2

@@ -1,4 +1,4 @@
-"""Regions of the workspace that are held out."""
+"""Check splits that hold out regions of the workspace."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ EXPECTED = [
 
 @pytest.fixture(scope="module")
 def portal() -> Robot:
-    """Three slides along x, y and z: the TCP is where the joints say."""
+    """Return three slides along x, y and z; their positions are the TCP's."""
     arm, placements = planar_arm(3, (0.0, 0.0, 1.0)), np.tile(np.eye(4), (3, 1, 1))
     kinds = ("prismatic",) * 3
     return replace(arm, joint_types=kinds, placements=placements, axes=np.eye(3), tcp=np.zeros(3))
 
 
 def around_corners(n_each, loads=1) -> Samples:
-    """Poses within 5 cm around each corner, in any order; the corner is their mean."""
+    """Return shuffled poses within 5 cm around each corner, which is their mean."""
     rng = np.random.default_rng(1)
     offsets = rng.uniform(-0.05, 0.05, (n_each // 2, 3))
     around = np.vstack([offsets, -offsets])
@@ -43,7 +43,7 @@ def around_corners(n_each, loads=1) -> Samples:
     return replace(samples, pose_id=np.repeat(np.arange(len(position)).astype(str), loads))
 
 
-def divided(robot, samples, n_splits=None, seed=0, **options):
+def split_regions(robot, samples, n_splits=None, seed=0, **options):
     protocol = WorkspaceExtrapolation(**options)
     protocol.prepared(BenchmarkData(samples, robot))
     return protocol.splits(samples, n_splits=n_splits, seed=seed)
@@ -51,11 +51,11 @@ def divided(robot, samples, n_splits=None, seed=0, **options):
 
 def test_each_region_is_held_out_once_and_named_after_its_mean_position_in_mm(portal):
     samples = around_corners(10)
-    splits = divided(portal, samples)
-    assert [split.condition for split in splits] == [f"{one}{ALL_POSES}" for one in EXPECTED]
+    splits = split_regions(portal, samples)
+    assert [split.condition for split in splits] == [f"{name}{ALL_POSES}" for name in EXPECTED]
     for split in splits:
-        words = re.search(r"\((.*)\) mm", split.condition).group(1)
-        centre = np.array([float(word) / 1000.0 for word in words.split(",")])
+        numbers = re.search(r"\((.*)\) mm", split.condition).group(1)
+        centre = np.array([float(number) / 1000.0 for number in numbers.split(",")])
         distance = np.linalg.norm(samples.q - centre, axis=1)
         np.testing.assert_array_equal(split.test, np.flatnonzero(distance < 0.1))
         assert len(split.test) == 10 and len(split.validation) == 6
@@ -67,29 +67,29 @@ def test_each_region_is_held_out_once_and_named_after_its_mean_position_in_mm(po
 def test_regions_are_of_the_tcp_and_not_of_the_joint_angles(kr10, parts):
     _, train, _, _ = parts
     position = kr10.tcp_position(train.q)
-    splits = divided(kr10, train, regions=2)
+    splits = split_regions(kr10, train, regions=2)
     assert len(splits) == 2
-    ours = [position[split.test].mean(axis=0) for split in splits]
-    for row, where in enumerate(position):  # what k-means converges to: the nearest mean
-        nearest = int(np.argmin([np.linalg.norm(where - centre) for centre in ours]))
+    centres = [position[split.test].mean(axis=0) for split in splits]
+    for row, point in enumerate(position):  # what k-means converges to: the nearest mean
+        nearest = int(np.argmin([np.linalg.norm(point - centre) for centre in centres]))
         assert row in splits[nearest].test
 
 
 def test_regions_are_the_same_for_every_seed(portal):
     samples = around_corners(10)
-    first, other = (divided(portal, samples, n_splits=2, seed=seed) for seed in (1, 2))
+    first, second = (split_regions(portal, samples, n_splits=2, seed=seed) for seed in (1, 2))
     assert [(s.index, s.condition) for s in first] == [(i, c) for i in (0, 1) for c in EXPECTED]
-    for one, two in zip(first, other, strict=True):
-        np.testing.assert_array_equal(one.test, two.test)
+    for split, second_split in zip(first, second, strict=True):
+        np.testing.assert_array_equal(split.test, second_split.test)
 
 
 def test_fewer_positions_than_regions_and_no_robot_are_refused(portal):
     samples = around_corners(2, loads=2)
     same = replace(samples, q=np.tile(CORNERS[0] + 1e-9 * np.arange(16)[:, None], (1, 1)))
     with pytest.raises(ConfigError, match="regions=4: the 8 poses have 1 different TCP positions"):
-        divided(portal, same)
+        split_regions(portal, same)
     with pytest.raises(ConfigError, match="regions=9: the 8 poses have 8 different TCP positions"):
-        divided(portal, samples, regions=9)
-    assert len(divided(portal, samples, regions=8)) == 8
+        split_regions(portal, samples, regions=9)
+    assert len(split_regions(portal, samples, regions=8)) == 8
     with pytest.raises(ConfigError, match="the robot is not known; call prepared before splits"):
         WorkspaceExtrapolation().splits(around_corners(4), n_splits=None, seed=0)

@@ -1,4 +1,4 @@
-"""The Cartesian stiffness of joint springs against a planar arm in closed form and differences."""
+"""Check the Cartesian stiffness of joint springs against closed forms and differences."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from stiff_protocols.springs.cartesian_stiffness import (
 )
 
 STIFFNESS = np.array([5e4, 2e4])
-"""N m/rad of the joints of a planar arm with links of 1 m."""
+"""Joint stiffnesses [N m/rad] of a planar arm with links of 1 m."""
 ANGLES = np.array([[0.3, 0.9], [-1.0, 2.1], [2.0, -0.4]])
 
 
 def closed_form(angles):
-    """K_X = J^-T K J^-1 of the planar arm, written out: J^-1 by Cramer's rule, N/m."""
+    """Return K_X = J^-T K J^-1 of the planar arm, N/m, with J^-1 by Cramer's rule."""
     matrices = []
     for q1, q2 in angles:
         sine, cosine = np.sin([q1, q1 + q2]), np.cos([q1, q1 + q2])

@@ -1,4 +1,4 @@
-"""Options chosen in the fit: what inner fits are given, what is chosen, what is refused."""
+"""Check options chosen in the fit: inner rows, the choice, and errors."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ BEST = 3.0
 
 
 class Shifted(BaseEstimator):
-    """Predicts the mean of its rows plus |level - 3| mm; remembers what it was given."""
+    """Predict the mean plus |level - 3| mm, and record the arguments of `fit`."""
 
-    def __init__(self, level=0.0, epochs=True, other="a"):
+    def __init__(self, level=0.0, epochs=True, label="a"):
         self.level = level
         self.epochs = epochs
-        self.other = other
+        self.label = label
 
     def chooses_epoch(self):
         return self.epochs
@@ -57,7 +57,7 @@ def no_fits():
 
 @pytest.fixture()
 def samples(rng):
-    """A function that makes samples of numbered poses, two rows each, of small deflections."""
+    """Return a function that makes numbered poses of two rows with small deflections."""
 
     def make(first, n_poses):
         pose = np.repeat(np.arange(first, first + n_poses), 2)
@@ -72,20 +72,20 @@ def poses(samples):
     return set(samples.pose_id.tolist()) if samples is not None else set()
 
 
-def chosen(search, train, validation=None, seed=4):
+def fit_and_choose(search, train, validation=None, seed=4):
     return search.fit(train, robot=None, validation=validation, seed=seed).best_params_
 
 
 def test_the_obviously_better_candidate_is_chosen_and_fitted_to_all_of_the_training_side(samples):
     train = samples(0, 12)
     search = InnerSearch(Shifted(), {"level": (0.0, 1.0, 3.0, 7.0)})
-    assert chosen(search, train) == {"level": 3.0}
-    (*_, (params, last, _, seed)) = FITS
-    assert params["level"] == 3.0 and last is train and seed == 4
+    assert fit_and_choose(search, train) == {"level": 3.0}
+    (*_, (params, last_train, _, seed)) = FITS
+    assert params["level"] == 3.0 and last_train is train and seed == 4
     assert all(validation is None for _, _, validation, _ in FITS)  # as there are none
-    assert sorted({len(fit) for _, fit, _, _ in FITS}) == [16, 24]
+    assert sorted({len(train_rows) for _, train_rows, _, _ in FITS}) == [16, 24]
     np.testing.assert_allclose(search.predict(train.q, train.wrench)[0], train.deflection.mean(0))
-    errors = [tried.error for tried in search.scores_]
+    errors = [candidate.error for candidate in search.scores_]
     np.testing.assert_allclose(errors, [3e-3 * 3**0.5, 2e-3 * 3**0.5, 0, 4e-3 * 3**0.5], atol=4e-5)
     assert search.diagnostics_["level"] == 3.0 and search.diagnostics_["candidates"] == 4.0
     assert search.diagnostics_["inner error of the chosen [mm]"] == 1e3 * min(errors)
@@ -93,51 +93,60 @@ def test_the_obviously_better_candidate_is_chosen_and_fitted_to_all_of_the_train
 
 def test_every_pose_is_scored_once_by_fits_that_did_not_see_it(samples):
     train, validation = samples(0, 12), samples(12, 3)
-    chosen(InnerSearch(Shifted(), {"level": (0.0, 1.0)}, folds=4), train, validation)
-    everything = poses(train) | poses(validation)
-    *inner, (_, last, last_validation, _) = FITS
-    assert last is train and last_validation is validation
-    assert len(inner) == 2 * 4
-    for four in (inner[:4], inner[4:]):  # a candidate after the other
-        unseen = [everything - poses(fit) - poses(chooses) for _, fit, chooses, _ in four]
-        assert set.union(*unseen) == everything and sum(map(len, unseen)) == 15
-    for _, fit, chooses, _ in inner:
-        assert poses(fit) and poses(chooses) and not poses(fit) & poses(chooses)
-        assert poses(fit) | poses(chooses) < everything
+    fit_and_choose(InnerSearch(Shifted(), {"level": (0.0, 1.0)}, folds=4), train, validation)
+    all_poses = poses(train) | poses(validation)
+    *inner_fits, (_, last_train, last_validation, _) = FITS
+    assert last_train is train and last_validation is validation
+    assert len(inner_fits) == 2 * 4
+    for candidate_fits in (inner_fits[:4], inner_fits[4:]):  # a candidate after the other
+        unseen_poses = [
+            all_poses - poses(train_rows) - poses(epoch_rows)
+            for _, train_rows, epoch_rows, _ in candidate_fits
+        ]
+        assert set.union(*unseen_poses) == all_poses and sum(map(len, unseen_poses)) == 15
+    for _, train_rows, epoch_rows, _ in inner_fits:
+        assert poses(train_rows) and poses(epoch_rows) and not poses(train_rows) & poses(epoch_rows)
+        assert poses(train_rows) | poses(epoch_rows) < all_poses
 
 
 def test_a_candidate_that_chooses_no_epoch_learns_from_the_validation_rows(samples):
     train, validation = samples(0, 12), samples(12, 3)
     search = InnerSearch(Shifted(level=3.0), {"epochs": (True, False), "level": (3.0,)})
-    chosen(search, train, validation)
-    sizes = {(params["epochs"], len(fit), len(poses(chooses))) for params, fit, chooses, _ in FITS}
+    fit_and_choose(search, train, validation)
+    sizes = {
+        (params["epochs"], len(train_rows), len(poses(epoch_rows)))
+        for params, train_rows, epoch_rows, _ in FITS
+    }
     assert sizes >= {(True, 16, 2), (False, 20, 0)}  # 10 of 15 poses with two rows
     assert search.chooses_epoch()  # one of them does
     search.set_params(grid={"epochs": (False,)})
-    chosen(search, train, validation)
-    _, last, nothing, _ = FITS[-1]
-    assert nothing is None and poses(last) == poses(train) | poses(validation)
+    fit_and_choose(search, train, validation)
+    _, last_train, last_validation, _ = FITS[-1]
+    assert last_validation is None and poses(last_train) == poses(train) | poses(validation)
 
 
 def test_the_first_of_equally_good_candidates_is_chosen(samples):
-    grid = {"other": ("b", "a"), "level": (7.0, 5.0, 1.0)}  # the last two are as far from 3
-    assert chosen(InnerSearch(Shifted(), grid), samples(0, 12)) == {"other": "b", "level": 5.0}
+    grid = {"label": ("b", "a"), "level": (7.0, 5.0, 1.0)}  # the last two are as far from 3
+    assert fit_and_choose(InnerSearch(Shifted(), grid), samples(0, 12)) == {
+        "label": "b",
+        "level": 5.0,
+    }
 
 
 @pytest.mark.parametrize(
-    ("wrong", "search", "message"),
+    ("bad_level", "search", "message"),
     [
         (-1.0, "grid", "level=-1.0 left out: ValueError: level -1 is neg"),
         (np.inf, "grid", "level=inf left out: .*not finite"),
         (-1.0, "optuna", "level=-1.0 left out"),
     ],
 )
-def test_a_candidate_that_fails_is_left_out_and_that_is_said(wrong, search, message, samples):
-    tuned = InnerSearch(Shifted(), {"level": (wrong, 5.0)}, search=search, trials=6, folds=2)
+def test_a_candidate_that_fails_is_left_out_and_that_is_said(bad_level, search, message, samples):
+    tuned = InnerSearch(Shifted(), {"level": (bad_level, 5.0)}, search=search, trials=6, folds=2)
     with pytest.warns(StiffBenchWarning, match=message):
-        assert chosen(tuned, samples(0, 12)) == {"level": 5.0}
-    assert {tried.params["level"]: tried.failure != "" for tried in tuned.scores_} == {
-        wrong: True,
+        assert fit_and_choose(tuned, samples(0, 12)) == {"level": 5.0}
+    assert {candidate.params["level"]: candidate.failure != "" for candidate in tuned.scores_} == {
+        bad_level: True,
         5.0: False,
     }
 
@@ -148,40 +157,42 @@ def test_when_every_candidate_fails_so_does_the_fit_with_the_firsts_reason(sampl
         pytest.warns(StiffBenchWarning),
         pytest.raises(ModelError, match=r"every candidate failed; level=-1\.0: ValueError: le"),
     ):
-        chosen(search, samples(0, 12))
+        fit_and_choose(search, samples(0, 12))
 
 
 def test_with_nothing_to_choose_the_model_is_fitted_once_and_marked(samples):
     search = InnerSearch(Shifted(level=7.0), {})
-    assert chosen(search, samples(0, 12)) == {} and len(FITS) == 1
+    assert fit_and_choose(search, samples(0, 12)) == {} and len(FITS) == 1
     assert search.regime == "not tuned" and InnerSearch(Shifted(), {"level": (1.0,)}).regime == ""
     assert search.diagnostics_ == {"level": 7.0}
 
 
 def test_a_drawn_search_comes_near_the_best_value_and_repeats_itself(samples):
     train = samples(0, 12)
-    grid = {"level": Range(0.0, 10.0), "other": ("a", "b")}
+    grid = {"level": Range(0.0, 10.0), "label": ("a", "b")}
     search = InnerSearch(Shifted(), grid, search="optuna", trials=30, folds=2)
-    first = chosen(search, train)
+    first = fit_and_choose(search, train)
     assert abs(first["level"] - BEST) < 0.5  # a draw at random: 1 of 10 comes as near
-    assert chosen(clone(search), train) == first
-    assert chosen(clone(search), train, seed=5) != first
-    tried = [each.params["level"] for each in search.scores_]
-    late = np.abs(np.array(tried[-10:]) - BEST)
-    assert late.mean() < np.abs(np.array(tried[:10]) - BEST).mean()  # it learned where to look
-    assert all(float(f"{level:.3g}") == level for level in tried)
+    assert fit_and_choose(clone(search), train) == first
+    assert fit_and_choose(clone(search), train, seed=5) != first
+    levels = [candidate.params["level"] for candidate in search.scores_]
+    late_distance = np.abs(np.array(levels[-10:]) - BEST)
+    assert (
+        late_distance.mean() < np.abs(np.array(levels[:10]) - BEST).mean()
+    )  # it learned where to look
+    assert all(float(f"{level:.3g}") == level for level in levels)
 
 
 def test_ranges_draw_whole_numbers_or_powers_within_their_ends_and_fit_each_candidate_once(samples):
-    grid = {"level": Range(1, 4), "other": Range(1e-4, 1e-2, log=True)}
+    grid = {"level": Range(1, 4), "label": Range(1e-4, 1e-2, log=True)}
     search = InnerSearch(Shifted(), {"level": Range(1, 4)}, search="optuna", trials=12, folds=2)
-    assert chosen(search, samples(0, 12)) == {"level": 3}
-    levels = [tried.params["level"] for tried in search.scores_]
+    assert fit_and_choose(search, samples(0, 12)) == {"level": 3}
+    levels = [candidate.params["level"] for candidate in search.scores_]
     assert len(levels) == len(set(levels)) <= 4 and {type(level) for level in levels} == {int}
     assert len(FITS) == 2 * len(levels) + 1
-    chosen(search.set_params(grid=grid), samples(0, 12))
-    others = np.array([tried.params["other"] for tried in search.scores_])
-    assert 1e-4 <= others.min() < 1e-3 < others.max() <= 1e-2
+    fit_and_choose(search.set_params(grid=grid), samples(0, 12))
+    labels = np.array([candidate.params["label"] for candidate in search.scores_])
+    assert 1e-4 <= labels.min() < 1e-3 < labels.max() <= 1e-2
 
 
 @pytest.mark.parametrize(
@@ -210,23 +221,25 @@ def test_what_comes_before_the_fit_or_from_too_few_poses_is_refused(samples):
     with pytest.raises(NotFittedError, match="call fit before predict"):
         InnerSearch(Shifted(), {}).predict(np.zeros((1, 6)), np.zeros((1, 6)))
     with pytest.raises(ConfigError, match="4 samples of 2 poses"):
-        chosen(InnerSearch(Shifted(), {"level": (1.0,)}), samples(0, 2))
+        fit_and_choose(InnerSearch(Shifted(), {"level": (1.0,)}), samples(0, 2))
 
 
 def test_without_optuna_a_drawn_search_says_how_to_get_it_and_a_grid_is_tried(samples, monkeypatch):
     monkeypatch.setitem(sys.modules, "optuna", None)
-    drawn = InnerSearch(Shifted(), {"level": (1.0,)}, search="optuna")
-    for search in (drawn.check_params, lambda: chosen(drawn, samples(0, 12))):
+    drawn_search = InnerSearch(Shifted(), {"level": (1.0,)}, search="optuna")
+    for call in (drawn_search.check_params, lambda: fit_and_choose(drawn_search, samples(0, 12))):
         with pytest.raises(
             ConfigError, match=r"needs the package optuna: pip install 'stiffbench\[tun"
         ):
-            search()
+            call()
     InnerSearch(Shifted(), {}, search="optuna").check_params()  # there is nothing to search
-    assert chosen(InnerSearch(Shifted(), {"level": (1.0, 2.0)}), samples(0, 12)) == {"level": 2.0}
+    assert fit_and_choose(InnerSearch(Shifted(), {"level": (1.0, 2.0)}), samples(0, 12)) == {
+        "level": 2.0
+    }
 
 
-def test_it_keeps_the_contract_of_models_but_for_what_it_is_there_for():
-    """It takes its model by place, and a model that chooses no epoch learns from all rows."""
+def test_it_keeps_the_contract_of_models_except_for_its_purpose():
+    """It takes its model by position. Without a choice of epochs it learns from all rows."""
 
     def make():
         return InnerSearch(NearestNeighbours(), {"neighbours": (1, 3)})
