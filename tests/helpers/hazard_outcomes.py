@@ -62,8 +62,10 @@ def few(n: int) -> Outcomes:
 
 
 ALL_JOINTS = "A1, A2, A3, A4, A5, A6"
+PYTABKIT = ({"realmlp", "tabm"}, "fails: .*need at least 3 training samples")
 ONE_ROW = [
     *FEW_NEIGHBOURS,
+    PYTABKIT,
     ({"deep-ensemble"}, "fails: .*requires samples of two poses"),
     ({"dt-cnn, coral"}, "fails: alignment 'coral' .* 2 samples or more"),
     ({"pls"}, "fails: .*Found array with 1 sample"),
@@ -72,6 +74,7 @@ ONE_ROW = [
 ]
 TWO_ROWS = [
     *FEW_NEIGHBOURS,
+    PYTABKIT,
     ({"pls"}, "warns: y residual is constant"),
     ({"mlp"}, "(works|warns: none of 3 epochs was better on the validation rows)"),
     *unidentifiable(ALL_JOINTS, 3),

@@ -52,11 +52,5 @@ def test_an_unknown_ending_and_a_folder_that_is_not_there_are_refused(tmp_path):
         ConfigError, match=r"s\.xls: unsupported extension \.xls \(use \.csv or \.parquet\)"
     ):
         simulate(tmp_path / "s.xls", omni(), 10)
-<<<<<<< HEAD
-    with pytest.raises(
-        StoreError, match=r"absent/s\.csv: cannot be written: .* folder .*absent does not exist"
-    ):
-=======
     with pytest.raises(StoreError, match=r"absent/s\.csv: cannot be written: the folder .*absent"):
->>>>>>> lang-t2
         simulate(tmp_path / "absent" / "s.csv", omni(), 10)
