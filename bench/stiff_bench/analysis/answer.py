@@ -24,7 +24,8 @@ from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import KNOWN
-from stiff_protocols.scoring.over_robots import mean_ratio
+from stiff_protocols.scoring.over_robots import mean_ratio, sign_flip_p_value
+from stiff_protocols.scoring.paired import LEVEL, holm
 
 FEWEST_ROBOTS = 5
 """Smallest number of robots with an interval over them."""
@@ -42,6 +43,8 @@ class ModelAnswer:
         ratio: geometric mean of error / VJM's error over robots; None: not comparable.
         low, high: 95 % interval of the ratio over robots; None with fewer than `FEWEST_ROBOTS`.
         smallest, largest: ratio of a single comparison; None: not comparable.
+        p_value: of the sign-flip test against the VJM over robots, corrected (Holm) for all models;
+            NaN: not tested.
         counts: verdicts against the VJM; "a": the model is better, "b": worse.
         n_cases: comparisons in which the model has a score.
         fit_s: median time of a fit, s; None: not recorded.
@@ -55,9 +58,15 @@ class ModelAnswer:
     high: float | None
     smallest: float | None
     largest: float | None
+    p_value: float
     counts: Mapping[Verdict, int]
     n_cases: int
     fit_s: float | None
+
+    @property
+    def is_better(self) -> bool:
+        """Return True if the error is significantly smaller than the VJM's over robots."""
+        return self.ratio is not None and self.ratio < 1.0 and self.p_value < LEVEL
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -316,14 +325,28 @@ class Answer(BriefFields):
         kinds = [cases[0].case.shown.kind for cases in self.claim_robots.values()]
         return f"{len(kinds)} {kinds[0]} robots" if kinds else ""
 
-    def _model(self, name: str) -> ModelAnswer:
-        cases = [case for case in self.cases if name in case.scores]
-        ratios = [ratio for case in cases if (ratio := self.ratio(name, case)) is not None]
-        logs = [
+    @cached_property
+    def p_values(self) -> dict[str, float]:
+        """Model with a ratio on every robot -> p-value against the VJM over robots, corrected."""
+        rivals = [name for name in self.model_names if name != REFERENCE_MODEL]
+        logs = {name: self._robot_logs(name) for name in rivals if self.claim_robots}
+        complete = len(self.claim_robots)
+        tested = {name: of_model for name, of_model in logs.items() if len(of_model) == complete}
+        corrected = holm([sign_flip_p_value(of_model) for of_model in tested.values()])
+        return dict(zip(tested, corrected.tolist(), strict=True))
+
+    def _robot_logs(self, name: str) -> list[float]:
+        """Return the logarithms of error / VJM's error of the robots on which the model ran."""
+        return [
             math.log(ratio)
             for of_robot in (self.claim_robots or self.robots).values()
             if (ratio := self.mean_ratio(name, of_robot)) is not None
         ]
+
+    def _model(self, name: str) -> ModelAnswer:
+        cases = [case for case in self.cases if name in case.scores]
+        ratios = [ratio for case in cases if (ratio := self.ratio(name, case)) is not None]
+        logs = self._robot_logs(name)
         low, high = _interval(logs) if self.claim_robots else (None, None)
         return ModelAnswer(
             name,
@@ -331,6 +354,7 @@ class Answer(BriefFields):
             float(np.median([case.mean(name) for case in cases])),
             math.exp(float(np.mean(logs))) if logs else None,
             *(low, high, min(ratios, default=None), max(ratios, default=None)),
+            self.p_values.get(name, math.nan),
             Counter(verdict for case in cases if (verdict := self.verdict(name, case)) is not None),
             len(cases),
             self.fit_s(name, self.cases),

@@ -100,7 +100,7 @@ def headline(answer: Answer) -> str:
         return _by_score(answer)
     if robots:
         over = answer.claim_scope
-        if best.high is None or best.low is None or best.high >= 1.0:
+        if not best.is_better or best.high is None or best.low is None:
             return f"No model is reliably better than the VJM over {over}"
         interval = f"{100 * (1 - best.high):.0f} to {100 * (1 - best.low):.0f} %"
         return (

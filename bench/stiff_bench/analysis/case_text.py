@@ -145,10 +145,20 @@ def verdict_sentence(answer: Answer, case: ScoredCase) -> str:
         better = "better" if verdict == "a" else "worse"
         less = " No model is better than vjm." if verdict == "b" else ""
         text = f"{model} is {better} than vjm: {amount} ({_interval(main, gain)})."
-        return f"{text}{less}{_of_fits(case)}"
+        return f"{text}{less}{_smaller_error(case, rivals, model)}{_of_fits(case)}"
     return (
         f"No model is reliably better than vjm. The closest, {model}, has {amount} "
         f"({_interval(main, gain)}).{_disagreement(results, gain)}"
+    )
+
+
+def _smaller_error(case: ScoredCase, rivals: Sequence[str], winner: str) -> str:
+    """Return a sentence on a model with less error whose gain is not significant; else ""."""
+    best = min(rivals, key=case.mean)
+    if best == winner:
+        return ""
+    return (
+        f" {best} has less error ({MM * case.mean(best):.3f} mm), but its gain is not significant."
     )
 
 

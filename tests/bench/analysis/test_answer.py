@@ -12,6 +12,8 @@ from scipy import stats
 from helpers.made_results import TWINS, MadeResults, made_data
 from stiff_bench.analysis.answer import FEWEST_ROBOTS, Answer, ModelAnswer
 from stiff_bench.analysis.answer_text import headline, matrix_table, model_table, sentences
+from stiff_bench.analysis.board import Board
+from stiff_bench.analysis.case_text import verdict_sentence
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.leaderboard import build_leaderboard
 from stiff_bench.analysis.sort_key import sort_key
@@ -89,6 +91,32 @@ def test_an_interval_that_reaches_the_vjm_is_no_claim(made):
     net = model_of(answer_of(made), "net")
     assert net.high is not None and net.ratio is not None and net.ratio < 1.0 < net.high
     assert headline(answer_of(made)).startswith("No model is reliably better")
+
+
+def test_the_claim_over_robots_needs_the_sign_flips_of_six_robots_as_on_the_board(made):
+    for number, ratio in enumerate(RATIOS):
+        add_robot(made, number, ratio)
+    five = answer_of(made)
+    assert model_of(five, "net").p_value == pytest.approx(2 / 2**5)
+    assert headline(five).startswith("No model is reliably better")
+    add_robot(made, 5, 0.5)
+    six = answer_of(made)
+    (row,) = [row for row in Board(six).rows if row.name == "net"]
+    assert model_of(six, "net").p_value == row.p_reference == pytest.approx(2 / 2**6)
+    assert headline(six).startswith("Use net:") and row.verdict == "better"
+
+
+def test_a_model_with_less_error_than_the_significant_one_is_named(made):
+    made.add("vjm", VJM_MM)
+    made.add("steady", [0.8 * error for error in VJM_MM])
+    made.add("unsteady", [0.02, 0.17, 0.18])
+    answer = answer_of(made)
+    (case,) = answer.cases
+    verdicts = {name: answer.verdict(name, case) for name in ("steady", "unsteady")}
+    assert verdicts == {"steady": "a", "unsteady": "open"}
+    assert case.mean("unsteady") < case.mean("steady")
+    text = verdict_sentence(answer, case)
+    assert text.startswith("steady is better") and "unsteady has less error" in text
 
 
 def test_with_few_robots_the_headline_names_data_sets(made):
