@@ -1,6 +1,6 @@
 """A comparison as a headline, tables and notes. Here SI becomes mm.
 
-docs/comparing.md says what the columns and marks mean.
+docs/definitions.md says what the columns and marks mean.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A leaderboard as tables: a board over robots, or each data set by itself. SI becomes mm here.
 
-A new column of the costs is one entry of `COSTS`. docs/comparing.md says what the columns and marks
+A new column of the costs is one entry of `COSTS`. docs/definitions.md says what the columns and marks
 mean.
 """
 
