@@ -17,6 +17,7 @@ import pytest
 
 from helpers.command_line import bench_here
 from helpers.run_requests import planned
+from stiff_bench.api.registered import list_figures
 from stiff_bench.cli.main import bench
 from stiff_bench.model_tools.plugins import checklist
 from stiff_bench.plan.cells import cell_tasks
@@ -34,6 +35,14 @@ LOADED = re.compile(r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=\"?((?:ht
 
 
 PAGES = (TOP / "README.md", *sorted(DOCS.rglob("*.md")))
+GUIDE = (
+    "index install tutorial choose-a-model measure-your-robot use-a-model correct-a-path "
+    "place-the-work add_a_model add_a_data_set add_a_protocol large-studies read-the-results "
+    "python troubleshooting glossary"
+).split()
+MOST_WORDS, LONGEST_SENTENCE, MEAN_SENTENCE = 10_000, 40, 25
+SENTENCE_END = re.compile(r"[.:!?](?:\s|$)|\n\s*\n|\n\s*[-#]|\n\s*\d\.\s")
+NO_PROSE = re.compile(r"^```.*?^```|^\|.*?$|^<!--.*?$|^!\[.*?$", re.DOTALL | re.MULTILINE)
 SCRIPT = re.compile(r"^```py(?:thon)?\n(?!>>>)(.*?)^```", re.MULTILINE | re.DOTALL)
 """A Python block that prints nothing beneath its lines; docs/python.md is a doctest."""
 BLOCKS = {
@@ -41,18 +50,15 @@ BLOCKS = {
     for page in PAGES
     if (blocks := SCRIPT.findall(page.read_text("utf-8")))
 }
+KR10 = "fit --model vjm --dataset kr10-twin --output kr10.stiff"
 MADE_BY = {
-    "docs/how-to/deploy.md": ["fit --model vjm --dataset kr10-twin --output kr10.stiff"],
-    "docs/how-to/correct-a-program.md": ["fit --model vjm --dataset kr10-twin --output kr10.stiff"],
-    "docs/how-to/correct-a-path.md": [
-        "fit --model vjm --dataset kr10-twin --output kr10.stiff",
-        "path example --model kr10.stiff --output square.csv",
-    ],
-    "docs/how-to/choose-a-posture.md": [
+    "docs/use-a-model.md": [KR10],
+    "docs/correct-a-path.md": [KR10, "path example --model kr10.stiff --output square.csv"],
+    "docs/place-the-work.md": [
+        KR10,
         "fit --model vjm-full --dataset fanuc-r2000ic --output fanuc.stiff",
     ],
-    "docs/how-to/stiffness-map.md": ["fit --model vjm --dataset kr10-twin --output kr10.stiff"],
-    "docs/running.md": ["run --model zero --splits 1"],
+    "docs/large-studies.md": ["run --model zero --splits 1"],
 }
 """Commands of the page that make what its Python blocks read."""
 QUICKER = (("splits=5", "splits=2"), ('"vjm", "vjm-gp", "gp-springs"', '"vjm",'))
@@ -69,19 +75,20 @@ def test_every_name_in_a_python_block_is_defined(tmp_path):
     assert done.returncode == 0, done.stdout
 
 
-PLUGINS = [
-    ("docs/add_a_model.md", 0, "mean-deflection"),
-    ("docs/add_a_model.md", 1, "bagged-ridge"),
-    ("docs/add_a_data_set.md", 0, "hall-3"),
-    ("docs/add_a_data_set.md", 1, "six-springs"),
-    ("docs/add_a_protocol.md", 0, "gap-holdout"),
-]
+EXAMPLES = DOCS / "assets" / "examples"
+PLUGINS = {
+    "mean-deflection": BLOCKS["docs/add_a_model.md"][0],
+    "bagged-ridge": (EXAMPLES / "bagged_ridge.py").read_text("utf-8"),
+    "hall-3": BLOCKS["docs/add_a_data_set.md"][0],
+    "six-springs": (EXAMPLES / "six_springs.py").read_text("utf-8"),
+    "gap-holdout": BLOCKS["docs/add_a_protocol.md"][0],
+}
 
 
-@pytest.mark.parametrize(("page", "number", "key"), PLUGINS, ids=lambda given: str(given))
-def test_a_plugin_of_a_page_passes_its_checks_and_can_be_run(page, number, key, fanuc, tmp_path):
+@pytest.mark.parametrize("key", PLUGINS)
+def test_a_plugin_of_a_page_passes_its_checks_and_can_be_run(key, fanuc, tmp_path):
     path = tmp_path / "my_plugin.py"
-    path.write_text(BLOCKS[page][number], encoding="utf-8")
+    path.write_text(PLUGINS[key], encoding="utf-8")
     sample_table(fanuc.samples, fanuc.robot).to_csv(tmp_path / "campaign_2026.csv", index=False)
     registry = build_registry()
     registry.add_file(path)
@@ -102,6 +109,7 @@ def test_the_python_blocks_of_a_page_run(page, tmp_path, monkeypatch):
     for words in MADE_BY.get(page, ()):
         assert bench_here(*shlex.split(words), cwd=tmp_path).returncode == 0
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(EXAMPLES)
     has_cluster = find_spec("dask_jobqueue") is not None
     blocks = [block for block in BLOCKS[page] if has_cluster or "dask_jobqueue" not in block]
     script = "\n".join(blocks)
@@ -150,6 +158,27 @@ def _unknown(line: str) -> str:
     options = {"-h", "--help"}.union(*((*one.opts, *one.secondary_opts) for one in command.params))
     given = [word.partition("=")[0] for word in words if word.startswith("-")]
     return next((option for option in given if option not in options), "")
+
+
+def test_the_guide_is_short_and_so_are_its_sentences():
+    texts = {name: (DOCS / f"{name}.md").read_text("utf-8") for name in GUIDE}
+    assert sum(len(text.split()) for text in texts.values()) <= MOST_WORDS
+    lengths = [
+        len(sentence.split())
+        for text in texts.values()
+        for sentence in SENTENCE_END.split(NO_PROSE.sub("\n\n", text))
+    ]
+    assert max(lengths) <= LONGEST_SENTENCE
+    sentences = [length for length in lengths if length > 1]
+    assert sum(sentences) / len(sentences) <= MEAN_SENTENCE
+
+
+def test_the_gallery_has_every_figure_and_pictures_are_small():
+    page = (DOCS / "gallery.md").read_text("utf-8")
+    pictures = [f"](assets/gallery/{name}.png)" for name in list_figures().frame()["name"]]
+    assert [picture for picture in pictures if picture not in page] == []
+    sizes = [path.stat().st_size for path in (DOCS / "assets").rglob("*.png")]
+    assert sum(sizes) < 1_500_000
 
 
 @pytest.mark.slow

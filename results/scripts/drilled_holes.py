@@ -1,6 +1,6 @@
 """Predicted axial compliance against the measured breakthrough surge of real drilled holes.
 
-`python results/scripts/drilled_holes.py` prints the tables of docs/how-to/choose-a-posture.md: rank
+`python results/scripts/drilled_holes.py` prints the tables of docs/faults.md: rank
 correlations (Spearman) over all holes and within each site, of models that are fitted to the 43
 measured deflections of the same robot.
 """

@@ -1,6 +1,6 @@
 """Next poses of `bench data plan --after` on twins: how much more do they tell than random ones?
 
-`python results/scripts/planned_poses.py` prints the table of docs/how-to/own-robot.md (minutes).
+`python results/scripts/planned_poses.py` prints the table of docs/faults.md (minutes).
 """
 
 from __future__ import annotations

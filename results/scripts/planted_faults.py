@@ -1,6 +1,6 @@
 """Mistakes of a measurement, planted in clean data: which of them does `validate` name?
 
-`python results/scripts/planted_faults.py` prints the table of docs/how-to/own-robot.md (minutes).
+`python results/scripts/planted_faults.py` prints the table of docs/faults.md (minutes).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Write a comparison as a headline, tables and notes; lengths are converted to mm.
 
-The columns and marks are explained in docs/comparing.md.
+The columns and marks are explained in docs/definitions.md.
 """
 
 from __future__ import annotations

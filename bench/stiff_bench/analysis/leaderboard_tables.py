@@ -1,7 +1,7 @@
 """Write a leaderboard as tables: a board over robots, or a table per data set, in mm.
 
 To add a column of costs, add an entry to `COSTS`. The columns and marks are explained in
-docs/comparing.md.
+docs/definitions.md.
 """
 
 from __future__ import annotations

@@ -157,7 +157,7 @@ def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measure
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of few poses
 @pytest.mark.slow
 def test_planned_poses_inform_a_fifth_more_than_random_poses_on_twins():
-    """docs/how-to/own-robot.md states the ratios, also for other models."""
+    """docs/faults.md states the ratios, also for other models."""
     case = planned_poses.CASES[0]
     outcomes = {
         twin: [planned_poses.outcome(twin, *case, seed) for seed in range(planned_poses.SEEDS)]

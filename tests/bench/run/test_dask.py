@@ -228,7 +228,7 @@ found.SLURMCluster = cluster_here
 
 @pytest.mark.slow
 def test_the_lines_of_the_docs_start_a_cluster_of_slurm_and_run_on_it(tmp_path):
-    page = (Path(__file__).parents[3] / "docs" / "running.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "large-studies.md").read_text()
     (lines,) = (
         code for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "SLURM" in code
     )

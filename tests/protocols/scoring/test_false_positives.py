@@ -152,7 +152,7 @@ def test_with_few_training_rows_the_tested_share_of_the_data_is_correction_enoug
 
 
 def test_the_corrected_t_is_a_little_too_bold_for_models_with_a_parameter_per_three_poses():
-    """Check the limit in docs/comparing.md: 40 parameters on 120 training poses."""
+    """Check the limit in docs/definitions.md: 40 parameters on 120 training poses."""
     rate, error = rate_and_error(corrected_p_values(differences_of(40, 50, n_features=40)))
     print(f"corrected t, 40 parameters, 15 splits: {rate:.4f} +- {error:.4f}")
     assert LEVEL < rate - 2 * error and rate + 2 * error < 0.085
