@@ -12,8 +12,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-import stiffbench as sb
 from PIL import Image
+
+import stiffbench as sb
 from stiff_bench.figures.prepared_figure import Prepared
 
 TOP = Path(__file__).parents[1]
@@ -54,9 +55,7 @@ def prepare(name: str) -> Prepared:
         return sb.figure(name, sb.load_dataset("kr10-twin"))
     if name == "learning-curves":
         robots = ["kr10-twin", "ur5-twin", "arm-family"]
-        return sb.figure(
-            name, sb.evaluate(CURVES, robots, protocol="sample-efficiency", splits=2)
-        )
+        return sb.figure(name, sb.evaluate(CURVES, robots, protocol="sample-efficiency", splits=2))
     if name == "calibration":
         with tempfile.TemporaryDirectory() as folder:
             for coverage in COVERAGES:

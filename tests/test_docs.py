@@ -63,8 +63,6 @@ MADE_BY = {
 """Commands of the page that make what its Python blocks read."""
 QUICKER = (("splits=5", "splits=2"), ('"vjm", "vjm-gp", "gp-springs"', '"vjm",'))
 """What a block runs, and what the test runs in its place: the same with fewer fits."""
-MINUTES = {"docs/findings.md"}
-"""Pages whose block fits the paper's networks: its names are checked, it is not run."""
 
 
 def test_every_name_in_a_python_block_is_defined(tmp_path):
@@ -104,7 +102,7 @@ def test_a_plugin_of_a_page_passes_its_checks_and_can_be_run(key, fanuc, tmp_pat
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default::stiff_protocols.contract.errors.StiffBenchWarning")
-@pytest.mark.parametrize("page", sorted(BLOCKS.keys() - MINUTES))
+@pytest.mark.parametrize("page", sorted(BLOCKS))
 def test_the_python_blocks_of_a_page_run(page, tmp_path, monkeypatch):
     for words in MADE_BY.get(page, ()):
         assert bench_here(*shlex.split(words), cwd=tmp_path).returncode == 0

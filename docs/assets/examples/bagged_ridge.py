@@ -8,6 +8,7 @@ from annotated_types import Ge, Le
 from sklearn.base import BaseEstimator
 from sklearn.linear_model import Ridge
 from sklearn.utils.validation import check_is_fitted
+
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.types import Interval
 

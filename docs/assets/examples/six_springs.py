@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-import stiffbench as sb
 from annotated_types import Ge, Le
+
+import stiffbench as sb
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import BenchmarkData, Samples
 
