@@ -1,1 +1,1 @@
-"""Figures that a journal would print, one a file: plain numbers in, a matplotlib figure out."""
+"""Journal figures, one per file: numbers in, matplotlib figure out."""

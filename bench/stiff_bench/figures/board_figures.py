@@ -1,4 +1,4 @@
-"""Figures of a board over robots: score against cost, and score against the number of poses."""
+"""Figures of a board: score against cost, and against training poses."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MOST_CURVES = 8
 
 
 def score_against_cost(board: Board) -> Prepared:
-    """Show each model's error over the VJM's against the time of a fit.
+    """Show error over the VJM's error against fit time.
 
     Raises:
         ConfigError: no time of a fit was recorded.
@@ -63,7 +63,7 @@ def _cost_figure(rows: Sequence[BoardRow]) -> Figure:
 
 
 def _name_points(axes: Axes, points: Sequence[tuple[float, float, str]]) -> None:
-    """Write names on the right of points, each far enough above the one below."""
+    """Write names to the right of points, without overlaps."""
     axes.figure.canvas.draw()
     to_pixels, height = axes.transData.transform, 8.0
     taken: list[tuple[float, float]] = []
@@ -83,7 +83,7 @@ def _name_points(axes: Axes, points: Sequence[tuple[float, float, str]]) -> None
 
 
 def score_against_poses(board: Board) -> Prepared:
-    """Show each model's error over the VJM's against the number of training poses.
+    """Show error over the VJM's error against training poses.
 
     Raises:
         ConfigError: the board has no scores with fewer poses.
@@ -96,13 +96,13 @@ def score_against_poses(board: Board) -> Prepared:
     }
     if not curves:
         raise ConfigError("no model has scores with fewer poses")
-    shown = dict(list(curves.items())[:MOST_CURVES])
-    n_all = max(one.n_train for one in board.answer.cases[-1].results[REFERENCE_MODEL])
+    best_rows = dict(list(curves.items())[:MOST_CURVES])
+    n_all = max(result.n_train for result in board.answer.cases[-1].results[REFERENCE_MODEL])
     caption = (
-        "Error over the VJM's with as many poses, geometric mean over robots. The best "
-        f"{len(shown)} of {len(curves)} models with scores at every number of poses."
+        "Error over the VJM's with as many poses, geometric mean over robots: the best "
+        f"{len(best_rows)} of {len(curves)} models with scores at every number of poses."
     )
-    paint = partial(_curves_figure, shown, sizes, n_all)
+    paint = partial(_curves_figure, best_rows, sizes, n_all)
     return Prepared("Score against the number of poses", caption, paint)
 
 

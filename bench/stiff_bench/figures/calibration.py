@@ -1,4 +1,4 @@
-"""Coverage of intervals: how many test samples they hold."""
+"""Coverage of intervals: the share of test samples inside them."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ LEVELS = "0.5, 0.8, 0.9, 0.95"
 MODEL_INCH, GAP_INCH, FRAME_INCH, LEGEND_LINE_INCH = 0.09, 0.1, 0.5, 0.17
 
 
-def calibration_figure(held: pd.DataFrame) -> Figure:
-    """Draw a row per data set and a panel per nominal coverage; a dot is a model.
+def calibration_figure(shares: pd.DataFrame) -> Figure:
+    """Draw a row per data set and a panel per nominal coverage.
 
     Columns: "data", "model", "nominal", and "share", "low" and "high" of the samples inside, all
     shares 0..1.
     """
-    rows, names = held["data"].unique(), held["model"].unique()
-    nominal = sorted(held["nominal"].unique())
+    rows, names = shares["data"].unique(), shares["model"].unique()
+    nominal = sorted(shares["nominal"].unique())
     n_columns = 3 if len(nominal) == 1 else 5
     legend = LEGEND_LINE_INCH * -(-(len(names) + 1) // n_columns)
     row_inch = FRAME_INCH + len(rows) * (GAP_INCH + MODEL_INCH * len(names))
@@ -45,7 +45,7 @@ def calibration_figure(held: pd.DataFrame) -> Figure:
     labels = style.short_names(names)
     offsets = np.linspace(-0.3, 0.3, len(names)) if len(names) > 1 else [0.0]
     for axes, level in zip(panels, nominal, strict=True):
-        of_level = held[held["nominal"] == level]
+        of_level = shares[shares["nominal"] == level]
         line: dict[str, Any] = {"color": style.REFERENCE_COLOR, "linestyle": "--", "linewidth": 0.9}
         axes.axvline(100.0 * level, **line, label="nominal")
         for (name, look), offset in zip(style.looks_of(names).items(), offsets, strict=True):
@@ -70,7 +70,7 @@ def calibration_figure(held: pd.DataFrame) -> Figure:
 
 def calibration(source: FigureSource) -> Prepared:
     """Show the share of test samples inside their intervals, a row per data set."""
-    made_by = "`bench run --metric coverage` makes them"
+    made_by = "create them with `bench run --metric coverage`"
     panels = source.panels(MOST_MODELS, _has_interval, "intervals", made_by, most_panels=MOST_ROWS)
     text = data_text if panels.condition else subtitle
     rows = [
@@ -82,15 +82,16 @@ def calibration(source: FigureSource) -> Prepared:
     caption = (
         "Share of the test samples of all splits inside their intervals, mean of X, Y and Z; bars: "
         f"{percent(1 - LEVEL)} bootstrap intervals over poses. Left of the dashed line intervals "
-        f"are too narrow. `bench run --coverage`, such as {LEVELS}, makes others. {panels.setting}"
+        f"are too narrow. For other intervals, use `bench run --coverage`, such as {LEVELS}. "
+        f"{panels.setting}"
     )
     paint = partial(calibration_figure, pd.DataFrame(rows))
     return Prepared("Coverage of the intervals", caption, paint, panels.condition)
 
 
 def _shares(source: FigureSource, compared: Compared, name: str) -> Iterator[dict[str, float]]:
-    """Yield the share inside and its interval for each coverage that every split has."""
-    # the case's competitors have only the newest coverage of each split
+    """Yield the share inside, with interval, per coverage of all splits."""
+    # competitors of the case hold only the newest coverage of each split
     with_interval = filter(_has_interval, compared.case.every)
     of_split = grouped(with_interval, _key_without_coverage)
     results = compared.case.results(name, compared.slots)
@@ -104,9 +105,9 @@ def _shares(source: FigureSource, compared: Compared, name: str) -> Iterator[dic
 
 
 def _share_inside(results: Sequence[CellResult], pose_id: TextArray) -> dict[str, float]:
-    """Return the share of test samples inside their intervals, with its interval over poses."""
+    """Return the share of samples inside, with its interval over poses."""
     tested = pooled_prediction(results)
-    assert tested.interval is not None  # each of the results has one
+    assert tested.interval is not None  # each result has an interval
     low, high = tested.interval.lower, tested.interval.upper
     inside: BoolArray = (low <= tested.measured) & (tested.measured <= high)  # (n, 3)
     by_pose = pose_errors(pose_id, inside.mean(axis=1, keepdims=True), tested.rows)

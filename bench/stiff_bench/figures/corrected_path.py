@@ -1,4 +1,4 @@
-"""A corrected path: the deflection that is removed, and the error that may remain."""
+"""Corrected path: removed deflection and expected remaining error."""
 
 from __future__ import annotations
 
@@ -23,45 +23,45 @@ if TYPE_CHECKING:
 HEIGHT_INCH = 3.1
 WANTED_COLOR = "0.55"
 MOST_POINTS, ARROWS = 2_000, 40
-"""Points of a line that are drawn, and vectors."""
+"""Largest numbers of points per line and of arrows."""
 SHOWN_SHARE = 0.2
 """The largest deflection or error is drawn about this long, as a part of the path's extent."""
 CORNERS = np.linspace(0.0, 2.0 * np.pi, 25)
 """Angles, rad, at which the circle of an expected error is drawn."""
 HATCHES = ("", "////", "....")
-"""Of the shaded regions beyond the training range, by what is beyond it."""
+"""Hatches of the regions beyond the training range, one per reason."""
 
 
 def path_picture(
     name: str,
-    found: Compensation,
+    compensation: Compensation,
     expected_error: FloatArray | None,
     source: str,
     extrapolates: Sequence[str],
 ) -> Prepared:
-    """Return the figure of a corrected path, with what its marks mean.
+    """Return the figure of a corrected path with its caption.
 
     Args:
         name: name of the path.
-        found: wanted points, commands and predicted deflections.
+        compensation: wanted points, commands and predicted deflections.
         expected_error: (n,) expected remaining distance from the path, m; None: not known.
-        source: origin of the expected error, for people.
-        extrapolates: (n,) words for what of a point is beyond the training range.
+        source: origin of the expected error, as text.
+        extrapolates: (n,) names of what is beyond the training range at a point; "" for none.
     """
     return Prepared(
         title=f"Path {name}: removed deflection and expected remaining error",
         caption="Predicted deflections of the uncorrected path and radii of the expected remaining "
         "error, magnified as stated; and both along the path. Expected remaining error: "
         f"{source}. Shaded: beyond the training range of the model.",
-        paint=partial(_painted, found, expected_error, extrapolates),
+        paint=partial(_painted, compensation, expected_error, extrapolates),
     )
 
 
 def _painted(
-    found: Compensation, expected_error: FloatArray | None, extrapolates: Sequence[str]
+    compensation: Compensation, expected_error: FloatArray | None, extrapolates: Sequence[str]
 ) -> Figure:
-    place, before = MM * found.wanted, MM * found.before
-    removed = MM * np.linalg.norm(found.removed, axis=1)
+    place, before = MM * compensation.wanted, MM * compensation.before
+    removed = MM * np.linalg.norm(compensation.removed, axis=1)
     errors = None if expected_error is None else MM * expected_error
     rows, arrows = evenly_spaced(len(place), MOST_POINTS), evenly_spaced(len(place), ARROWS)
     extent = max(float(np.ptp(place, axis=0).max()), 1.0)
@@ -96,7 +96,7 @@ def _painted(
     marker = "o" if len(place) == 1 else ""
     look = {"color": orange.color, "marker": marker}
     along.plot(distance[rows], removed[rows], **look, label="removed (predicted deflection)")
-    means = f"Mean removed {removed.mean():.3g} mm, error that remains not known"
+    means = f"Mean removed {removed.mean():.3g} mm, remaining error unknown"
     if errors is not None:
         band: dict[str, Any] = {"color": blue.color, "alpha": 0.2, "linewidth": 0}
         along.plot(distance[rows], errors[rows], color=blue.color, marker=marker, linewidth=0.8)
@@ -126,7 +126,7 @@ def _circles(place: FloatArray, radius: FloatArray, rows: Any) -> FloatArray:
 
 
 def _shade(along: Axes, distance: FloatArray, extrapolates: Sequence[str]) -> None:
-    """Shade the parts of a path that are beyond the training range, with a hatch per reason."""
+    """Shade parts of a path beyond the training range, hatched by reason."""
     words = np.array(extrapolates)
     reasons = [word for word in dict.fromkeys(extrapolates) if word]
     edges = np.r_[distance[0], 0.5 * (distance[1:] + distance[:-1]), distance[-1]]

@@ -1,4 +1,4 @@
-"""One page that shows a data set: poses, load directions, deflections, torques on the joints."""
+"""Picture of a data set: poses, load directions, deflections and joint torques."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _SCREEN: dict[str, Any] = {
 MOST_POINTS = 3000  # in a cloud; more hide each other
 MOST_GROUPS = 6  # in the legend
 MOST_BINS = 50
-LONGEST_LABEL = 9  # of a joint, to be written level
+LONGEST_LABEL = 9  # letters of a joint's name that is written horizontally
 WIDE_RATIO = 30.0
 """Joints whose torques differ by more than this are drawn on a symmetric logarithmic axis."""
 
@@ -72,14 +72,14 @@ def _move_legend(page: SubFigure, panels: Sequence[Axes]) -> None:
 
 
 def _thinned(n: int) -> IntArray:
-    """Return the rows of a cloud to draw: all, or an even random choice, always the same."""
+    """Return the rows to draw: all, or a reproducible random selection."""
     if n <= MOST_POINTS:
         return np.arange(n)
     return np.sort(np.random.default_rng(0).choice(n, MOST_POINTS, replace=False))
 
 
-def _of_all(shown: int, n: int) -> str:
-    return "" if shown == n else f" ({shown:,} of {n:,} drawn)"
+def _drawn_note(n_drawn: int, n: int) -> str:
+    return "" if n_drawn == n else f" ({n_drawn:,} of {n:,} drawn)"
 
 
 def _point_area(n: int) -> float:
@@ -91,7 +91,7 @@ def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
     """Draw TCP positions from the side and from above, one point per pose."""
     rows = poses[_thinned(len(poses))]
     x, y, z = data.robot.tcp_position(data.samples.q[rows]).T
-    _head(page, f"(a) TCP positions, base frame{_of_all(len(rows), len(poses))}")
+    _head(page, f"(a) TCP positions, base frame{_drawn_note(len(rows), len(poses))}")
     side, above = page.subplots(1, 2)
     groups = _most_groups(data.samples.group[rows])
     look: dict[str, Any] = {"linewidth": 0.0, "alpha": 0.85, "rasterized": True}
@@ -108,20 +108,20 @@ def _draw_poses(page: SubFigure, data: BenchmarkData, poses: IntArray) -> None:
 
 
 def _most_groups(groups: TextArray) -> TextArray:
-    """Return (n,) groups, in which all but the first are one."""
+    """Return (n,) groups; all after the first `MOST_GROUPS` are merged."""
     names = list(dict.fromkeys(groups.tolist()))
     if len(names) <= MOST_GROUPS:
         return groups
-    others = f"... and {len(names) - MOST_GROUPS} more groups"
-    return np.where(np.isin(groups, names[:MOST_GROUPS]), groups, others)
+    merged_name = f"... and {len(names) - MOST_GROUPS} more groups"
+    return np.where(np.isin(groups, names[:MOST_GROUPS]), groups, merged_name)
 
 
 def _draw_directions(page: SubFigure, force: FloatArray) -> None:
-    """Draw the directions of the forces on equal-area maps of the two halves of the sphere."""
+    """Draw the force directions on equal-area maps of both half spheres."""
     force = force[force.any(axis=1)]
     size = np.linalg.norm(force, axis=1)
     rows = _thinned(len(force))
-    _head(page, f"(b) Force directions, base frame{_of_all(len(rows), len(force))}")
+    _head(page, f"(b) Force directions, base frame{_drawn_note(len(rows), len(force))}")
     x, y, z = (force / size[:, None]).T
     radius = np.sqrt(1.0 - np.abs(z).clip(max=1.0))  # Lambert: 0 straight up or down, 1 horizontal
     azimuth = np.arctan2(y, x)
@@ -129,9 +129,9 @@ def _draw_directions(page: SubFigure, force: FloatArray) -> None:
     halves = page.subplots(1, 2, subplot_kw={"projection": "polar"})
     for axes, down in zip(halves, (True, False), strict=True):
         half = (z < 0.0) == down
-        shown = rows[half[rows]]
+        half_rows = rows[half[rows]]
         look = {"s": _point_area(len(rows)), "norm": scale, "linewidths": 0.0, "rasterized": True}
-        points = axes.scatter(azimuth[shown], radius[shown], c=size[shown], **look)
+        points = axes.scatter(azimuth[half_rows], radius[half_rows], c=size[half_rows], **look)
         axes.set(ylim=(0.0, 1.0), title=f"{'downwards' if down else 'upwards'}: {half.sum():,}")
         axes.set_xticks(np.deg2rad([0, 90, 180, 270]), ["+x", "+y", "-x", "-y"])
         circles = np.sqrt(1.0 - np.sin(np.deg2rad([30, 60])))
@@ -160,7 +160,7 @@ def _draw_deflections(page: SubFigure, deflection: FloatArray) -> None:
 
 
 def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:
-    """Draw a box per joint for the loads' torque and one for gravity's, over all samples."""
+    """Draw boxes of load torque and gravity torque per joint."""
     _head(page, "(d) Torque on the joints: quartiles and range")
     robot, axes = data.robot, page.subplots()
     kinds = zip(robot.joint_names, robot.joint_types, strict=True)
@@ -189,7 +189,7 @@ def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:
 def _set_torque_scale(axes: Axes, torque: FloatArray) -> None:
     """Choose a symmetric logarithmic axis if the joints' torques differ much."""
     largest = np.abs(torque).max(axis=0)  # (n_joints,)
-    seen = largest[largest > 1e-6 * largest.max()]  # rounding errors are no torque
+    seen = largest[largest > 1e-6 * largest.max()]  # rounding errors do not count
     if len(seen) and seen.max() > WIDE_RATIO * seen.min():
         linear = 10.0 ** np.floor(np.log10(seen.min()))
         axes.set_yscale("symlog", linthresh=linear, linscale=0.5)

@@ -1,4 +1,4 @@
-"""The general figures: what any folder of results can be drawn as.
+"""Figures that can be drawn from any folder of results.
 
 A figure is a function of a `FigureSource`; the first line of its docstring is its summary in
 `bench list figures`. `bench figure`, the pages of studies and the report page read this list.

@@ -1,4 +1,4 @@
-"""Which of a folder's results a figure shows."""
+"""Selection of the results of a folder for a figure."""
 
 from __future__ import annotations
 
@@ -24,38 +24,42 @@ from stiff_protocols.contract.types import FloatArray, Prediction
 from stiff_protocols.scoring.metrics import norm_errors
 
 LEAST = 1e-12
-"""m: an error of nothing has no logarithm."""
+"""Smallest error before a logarithm is taken, m."""
 NOISE = "noise"
 """Key of `KNOWN`: the deflection before the instruments' noise."""
 Has = Callable[[CellResult], object]
-"""What is true of a result that has what a figure shows."""
+"""Test of a result: true if a figure can show it."""
 
 
 def between(counts: Collection[int], thing: str) -> str:
-    """Return "5 splits", or "1 to 5 splits" where not all are equal."""
+    """Return "5 splits", or "1 to 5 splits" if counts differ."""
     least, most = min(counts), max(counts)
     return counted(most, thing) if least == most else f"{least} to {counted(most, thing)}"
 
 
-def marks(shown: Iterable[Presentation]) -> str:
-    """Return a sentence for each mark that stands beside models elsewhere; "" for none."""
-    shown = list(shown)
-    everyone = dict.fromkeys(one.model for one in shown)
+def marks(presentations: Iterable[Presentation]) -> str:
+    """Return a sentence for each mark of the models; "" for none."""
+    presentations = list(presentations)
+    all_names = dict.fromkeys(presentation.model for presentation in presentations)
     sentences = []
-    for mark, marked in grouped(shown, mark_of).items():
-        models = dict.fromkeys(one.model for one in marked)
-        others = [name for name in everyone if name not in models]
-        which = ", ".join(models)
-        if len(models) > len(others) + 1:
-            which = " but ".join(filter(None, ("All models shown", ", ".join(others))))
-        sentences += [f" {which}: {mark}."] if mark else []
+    for mark, marked in grouped(presentations, mark_of).items():
+        models = dict.fromkeys(presentation.model for presentation in marked)
+        unmarked_names = [name for name in all_names if name not in models]
+        subject = ", ".join(models)
+        if len(models) > len(unmarked_names) + 1:
+            exceptions = ", ".join(unmarked_names)
+            subject = " but ".join(filter(None, ("All models shown", exceptions)))
+        sentences += [f" {subject}: {mark}."] if mark else []
     return "".join(sentences)
 
 
 def marks_in(cases: Iterable[Case], models: Collection[str]) -> str:
     """Return `marks` of the models of some cases."""
     return marks(
-        found.shown for case in cases for name, found in case.competitors.items() if name in models
+        competitor.shown
+        for case in cases
+        for name, competitor in case.competitors.items()
+        if name in models
     )
 
 
@@ -75,7 +79,7 @@ def condition_text(case: Case) -> str:
 
 
 def setting(cases: Sequence[Case], models: Collection[str], n_splits: Collection[int]) -> str:
-    """Return data, protocols, splits and seeds of some cases, and the marks of the models."""
+    """Return data, protocols, splits, seeds and model marks of some cases."""
     splits = between(n_splits, "split")
     conditions = grouped(cases, lambda case: (condition_text(case), case.name.seed))
     texts = [
@@ -90,7 +94,7 @@ def setting(cases: Sequence[Case], models: Collection[str], n_splits: Collection
 MOST_PANELS = 6
 """Data sets that a figure shows; its caption names the others."""
 TITLE_LETTERS = 28
-"""Of a line over one of three panels in a row, with names of models on their left."""
+"""Longest line above one of three panels with model names on the left, letters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +102,9 @@ class FigureSource:
     """Results of a folder that figures may show.
 
     Attributes:
-        folder: of the results.
-        cases: those of the data sets and protocols that were asked for; at least one.
-        models: words that were asked for; none: each figure takes those that it is clear with.
+        folder: folder of the results.
+        cases: cases of the selected data sets and protocols; at least one.
+        models: selected models, as words; empty: each figure selects a readable number.
     """
 
     folder: Path
@@ -112,7 +116,7 @@ class FigureSource:
         """Read a folder.
 
         Raises:
-            StoreError: it holds no results, or a file of it is corrupt.
+            StoreError: the folder has no results, or a file is corrupt.
             ConfigError: a name has no results.
         """
         chosen = selection.cases_of(StoredResults.read(folder).cases)
@@ -120,9 +124,9 @@ class FigureSource:
 
     @cached_property
     def newest(self) -> tuple[Case, ...]:
-        """The cases of each name's newest data: measured first, then in the order of asking.
+        """Cases with the newest data of each name: measured first, then in the order of selection.
 
-        Those whose reported rows hold training rows are shown only if all do.
+        Cases that report training rows are included only if all cases do.
         """
         newest = {case.name for case in of_newest_data(self.cases)}
         in_order = [case for case in self.cases if case.name in newest]
@@ -130,7 +134,7 @@ class FigureSource:
         return tuple(sorted(tests or in_order, key=lambda case: case.shown.kind != "measured"))
 
     def names(self, cases: Sequence[Case]) -> list[str]:
-        """Return the models asked for, or all, that have a result in these cases.
+        """Return the selected models, or all, with a result in these cases.
 
         Raises:
             ConfigError: a word has no results in the folder.
@@ -143,19 +147,19 @@ class FigureSource:
         return [name for name in (names or every_name) if name in done]
 
     def results(self, case: Case, has: Has) -> list[CellResult]:
-        """Return the results of a case, of the models asked for, that have what is shown."""
+        """Return the results of the selected models in a case that pass `has`."""
         names = self.names([case])
         return [result for name in names for result in case.results(name) if has(result)]
 
     def cases_with(self, has: Has, needs: str, *, most_first: bool = False) -> list[Case]:
-        """Return the case to draw of each data set: measured first, then in the order of asking.
+        """Return the case to draw for each data set: measured first, then as selected.
 
-        A fair protocol comes before others, one without a condition before one with, then that
-        with most models. With `most_first` it is the one with most models, fair or not. `needs`
-        names what its results must have, with the command that makes it.
+        Preferred are, in this order: a protocol that does not select on test data, no condition,
+        most models. With `most_first`, the case with most models is preferred to all others.
+        `needs` names the required content of a result, with the command that creates it.
 
         Raises:
-            StoreError: no case has such a result of the models asked for.
+            StoreError: no case has such a result of the selected models.
         """
         models = self.names(self.newest)
 
@@ -165,14 +169,14 @@ class FigureSource:
 
         def preference(case: Case) -> tuple[int, bool, bool, int, int, str]:
             n, is_fair = n_models(case), not case.shown.selects_on_test
-            is_plain = not case.name.condition  # not one of many sizes or directions
+            is_plain = not case.name.condition  # a condition is one of many sizes or directions
             return n * most_first, is_fair, is_plain, n, len(case.slots), case.newest_run
 
         able = grouped(filter(n_models, self.newest), lambda case: case.name.dataset)
         if not able:
             of = f" of {', '.join(self.models)}" if self.models else ""
             raise StoreError(f"{self.folder}: no result{of} has {needs}", "results")
-        return [max(cases, key=preference) for cases in able.values()]  # the first of equal ones
+        return [max(cases, key=preference) for cases in able.values()]  # the first of equal cases
 
     def case(self, has: Has, needs: str) -> Case:
         """Return the first of `cases_with`, for a figure of one data set."""
@@ -187,13 +191,13 @@ class FigureSource:
         *,
         most_panels: int = MOST_PANELS,
     ) -> Panels:
-        """Return the data sets to draw, with the models asked for, or `most` of the best.
+        """Return the data sets to draw, with the selected models or the `most` best.
 
-        The linear model is always among the best. `what` names what the results must have, and
-        `made_by` the command that makes it.
+        The best always include the linear model. `what` names the required content of the
+        results. `made_by` names the command that creates it.
 
         Raises:
-            StoreError: no result has it, or there is no split on which all models have it.
+            StoreError: no result has this content, or the models do not share a split.
         """
         every = self.cases_with(has, "; ".join(filter(None, (what, made_by))))
         cases = every[:most_panels]
@@ -213,7 +217,7 @@ class FigureSource:
         if not panels:
             raise StoreError(
                 f"{self.folder}: {cases[0].name.text}: {', '.join(names)}: no split on which all "
-                f"have {what}; as many splits of each make them",
+                f"have {what}; run each model on the same splits",
                 "results",
             )
         notes = []
@@ -241,10 +245,10 @@ class Compared:
     """Models of one case that a figure shows.
 
     Attributes:
-        case: the results.
-        models: their names, best first unless they were asked for.
-        slots: the splits that all of them have.
-        notes: what is left out.
+        case: case with the results.
+        models: names, best first unless they were selected.
+        slots: splits that all models share.
+        notes: sentences on omitted results.
     """
 
     case: Case
@@ -254,7 +258,7 @@ class Compared:
 
     @property
     def setting(self) -> str:
-        """Data, protocol, splits, seed, marks of models, and what is left out."""
+        """Data, protocol, splits, seed, marks of models, and omitted results."""
         return Panels((self,), self.models, self.notes).setting
 
     @property
@@ -285,12 +289,12 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Panels:
-    """Data sets that a figure shows, a panel each.
+    """Data sets of a figure, with a panel per data set.
 
     Attributes:
-        compared: at least one.
+        compared: models of each data set; at least one data set.
         models: all names, in the order of their colours.
-        notes: what is left out.
+        notes: sentences on omitted results.
     """
 
     compared: tuple[Compared, ...]
@@ -299,7 +303,7 @@ class Panels:
 
     @property
     def setting(self) -> str:
-        """Data, protocols, splits, seed, marks of models, and what is left out."""
+        """Data, protocols, splits, seed, marks of models, and omitted results."""
         n_splits = [
             len(panel.case.results(name, panel.slots))
             for panel in self.compared
@@ -337,7 +341,7 @@ class Panels:
 
     @property
     def condition(self) -> str:
-        """Protocol and condition that all panels share; "" where they differ."""
+        """Protocol and condition that all panels share; "" if they differ."""
         conditions = {condition_text(panel.case) for panel in self.compared}
         return conditions.pop() if len(conditions) == 1 else ""
 
@@ -345,7 +349,7 @@ class Panels:
 def noise_floor(results: Iterable[CellResult]) -> float | None:
     """Return the mean length of the error from the instruments' noise, m; None: not known.
 
-    `results` are of the splits that are shown; one model's are enough.
+    `results` cover the drawn splits; the results of a single model are enough.
     """
     noise, measured = [], []
     for result in results:
@@ -368,7 +372,7 @@ def mean_length(results: Sequence[CellResult]) -> float:
 
 
 def _best(able: Mapping[Case, Sequence[str]], most: int) -> list[str]:
-    """Return the best of the models that have most panels and splits, and the linear one."""
+    """Return the best models with most panels and splits, and the linear model."""
     errors = {}
     for case, names in able.items():
         n_done = {name: len(case.competitors[name].done) for name in names}
@@ -382,7 +386,7 @@ def _best(able: Mapping[Case, Sequence[str]], most: int) -> list[str]:
 
 
 def with_linear(ordered: Sequence[str], most: int) -> list[str]:
-    """Return the first of some models; the linear one takes the last place if it comes later."""
+    """Return the first models; a later linear model replaces the last."""
     best = list(ordered[:most])
     if REFERENCE_MODEL in ordered and REFERENCE_MODEL not in best:
         best[-1:] = [REFERENCE_MODEL]

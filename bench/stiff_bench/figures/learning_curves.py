@@ -1,4 +1,4 @@
-"""Learning curves: how a model's error falls with the number of training poses."""
+"""Learning curves: error over the number of training poses."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ FEWEST_FOR_INTERVAL = 3
 MOST_MODELS = 5
 PANEL_INCH, LEGEND_LINE_INCH = 2.2, 0.17
 _NEEDS = (
-    "learning curves; `bench run --protocol sample-efficiency --model "
-    f"{REFERENCE_MODEL} ...` makes them"
+    "learning curves; create them with `bench run --protocol sample-efficiency --model "
+    f"{REFERENCE_MODEL} ...`"
 )
 
 
@@ -77,12 +77,12 @@ def learning_figure(
 
 
 def _draw(axes: Axes, errors: pd.DataFrame, names: Sequence[str]) -> None:
-    # first of all: seaborn then averages logarithms, so that the mean is the geometric one
+    # set first: seaborn then averages logarithms, which gives the geometric mean
     axes.set(xscale="log", yscale="log")
-    shown = (errors.clip(lower=LEAST) * MM).melt(ignore_index=False).reset_index()
+    lengths_mm = (errors.clip(lower=LEAST) * MM).melt(ignore_index=False).reset_index()
     about = {"x": "size", "y": "value", "hue": "model", "style": "model", "legend": False}
     band = {"errorbar": _interval, "err_kws": {"alpha": 0.15, "linewidth": 0.0}}
-    seaborn.lineplot(shown, ax=axes, **about, **band, **style.seaborn_looks(names))
+    seaborn.lineplot(lengths_mm, ax=axes, **about, **band, **style.seaborn_looks(names))
     axes.set(xlabel="training poses", ylabel="")
     axes.set_xticks(errors.columns, map(str, errors.columns))
     axes.xaxis.set_minor_locator(NullLocator())
@@ -98,49 +98,49 @@ def _interval(values: pd.Series) -> tuple[float, float]:
 
 
 def size_of(case: Case) -> int:
-    """Return how many training poses a case's condition gives; 0: it varies another thing."""
-    results = [one for name in case.competitors for one in case.results(name)]
-    sizes: Iterable[int] = {one.n_poses for one in results} - {0}
-    if not sizes:  # older results do not say it; no pose has less than one row
-        sizes = range(1, max((one.n_train for one in results), default=0) + 1)
+    """Return the number of training poses of a case; 0: its condition is not a size."""
+    results = [result for name in case.competitors for result in case.results(name)]
+    sizes: Iterable[int] = {result.n_poses for result in results} - {0}
+    if not sizes:  # older results lack the number; each pose has at least one row
+        sizes = range(1, max((result.n_train for result in results), default=0) + 1)
     return next((size for size in sizes if condition_of(size) == case.name.condition), 0)
 
 
 def errors_of(names: Sequence[str], cases: Sequence[Case]) -> pd.DataFrame:
     """Return the mean error lengths [m] of models on the data sets of one robot type.
 
-    A row is a model and a data set on which it has every draw of every size, a column a size.
+    Each row is a model and a data set with all draws of all sizes. Each column is a size.
     """
-    found = [
+    rows = [
         (name, replace(case.name, condition=""), size_of(case), mean_length(results))
         for case in cases
         for name in names
         if (results := case.results_of_all_slots(name))
     ]
-    table = pd.DataFrame(found, columns=["model", "data set", "size", "error"])
-    sizes = pd.Index(sorted({size_of(one) for one in cases}), name="size")
+    table = pd.DataFrame(rows, columns=["model", "data set", "size", "error"])
+    sizes = pd.Index(sorted({size_of(case) for case in cases}), name="size")
     by_size = table.pivot(index=["model", "data set"], columns="size", values="error")
     return by_size.reindex(columns=sizes).dropna()
 
 
 def _shared(errors: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
-    """Return the models' errors on the data sets that all of them have that have any."""
-    shown = errors[errors.index.isin(models, level="model")]
-    n_models = shown.groupby("data set").size()
-    shared = n_models.index[n_models == len(shown.index.unique("model"))]
-    return shown[shown.index.isin(shared, level="data set")]
+    """Return the models' errors on the data sets that all models with errors share."""
+    selected_errors = errors[errors.index.isin(models, level="model")]
+    n_models = selected_errors.groupby("data set").size()
+    shared = n_models.index[n_models == len(selected_errors.index.unique("model"))]
+    return selected_errors[selected_errors.index.isin(shared, level="data set")]
 
 
 def learning_curves(source: FigureSource) -> Prepared:
     """Show the error over training poses (`sample-efficiency`).
 
-    Models are those that have every draw of every size on the data sets of a robot type.
+    Models need all draws of all sizes on a data set to be drawn.
     """
-    cases = [one for one in source.newest if size_of(one)]
+    cases = [case for case in source.newest if size_of(case)]
     if not cases:
         raise StoreError(f"{source.folder}: no result of {_NEEDS}", "results")
-    protocol = max(cases, key=lambda one: one.newest_run).name.protocol
-    of_protocol = [one for one in cases if one.name.protocol == protocol]
+    protocol = max(cases, key=lambda case: case.newest_run).name.protocol
+    of_protocol = [case for case in cases if case.name.protocol == protocol]
     names = source.names(of_protocol)
     members = {
         f"{family} ({of_family[0].shown.kind})": of_family
@@ -154,7 +154,7 @@ def learning_curves(source: FigureSource) -> Prepared:
     if not panels:
         raise StoreError(
             f"{source.folder}: no data set on which {', '.join(models) or 'any model'} "
-            f"has every draw of every size of {protocol}; the `bench run` that made them goes on",
+            f"has all draws of all sizes of {protocol}; repeat the `bench run` command to continue",
             "results",
         )
     drawn = {name for errors in panels.values() for name in errors.index.unique("model")}
@@ -170,7 +170,7 @@ def learning_curves(source: FigureSource) -> Prepared:
 
 
 def _noise_floor(cases: Sequence[Case], names: Sequence[str]) -> float | None:
-    """Return the geometric mean of the cases' noise floors, m; None: one is not known."""
+    """Return the geometric mean of the cases' noise floors, m; None: a noise floor is not known."""
     floors = []
     for case in cases:
         complete = filter(None, map(case.results_of_all_slots, names))
@@ -181,13 +181,16 @@ def _noise_floor(cases: Sequence[Case], names: Sequence[str]) -> float | None:
 
 
 def _best(families: Iterable[pd.DataFrame]) -> list[str]:
-    """Return the best at the largest sizes, of the models with most data sets, and the linear."""
-    found = [errors for errors in families if len(errors)]
-    if not found:
+    """Return the best models at the largest sizes, and the linear model.
+
+    Only models with most data sets are compared.
+    """
+    tables = [errors for errors in families if len(errors)]
+    if not tables:
         return []
-    last = [np.log(errors.iloc[:, -1].clip(lower=LEAST)).groupby("model") for errors in found]
-    n_sets = pd.concat([of.size() for of in last], axis=1).sum(axis=1)
-    mean = pd.concat([of.mean() for of in last], axis=1).mean(axis=1)
+    last = [np.log(errors.iloc[:, -1].clip(lower=LEAST)).groupby("model") for errors in tables]
+    n_sets = pd.concat([group.size() for group in last], axis=1).sum(axis=1)
+    mean = pd.concat([group.mean() for group in last], axis=1).mean(axis=1)
     return with_linear(list(mean[n_sets == n_sets.max()].sort_values().index), MOST_MODELS)
 
 
@@ -198,8 +201,8 @@ def _caption(
         f"{title}: {counted(len(errors.index.unique('data set')), 'data set')}"
         for title, errors in panels.items()
     )
-    n_draws = between([len(one.slots) for one in cases], "draw")
-    seeds = ", ".join(str(seed) for seed in sorted({one.name.seed for one in cases}))
+    n_draws = between([len(case.slots) for case in cases], "draw")
+    seeds = ", ".join(str(seed) for seed in sorted({case.name.seed for case in cases}))
     return (
         f"{cases[0].name.protocol}: mean 3-D error on the same test poses, "
         f"{n_draws} per size and data set, seed {seeds}. Lines: geometric mean over data sets "

@@ -1,4 +1,4 @@
-"""Loss curves: how a network's training went."""
+"""Loss curves: training and validation loss of networks per step."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ DASHED = (0, (3, 1.2))
 class LossCurve(NamedTuple):
     """One training of a model: its phase, such as "fine-tuning", and losses.
 
-    `points` are (n, 3): step, training loss, validation loss (NaN: none); `number` says which of
-    the model's trainings it is, from 0.
+    `points` are (n, 3): step, training loss, validation loss (NaN: none). `number` counts the
+    trainings of the model from 0.
     """
 
     name: str
@@ -39,12 +39,12 @@ class LossCurve(NamedTuple):
 
     @property
     def is_judged(self) -> bool:
-        """Whether it has a validation loss."""
+        """True if the curve has a validation loss."""
         return bool(has_place(self.points[:, 2]).any())
 
 
 def losses_figure(data: Sequence[tuple[str, Sequence[LossCurve]]]) -> Figure:
-    """Draw a row per data set and a panel per phase, all losses relative to their first ones.
+    """Draw relative losses, a row per data set and a panel per phase.
 
     Models are colours; training is solid, validation dashed. `data` are titles with curves.
     """
@@ -81,7 +81,7 @@ def losses_figure(data: Sequence[tuple[str, Sequence[LossCurve]]]) -> Figure:
 def relative_to_first(curve: LossCurve) -> LossCurve:
     """Divide the losses of a curve by the first training and validation loss.
 
-    Training and validation losses, and those of two models, may have different units.
+    Units of losses may differ between training, validation and models.
     """
     points = curve.points.copy()
     for column in (1, 2):
@@ -96,13 +96,21 @@ def draw_losses(axes: Axes, curves: Sequence[LossCurve], look: Mapping[str, styl
     for curve in curves:
         step, train, validation = curve.points.T
         drawn = look[curve.name]
-        shown: dict[str, Any] = {"color": drawn.color, "marker": drawn.marker, "linewidth": 1.0}
+        line_style: dict[str, Any] = {
+            "color": drawn.color,
+            "marker": drawn.marker,
+            "linewidth": 1.0,
+        }
         axes.plot(
-            step, train, **shown, markevery=0.3 if len(step) > 1 else 1, label=labels[curve.name]
+            step,
+            train,
+            **line_style,
+            markevery=0.3 if len(step) > 1 else 1,
+            label=labels[curve.name],
         )
         if curve.is_judged:
             ring: dict[str, Any] = {"markevery": [least_at(validation)], "markersize": 5.0}
-            axes.plot(step, validation, **shown, ls=DASHED, **ring, markeredgecolor="black")
+            axes.plot(step, validation, **line_style, ls=DASHED, **ring, markeredgecolor="black")
     axes.set(xscale="log", yscale="log", xlabel="iterations", ylabel="loss [standardised]")
     style.plain_numbers(axes.xaxis, (1.0, 3.0))
     low, high = axes.get_ylim()
@@ -111,12 +119,12 @@ def draw_losses(axes: Axes, curves: Sequence[LossCurve], look: Mapping[str, styl
 
 
 def has_place(losses: FloatArray) -> BoolArray:
-    """Return which of (n,) losses have a place on a logarithmic axis."""
+    """Return a mask of the (n,) losses that a logarithmic axis can show."""
     return np.isfinite(losses) & (losses > 0.0)
 
 
 def least_at(losses: FloatArray) -> int:
-    """Return where the least of the losses is that have a place."""
+    """Return the index of the least loss with a place on the axis."""
     return int(np.argmin(np.where(has_place(losses), losses, np.inf)))
 
 
@@ -131,8 +139,10 @@ def curves_of(result: CellResult, name: str) -> list[LossCurve]:
 
 def loss_curves(source: FigureSource) -> Prepared:
     """Show training and validation loss per step, on the first split that all models have."""
-    made_by = "`bench run --model ft-mlp` makes one"
-    panels = source.panels(MOST_MODELS, lambda one: curves_of(one, ""), "a training curve", made_by)
+    made_by = "create one with `bench run --model ft-mlp`"
+    panels = source.panels(
+        MOST_MODELS, lambda result: curves_of(result, ""), "a training curve", made_by
+    )
     data = [
         (
             title,

@@ -1,4 +1,4 @@
-"""Postures for a task: deflection over the turn of the tool, or along a path with its turn."""
+"""Postures for a task: deflection over tool turn, or along a path."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def posture_picture(
     given: RatedPosture | None,
     distance: FloatArray,
 ) -> Prepared:
-    """Return the figure of a ranking, with what its marks mean.
+    """Return the figure of a ranking with its caption.
 
     Args:
         title: model, robot and task.

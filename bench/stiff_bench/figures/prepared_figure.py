@@ -1,4 +1,4 @@
-"""A figure whose numbers are gathered: a notebook shows it, a file or a page holds it."""
+"""Figure with all its numbers, ready for a notebook, a file or a page."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Prepared:
     """A figure that can be drawn: its numbers are gathered.
 
     Attributes:
-        title: what it shows, in a few words.
+        title: content in a few words.
         caption: plain text: data, protocol, splits, seed, and what bands and marks mean.
-        paint: makes the matplotlib figure, inside the style.
-        subtitle: data set and protocol, drawn above the panels; "" where these name them.
-        style: matplotlib's settings; by default a journal's.
+        paint: function that returns the matplotlib figure; called inside the style.
+        subtitle: data set and protocol, drawn above the panels; "" if the panels name them.
+        style: settings of matplotlib; by default for a journal.
     """
 
     title: str
@@ -48,10 +48,10 @@ class Prepared:
             return figure
 
     def save(self, path: Path | str) -> None:
-        """Write it in the format that the file's suffix names: .png, .pdf or .svg.
+        """Write the figure as .png, .pdf or .svg, by the file's extension.
 
         Raises:
-            ConfigError: the suffix names none.
+            ConfigError: the extension is not supported.
             StoreError: the file cannot be written.
         """
         file = Path(path)
@@ -60,10 +60,10 @@ class Prepared:
             self._write(temporary, file.suffix.lower())
 
     def picture(self, suffix: str) -> bytes:
-        """Return what `save` writes into a file of a suffix."""
-        held = io.BytesIO()
-        self._write(held, suffix)
-        return held.getvalue()
+        """Return the bytes of the picture in the format of an extension."""
+        buffer = io.BytesIO()
+        self._write(buffer, suffix)
+        return buffer.getvalue()
 
     def __repr__(self) -> str:
         return one_line(f"Figure: {self.title}" + f" ({self.subtitle})" * bool(self.subtitle))
@@ -81,7 +81,7 @@ class Prepared:
 
 @contextmanager
 def _only_settings(style: Mapping[str, Any]) -> Iterator[None]:
-    """Draw with matplotlib's defaults and a style: the user's matplotlibrc takes no part."""
+    """Draw with matplotlib's defaults and a style, without the user's matplotlibrc."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(dict[Any, Any](style))
@@ -90,7 +90,7 @@ def _only_settings(style: Mapping[str, Any]) -> Iterator[None]:
 
 Source = TypeVar("Source")
 Figures = Mapping[str, Callable[[Source], Prepared]]
-"""Name of a figure -> what gathers its numbers from a source of results.
+"""Name of a figure -> function that gathers its numbers from a source of results.
 
-It raises StoreError or ConfigError where they are not there, and says what makes them.
+The function raises StoreError or ConfigError if numbers are missing, with the command to run.
 """

@@ -1,4 +1,4 @@
-"""The arm at one pose, unloaded and under its load, with the share of each joint's spring."""
+"""Arm at one pose, unloaded and loaded, with shares of joint springs."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ class LoadedArm:
         robot: its kinematics.
         q: (n_joints,) joint positions without load, rad or m.
         wrench: (6,) force [N] and torque [N m] at the TCP, base frame.
-        deflections: what says it -> (3,) deflection of the TCP, m, base frame. The first is drawn.
-        compliance: (n_joints,) of the joints' springs, rad/(N m) or m/N.
+        deflections: source -> (3,) deflection of the TCP, m, base frame. The first is drawn.
+        compliance: (n_joints,) compliance of the joints' springs, rad/(N m) or m/N.
     """
 
     robot: Robot
@@ -109,7 +109,7 @@ def arm_points(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def horizontal_axis(arm: LoadedArm) -> tuple[FloatArray, str]:
-    """Return the (3,) unit vector to the right of the picture, and the label of that axis.
+    """Return the (3,) horizontal unit vector of the picture, and its label.
 
     The plane through it and z shows most of the arm, the force and the deflection.
     """
@@ -130,7 +130,7 @@ def horizontal_axis(arm: LoadedArm) -> tuple[FloatArray, str]:
 
 
 def robot_figure(arm: LoadedArm) -> Figure:
-    """Draw the arm unloaded and loaded, its force, and its joints' shares of the deflection."""
+    """Draw arm, load, deflection and the shares of the joints."""
     right, label = horizontal_axis(arm)
     unloaded = arm.points(arm.q)
     extent = float(np.ptp(unloaded, axis=0).max())
@@ -146,17 +146,19 @@ def robot_figure(arm: LoadedArm) -> Figure:
     figure = Figure(figsize=(SIZE_INCH[0], SIZE_INCH[1]))  # limits are chosen for this panel
     corner, size = CORNER_INCH / SIZE_INCH, PANEL_INCH / SIZE_INCH
     axes = figure.add_axes((*corner, *size))
-    beside = figure.add_axes((corner[0] + size[0], corner[1], 1.0 - corner[0] - size[0], size[1]))
-    beside.set_axis_off()
+    side_axes = figure.add_axes(
+        (corner[0] + size[0], corner[1], 1.0 - corner[0] - size[0], size[1])
+    )
+    side_axes.set_axis_off()
     axes.axhline(0.0, color="black", linewidth=0.8, zorder=1.0)
     wide: dict[str, Any] = {"solid_capstyle": "round", "solid_joinstyle": "round", "linewidth": 5.0}
     axes.plot(*flat(unloaded).T, color=ARM_COLOR, **wide, label="unloaded", zorder=2.0)
     dashes: dict[str, Any] = {"linestyle": (0, (2.5, 1.0)), "linewidth": 2.5}
     name = f"loaded (deflection times {factor:g})"
     axes.plot(*flat(loaded).T, color=LOADED_COLOR, **dashes, label=name, zorder=3.0)
-    for what, deflection in list(arm.deflections.items())[1:]:
+    for source, deflection in list(arm.deflections.items())[1:]:
         place = flat(unloaded[-1:] + factor * deflection)
-        axes.plot(*place.T, "x", color="black", ms=6.0, mew=1.5, label=f"TCP, {what}", zorder=4.0)
+        axes.plot(*place.T, "x", color="black", ms=6.0, mew=1.5, label=f"TCP, {source}", zorder=4.0)
     force_line = np.stack([loaded[-1], arrow])
     names = _Names.on(axes, flat(np.concatenate([*map(_between, (unloaded, loaded, force_line))])))
     if force_n > 0.0:
@@ -166,29 +168,29 @@ def robot_figure(arm: LoadedArm) -> Figure:
         axes.invert_xaxis()
     axes.set(xlabel=label, ylabel="z [m]")
     axes.locator_params(nbins=7)
-    lengths = {what: np.linalg.norm(vector) * MM for what, vector in arm.deflections.items()}
-    lines = [f"{length:.3g} mm ({what})" for what, length in lengths.items()]
+    lengths = {source: np.linalg.norm(vector) * MM for source, vector in arm.deflections.items()}
+    lines = [f"{length:.3g} mm ({source})" for source, length in lengths.items()]
     axes.annotate(
         "\n".join(["deflection of the TCP", *(style.short(line) for line in lines)]),
         tuple(flat(loaded)[-1]),
         xytext=(0.08, 0.98),
-        textcoords=beside.transAxes,
+        textcoords=side_axes.transAxes,
         ha="left",
         va="top",
         arrowprops={"arrowstyle": "-", "linewidth": 0.7, "relpos": (0.0, 0.5), "shrinkB": 3.0},
     )
-    beside.legend(*axes.get_legend_handles_labels(), loc="lower left", labelspacing=0.9)
+    side_axes.legend(*axes.get_legend_handles_labels(), loc="lower left", labelspacing=0.9)
     return figure
 
 
 @dataclass
 class _Names:
-    """Writes names next to places of a picture, where nothing is drawn yet.
+    """Writer of names next to places of a picture, in its empty parts.
 
     Attributes:
         axes: of the picture.
-        inch: m of the robot per inch of the picture.
-        drawn: (n, 2) places that are taken, m.
+        inch: length of the robot per inch of the picture, m.
+        drawn: (n, 2) occupied places, m.
     """
 
     axes: Axes
@@ -284,7 +286,7 @@ def robot_picture(
         row: number of the sample, from 0; None: the sample with the largest deflection.
 
     Raises:
-        ConfigError: there is no such row, or the model is of another robot.
+        ConfigError: the row does not exist, or the model is of another robot.
         ModelError: no joint spring explains the samples.
     """
     lengths = np.linalg.norm(samples.deflection, axis=1)
@@ -297,15 +299,15 @@ def robot_picture(
         _check_same_robot(model.robot_, robot, q, f"{model_name}: fitted to", about)
         deflections = {f"predicted by {model_name}": np.asarray(model.predict(q, wrench))[0]}
         deflections |= {kind: samples.deflection[at]}
-    compliance, of_springs = _joint_compliances(samples, robot, model, model_name)
+    compliance, spring_source = _joint_compliances(samples, robot, model, model_name)
     arm = LoadedArm(robot, q[0], wrench[0], deflections, compliance)
     which = ", the sample with the largest deflection" if row is None else ""
     pose = f"pose {samples.pose_id[at]}, load {samples.load_id[at]}"
     where = f"{about}: robot {robot.name}, row {at}{which}"
-    return _prepared(arm, where, of_springs, f"{about}, {pose}")
+    return _prepared(arm, where, spring_source, f"{about}, {pose}")
 
 
-def _prepared(arm: LoadedArm, which: str, of_springs: str, subtitle: str) -> Prepared:
+def _prepared(arm: LoadedArm, which: str, spring_source: str, subtitle: str) -> Prepared:
     right, _ = horizontal_axis(arm)
     seen = [_in_plane(vector, right) for vector in (arm.wrench[:3], arm.deflection)]
     shares = ", ".join(
@@ -313,7 +315,7 @@ def _prepared(arm: LoadedArm, which: str, of_springs: str, subtitle: str) -> Pre
         for name, share in zip(arm.robot.joint_names, arm.shares, strict=True)
     )
     caption = (
-        f"{which}. Turn of a joint: torque of the load over {of_springs}; corrected so that the "
+        f"{which}. Turn of a joint: torque of the load over {spring_source}; corrected so that the "
         f"TCP has its deflection. Dots: joints; area: share of the deflection ({shares}). The "
         f"plane of the picture shows {seen[0]} of the force and {seen[1]} of the deflection."
     )
@@ -331,25 +333,29 @@ def _joint_compliances(
 ) -> tuple[FloatArray, str]:
     """Return the (n_joints,) joint compliances, and their origin in words.
 
-    They are the model's, or those of a VJM that is fitted to the samples.
+    They are from the model, or from a VJM that is fitted to the samples.
     """
     joint_springs = getattr(model, "springs_", None)
     if isinstance(joint_springs, IdentifiedSprings) and joint_springs.names == robot.joint_names:
         return joint_springs.compliance, f"stiffness ({model_name})"
     choice = Choice.of(build_registry().model(REFERENCE_MODEL))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StiffBenchWarning)  # such as joints that nothing turns
+        warnings.simplefilter("ignore", StiffBenchWarning)  # such as joints without torque
         fitted, _ = whole_fit(choice, samples, robot)
-    lacking = "" if model is None else f", because {model_name} has no springs of joints"
+    reason = "" if model is None else f", because {model_name} has no springs of joints"
     springs: IdentifiedSprings = fitted.springs_
     return (
         springs.compliance,
-        f"the joint stiffnesses of {REFERENCE_MODEL}, fitted to the samples{lacking}",
+        f"the joint stiffnesses of {REFERENCE_MODEL}, fitted to the samples{reason}",
     )
 
 
 def _check_same_robot(fitted: Robot, robot: Robot, q: FloatArray, model: str, about: str) -> None:
-    """See that two robots have their TCP at the same place at (1, n_joints) `q`."""
+    """Check that two robots have the same TCP position at (1, n_joints) `q`.
+
+    Raises:
+        ConfigError: the positions differ.
+    """
     same = fitted.n_joints == robot.n_joints and np.allclose(
         fitted.tcp_position(q), robot.tcp_position(q), atol=1e-6
     )
@@ -361,16 +367,16 @@ def _check_same_robot(fitted: Robot, robot: Robot, q: FloatArray, model: str, ab
 
 
 def model_picture(model: Any, model_name: str) -> Prepared:
-    """Return the picture of a fitted model's robot where its largest prediction is.
+    """Return the picture of a model's robot at its largest prediction.
 
-    Looked at are training poses under training loads with the largest training force.
+    Candidates are training poses under training loads with the largest training force.
 
     Raises:
         ModelError: no joint spring explains the predictions.
     """
     samples, robot = _predicted_samples(model), model.robot_
     at = int(np.linalg.norm(samples.deflection, axis=1).argmax())
-    compliance, of_springs = _joint_compliances(samples, robot, model, model_name)
+    compliance, spring_source = _joint_compliances(samples, robot, model, model_name)
     predicted = {f"predicted by {model_name}": samples.deflection[at]}
     arm = LoadedArm(robot, samples.q[at], samples.wrench[at], predicted, compliance)
     about = f"{model_name}, robot {robot.name}"
@@ -378,15 +384,20 @@ def model_picture(model: Any, model_name: str) -> Prepared:
         f"{about}: the largest prediction for {len(np.unique(samples.pose_id))} training poses, "
         "each under directions of the training loads with the largest training force"
     )
-    return _prepared(arm, which, of_springs, about)
+    return _prepared(arm, which, spring_source, about)
 
 
 def _predicted_samples(model: Any) -> Samples:
     """Return training poses under training loads, with the deflections that a model predicts."""
-    known = model.training_range_
-    poses, loads = _thinned(known.poses, MOST_POSES), _thinned(known.directions, MOST_LOADS)
+    training_range = model.training_range_
+    poses, loads = (
+        _thinned(training_range.poses, MOST_POSES),
+        _thinned(training_range.directions, MOST_LOADS),
+    )
     sizes = np.linalg.norm(loads[:, :3], axis=1, keepdims=True)
-    loads = loads * np.divide(known.force, sizes, out=np.ones_like(sizes), where=sizes > 0.0)
+    loads = loads * np.divide(
+        training_range.force, sizes, out=np.ones_like(sizes), where=sizes > 0.0
+    )
     q, wrench = np.repeat(poses, len(loads), axis=0), np.tile(loads, (len(poses), 1))
     pose_id = np.repeat(np.arange(len(poses)), len(loads)).astype(str)
     load_id = np.tile(np.arange(len(loads)), len(poses)).astype(str)

@@ -1,4 +1,4 @@
-"""Errors of the test samples: their means, their distribution, and over the true deflection."""
+"""Errors of test samples: means, distribution, and over true deflection."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LINES_NOTE = (
     "its two coloured lines."
 )
 MODEL_INCH, DATA_INCH, FRAME_INCH = 1.35, 1.45, 0.45
-_MANY = 400  # points beyond which they are drawn smaller, and as pixels
+_MANY = 400  # larger numbers of points are drawn smaller and rasterised
 
 
 def regression_figure(
@@ -103,7 +103,7 @@ def _draw_axis(
         for height in (half, -half):
             axes.axhline(height, **look.connected(), linewidth=0.8)
         size, is_dense = 3.0 if len(true) < _MANY else 2.0, len(true) > 10 * _MANY
-        points = look.points() | {"mec": "white", "mew": 0.25}  # an edge parts close points
+        points = look.points() | {"mec": "white", "mew": 0.25}  # an edge separates close points
         axes.plot(true, error, **points, ms=size, rasterized=is_dense)
     return mae
 
@@ -163,7 +163,7 @@ def errors_figure(panels: Sequence[ErrorPanel], names: Sequence[str]) -> Figure:
 
 
 def draw_noise_floor(line: Any, noise_floor: float | None) -> None:
-    """Draw the instruments' noise [m] with a method such as `Axes.axvline`, where it is known."""
+    """Draw the instruments' noise [m] with a method such as `Axes.axvline`, if it is known."""
     if noise_floor is not None:
         line(MM * noise_floor, color=style.REFERENCE_COLOR, linestyle=":", label=KNOWN[NOISE])
 
@@ -188,7 +188,7 @@ def sample_errors(source: FigureSource) -> Prepared:
 
 
 def noise_note(noise_floors: Iterable[float | None]) -> str:
-    """Return the sentence on `draw_noise_floor`; "" where no panel has one."""
+    """Return the sentence on `draw_noise_floor`; "" if no panel has a noise floor."""
     if all(floor is None for floor in noise_floors):
         return ""
     return f" Dotted: mean 3-D error from the {KNOWN[NOISE]}."
@@ -256,10 +256,12 @@ def mean_errors(source: FigureSource) -> Prepared:
 
 
 def _score_table(source: FigureSource, compared: Compared) -> pd.DataFrame:
-    """Return mean error and interval of each model, as `ScorePanel` has them."""
+    """Return mean error and interval of each model for a `ScorePanel`."""
     pose_id = read_data(source.folder, compared.case.name.data_sha256).samples.pose_id
     tested = compared.tested
-    errors_of = np.column_stack([norm_errors(one) for one in tested.values()])  # (n, m) m
+    errors_of = np.column_stack(
+        [norm_errors(prediction) for prediction in tested.values()]
+    )  # (n, m) m
     by_pose = pose_errors(pose_id[next(iter(tested.values())).rows], errors_of)
     low, high = np.quantile(resampled_means(by_pose), [LEVEL / 2, 1 - LEVEL / 2], axis=0)
     return pd.DataFrame({"mean": by_pose.mean, "low": low, "high": high}, index=[*tested])

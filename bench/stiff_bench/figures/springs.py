@@ -1,6 +1,6 @@
-"""Torque against deflection of each joint: the springs that were identified.
+"""Torque against deflection of each joint, for the identified springs.
 
-Springs in segments are drawn piece by piece, curves of a process with their bands.
+Segmented springs are drawn as lines, and curves of a Gaussian process with their bands.
 """
 
 from __future__ import annotations
@@ -30,15 +30,17 @@ ROW_INCH, HEAD_INCH = 1.75, 0.3
 SPLIT_ALPHA = 0.75
 _POINTS = 200
 _SHARES = (0.5, 0.95)
-"""Of the samples: up to which torques they load a joint; shaded."""
+"""Shares of the samples whose torques on a joint are shaded."""
 BAND = 0.9
 _NEEDS = (
-    f"curves of springs; `bench run --model {REFERENCE_MODEL} --model gp-springs` makes them "
+    f"curves of springs; create them with `bench run --model {REFERENCE_MODEL} --model gp-springs` "
     "(or vjm-multisegment)"
 )
 Spring = tuple[FloatArray, FloatArray]
-"""Torques where an odd, piecewise linear spring bends, N m (N), and the stiffness of each segment,
-N m/rad (N/m); the prior's where it was not identifiable."""
+"""Torques at the breakpoints of an odd, piecewise linear spring, N m (N), and its stiffnesses.
+
+The stiffness of each segment is in N m/rad (N/m). It is the prior's if it was not identifiable.
+"""
 
 
 def springs_figure(
@@ -46,17 +48,17 @@ def springs_figure(
     draw: Callable[[Axes, int], FloatArray],
     linear: Sequence[CellResult],
 ) -> Figure:
-    """Draw a panel a joint.
+    """Draw a panel per joint.
 
-    `draw` draws the springs of a joint and returns (n,) torques [N m or N], at which those of the
-    `linear` results are drawn.
+    `draw` draws the springs of a joint and returns (n,) torques [N m or N]. The springs of the
+    `linear` results are drawn at the same torques.
     """
     figure, panels = new_panels(len(data.robot.joint_names), ROW_INCH, HEAD_INCH)
     for joint, axes in enumerate(panels):
         at, key = draw(axes, joint), _stiffness(data, joint)
-        found = [fit.diagnostics[key] for fit in linear if key in fit.diagnostics]
-        if found:
-            straight = 1e3 * at * np.median(1.0 / np.array(found))
+        stiffnesses = [fit.diagnostics[key] for fit in linear if key in fit.diagnostics]
+        if stiffnesses:
+            straight = 1e3 * at * np.median(1.0 / np.array(stiffnesses))
             axes.plot(at, straight, **looks(2)[1].connected(), label=REFERENCE_MODEL)
         if at[0] == 0.0:
             axes.set_ylim(bottom=0.0)
@@ -72,10 +74,10 @@ def springs_figure(
 def _draw_segments(
     data: StoredData, torque: FloatArray, results: Sequence[CellResult], axes: Axes, joint: int
 ) -> FloatArray:
-    """Draw a joint's springs in segments; (n, n_joints) torques [N m or N] load the joints."""
+    """Draw a joint's segmented springs for (n, n_joints) torques [N m or N]."""
     blue, top = looks(1)[0], float(torque[:, joint].max()) or 1.0
     at = np.linspace(0.0, top, _POINTS)
-    springs = [_spring(one.diagnostics, data, joint) for one in results]
+    springs = [_spring(result.diagnostics, data, joint) for result in results]
     curves = np.array([1e3 * _deflection(at, spring) for spring in springs])
     median = np.median(curves, axis=0)
     axes.plot(at, curves.T, color=blue.color, linewidth=0.5, alpha=SPLIT_ALPHA)
@@ -137,25 +139,25 @@ def springs(source: FigureSource) -> Prepared:
     case = source.case(has_springs, _NEEDS)
     results = sorted(source.results(case, has_springs), key=has_curves, reverse=True)
     model = results[0].shown.model
-    results = [one for one in results if one.shown.model == model]
+    results = [result for result in results if result.shown.model == model]
     stored = read_data(source.folder, case.name.data_sha256)
     linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
     if has_curves(results[0]):
         truth = true_joint_turns(results[0].cell, build_registry())
-        of_truth = ", next to the simulated robot's own" if truth else ""
+        truth_note = ", next to the simulated robot's true deflection" if truth else ""
         about = (
-            f"Deflection of each joint by a torque that loads it from rest, as {model} has it"
-            f"{of_truth} (thin: other splits; band: {BAND:.0%} interval of the first). A panel "
+            f"Deflection of each joint by a torque that loads it from rest, as predicted by {model}"
+            f"{truth_note} (thin: other splits; band: {BAND:.0%} interval of the first). A panel "
             "ends at the largest torque of load and weight in the training samples."
         )
         draw = partial(_draw_curves, stored, results, truth)
     else:
-        torque, of_what = _torques(stored, results[0])
+        torque, torque_source = _torques(stored, results[0])
         about = (
             f"Deflection of each joint against the torque on it, as {model} identified it (thin: "
             f"each split, thick: median), for both signs alike; dashed: {REFERENCE_MODEL}. Shaded: "
-            f"torques ({of_what}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the samples stay "
-            "below; a panel ends at the largest."
+            f"torques ({torque_source}) that {_SHARES[0]:.0%} and {_SHARES[1]:.0%} of the samples "
+            "stay below; a panel ends at the largest."
         )
         draw = partial(_draw_segments, stored, np.abs(torque), results)
     caption = f"{about} {setting([case], [model], [len(results)])}"
@@ -164,29 +166,31 @@ def springs(source: FigureSource) -> Prepared:
 
 
 def _stiffness(data: StoredData, joint: int, segment: str = "") -> str:
-    """Return the diagnostic that has the stiffness of a joint, or of a segment of its spring."""
+    """Return the key of a joint's stiffness, or of a segment's, in the diagnostics."""
     name = f"{data.robot.joint_names[joint]}{segment}"
     return spring_key("stiffness", name, data.stiffness_units[joint])
 
 
-def _spring(found: Mapping[str, float], data: StoredData, joint: int) -> Spring:
+def _spring(diagnostics: Mapping[str, float], data: StoredData, joint: int) -> Spring:
     name, unit = data.robot.joint_names[joint], data.torque_units[joint]
-    segments = _numbered(found, lambda number: _stiffness(data, joint, f" segment {number}"))
+    segments = _numbered(diagnostics, lambda number: _stiffness(data, joint, f" segment {number}"))
     stiffness = [
-        found.get(f"prior {key}", np.nan) if np.isnan(found[key]) else found[key]
+        diagnostics.get(f"prior {key}", np.nan) if np.isnan(diagnostics[key]) else diagnostics[key]
         for key in segments
     ]
-    bends = _numbered(found, lambda number: spring_key("breakpoint", f"{name} {number}", unit))
-    return np.array([found[key] for key in bends]), np.array(stiffness)
+    bends = _numbered(
+        diagnostics, lambda number: spring_key("breakpoint", f"{name} {number}", unit)
+    )
+    return np.array([diagnostics[key] for key in bends]), np.array(stiffness)
 
 
-def _numbered(found: Mapping[str, float], name: Callable[[int], str]) -> list[str]:
-    """Return the names of the numbers 1, 2, ... as far as they are there."""
-    return list(takewhile(found.__contains__, map(name, count(1))))
+def _numbered(diagnostics: Mapping[str, float], name: Callable[[int], str]) -> list[str]:
+    """Return the keys for the numbers 1, 2, ... up to the first missing key."""
+    return list(takewhile(diagnostics.__contains__, map(name, count(1))))
 
 
 def _deflection(torque: FloatArray, spring: Spring) -> FloatArray:
-    """Return a spring's (n,) deflection [rad or m] under rising torques from 0 on [N m or N]."""
+    """Return a spring's (n,) deflection [rad or m] under torques [N m or N] that rise from 0."""
     bends, stiffness = spring
     nodes = np.array([0.0, *bends, max(torque[-1], *bends)])
     heights = np.cumsum(np.diff(nodes) / stiffness)
@@ -194,7 +198,7 @@ def _deflection(torque: FloatArray, spring: Spring) -> FloatArray:
 
 
 def _torques(stored: StoredData, result: CellResult) -> tuple[FloatArray, str]:
-    """Return the (n, n_joints) torques that the model's springs see, and of what they are."""
+    """Return the (n, n_joints) torques on the model's springs, and their source in words."""
     if not result.cell.model_params.get("gravity"):
         return stored.torque, "of the loads"
     weights = stored.robot.gravity_torque(stored.samples.q)

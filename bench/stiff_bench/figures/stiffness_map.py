@@ -1,4 +1,4 @@
-"""A stiffness map: values over planes of the workspace, with the arm, its load and the extremes."""
+"""Stiffness map: values over workspace planes, with arm, load and extremes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from stiff_bench.tables.units import MM
 from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, Robot
 
 TOP_SHARE = 0.98
-"""Of all values lie below the end of the colours: values grow without bound at the reach's edge."""
+"""Share of values below the end of the colour scale; values are unbounded at the reach's edge."""
 CONTOURS = 7
 HATCH, HATCH_COLOR = "////", "0.35"
 ARROW_SHARE = 0.16
@@ -51,9 +51,9 @@ class DrawnPlane:
         title: place of the plane.
         first: (n_columns,) positions along the horizontal axis, mm.
         second: (n_rows,) positions along the vertical axis, mm.
-        values: (n_rows, n_columns) in the map's unit; NaN where blank.
-        is_far: (n_rows, n_columns) whether a point is far from the training poses.
-        is_jump: (n_rows, n_columns) whether a neighbour has another configuration of the arm.
+        values: (n_rows, n_columns) values in the map's unit; NaN where blank.
+        is_far: (n_rows, n_columns) true if a point is far from the training poses.
+        is_jump: (n_rows, n_columns) true if a neighbour has another configuration.
     """
 
     title: str
@@ -71,7 +71,7 @@ class MapMark:
     Attributes:
         panel: number of its plane.
         place: (2,) along the horizontal and the vertical axis, mm.
-        value: in the map's unit.
+        value: value in the map's unit.
     """
 
     panel: int
@@ -84,13 +84,13 @@ class MapContent:
     """Values, marks and arm of a picture.
 
     Attributes:
-        planes: at least one.
-        marks: name, of `MARKS` -> the point.
+        planes: drawn planes; at least one.
+        marks: name from `MARKS` -> marked point.
         axes: numbers of the horizontal and the vertical axis, base frame.
         arm: (n, 3) base, joints and TCP at the stiffest point, base frame, mm.
-        force: (3,) N, base frame; zero for none.
-        label: of the colours: the quantity with its unit.
-        unit: of the values.
+        force: (3,) force, N, base frame; zero for none.
+        label: quantity of the colours with its unit.
+        unit: unit of the values.
     """
 
     planes: Sequence[DrawnPlane]
@@ -119,7 +119,7 @@ def stiffness_map_picture(content: MapContent, about: str, quantity: str, place:
     Args:
         content: values, marks and arm.
         about: model, robot and load, above the panels.
-        quantity: that is mapped, with its load.
+        quantity: mapped quantity with its load.
         place: planes and orientation of the tool.
     """
     caption = (
@@ -189,7 +189,7 @@ def _limits(content: MapContent) -> tuple[FloatArray, FloatArray]:
 
 
 def _scale(content: MapContent) -> tuple[Normalize, str, str]:
-    """Return the scale of the colours, their name, and the end at which they are cut.
+    """Return colour scale, colour map name, and the cut end.
 
     Zero is in the middle for values of both signs.
     """
@@ -249,7 +249,7 @@ def _mark_look(name: str) -> dict[str, Any]:
 
 
 def _legend_handles(content: MapContent) -> list[Any]:
-    """Return the explanations of the marks, the arm, the force and the hatched part."""
+    """Return the legend entries."""
     handles: list[Any] = [
         Line2D([], [], **_mark_look(name), label=f"{name}, {mark.value:.3g} {content.unit}")
         for name, mark in content.marks.items()

@@ -1,4 +1,4 @@
-"""How every figure looks: a journal's widths, small type, colours that all eyes tell apart."""
+"""Style of all figures: journal widths, small type and colour-blind safe colours."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ STYLE: dict[str, Any] = {
 }
 
 REFERENCE_COLOR = "0.35"
-"""Of identity lines, published values and other things that are no competitor."""
+"""Colour of identity lines, published values and other items that are not compared."""
 COLORS = ("#0173b2", "#d55e00", "#029e73", "#6a1b4d", "#c873b8", "#2a1a7a", "#858585", "#5b3410")
 """Blue, orange, green ...: on white each has a contrast of 3:1, which a test computes.
 
-The first three are Okabe and Ito's. The others are dark or pale enough to differ for every eye.
+The first three are from Okabe and Ito. The others differ in lightness, for colour-blind readers.
 """
 _MARKERS = "osD^vP<X"
 _LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 2)), (0, (8, 2)), (0, (3, 2)))
@@ -54,7 +54,7 @@ _LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 2)), (0, (8, 2)
 
 @dataclass(frozen=True)
 class Look:
-    """What tells one series from the others, in colour and without it."""
+    """Colour, marker and line of a series; it is recognisable without colour."""
 
     color: str
     marker: str
@@ -70,28 +70,28 @@ class Look:
 
 
 def looks(n: int) -> list[Look]:
-    """Return `n` looks; beyond eight, colours come again with other markers."""
+    """Return `n` looks; after eight, colours repeat with other markers."""
     shifted = [(number, (number + number // len(COLORS)) % len(COLORS)) for number in range(n)]
     return [
-        Look(COLORS[number % len(COLORS)], _MARKERS[other], _LINES[other])
-        for number, other in shifted
+        Look(COLORS[number % len(COLORS)], _MARKERS[style_number], _LINES[style_number])
+        for number, style_number in shifted
     ]
 
 
 def looks_of(names: Iterable[Any]) -> dict[Any, Look]:
-    """Return a look for each of some names, in their order."""
+    """Return a look for each name, in their order."""
     different = list(dict.fromkeys(names))
     return dict(zip(different, looks(len(different)), strict=True))
 
 
 def seaborn_looks(names: Sequence[Any]) -> dict[str, Any]:
-    """Return what gives a seaborn line to each of some names its colour and marker."""
-    found = looks(len(names))
+    """Return seaborn keywords with the colour and marker of each name."""
+    name_looks = looks(len(names))
     return {
         "hue_order": names,
-        "palette": [one.color for one in found],
+        "palette": [look.color for look in name_looks],
         "style_order": names,
-        "markers": [one.marker for one in found],
+        "markers": [look.marker for look in name_looks],
         "dashes": False,
         "markeredgewidth": 0.0,
     }
@@ -103,7 +103,10 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def new_panels(n: int, row_inch: float, legend_inch: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure and its `n` panels, three in a row at most; one alone is a column wide."""
+    """Return a figure and its `n` panels, at most three per row.
+
+    A single panel is one column wide.
+    """
     n_columns = min(n, 3)
     n_rows = -(-n // n_columns)
     figure = new_figure(COLUMN_INCH if n == 1 else PAGE_INCH, n_rows * row_inch + legend_inch)
@@ -114,7 +117,7 @@ def new_panels(n: int, row_inch: float, legend_inch: float) -> tuple[Figure, lis
 
 
 def add_subtitle(figure: Figure, text: str) -> None:
-    """Write a line above all panels, and make the figure as much higher as the line is."""
+    """Write a line above all panels, and enlarge the figure by its height."""
     width, height = figure.get_size_inches()
     letters = int(width * SUBTITLE_LETTERS_PER_INCH)
     figure.set_size_inches(width, height + SUBTITLE_INCH)
@@ -122,14 +125,14 @@ def add_subtitle(figure: Figure, text: str) -> None:
 
 
 def name_panels(panels: Sequence[Axes]) -> None:
-    """Write (a), (b), ... before the titles of panels where there are several."""
+    """Write (a), (b), ... before the titles of several panels."""
     for number, axes in enumerate(panels if len(panels) > 1 else ()):
         letter = ascii_lowercase[number] if number < len(ascii_lowercase) else str(number + 1)
         axes.set_title(f"({letter}) {axes.get_title(loc='left')}".rstrip(), loc="left")
 
 
 def label_left(panels: Iterable[Axes], label: str = "") -> None:
-    """Label the y axes of the first column of panels; the others share them."""
+    """Label the y axes of the first column of panels."""
     for axes in panels:
         place = axes.get_subplotspec()
         is_first = place is None or place.is_first_col()
@@ -148,7 +151,7 @@ def share_legend(figure: Figure, panels: Iterable[Axes], *, ncols: int = 4, **sp
 
 SUBTITLE_POINTS, SUBTITLE_INCH, SUBTITLE_LETTERS_PER_INCH = 7.5, 0.18, 17.0
 FINE_STEPS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
-"""Of a logarithmic axis that is often less than a decade."""
+"""Ticks of a logarithmic axis that often spans less than a decade."""
 
 
 def plain_numbers(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
@@ -165,13 +168,13 @@ def round_factor(factor: float) -> float:
 
 
 MOST_LETTERS = 34
-"""Of a name in a legend or on an axis."""
+"""Longest name in a legend or on an axis, letters."""
 PANEL_LETTERS = 22
-"""Of a name over one of three panels beside each other, with its letter."""
+"""Longest name above one of three panels in a row, letters."""
 
 
 def short(name: str, most: int = MOST_LETTERS) -> str:
-    """Return a name that fits a legend: no unprintable sign, a long one without its middle."""
+    """Return a name that fits a legend: printable, and long names cut in the middle."""
     text = one_line(name)
     if len(text) <= most:
         return text
@@ -182,8 +185,7 @@ def short(name: str, most: int = MOST_LETTERS) -> str:
 def short_names(names: Iterable[str]) -> dict[str, str]:
     """Return a different short text for each name.
 
-    Names that are alike when short lose the options that they share; if they still are, they
-    begin with a number.
+    Equal short names lose their shared options. If they are still equal, a number is added.
     """
     texts = {name: short(name) for name in names}
     for alike in _alike(texts):

@@ -1,4 +1,4 @@
-"""Variants of one model: which layers move when a network is fine-tuned; its depth and width."""
+"""Variants of one model: freeze strategies, and depth and width."""
 
 from __future__ import annotations
 
@@ -33,17 +33,18 @@ LEAST_TO_MOST = ("pi", 100)
 def variants_of(results: Sequence[CellResult], *options: str) -> tuple[str, list[CellResult]]:
     """Return the model with most values of some options, and its results.
 
-    They differ in nothing else than these options, and in their splits.
+    The results differ only in these options and in their splits.
     """
 
-    def others(one: CellResult) -> tuple[str, ...]:
-        given = one.cell.model_params
-        return (one.cell.model, *(f"{k}={given[k]}" for k in sorted(given) if k not in options))
+    def other_options(result: CellResult) -> tuple[str, ...]:
+        given = result.cell.model_params
+        return (result.cell.model, *(f"{k}={given[k]}" for k in sorted(given) if k not in options))
 
     def n_values(members: list[CellResult]) -> int:
-        return len({tuple(str(one.cell.model_params.get(k)) for k in options) for one in members})
+        params = [result.cell.model_params for result in members]
+        return len({tuple(str(given.get(option)) for option in options) for given in params})
 
-    largest = max(grouped(results, others).values(), key=n_values)
+    largest = max(grouped(results, other_options).values(), key=n_values)
     return largest[0].cell.model, largest
 
 
@@ -51,18 +52,18 @@ FEWEST_STRATEGIES = 2
 KINDS = SINGLE, PAIR, OTHERS = "one layer", "two layers", "others"
 LINE_INCH, FRAME_INCH, LEGEND_INCH = 0.19, 0.65, 0.2
 _STRATEGIES = (
-    "two freeze strategies; `bench reproduce paper`, or `bench run --model ft-mlp@freeze=layers:1 "
-    "--model ft-mlp@freeze=layers:2 ...`, makes them"
+    "two freeze strategies; create them with `bench reproduce paper`, or with "
+    "`bench run --model ft-mlp@freeze=layers:1 --model ft-mlp@freeze=layers:2 ...`"
 )
 
 
 def freeze_of(result: CellResult) -> str:
-    """Return a result's freeze strategy; "" where its model has none."""
+    """Return a result's freeze strategy; "" if its model has none."""
     return str(result.cell.model_params.get("freeze") or "")
 
 
 def layers_of(result: CellResult) -> str:
-    """Return the layers that a strategy moves, such as "1 + 2", or its name."""
+    """Return the trained layers, such as "1 + 2", or the strategy's name."""
     freeze = freeze_of(result)
     return style.short(" + ".join(named_layers(freeze)) or freeze)
 
@@ -73,7 +74,7 @@ def mean_absolute_error_mm(result: CellResult) -> float:
 
 
 def strategies(results: Iterable[CellResult]) -> pd.DataFrame:
-    """Return the layers that move, one of `KINDS`, and the error [mm], a row a result.
+    """Return the layers that move, one of `KINDS`, and the error [mm], a row per result.
 
     Single layers come first, then pairs, then others, each in the order of their layers.
     """
@@ -81,8 +82,11 @@ def strategies(results: Iterable[CellResult]) -> pd.DataFrame:
     def kind(result: CellResult) -> int:
         return {1: 0, 2: 1}.get(len(named_layers(freeze_of(result))), 2)
 
-    ordered = sorted(results, key=lambda one: (kind(one), freeze_of(one)))
-    rows = [(layers_of(one), KINDS[kind(one)], mean_absolute_error_mm(one)) for one in ordered]
+    ordered = sorted(results, key=lambda result: (kind(result), freeze_of(result)))
+    rows = [
+        (layers_of(result), KINDS[kind(result)], mean_absolute_error_mm(result))
+        for result in ordered
+    ]
     return pd.DataFrame(rows, columns=["layers", "kind", "error"])
 
 
@@ -142,7 +146,7 @@ def freezing(source: FigureSource) -> Prepared:
 
 
 def _strategies_of(source: FigureSource, case: Case) -> tuple[str, Compared, Strategies]:
-    """Return the model with most strategies in a case, and its errors on their shared splits."""
+    """Return the model with most strategies, and its errors on shared splits."""
     model, results = variants_of(source.results(case, freeze_of), "freeze")
     slots_of_each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
     if len(slots_of_each) < FEWEST_STRATEGIES:
@@ -150,8 +154,8 @@ def _strategies_of(source: FigureSource, case: Case) -> tuple[str, Compared, Str
     slots = set.intersection(*slots_of_each)
     if not slots:
         raise StoreError(
-            f"{source.folder}: the freeze strategies of {model} have no split in common; "
-            "as many splits of each make them",
+            f"{source.folder}: the freeze strategies of {model} share no split; "
+            "run each strategy on the same splits",
             "results",
         )
     is_part = len(slots) < len(set.union(*slots_of_each))
@@ -204,24 +208,28 @@ FEWEST_NETWORKS = 4  # networks of one kind that make a sweep
 HEIGHT_INCH = 2.5
 SOURCE_MAE = "source test MAE [mm]"
 _NETWORKS = (
-    "a network of several widths and depths; `bench reproduce paper`, or `bench run --model "
-    "mlp-pretrained@width=40 --model mlp-pretrained@width=160 ...`, makes them"
+    "networks of several widths and depths; create them with `bench reproduce paper`, or with "
+    "`bench run --model mlp-pretrained@width=40 --model mlp-pretrained@width=160 ...`"
 )
 
 
 def is_swept(result: CellResult) -> bool:
-    """Say whether a result is of a network with depth and width and an error on the source."""
+    """Return true if a result has depth, width and an error on the source."""
     options = result.cell.model_params
     sized = all(isinstance(options.get(name), int) for name in ("layers", "width"))
     return sized and SOURCE_MAE in result.diagnostics
 
 
 def errors_on_source(results: Iterable[CellResult], error: str = SOURCE_MAE) -> pd.DataFrame:
-    """Return depth, width and an error on the source domain [mm], a row a result that has it."""
+    """Return depth, width and error on the source domain [mm] per result."""
     rows = [
-        (one.cell.model_params["layers"], one.cell.model_params["width"], one.diagnostics[error])
-        for one in results
-        if error in one.diagnostics
+        (
+            result.cell.model_params["layers"],
+            result.cell.model_params["width"],
+            result.diagnostics[error],
+        )
+        for result in results
+        if error in result.diagnostics
     ]
     return pd.DataFrame(rows, columns=["depth", "width", "error"])
 
@@ -232,9 +240,9 @@ LINES = {"width": "depth", "depth": "width"}
 
 
 def draw_lines(axes: Axes, errors: pd.DataFrame, across: str = "width", /, **words: object) -> None:
-    """Draw `errors_on_source` over width, a line a depth, or the other way round.
+    """Draw `errors_on_source` over width, with a line per depth, or reversed.
 
-    `words` for seaborn replace its usual.
+    `words` replace the default keywords of seaborn.
     """
     by = LINES[across]
     usual = {"errorbar": LEAST_TO_MOST, "err_kws": {"alpha": 0.2, "linewidth": 0.0}}
@@ -279,7 +287,7 @@ def sweep(source: FigureSource) -> Prepared:
 
 
 def _networks_of(source: FigureSource, case: Case) -> tuple[str, Compared, pd.DataFrame]:
-    """Return the model with most widths and depths in a case, and its `errors_on_source`."""
+    """Return the model with most widths and depths, and its `errors_on_source`."""
     model, results = variants_of(source.results(case, is_swept), "layers", "width")
     errors = errors_on_source(results)
     if len(errors.groupby(["depth", "width"])) < FEWEST_NETWORKS:

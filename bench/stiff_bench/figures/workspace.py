@@ -1,4 +1,4 @@
-"""Errors over the workspace: how large they are where the TCP is, and where the VJM's differ."""
+"""Errors over the workspace: error by TCP position, and difference to the VJM."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from stiff_protocols.scoring.metrics import norm_errors
 
 MOST_MODELS = 2
 VIEWS_INCH = 4.3
-_MANY = 400  # points beyond which they are drawn smaller, and as pixels
+_MANY = 400  # larger numbers of points are drawn smaller and rasterised
 TOP_SHARE = 0.95
-"""Of all errors lie below the end of the colours: one outlier would leave the others one colour."""
+"""Share of errors below the end of the colour scale, so that outliers do not dominate it."""
 ARM_COLOR = "0.55"
 DIFFERENCES = "RdBu_r"
 """Colours of differences: blue below zero, red above."""
@@ -40,7 +40,7 @@ class WorkspaceErrors:
     Attributes:
         place: (n, 3) unloaded TCP, m, base frame.
         error: (n,) length of the error, m.
-        gain: (n,) error less the VJM's, m; None: of the VJM itself, or unknown.
+        gain: (n,) error minus the VJM's error, m; None: the model is the VJM, or unknown.
     """
 
     place: FloatArray
@@ -49,33 +49,46 @@ class WorkspaceErrors:
 
 
 def workspace_figure(models: Mapping[str, WorkspaceErrors], arm: FloatArray) -> Figure:
-    """Draw each model's poses from the side and from above, colours being errors.
+    """Draw errors as colours at the poses, from the side and from above.
 
     Columns on the right show the difference to the VJM, on a scale with zero in the middle.
 
     Args:
-        models: at least one.
+        models: name -> errors; at least one.
         arm: (n, 3) base, joints and TCP at one of the poses, m, base frame.
     """
-    compared = {name: of for name, of in models.items() if of.gain is not None}
-    everything = np.concatenate([of.error for of in models.values()]) * MM
+    compared = {
+        name: model_errors for name, model_errors in models.items() if model_errors.gain is not None
+    }
+    everything = np.concatenate([model_errors.error for model_errors in models.values()]) * MM
     scale = Normalize(0.0, float(np.quantile(everything, TOP_SHARE)) or 1e-6)
     n_columns = len(models) + len(compared)
     width = style.COLUMN_INCH if n_columns == 1 else style.PAGE_INCH
     figure = style.new_figure(width, VIEWS_INCH)
     grid = figure.subplots(2, n_columns, squeeze=False)
     errors, differences = grid[:, : len(models)], grid[:, len(models) :]
-    for (name, of), views in zip(models.items(), errors.T, strict=True):
-        points = _draw(views, of.place, of.error * MM, arm, cmap="viridis_r", norm=scale)
+    for (name, model_errors), views in zip(models.items(), errors.T, strict=True):
+        points = _draw(
+            views, model_errors.place, model_errors.error * MM, arm, cmap="viridis_r", norm=scale
+        )
         _title(views, style.short(name, style.PANEL_LETTERS))
     _color_bar(figure, points, errors, "3-D error [mm]", "max")
     if compared:
-        gains = np.concatenate([of.gain for of in compared.values() if of.gain is not None]) * MM
+        gains = (
+            np.concatenate(
+                [
+                    model_errors.gain
+                    for model_errors in compared.values()
+                    if model_errors.gain is not None
+                ]
+            )
+            * MM
+        )
         reach = float(np.quantile(np.abs(gains), TOP_SHARE)) or 1e-6
-        for (name, of), views in zip(compared.items(), differences.T, strict=True):
-            gain = np.zeros(0) if of.gain is None else of.gain * MM
+        for (name, model_errors), views in zip(compared.items(), differences.T, strict=True):
+            gain = np.zeros(0) if model_errors.gain is None else model_errors.gain * MM
             norm = Normalize(-reach, reach)
-            points = _draw(views, of.place, gain, arm, cmap=DIFFERENCES, norm=norm)
+            points = _draw(views, model_errors.place, gain, arm, cmap=DIFFERENCES, norm=norm)
             _title(views, f"{style.short(name, style.PANEL_LETTERS - 6)} − VJM")  # noqa: RUF001
         _color_bar(figure, points, differences, "difference [mm]; blue: better", "both")
     for axes in grid[:, 1:].flat:  # the same poses, and so the same limits as on the left
@@ -89,7 +102,7 @@ def workspace_figure(models: Mapping[str, WorkspaceErrors], arm: FloatArray) -> 
 def _draw(
     views: Sequence[Axes], place: FloatArray, value: FloatArray, arm: FloatArray, **colors: Any
 ) -> Any:
-    """Draw (n,) values at (n, 3) places from the side and from above, and the arm behind them."""
+    """Draw (n,) values at (n, 3) places, with the arm, in two views."""
     order = np.argsort(np.abs(value), kind="stable")  # the largest are drawn last, on top
     many = len(value) > _MANY
     size, edge = (4.0, 0.0) if many else (11.0, 0.25)

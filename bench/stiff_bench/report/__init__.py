@@ -1,1 +1,1 @@
-"""One HTML page that holds all that a folder of results says, and needs no network."""
+"""HTML page of all results of a folder, without network access."""

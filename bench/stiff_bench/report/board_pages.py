@@ -1,4 +1,4 @@
-"""The web pages of a board: the first page, and a page a model. SI becomes mm here."""
+"""Web pages of a board and its models. SI is converted to mm here."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.paired import LEVEL
 
 EVERY = "all"
-"""Stands for all plans, or all physics."""
+"""Entry for all plans, or all physics."""
 
 
 def board_screen(board: Board) -> FirstScreen:
@@ -122,7 +122,7 @@ class _ScopedRow(NamedTuple):
 
 
 def scoped_table(board: Board) -> Table:
-    """Return the board to filter: a row for each model and plan, physics, or measured robot."""
+    """Return the filterable board: a row per model and plan, physics, or measured robot."""
     rows = [row for of_model in board.rows for row in _scoped(board, of_model)]
     return Table.of(
         "Board by data, plan and physics",

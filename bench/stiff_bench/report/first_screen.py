@@ -1,6 +1,6 @@
-"""First screen of the report page: answer, models with intervals, and the error matrix.
+"""First screen of the report: answer, models and error matrix.
 
-SI becomes mm and % here.
+SI is converted to mm and % here.
 """
 
 from __future__ import annotations
@@ -70,11 +70,11 @@ class MatrixPart:
     """Matrix columns that fit side by side.
 
     Attributes:
-        datasets, protocols: with the number of their columns, from left to right.
-        conditions: of each column; empty where no protocol has any.
+        datasets, protocols: names with the number of their columns, from left to right.
+        conditions: condition of each column; empty if no protocol has any.
         labels: full name of each column.
         rows: model -> a cell per column.
-        noise: noise floor per column; empty where none is known.
+        noise: noise floor per column; empty if none is known.
     """
 
     datasets: Sequence[tuple[str, int]]
@@ -86,24 +86,24 @@ class MatrixPart:
 
     @property
     def is_coloured(self) -> bool:
-        """Whether any cell compares with the VJM."""
+        """True if any cell compares with the VJM."""
         return any(cell.style for _, cells in self.rows for cell in cells)
 
 
 @dataclass(frozen=True)
 class FirstScreen:
-    """Everything that the first screen of a folder shows.
+    """Content of the first screen of a folder.
 
     Attributes:
         headline, sentences: the answer.
         chips: short facts.
         error_heading: metric with its unit.
         chart_heading: meaning of dot and line.
-        ticks: of the axis of all charts.
-        models: best first.
+        ticks: ticks on the axis of all charts.
+        models: rows of the models, best first.
         matrix_title: metric, unit and what the rows and columns are.
         matrix: parts of at most `FIRST_COLUMNS` columns.
-        more: text of the switch that shows all models and columns; "" where all are shown.
+        more: text of the button for all models and columns; "" if all are visible.
     """
 
     headline: str
@@ -162,13 +162,13 @@ class Axis:
 
     @classmethod
     def over(cls, ratios: Sequence[float]) -> Axis:
-        """Return the axis from 0.5 to 4, longer where ratios are outside."""
+        """Return the axis from 0.5 to 4, longer if ratios are outside."""
         powers = [math.log2(ratio) for ratio in ratios] or [0.0]
         first = max(-MOST_DOUBLINGS, min(-1, math.floor(min(powers))))
         return cls(first, min(MOST_DOUBLINGS, max(2, math.ceil(max(powers)))))
 
     def at(self, ratio: float) -> float:
-        """Return the position of a ratio, px; those outside stand at the end."""
+        """Return the position of a ratio, px; ratios outside are at the end."""
         share = (math.log2(ratio) - self.first) / (self.last - self.first)
         return round(MARGIN + (WIDTH - 2 * MARGIN) * min(1.0, max(0.0, share)), 1)
 
@@ -232,7 +232,7 @@ CLEAR_ERROR = 0.05
 
 
 def _number_format(answer: Answer) -> str:
-    """Return how scores are written: mm with two decimals where no error is too small."""
+    """Return the format of scores: mm with two decimals if no error is too small."""
     unit, factor = PRINTED[answer.key.metric.unit]
     errors = [
         answer.column_error(model.name, column)
@@ -245,7 +245,7 @@ def _number_format(answer: Answer) -> str:
 
 
 def _spans(headings: Sequence[tuple[str, ...]]) -> list[tuple[str, int]]:
-    """Return the last text of each heading, and the number of neighbours that share the heading."""
+    """Return the last text of each heading, and its number of columns."""
     return [(heading[-1], len(list(same))) for heading, same in groupby(headings)]
 
 

@@ -1,6 +1,6 @@
-"""The page: what it holds, as plain texts, which may be hostile; and its one file of HTML.
+"""Content of the report page, and its HTML file.
 
-Style, scripts and pictures are inside; all texts are escaped.
+Texts may be hostile: all are escaped. Style, scripts and pictures are inside the file.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from stiff_bench.tables.table import Column, Entry, Table, quantity
 
 
 class Picture(NamedTuple):
-    """A figure of the page: its file, such as of "image/svg+xml", and the command that draws it.
+    """Figure of the page as a file, with the command that draws it.
 
-    `dataset` and `protocol` are those that it shows; "" where it shows several.
+    `dataset` and `protocol` name its results; "" for several.
     """
 
     title: str
@@ -49,10 +49,10 @@ class Link(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """Content under one heading; `command` prints the same as the tables, "" for none.
+    """Content under one heading; `command` prints the same tables, "" for none.
 
-    `folds` are texts that are folded away, such as a log, each with its summary. `is_detail`: the
-    whole block is folded away, and not printed. `links` lead to other pages and files.
+    `folds` are collapsed texts with a summary, such as a log. With `is_detail`, the whole block is
+    collapsed and not printed. `links` lead to other pages and files.
     """
 
     heading: str
@@ -67,7 +67,7 @@ class Block:
 
     @property
     def choices(self) -> dict[str, list[str]]:
-        """Data sets and protocols of the pictures that show one; empty where none does."""
+        """Data sets and protocols of the pictures; empty if no picture names any."""
         by_data = [picture for picture in self.pictures if picture.dataset]
         kinds = {
             "data set": dict.fromkeys(picture.dataset for picture in by_data),
@@ -81,7 +81,7 @@ LARGEST_SVG = 150_000
 
 
 def embedded(figure: Prepared, command: str, dataset: str = "", protocol: str = "") -> Picture:
-    """Return a figure as a page holds it: as SVG, or as PNG where that is large."""
+    """Return a figure for a page: as SVG, or as PNG if the SVG is large."""
     media_type, content = "image/svg+xml", figure.picture(".svg")
     if len(content) > LARGEST_SVG:
         media_type, content = "image/png", figure.picture(".png")
@@ -90,15 +90,15 @@ def embedded(figure: Prepared, command: str, dataset: str = "", protocol: str = 
 
 @dataclass(frozen=True)
 class Part:
-    """Everything that the page shows of one folder of results.
+    """Content of the page for one folder of results.
 
     Attributes:
         facts: date and numbers, in one line.
         answer: first screen; None: the models cannot be compared.
-        headline: above the sentences of a page without answer; "" for none.
-        sentences: label and text, beneath that headline.
-        reason: why there is no answer, or no ranking; "" for none.
-        notes: on the data.
+        headline: heading of the sentences of a page without answer; "" for none.
+        sentences: labels and texts below that heading.
+        reason: reason for a missing answer or ranking; "" for none.
+        notes: notes on the data.
         blocks: details, most important first.
     """
 
@@ -118,33 +118,34 @@ SCRIPT = _HERE / "npm" / "dataTables.min.js"
 """The widget that sorts and filters tables."""
 
 MOST_ROWS = 2000
-"""So many rows of a table are embedded; the page says where there are more."""
+"""Largest number of embedded rows of a table; a note states the rest."""
 FEW_ROWS = 12
-"""A table of so many rows is read without search, filters and sorting."""
+"""Largest number of rows of a table without search, filters and sorting."""
 _LONG = 40  # characters of a text that needs room
 
 
 def page_table(table: Table) -> dict[str, Any]:
-    """Return what people see of a table, cut to `MOST_ROWS`, as the page's template reads it.
+    """Return the visible part of a table, cut to `MOST_ROWS`, for the page's template.
 
-    Headings and CSS class of each column; rows of cells (text, what its column is sorted by, CSS
-    class), where "" stands last; all notes; and whether the table can be sorted.
+    It has headings and CSS class of each column, all notes, and whether the table can be sorted.
+    A row has cells (text, sort key, CSS class); an empty sort key is last.
     """
-    shown = replace(table, brief=False).visible_table()
-    rows, notes = shown.rows[:MOST_ROWS], [*shown.notes]
-    if len(rows) < len(shown.rows):
+    visible_table = replace(table, brief=False).visible_table()
+    rows, notes = visible_table.rows[:MOST_ROWS], [*visible_table.notes]
+    if len(rows) < len(visible_table.rows):
         notes.append(
-            f"The first {len(rows)} of {len(shown.rows)} rows are shown; --model, --dataset and "
-            "--protocol select fewer."
+            f"The first {len(rows)} of {len(visible_table.rows)} rows are shown; select fewer with "
+            "--model, --dataset and --protocol."
         )
     styles = [
-        _style(column, [row[number] for row in rows]) for number, column in enumerate(shown.columns)
+        _style(column, [row[number] for row in rows])
+        for number, column in enumerate(visible_table.columns)
     ]
-    by_sign = all(column.by_sign for column in shown.columns if column.kind == "number")
+    by_sign = all(column.by_sign for column in visible_table.columns if column.kind == "number")
     return {
-        "headings": shown.headings(),
+        "headings": visible_table.headings(),
         "styles": styles,
-        "rows": [[*map(_page_cell, shown.columns, row, styles)] for row in rows],
+        "rows": [[*map(_page_cell, visible_table.columns, row, styles)] for row in rows],
         "notes": notes,
         "can_be_sorted": len(rows) > FEW_ROWS and not by_sign,
         "as_cards": not by_sign,
@@ -157,19 +158,19 @@ def _style(column: Column, cells: Sequence[Entry]) -> str:
     return "long" if any(len(column.text(cell)) > _LONG for cell in cells) else "text"
 
 
-_LONGEST_ORDER = 60  # characters of a text that it is sorted by
+_LONGEST_ORDER = 60  # characters of a text's sort key
 
 
 def _page_cell(column: Column, cell: Entry, style: str) -> tuple[str, str, str]:
     text = column.text(cell)
-    if style != "number":  # as people count: "n = 5" stands before "n = 10"
+    if style != "number":  # natural order: "n = 5" comes before "n = 10"
         order = natural_key(text.lower())[:_LONGEST_ORDER]
         return text, order, "" if style == "long" else style
-    found = quantity(cell)
-    if found is None or found.order is None:
+    cell_quantity = quantity(cell)
+    if cell_quantity is None or cell_quantity.order is None:
         return text, "", style
-    tone = " worse" if found.order < 0.0 else " better" if found.order > 0.0 else ""
-    return text, f"{found.order:.12g}", style + tone * (column.by_sign > 0)
+    tone = " worse" if cell_quantity.order < 0.0 else " better" if cell_quantity.order > 0.0 else ""
+    return text, f"{cell_quantity.order:.12g}", style + tone * (column.by_sign > 0)
 
 
 def render_page(
@@ -184,13 +185,13 @@ def render_page(
 
     Args:
         parts: folder of results -> its content.
-        command: that makes the page.
-        title: of the page.
+        command: command that creates the page.
+        title: title of the page.
         addresses: name in the first column of a table -> relative address of its own page.
         back: link to the page above this one; None: there is none.
 
-    All texts are escaped, and nothing but the two scripts and the style of this package can act in
-    it: its content security policy names them by their hashes and allows no request.
+    All texts are escaped. The content security policy names the two scripts and the style of this
+    package by their hashes. It blocks all other scripts and styles, and all requests.
     """
     scripts = [file.read_text(encoding="utf-8") for file in (SCRIPT, _HERE / "page.js")]
     style = (_HERE / "page.css").read_text(encoding="utf-8")
@@ -224,12 +225,12 @@ def render_page(
 
 
 def _visible(value: Any) -> Any:
-    """Escape control characters and those that turn text around; ours have none."""
+    """Escape control characters and characters that reverse text."""
     return printable(value) if type(value) is str else value
 
 
 def _breakable(name: str) -> Markup:
-    """Let a name with options break before one of them rather than inside a word."""
+    """Allow a line break before each option of a name."""
     return Markup(html_text(name).replace(OPTION_MARK, f"<wbr>{OPTION_MARK}"))
 
 
@@ -239,7 +240,7 @@ def _source(picture: Picture) -> str:
 
 def _policy(scripts: list[str], style: str) -> str:
     digests = (hashlib.sha256(text.encode()).digest() for text in (*scripts, style))
-    *of_scripts, of_style = (f"'sha256-{base64.b64encode(one).decode()}'" for one in digests)
+    *of_scripts, of_style = (f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
     return (
         f"default-src 'none'; img-src data:; script-src {' '.join(of_scripts)}; "
         f"style-src {of_style}; base-uri 'none'; form-action 'none'"

@@ -1,4 +1,4 @@
-"""All pairs of a leaderboard's models: in how many cases is one better than the other?
+"""Table of all pairs of models, with cases won and lost.
 
 Leaderboards count the same verdicts as "tied with best".
 """
@@ -14,13 +14,13 @@ from stiff_bench.analysis.verdict import Verdict
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 
 MOST_PAIRS = 10_000
-"""So many comparisons are computed for a section: some seconds."""
+"""Largest number of comparisons per section, which take some seconds."""
 MOST_MODELS = 40
-"""So many models are compared with each other."""
+"""Largest number of models in the table."""
 
 
 def pair_table(section: Section, board: Leaderboard) -> Table:
-    """Return a row and a column for each model, with verdicts on the splits that all have."""
+    """Return a table of verdicts, with a row and a column per model."""
     counts, n_left_out = _counts(section)
     models = [name for name in section.models if any(name in pair for pair in counts)]
     numbers = [str(number) for number in range(1, len(models) + 1)]
@@ -37,7 +37,7 @@ def pair_table(section: Section, board: Leaderboard) -> Table:
     ]
     if len(section.models) > MOST_MODELS:
         notes.append(
-            f"The first {MOST_MODELS} of {len(section.models)} models; --model names others."
+            f"The first {MOST_MODELS} of {len(section.models)} models; select others with --model."
         )
     if n_left_out:
         notes.append(
@@ -56,13 +56,13 @@ def pair_table(section: Section, board: Leaderboard) -> Table:
 
 
 def _counts(section: Section) -> tuple[dict[tuple[str, str], Counter[Verdict]], int]:
-    """Return (row, column) -> verdicts on them, and how many cases `MOST_PAIRS` leaves out."""
+    """Return (row, column) -> verdicts, and the number of cases beyond `MOST_PAIRS`."""
     counts: dict[tuple[str, str], Counter[Verdict]] = {}
-    shown, left = section.models[:MOST_MODELS], MOST_PAIRS
+    compared_models, n_remaining = section.models[:MOST_MODELS], MOST_PAIRS
     for number, scored in enumerate(section.cases):
-        pairs = list(permutations((name for name in shown if name in scored.scores), 2))
-        left -= len(pairs) // 2
-        if left < 0:
+        pairs = list(permutations((name for name in compared_models if name in scored.scores), 2))
+        n_remaining -= len(pairs) // 2
+        if n_remaining < 0:
             return counts, len(section.cases) - number
         verdicts = scored.verdicts(pairs) if pairs else None
         for pair, verdict in zip(pairs, verdicts or (), strict=False):
@@ -71,11 +71,11 @@ def _counts(section: Section) -> tuple[dict[tuple[str, str], Counter[Verdict]], 
 
 
 def _difference(count: Counter[Verdict] | None) -> Quantity | None:
-    """Return by how many more cases the row is better than the column, and both numbers."""
+    """Return wins minus losses of the row against the column, and both numbers."""
     if count is None:
         return None
     return Quantity(count["a"] - count["b"], share=(count["a"], count["b"]))
 
 
-def _won_and_lost(found: Quantity) -> str:
-    return " : ".join(map(str, found.share or ()))
+def _won_and_lost(difference: Quantity) -> str:
+    return " : ".join(map(str, difference.share or ()))

@@ -1,4 +1,4 @@
-"""From a folder of results to what the page says of it."""
+"""Content of the report page, from a folder of results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from stiff_bench.report.first_screen import FIRST_COLUMNS, first_screen
 from stiff_bench.report.html_page import Block, Part, Picture, embedded, render_page
 from stiff_bench.report.model_pairs import pair_table
 from stiff_bench.report.run_blocks import failure_blocks, run_block
-from stiff_bench.report.score_blocks import Asked, data_block, data_hashes, score_block
+from stiff_bench.report.score_blocks import RequestedModels, data_block, data_hashes, score_block
 from stiff_bench.tables.metric_table import SELECTION_MARK
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import (
@@ -39,7 +39,10 @@ from stiff_protocols.contract.files import written_whole
 
 @dataclass(frozen=True)
 class PageOptions:
-    """What a page shows, and what it ranks by; no axis: the mean over them. `seed`: of draws."""
+    """Selection and ranking of a page.
+
+    Without `axis`, models are ranked by the mean over the axes. `seed` is for the random draws.
+    """
 
     selection: Selection = EVERYTHING
     metric: str = "norm"
@@ -47,7 +50,10 @@ class PageOptions:
     seed: int = 0
 
     def command(self, *words: str, folder: Path, ranked: bool = False) -> str:
-        """Return a command line that begins with `words`; `ranked`: it ranks, and draws poses."""
+        """Return a command line that begins with `words`.
+
+        With `ranked`, it includes the options for ranking and random draws.
+        """
         options: list[tuple[str, object]] = [("results", folder), *self.selection.options]
         if ranked:
             given = {"metric": self.metric, "axis": self.axis, "seed": self.seed}
@@ -58,7 +64,7 @@ class PageOptions:
 
 
 def part_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> Part:
-    """Return everything that the page shows of one folder.
+    """Return the content of the page for one folder.
 
     Raises:
         ConfigError: a word has no results in the folder.
@@ -70,49 +76,54 @@ def part_of(stored: StoredResults, choice: PageOptions, key: SortKey) -> Part:
     chosen = tuple(selection.cases_of(stored.cases))
     if not chosen:
         words = ", ".join(f"{kind} {word}" for kind, word in selection.options)
-        raise ConfigError(f"{words}: nothing in {folder} is of all of these")
+        raise ConfigError(f"no result in {folder} matches all of {words}; select less")
     answer, board, reasons = None, None, []
-    shown = StoredResults(folder, chosen, stored.runs)
+    selected_results = StoredResults(folder, chosen, stored.runs)
     names = set(selection.models_of(chosen))
     try:  # scores need neither other models nor samples
-        board = build_leaderboard(shown, key, Selection(selection.models), seed=choice.seed)
+        board = build_leaderboard(
+            selected_results, key, Selection(selection.models), seed=choice.seed
+        )
     except (ConfigError, StoreError) as error:
         reasons.append(f"No ranking: {str(error).removesuffix('.')}.")
     scored = [case for section in board.sections for case in section.cases] if board else []
     try:
-        answer = Answer.of(shown, key, chosen, names, seed=choice.seed, scored=scored)
+        answer = Answer.of(selected_results, key, chosen, names, seed=choice.seed, scored=scored)
     except (ConfigError, StoreError) as error:
         reasons.insert(0, f"No answer: {str(error).removesuffix('.')}.")
-    asked = {
+    requested_models = {
         case: [model for name, model in case.competitors.items() if selection.takes(name)]
         for case in chosen
     }
-    data_of = shown.data_of
+    data_of = selected_results.data_of
     left_out = answer.left_out if answer else {}
     return Part(
-        _facts(shown, asked),
+        _facts(selected_results, requested_models),
         first_screen(answer) if answer else None,
         reason=" ".join(reasons),
         notes=[
             *caveats_of(chosen),
             *same_name_other_data(chosen, data_of),
             *left_out_notes(chosen),
-            *(f"Not in the answer: {name} ({why})." for name, why in left_out.items()),
+            *(f"Not in the answer: {name} ({reason})." for name, reason in left_out.items()),
         ],
         blocks=[
             *_figure_block(FigureSource(folder, chosen, selection.models), answer, choice),
-            *failure_blocks(asked),
+            *failure_blocks(requested_models),
             data_block(chosen, data_of),
             *(_ranking(board, folder, choice) if board else ()),
-            score_block(asked, key.metric.key),
+            score_block(requested_models, key.metric.key),
             run_block(stored.runs, chosen, board.provenance if board else (), data_hashes(chosen)),
         ],
     )
 
 
-def _facts(stored: StoredResults, asked: Asked) -> str:
-    """Return folder, date of the newest run, and how much there is, in one line."""
-    cases, competitors = [*asked], [model for of_case in asked.values() for model in of_case]
+def _facts(stored: StoredResults, requested_models: RequestedModels) -> str:
+    """Return folder, date of the newest run, and counts, in one line."""
+    cases, competitors = (
+        [*requested_models],
+        [model for of_case in requested_models.values() for model in of_case],
+    )
     failures = [failure for model in competitors for failure in model.failures.values()]
     n_skipped = sum(failure.status == "skipped" for failure in failures)
     n_failed = len(failures) - n_skipped
@@ -135,7 +146,7 @@ def _facts(stored: StoredResults, asked: Asked) -> str:
 
 
 def _ranking(board: Leaderboard, folder: Path, choice: PageOptions) -> Iterator[Block]:
-    """Yield the tables of each section; those that select on test come last."""
+    """Yield the tables of each section; sections that select on test data are last."""
     command = choice.command("leaderboard", folder=folder, ranked=True)
     for section in board.sections:
         apart = f" ({SELECTION_MARK})" if section.selects_on_test else ""
@@ -155,7 +166,7 @@ MOST_CASES = FIRST_COLUMNS
 def _figure_block(
     source: FigureSource, answer: Answer | None, choice: PageOptions
 ) -> Iterator[Block]:
-    """Yield the figures: first those of all results, then those of each matrix column."""
+    """Yield the figures of all results, then the figures of each matrix column."""
     once = [name for name in FIGURES if name not in OF_ONE_CASE]
     pictures = [_picture(name, source, choice) for name in once]
     columns = answer.columns if answer else ()
@@ -177,19 +188,19 @@ def _figure_block(
     notes = []
     if len(columns) > MOST_CASES:
         notes.append(
-            f"The first {MOST_CASES} of {len(columns)} data sets and protocols have figures of "
-            "their own; `bench figure` with --dataset and --protocol draws the others."
+            f"The first {MOST_CASES} of {len(columns)} data sets and protocols have their "
+            "own figures; draw others with `bench figure`, --dataset and --protocol."
         )
     if drawn:
         yield Block("Figures", pictures=drawn, notes=notes)
 
 
 def _picture(name: str, source: FigureSource, choice: PageOptions) -> Picture | None:
-    """Return a figure; None where the results are not enough for it."""
+    """Return a figure; None if the results are not sufficient."""
     try:
         command = choice.command("figure", name, folder=source.folder)
         return embedded(FIGURES[name](source), command)
-    except (StiffBenchError, ArithmeticError, ValueError):  # must not cost the page
+    except (StiffBenchError, ArithmeticError, ValueError):  # the page is still written
         return None
 
 
@@ -197,18 +208,18 @@ SUFFIXES = (".html", ".htm")
 
 
 def write_report(folders: Sequence[Path], choice: PageOptions, output: Path, command: str) -> None:
-    """Write the page of some folders of results, whole or not at all.
+    """Write the page of some folders of results, completely or not at all.
 
     Raises:
-        ConfigError: the file's suffix is none of a page, a folder is named twice, a name has no
-            results in one of them, or the metric cannot rank.
-        StoreError: a folder holds no results or corrupt ones, or the file cannot be written.
+        ConfigError: the file's extension is not supported, a folder is given twice, a name has no
+            results in a folder, or the metric cannot rank.
+        StoreError: a folder has no results or corrupt results, or the file cannot be written.
     """
     if output.suffix.lower() not in SUFFIXES:
         raise unsupported_extension(output, SUFFIXES, "output")
     for number, folder in enumerate(folders):
-        if folder.resolve() in {other.resolve() for other in folders[:number]}:
-            raise ConfigError(f"{folder}: is named twice", "results")
+        if folder.resolve() in {earlier_folder.resolve() for earlier_folder in folders[:number]}:
+            raise ConfigError(f"{folder}: given twice; give each folder once", "results")
     key = sort_key(choice.metric, choice.axis)
     parts = {str(path): part_of(StoredResults.read(path), choice, key) for path in folders}
     with written_whole(output) as temporary:

@@ -1,4 +1,4 @@
-"""The runs behind a page, and the cells that failed or were skipped, with reasons and logs."""
+"""Runs of a page, and failed or skipped cells with reasons and logs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import chain
 
 from stiff_bench.analysis.collected import Case, case_name_of
 from stiff_bench.report.html_page import FEW_ROWS, Block
-from stiff_bench.report.score_blocks import Asked
+from stiff_bench.report.score_blocks import RequestedModels
 from stiff_bench.store.names import grouped
 from stiff_bench.store.newest import slot_of
 from stiff_bench.store.versions import NO_MANIFEST
@@ -23,9 +23,9 @@ MOST_ENVIRONMENTS = 10
 def run_block(
     runs: Sequence[RunManifest], cases: Iterable[Case], provenance: Sequence[str], hashes: Table
 ) -> Block:
-    """Return the runs of a folder, the newest first, and how many results of the cases are theirs.
+    """Return the runs of a folder, newest first, with the number of results per run.
 
-    `provenance` are the lines that stand beneath the leaderboard; `hashes` are those of the data.
+    `provenance` are the lines below the leaderboard. `hashes` is the table of the data hashes.
     """
     counts = Counter(
         result.run_id
@@ -39,11 +39,11 @@ def run_block(
         rows.append([NO_MANIFEST, *[None] * 4, counts.total(), *[None] * 6])
     notes = [*provenance]
     if any(run.environment.get("dirty") == "true" for run in runs):
-        notes.append("A commit with + had uncommitted changes: its results cannot be made again.")
+        notes.append("A commit with + had uncommitted changes: its results cannot be reproduced.")
     columns = [
         *(Column(name, "text") for name in ("run", "started (UTC)", "state")),
         Column("wall time", unit="s", format=".0f"),
-        *(Column("results asked for"), Column("results shown")),
+        *(Column("results requested"), Column("results shown")),
         *(Column(name, "text") for name in ("stiffbench", "commit", "Python", "processor")),
         *(Column("cores"), Column("GPU", "text")),
     ]
@@ -74,7 +74,7 @@ def _row(run: RunManifest, n_results: int) -> list[Entry]:
 
 
 def _environments(runs: Sequence[RunManifest]) -> list[tuple[str, str]]:
-    """Return each environment once, with the runs that had it."""
+    """Return each distinct environment with its runs."""
     folds = []
     for text, same in [*grouped(runs, _environment).items()][:MOST_ENVIRONMENTS]:
         more = f" and {counted(len(same) - 1, 'more run')}" if len(same) > 1 else ""
@@ -84,7 +84,9 @@ def _environments(runs: Sequence[RunManifest]) -> list[tuple[str, str]]:
 
 def _environment(run: RunManifest) -> str:
     of_machines = {"": run.environment}
-    of_machines |= {f"machine {name}\n": one for name, one in sorted(run.machines.items())}
+    of_machines |= {
+        f"machine {name}\n": environment for name, environment in sorted(run.machines.items())
+    }
     return "\n\n".join(
         head + "\n".join(f"{name}: {value}" for name, value in about.items())
         for head, about in of_machines.items()
@@ -97,46 +99,57 @@ LONGEST_SPLITS = 60
 LONGEST_LOG = 8000
 
 
-def failure_blocks(asked: Asked) -> list[Block]:
-    """Return a block of the failures that count, like ones in one row; [] where nothing failed.
+def failure_blocks(requested_models: RequestedModels) -> list[Block]:
+    """Return a block of the failures, equal failures in one row; [] if nothing failed.
 
-    Skipped fits are one line per reason, such as a package that is not installed.
+    Skipped fits have one line per reason, such as a package that is not installed.
     """
-    competitors = chain.from_iterable(asked.values())
-    found = sorted(
+    competitors = chain.from_iterable(requested_models.values())
+    failures = sorted(
         (failure for competitor in competitors for failure in competitor.failures.values()),
-        key=lambda one: (one.shown.model, case_name_of(one), slot_of(one)),
+        key=lambda failure: (failure.shown.model, case_name_of(failure), slot_of(failure)),
     )
-    if not found:
+    if not failures:
         return []
-    skipped = failure_lines(failure for failure in found if failure.status == "skipped")
-    found = [failure for failure in found if failure.status != "skipped"]
+    skipped = failure_lines(failure for failure in failures if failure.status == "skipped")
+    failures = [failure for failure in failures if failure.status != "skipped"]
     alike = grouped(
-        found,
-        lambda one: (one.shown.model, case_name_of(one), one.status, one.cause, one.failure),
+        failures,
+        lambda failure: (
+            failure.shown.model,
+            case_name_of(failure),
+            failure.status,
+            failure.cause,
+            failure.failure,
+        ),
     )
     header = ("model", "status", "reason", "cause", "data set", "protocol", "condition", "splits")
-    logs = [one for one in found if one.log]
+    logs = [failure for failure in failures if failure.log]
     cut = [f"The first {MOST_LOGS} of {len(logs)} logs are shown."]
     table = Table(
-        f"{counted(len(found), 'fit')} without a result",
+        f"{counted(len(failures), 'fit')} without a result",
         [Column(name, "text") for name in header],
         [_failure_row(members) for members in alike.values()],
         cut if len(logs) > MOST_LOGS else [],
     )
     folds = [_fold(failure) for failure in logs[:MOST_LOGS]]
     is_long = len(table.rows) > FEW_ROWS
-    tables = [table] if found else []
+    tables = [table] if failures else []
     return [Block("Failed and skipped", skipped, tables, folds=folds, is_detail=is_long)]
 
 
 def _failure_row(members: Sequence[CellResult]) -> list[Entry]:
     first = members[0]
-    shown = first.shown
+    presentation = first.shown
     return [
-        *(shown.model, first.status, _cut(first.failure, LONGEST_REASON), first.cause or None),
-        *(shown.dataset, shown.protocol, first.cell.condition or None),
-        _cut(", ".join(str(one.cell.split_index) for one in members), LONGEST_SPLITS),
+        *(
+            presentation.model,
+            first.status,
+            _cut(first.failure, LONGEST_REASON),
+            first.cause or None,
+        ),
+        *(presentation.dataset, presentation.protocol, first.cell.condition or None),
+        _cut(", ".join(str(failure.cell.split_index) for failure in members), LONGEST_SPLITS),
     ]
 
 
@@ -144,8 +157,9 @@ def _cut(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[:longest]} ... (cut)"
 
 
-def _fold(one: CellResult) -> tuple[str, str]:
-    place = " | ".join(filter(None, (one.shown.dataset, one.shown.protocol, one.cell.condition)))
-    summary = f"Log of {one.shown.model} on {place}, split {one.cell.split_index}"
-    text = "\n".join(one.log)
+def _fold(failure: CellResult) -> tuple[str, str]:
+    presentation, cell = failure.shown, failure.cell
+    place = " | ".join(filter(None, (presentation.dataset, presentation.protocol, cell.condition)))
+    summary = f"Log of {presentation.model} on {place}, split {cell.split_index}"
+    text = "\n".join(failure.log)
     return (summary, text if len(text) <= LONGEST_LOG else f"(cut) {text[-LONGEST_LOG:]}")

@@ -1,4 +1,4 @@
-"""Scores, data and identified stiffnesses of the cases of a page. Here SI becomes mm."""
+"""Scores, data and identified stiffnesses of a page's cases. SI is converted to mm here."""
 
 from __future__ import annotations
 
@@ -26,22 +26,24 @@ from stiff_protocols.scoring.metrics import METRICS, Metric
 from stiff_protocols.springs.identification import spring_key
 
 MOST_NOTES = 200
-"""So many notes on fits are embedded."""
-Asked = Mapping[Case, Sequence[Competitor]]
-"""Cases to show -> their models that were asked for."""
+"""Largest number of embedded notes on fits."""
+RequestedModels = Mapping[Case, Sequence[Competitor]]
+"""Case -> its requested models."""
 _ALWAYS = ("norm", "mae", "stde", "me")
 
 
-def score_block(asked: Asked, metric: str) -> Block:
-    """Return the scores of models, ranked or not; `metric`, which is ranked by, comes first."""
+def score_block(requested_models: RequestedModels, metric: str) -> Block:
+    """Return the scores of models; the ranking `metric` comes first."""
     metrics = [METRICS[key] for key in dict.fromkeys((metric, *_ALWAYS))]
-    called = labels(case.name for case in asked)
-    shown = [
-        (case, competitor) for case in sorted(asked, key=in_order) for competitor in asked[case]
+    case_labels = labels(case.name for case in requested_models)
+    case_models = [
+        (case, competitor)
+        for case in sorted(requested_models, key=in_order)
+        for competitor in requested_models[case]
     ]
     notes = [
-        (note, called[case.name])
-        for case, competitor in shown
+        (note, case_labels[case.name])
+        for case, competitor in case_models
         if competitor.done
         for note in model_notes(case.results(competitor.name))
     ]
@@ -52,28 +54,28 @@ def score_block(asked: Asked, metric: str) -> Block:
             *(Column("seed"), Column("splits")),
             *(column for metric in metrics for column in metric_columns([metric])),
         ],
-        [_row(case, competitor, metrics) for case, competitor in shown],
-        ["splits: with a result / asked for."],
+        [_row(case, competitor, metrics) for case, competitor in case_models],
+        ["splits: completed / requested."],
     )
     return Block("Scores", tables=[table], folds=_fit_notes(notes), is_detail=True)
 
 
 def _row(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> dict[Any, Entry]:
-    """Return the cells by name of their column, or by (metric key, axis)."""
+    """Return the cells by column name, or by (metric key, axis)."""
     name = case.name
     results = case.results(competitor.name)
-    n_asked = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
+    n_requested = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
     return {
         "model": Name(competitor.name, mark_of(competitor.shown)),
         **{"data set": name.dataset, "protocol": name.protocol},
         **{"condition": name.condition or None, "seed": name.seed},
-        "splits": Quantity(share=(len(results), n_asked)),
+        "splits": Quantity(share=(len(results), n_requested)),
         **(metric_values(results, metrics) if results else {}),
     }
 
 
 def _fit_notes(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return what fits reported, and where first, in a fold; nothing where they did not."""
+    """Return the notes of fits with their first case, as a collapsed text; [] for none."""
     if not notes:
         return []
     lines = [
@@ -81,25 +83,25 @@ def _fit_notes(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
         for note, places in grouped(notes, itemgetter(0)).items()
     ]
     more = f"; the first {MOST_NOTES} are shown" if len(lines) > MOST_NOTES else ""
-    summary = f"What the fits reported: {counted(len(lines), 'note')}{more}"
+    summary = f"Notes of the fits: {counted(len(lines), 'note')}{more}"
     return [(summary, "\n".join(lines[:MOST_NOTES]))]
 
 
 def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Block:
     """Return robot, TCP and size of the data sets, and the stiffnesses.
 
-    `data_of` returns the samples with a hash; it raises StoreError where they are not stored.
+    `data_of` returns the samples with a hash. It raises StoreError if they are not stored.
     """
     rows: list[list[Entry]] = []
     for case in _case_of_data(cases):
-        shown = case.shown
+        presentation = case.shown
         try:
             data = data_of(case.name.data_sha256)
             n_poses = len(set(data.measured.pose_id))
             size: list[Entry] = [data.robot.name, _tcp(data), len(data.measured), n_poses]
         except StoreError:
             size = [None, None, None, None]
-        rows.append([case.name.dataset, shown.kind, *size])
+        rows.append([case.name.dataset, presentation.kind, *size])
     columns = [
         *(Column(name, "text") for name in ("data set", "kind", "robot")),
         *(Column("TCP, frame of the last link [m]", "text"), Column("samples"), Column("poses")),
@@ -126,7 +128,7 @@ def _case_of_data(cases: Sequence[Case]) -> list[Case]:
 
 
 def _tcp(data: StoredData) -> str:
-    """Return the TCP as `--tcp` takes it."""
+    """Return the TCP in the format of `--tcp`."""
     return ", ".join(f"{length:g}" for length in data.robot.tcp_on_flange)
 
 
@@ -136,15 +138,15 @@ Joint = tuple[str, str]
 
 def _stiffnesses(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Iterator[Table]:
     """Yield the joint stiffnesses that the reference model identified, a table for each robot."""
-    found: dict[str, tuple[str, str, dict[Joint, Quantity]]] = {}
+    stiffnesses: dict[str, tuple[str, str, dict[Joint, Quantity]]] = {}
     for case in sorted(cases, key=in_order):
-        if REFERENCE_MODEL not in case.competitors or case.name.dataset in found:
+        if REFERENCE_MODEL not in case.competitors or case.name.dataset in stiffnesses:
             continue
         try:
             data = data_of(case.name.data_sha256)
         except StoreError:  # the table of data sets shows that
             continue
-        fits = [one.diagnostics for one in case.results(REFERENCE_MODEL)]
+        fits = [result.diagnostics for result in case.results(REFERENCE_MODEL)]
         values = {
             joint: [fit[key] for fit in fits if math.isfinite(fit.get(key, math.inf))]
             for joint in zip(data.robot.joint_names, data.stiffness_units, strict=True)
@@ -152,9 +154,9 @@ def _stiffnesses(cases: Sequence[Case], data_of: Callable[[str], StoredData]) ->
         }
         row = {joint: mean_over(of_fits) for joint, of_fits in values.items() if of_fits}
         if row:
-            found[case.name.dataset] = (data.robot.name, case.name.protocol, row)
-    for robot, datasets in grouped(found, lambda name: found[name][0]).items():
-        joints = dict.fromkeys(joint for name in datasets for joint in found[name][2])
+            stiffnesses[case.name.dataset] = (data.robot.name, case.name.protocol, row)
+    for robot, datasets in grouped(stiffnesses, lambda name: stiffnesses[name][0]).items():
+        joints = dict.fromkeys(joint for name in datasets for joint in stiffnesses[name][2])
         yield Table(
             f"Joint stiffnesses of {robot} by {REFERENCE_MODEL}, mean ± standard deviation over "
             "splits",
@@ -163,7 +165,7 @@ def _stiffnesses(cases: Sequence[Case], data_of: Callable[[str], StoredData]) ->
                 *(Column(name, unit=unit, format=",.0f") for name, unit in joints),
             ],
             [
-                [name, found[name][1], *(found[name][2].get(joint) for joint in joints)]
+                [name, stiffnesses[name][1], *(stiffnesses[name][2].get(joint) for joint in joints)]
                 for name in datasets
             ],
         )
