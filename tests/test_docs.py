@@ -91,7 +91,7 @@ def test_a_plugin_of_a_page_passes_its_checks_and_can_be_run(key, fanuc, tmp_pat
     registry = build_registry()
     registry.add_file(path)
     found = checklist(key, "fanuc-r2000ic", (), registry)
-    assert found.kept and len(found.checks) > 2, repr(found)
+    assert found.passed and len(found.checks) > 2, repr(found)
     words = {"models": ("vjm",), "datasets": ("fanuc-r2000ic",), "protocols": ("holdout",)}
     (kind,) = (name for name in words if key in getattr(registry, name))
     (task,) = cell_tasks(planned(registry, **words | {kind: (key,)}, splits=1))

@@ -1,4 +1,4 @@
-"""What `bench` says on standard error, and what it keeps off standard output."""
+"""Print messages on standard error and results on standard output."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from stiff_protocols.contract.screen import printable as printable
 WIDEST_TEXT = 100
 """Characters of a line of text."""
 _CELLS = re.compile(r"\S {2,}\S|^\|")
-"""What a line of a table has, and a sentence has not."""
+"""Pattern of lines of tables; sentences do not match."""
 _BULLET_AND_SENTENCE = re.compile(r"(\s*(?:\W )?)(.*)")
 
 
@@ -31,7 +31,7 @@ def say(message: str) -> None:
 
 
 def text_width() -> int:
-    """Return the width of lines of text: that of the terminal, at most `WIDEST_TEXT`."""
+    """Return the width of lines of text: the terminal's, at most `WIDEST_TEXT`."""
     return min(WIDEST_TEXT, shutil.get_terminal_size((WIDEST_TEXT, 24)).columns)
 
 
@@ -48,7 +48,7 @@ def wrapped(text: str, first_indent: str = "", indent: str = "") -> str:
 
 
 def wrapped_lines(text: str) -> str:
-    """Break the lines of a text that are too wide, except those of tables."""
+    """Break the lines of a text that are too wide, except lines of tables."""
     lines = text.split("\n")
     for number, line in enumerate(lines):
         if len(line) > text_width() and not _CELLS.search(line):
@@ -59,13 +59,13 @@ def wrapped_lines(text: str) -> str:
 
 @contextlib.contextmanager
 def printing_to_stderr() -> Iterator[None]:
-    """Send what is printed inside to standard error, by C libraries too: tables have the other."""
+    """Redirect standard output to standard error, also for C libraries."""
     sys.stdout.flush()
     with contextlib.redirect_stdout(sys.stderr), contextlib.ExitStack() as stack:
-        with contextlib.suppress(OSError):  # a descriptor that is closed needs no care
-            kept = os.dup(1)
-            stack.callback(os.close, kept)
-            stack.callback(os.dup2, kept, 1)
+        with contextlib.suppress(OSError):  # closed descriptor: nothing to redirect
+            saved_stdout = os.dup(1)
+            stack.callback(os.close, saved_stdout)
+            stack.callback(os.dup2, saved_stdout, 1)
             os.dup2(2, 1)
         yield
 
@@ -119,8 +119,8 @@ def replace_closed_streams() -> None:
 
 
 @contextlib.contextmanager
-def warnings_said() -> Iterator[None]:
-    """Say each warning once, in a line."""
+def warnings_on_stderr() -> Iterator[None]:
+    """Print each warning once on standard error, in one line."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         warnings.simplefilter("ignore", DeprecationWarning)

@@ -1,7 +1,7 @@
 """The answer of stored results: the best model, its gain over the VJM, and the uncertainty.
 
 Claims are about robots: data sets and protocols of a robot are averaged first. With fewer than
-`FEWEST_ROBOTS` robots there is no claim about other robots.
+`FEWEST_ROBOTS` robots no claim about other robots is made.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class Answer(BriefFields):
     ) -> Answer:
         """Score models in stored results.
 
-        Results that select on the test part or report training errors count only if there are no
+        Results that select on the test part or report training errors count only without
         other results.
 
         Args:

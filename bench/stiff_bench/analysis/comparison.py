@@ -88,7 +88,7 @@ class Comparison:
         rows: one row per entry of `ERRORS`.
         missing: lines about requested splits without a result of A or B.
         among_all: verdict on leaderboard and report page, with p corrected for all pairs of models.
-            None if there are no other models, or if A or B is not ranked.
+            None without other models, or if A or B is not ranked.
     """
 
     case: Case

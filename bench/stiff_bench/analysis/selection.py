@@ -43,7 +43,7 @@ class Selection:
         """Return the names of the selected models of cases.
 
         Raises:
-            ConfigError: there are no results of a name.
+            ConfigError: a name has no results.
         """
         model_names = competitor_names(cases)
         for word in self.models:
@@ -55,7 +55,7 @@ class Selection:
         """Return the cases of the selected data sets, protocols and conditions.
 
         Raises:
-            ConfigError: there are no results of a name.
+            ConfigError: a name has no results.
         """
         chosen = list(cases)
         for kind in ("dataset", "protocol", "condition"):
@@ -109,7 +109,7 @@ def find_model(variant: Variant, cases: Sequence[Case]) -> str | None:
     The options may include defaults, as in `resolve_model_name`.
     """
     for name, cell in sorted(_cells_of(cases).items()):
-        option_names = Variant.shown("", name, cell.model_params).options.keys()
+        option_names = Variant.of_stored_name("", name, cell.model_params).options.keys()
         if option_names <= variant.options.keys() and _spells_out(
             variant, cell.model, cell.model_params
         ):

@@ -138,7 +138,7 @@ class Numbers(click.ParamType[tuple[float, ...]]):
 
 
 SMALLEST_SIZE = 2**20
-"""Bytes; a smaller number lacks its unit."""
+"""Bytes; smaller numbers are refused, because their unit is probably missing."""
 
 
 class Size(click.ParamType[int]):

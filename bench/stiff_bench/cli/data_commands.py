@@ -23,7 +23,7 @@ from stiff_bench.cli.click_options import (
     urdf_options,
 )
 from stiff_bench.cli.help_pages import group
-from stiff_bench.console import print_markdown, print_prose, warnings_said
+from stiff_bench.console import print_markdown, print_prose, warnings_on_stderr
 from stiff_datasets.measured.file_options import FileOptions
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def info(
 @click.option(
     "--poses",
     type=WholeRange(1, 10_000),
-    help="Number of poses.  [default: 151; of the KR10 those of the paper; 10 with --after]",
+    help="Number of poses.  [default: 151; the paper's number for the KR10; 10 with --after]",
 )
 @click.option(
     "--criterion",
@@ -221,7 +221,7 @@ def register(
     without a card gets one to fill in.
     """
     facts = {"Licence": licence, "Citation": citation, "Source": source}
-    with warnings_said():
+    with warnings_on_stderr():
         report = api.data_files.register(
             file,
             dataset=dataset,
@@ -249,7 +249,7 @@ def export(
 
     KEY may be your own FILE.csv, .xlsx or .parquet, with --urdf or --robot.
     """
-    with warnings_said():
+    with warnings_on_stderr():
         dataset = api.data_sets.dataset_of_word(key, robot, FileOptions(**stated), settings)
         report = dataset.export(output)
     print_prose(report)

@@ -133,13 +133,14 @@ def _write_groups(
     formatter: click.HelpFormatter,
     records: Mapping[str, tuple[str, str]],
     groups: Mapping[str, tuple[str, ...]],
-    rest: str,
+    ungrouped_heading: str,
 ) -> None:
-    """Write records (name, description) by key in groups, first those of no group as `rest`."""
+    """Write records (name, description) in groups, those without a group first."""
     names = [name for name, _ in records.values() if len(name) <= NAME_COLUMN]
     width = max(map(len, names), default=0)
     grouped = {key for keys in groups.values() for key in keys}
-    keys_of = {rest: tuple(key for key in records if key not in grouped), **groups}
+    ungrouped = tuple(key for key in records if key not in grouped)
+    keys_of = {ungrouped_heading: ungrouped, **groups}
     for heading, keys in keys_of.items():
         chosen = [records[key] for key in keys if key in records]
         if chosen:

@@ -17,7 +17,7 @@ from stiff_bench.cli.path_commands import (
     load_option,
     tool_option,
 )
-from stiff_bench.console import print_prose, warnings_said
+from stiff_bench.console import print_prose, warnings_on_stderr
 
 
 class Orientation(Numbers):
@@ -104,7 +104,7 @@ def map_(model: Path, **words: Any) -> None:
     training poses are hatched.
     """
     fitted = api.model.load_model(model)
-    with warnings_said():
+    with warnings_on_stderr():
         new_map = api.stiffness_maps.stiffness_map(fitted, **words)
     files = ", ".join(str(words[name]) for name in ("output", "figure") if words[name])
     lines = [

@@ -23,7 +23,7 @@ from stiff_bench.cli.click_options import (
     sheet_option,
 )
 from stiff_bench.cli.help_pages import command
-from stiff_bench.console import print_prose, print_text, warnings_said
+from stiff_bench.console import print_prose, print_text, warnings_on_stderr
 from stiff_protocols.contract.files import check_new_file
 
 model_file_option = click.option(
@@ -64,7 +64,7 @@ def fit(
         models, [*datasets, *data], settings=settings, device=device
     )
     check_new_file(output)
-    with warnings_said():
+    with warnings_on_stderr():
         model.fit(samples, seed=seed)
         model.save(output, cross_validate=cross_validate)
     print_prose(f"{output}: {model.report(samples, seed)}")
@@ -95,7 +95,7 @@ def predict(model: Path, loads: Path, output: Path, **words: Any) -> None:
     fitted = api.model.load_model(model)
     with TemporaryDirectory() as folder:
         file = Path(folder) / "rows.csv" if str(output) == "-" else output
-        with warnings_said():
+        with warnings_on_stderr():
             n_rows = fitted.predict_file(loads, file, **words)
         if file != output:
             print_text(file.read_text(encoding="utf-8").removesuffix("\n"))

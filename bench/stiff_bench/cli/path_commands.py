@@ -25,7 +25,7 @@ from stiff_bench.cli.click_options import (
 )
 from stiff_bench.cli.help_pages import group
 from stiff_bench.cli.model_commands import model_file_option
-from stiff_bench.console import print_prose, warnings_said
+from stiff_bench.console import print_prose, warnings_on_stderr
 from stiff_protocols.contract.errors import ConfigError
 
 ONLY_PATH = ("sheet", "hold", "on_failure")
@@ -232,7 +232,7 @@ def compensate(
             raise ConfigError(f"only goes with {kind}", name.replace("_", "-"))
         del words[name]
     fitted = api.model.load_model(model)
-    with warnings_said():
+    with warnings_on_stderr():
         warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
         corrected: object
         files = str(output)

@@ -59,7 +59,7 @@ def check(key: str, dataset: str, settings: tuple[str, ...]) -> int:
     """
     checked = api.registered.check(key, dataset=dataset, settings=settings)
     print_prose(repr(checked))
-    return 0 if checked.kept else 1
+    return 0 if checked.passed else 1
 
 
 @group(epilog="bench new model my-model")

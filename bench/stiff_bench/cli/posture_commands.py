@@ -27,7 +27,7 @@ from stiff_bench.cli.path_commands import (
     load_option,
     tool_option,
 )
-from stiff_bench.console import print_text, warnings_said
+from stiff_bench.console import print_text, warnings_on_stderr
 
 
 @command(
@@ -117,6 +117,6 @@ def posture(model: Path, **words: Any) -> None:
     singularities are left out. Collisions are not checked.
     """
     fitted = api.model.load_model(model)
-    with warnings_said():
+    with warnings_on_stderr():
         ranked = api.postures.rank_postures(fitted, **words)
     print_text(repr(ranked))

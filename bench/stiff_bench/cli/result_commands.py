@@ -29,7 +29,7 @@ from stiff_bench.cli.click_options import (
     selection_options,
 )
 from stiff_bench.cli.help_pages import command, group
-from stiff_bench.console import print_prose, say, warnings_said
+from stiff_bench.console import print_prose, say, warnings_on_stderr
 from stiff_protocols.contract.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -123,8 +123,8 @@ def report(folders: tuple[Path, ...], output: Path, selection: Selection, **rank
     Verdict, robots and stiffnesses, ranking, pairwise comparisons, scores, figures, failures and
     provenance.
     """
-    first, *others = (_stored(folder, selection) for folder in folders)
-    first.report(output, other_results=others, **ranking)
+    first, *other_results = (_stored(folder, selection) for folder in folders)
+    first.report(output, other_results=other_results, **ranking)
     say(f"{output}: written")
 
 
@@ -179,7 +179,7 @@ def figure(
     if data and dataset is None:
         raise ConfigError("--data: drawn by the figure robot only, and without --results")
     stored = _stored(results or RESULTS, selection) if selection.options else results
-    with warnings_said():
+    with warnings_on_stderr():
         prepared = api.stored_results.figure(name, dataset or stored, model=model, row=row)
     target = output or Path(f"figure-{name}.png")
     prepared.save(target)
@@ -211,7 +211,7 @@ def merge(folders: tuple[Path, ...], output: Path) -> None:
 
 @group(epilog="bench results export --format csv --output results.csv")
 def results() -> None:
-    """Export stored results, and add those of submissions."""
+    """Export stored results, and add results of submissions."""
 
 
 @results.command(epilog="bench results add results/submissions/quadratic-springs")

@@ -130,7 +130,7 @@ def run(
             if value:
                 raise ConfigError("requires --study", word)
         datasets = [*datasets, *data] or [api.evaluation.DEFAULT_DATASET]
-        asked = api.evaluation.prepare_run(
+        prepared_run = api.evaluation.prepare_run(
             models, datasets, protocols, how=how, output=output, command=command_line(), **words
         )
     else:
@@ -140,7 +140,7 @@ def run(
                 raise ConfigError(
                     f"{option.opts[0]} cannot be combined with --study; set it in {study}"
                 )
-        asked = api.evaluation.run_of_study(
+        prepared_run = api.evaluation.run_of_study(
             study,
             models=models,
             lite=lite,
@@ -150,9 +150,9 @@ def run(
             **how,
         )
     if plan_only:
-        return show_plan(asked, fmt)
+        return show_plan(prepared_run, fmt)
     answer = not paper and (bool(models) if study else not words["metrics"])
-    return execute(asked, fmt, answer=answer, verbose=verbose)
+    return execute(prepared_run, fmt, answer=answer, verbose=verbose)
 
 
 def execute(
@@ -160,7 +160,7 @@ def execute(
 ) -> int:
     """Compute a run and print its tables; return 1 if a cell failed or was skipped, else 0.
 
-    `answer` has a terminal show which model is best in place of the metrics.
+    With `answer`, a terminal shows the best model in place of the metrics.
     """
     results = run.compute()
     if (board := run.board(results)) is not None:
@@ -187,17 +187,17 @@ def summary(results: api.stored_results.Results) -> list[str]:
     finished = results.finished
     assert finished is not None
     lines = [f"{finished.summary}; {finished.wall_s:.1f} s; stored in {results.folder}"]
-    failed = [one.cell.key for one in finished.results if one.status == "failed"]
+    failed = [result.cell.key for result in finished.results if result.status == "failed"]
     if old := len(finished.cached.intersection(failed)):
         lines.append(f"{old} of the failures are of earlier runs; --rerun failed repeats them")
     return lines
 
 
 def show_plan(run: api.evaluation.Run, fmt: str) -> int:
-    """Print what a run would compute, and compute nothing."""
-    found = run.forecast()
-    print_tables(replace(found, text=""), fmt)
-    say(found.text)
+    """Print the fits that a run would compute, without computing them."""
+    forecast = run.forecast()
+    print_tables(replace(forecast, text=""), fmt)
+    say(forecast.text)
     return 0
 
 
@@ -240,19 +240,19 @@ def reproduce(
 
     Results are saved at once; the same command continues an interrupted study.
     """  # noqa: D301  # click keeps the lines below \b
-    asked = api.evaluation.reproduction(name, output=output, command=command_line(), **how)
+    study_run = api.evaluation.reproduction(name, output=output, command=command_line(), **how)
     if plan_only:
-        return show_plan(asked, fmt)
+        return show_plan(study_run, fmt)
     status = 0
     if not write_only:
-        results = asked.compute()
+        results = study_run.compute()
         say_summary(results)
         say("writing tables and figures")
         status = int(any(result.status == "failed" for result in results.cells))
-    for path in asked.write():
+    for path in study_run.write():
         print_text(str(path))
     if site is not None:
         say(f"writing web pages to {site}")
-        *_, first_page = asked.write_site(site)
+        *_, first_page = study_run.write_site(site)
         print_text(str(first_page))
     return status

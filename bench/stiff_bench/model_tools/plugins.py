@@ -47,8 +47,8 @@ class CheckResults:
     checks: Sequence[Check]
 
     @property
-    def kept(self) -> bool:
-        """Return whether no check failed."""
+    def passed(self) -> bool:
+        """Return True if no check failed."""
         return all(check.status != "failed" for check in self.checks)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""The source paper's figures, by their numbers: ours, with what the paper prints beside them.
+"""Draw the source paper's figures from our results, with the paper's own numbers.
 
 Figures 4, 8 and 9 are regression diagrams, 5 has depth, width and pre-training of the network, 6
 one unfrozen layer against two.
@@ -22,7 +22,7 @@ from stiff_bench.figures.prepared_figure import Figures, Prepared
 from stiff_bench.figures.samples import LINES_NOTE, regression_figure
 from stiff_bench.paper import paper_models as models
 from stiff_bench.paper.paper_models import DATASET, PAPER_PROTOCOL, WIDTH_DEPTHS, pretrained
-from stiff_bench.paper.paper_results import Found, PaperResults, named_results
+from stiff_bench.paper.paper_results import ModelResults, PaperResults, named_results
 from stiff_bench.paper.paper_tables import METHODS, NEW, OLD, ON_SOURCE, fitted_vjm
 from stiff_bench.store.newest import slot_of
 from stiff_bench.tables.metric_table import pooled_prediction
@@ -38,10 +38,10 @@ PANEL_INCH = 2.7
 QUANTITIES = ("MAE", "STDE")
 
 
-def _setting(*shown: Found) -> str:
-    """Return data, protocol, splits and seed of the first, and what is missing of all."""
-    absences = "".join(f" {note}" for found in shown for note in found.absences())
-    return f"{DATA}; {shown[0].setting}{absences}"
+def _setting(*plotted: ModelResults) -> str:
+    """Return the setting of the first results, and what is missing in all of them."""
+    absences = "".join(f" {note}" for results in plotted for note in results.absences())
+    return f"{DATA}; {plotted[0].setting}{absences}"
 
 
 def figure_4(_: PaperResults) -> Prepared:
@@ -63,14 +63,20 @@ def figure_9(results: PaperResults) -> Prepared:
 
 
 def _tested(number: int, methods: Sequence[str], results: PaperResults) -> Prepared:
-    """Draw the test samples of the methods, each of which has a result, on shared splits."""
-    found = results.on_shared_splits([METHODS[method] for method in methods], PAPER_PROTOCOL)
-    if found.failures or found.missing:
-        why = " ".join(found.absences())
-        raise StoreError(f"{results.folder}: {why.removesuffix('.')}", "results")
-    tested = {one: pooled_prediction(found.results[METHODS[one].name]) for one in methods}
+    """Draw the test samples of the methods on their shared splits.
+
+    Raises:
+        StoreError: a method failed or has no result.
+    """
+    compared = results.on_shared_splits([METHODS[method] for method in methods], PAPER_PROTOCOL)
+    if compared.failures or compared.missing:
+        reason = " ".join(compared.absences())
+        raise StoreError(f"{results.folder}: {reason.removesuffix('.')}", "results")
+    tested = {
+        method: pooled_prediction(compared.results[METHODS[method].name]) for method in methods
+    }
     names = " and ".join(f"{method} ({METHODS[method].name})" for method in methods)
-    about = f"{names} on the test samples of all splits. {_setting(found)}"
+    about = f"{names} on the test samples of all splits. {_setting(compared)}"
     return _regression(number, " and ".join(methods), about, tested, table=10)
 
 
@@ -94,19 +100,20 @@ def _regression(
 def figure_6(results: PaperResults) -> Prepared:
     """Show fine-tunings that move one hidden layer, or two adjacent ones."""
     moving = map(models.unfrozen, (*models.SINGLE_LAYERS, *models.ADJACENT_PAIRS))
-    found = results.on_shared_splits(moving, PAPER_PROTOCOL)
-    slots = {slot_of(one) for one in found.each}
-    vjm = results.of_models([models.VJM], PAPER_PROTOCOL).each
-    errors = variants.strategies(found.each)
-    first = {variants.layers_of(one): one for one in reversed(found.each)}
+    strategies = results.on_shared_splits(moving, PAPER_PROTOCOL)
+    fits = strategies.all_fits
+    slots = {slot_of(fit) for fit in fits}
+    vjm_fits = results.of_models([models.VJM], PAPER_PROTOCOL).all_fits
+    errors = variants.strategies(fits)
+    first = {variants.layers_of(fit): fit for fit in reversed(fits)}
     curves = {layers: first[layers] for layers in errors["layers"].unique()}
     caption = (
         "The paper's Figure 6: ft-mlp with one hidden layer unfrozen (dashed) or two. (a) "
         "Validation loss of the fine-tuning, first split; mark: least of the stored epochs. (b) "
         "MAE of the test part at the epoch that was kept, all axes together; symbol: mean over the "
-        f"splits, ticks: splits, dashed line: the VJM. {_setting(found)}"
+        f"splits, ticks: splits, dashed line: the VJM. {_setting(strategies)}"
     )
-    linear = [variants.mean_absolute_error_mm(one) for one in vjm if slot_of(one) in slots]
+    linear = [variants.mean_absolute_error_mm(fit) for fit in vjm_fits if slot_of(fit) in slots]
     paint = partial(_draw_strategies, curves, errors, linear)
     return Prepared("One unfrozen layer against two", caption, paint, SUBTITLE)
 
@@ -114,7 +121,7 @@ def figure_6(results: PaperResults) -> Prepared:
 def _draw_strategies(
     first: Mapping[str, CellResult], errors: pd.DataFrame, linear: Sequence[float]
 ) -> Figure:
-    figure, (left, right) = style.new_panels(2, PANEL_INCH, 0.0)
+    figure, (loss_axes, error_axes) = style.new_panels(2, PANEL_INCH, 0.0)
     kinds = dict(zip(errors["layers"], errors["kind"], strict=True))
     looks = style.looks_of(first)
     for layers, result in first.items():
@@ -123,27 +130,31 @@ def _draw_strategies(
             pair, best = kinds[layers] == variants.PAIR, losses.least_at(loss)
             points = looks[layers].points() | {"markersize": 4.5}
             line = points | {"linestyle": "-" if pair else DASHED, "markevery": [best]}
-            left.plot(step, loss, **line, label=f"layer{'s' * pair} {layers}")
-            left.plot(step[best], loss[best], **points, zorder=4.0)
-    left.set(xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]")
-    style.plain_numbers(left.xaxis)
-    style.plain_numbers(left.yaxis, style.FINE_STEPS)
-    variants.draw_strategies(right, errors, linear)
-    left.set_title("fine-tuning, first split", loc="left")
-    right.set_title("errors of the splits", loc="left")
-    style.name_panels([left, right])
-    style.share_legend(figure, [left, right], ncols=6)
+            loss_axes.plot(step, loss, **line, label=f"layer{'s' * pair} {layers}")
+            loss_axes.plot(step[best], loss[best], **points, zorder=4.0)
+    loss_axes.set(
+        xscale="log", yscale="log", xlabel="epochs", ylabel="validation loss [standardised]"
+    )
+    style.plain_numbers(loss_axes.xaxis)
+    style.plain_numbers(loss_axes.yaxis, style.FINE_STEPS)
+    variants.draw_strategies(error_axes, errors, linear)
+    loss_axes.set_title("fine-tuning, first split", loc="left")
+    error_axes.set_title("errors of the splits", loc="left")
+    style.name_panels([loss_axes, error_axes])
+    style.share_legend(figure, [loss_axes, error_axes], ncols=6)
     return figure
 
 
 def figure_5(results: PaperResults) -> Prepared:
     """Show errors of pre-trained networks by depth and width, and losses by activation."""
     swept = [pretrained(layers=d, width=width) for width in models.WIDTHS for d in WIDTH_DEPTHS]
-    found = results.on_shared_splits(swept, PAPER_PROTOCOL)
+    sweep = results.on_shared_splits(swept, PAPER_PROTOCOL)
     width = models.DEPTH_WIDTH
     stopped = [pretrained(layers=d, width=width, stopped_early=True) for d in WIDTH_DEPTHS]
     early = results.of_models([*stopped, pretrained(stopped_early=True)], PAPER_PROTOCOL)
-    networks = {kind: pretrained(**of) for kind, of in reversed(models.BY_ACTIVATION.items())}
+    networks = {
+        kind: pretrained(**options) for kind, options in reversed(models.BY_ACTIVATION.items())
+    }
     trained = results.of_models(networks.values(), PAPER_PROTOCOL)
     curves = [
         curve
@@ -158,14 +169,14 @@ def figure_5(results: PaperResults) -> Prepared:
         f"hollow circles: ours stopped after {models.EARLY_STEPS} steps of plain Adam. (c) "
         f"Pre-training loss of {models.BASE_LAYERS} x {models.BASE_WIDTH} nodes by activation, "
         "first split (Huber loss of standardised targets; the paper's is the mean square). "
-        f"{_setting(found, early, trained)}"
+        f"{_setting(sweep, early, trained)}"
     )
-    paint = partial(_draw_networks, found.each, early.each, curves)
+    paint = partial(_draw_networks, sweep.all_fits, early.all_fits, curves)
     return Prepared("Depth, width and pre-training of the network", caption, paint, SUBTITLE)
 
 
 def _published_on_source(quantity: str) -> pd.DataFrame:
-    """Return what the paper's Tables 6 and 7 say of networks of our depths: depth, width, error."""
+    """Return the errors of the paper's Tables 6 and 7 by depth and width."""
     column = f"test_{quantity.lower()}_mm"
     by_depth = {line["layers"]: float(line[column]) for line in published_lines("table_6")}
     by_activation = {line["activation"]: float(line[column]) for line in published_lines("table_7")}
@@ -203,11 +214,11 @@ def _draw_networks(
 
 
 def _mark(axes: Axes, errors: pd.DataFrame, marker: str, size: float = 4.0) -> None:
-    """Draw errors to hold ours against, hollow, in the depths' colours."""
+    """Draw errors for comparison as hollow markers in the depths' colours."""
     for depth, look in style.looks_of(WIDTH_DEPTHS).items():
-        found = errors[errors["depth"] == depth]
+        rows = errors[errors["depth"] == depth]
         hollow: dict[str, Any] = {"color": look.color, "ms": size, "mfc": "white", "mew": 0.8}
-        axes.plot(found["width"], found["error"], marker, **hollow)
+        axes.plot(rows["width"], rows["error"], marker, **hollow)
 
 
 FIGURES: Figures[PaperResults] = {
@@ -220,6 +231,6 @@ FIGURES: Figures[PaperResults] = {
 
 
 def prepare_figure(name: str, folder: Path | None) -> Prepared:
-    """Return one of the paper's figures; folder, None and errors are those of `named_results`."""
+    """Return one of the paper's figures; folder and errors as in `named_results`."""
     made_of = "is fitted here" if name == "4" else ""
     return FIGURES[name](named_results(folder, f"figure {name}", made_of=made_of))

@@ -1,6 +1,6 @@
-"""The models of the source paper, as results/studies/paper.toml runs them.
+"""Define the models of the source paper, as in results/studies/paper.toml.
 
-Every option on which a number of the paper's tables and figures depends is named, default or not.
+Every option that changes a number of the paper's tables and figures is named, also defaults.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from stiff_bench.store.names import Variant
 DATASET = "kr10-twin"
 """The simulation in place of the paper's robot."""
 PAPER_PROTOCOL, FAIR_PROTOCOL = "paper-holdout", "holdout"
-"""The paper's division, whose test part picks the epoch; and the one in which it does not."""
+"""The paper's split, with the epoch picked on the test part; and the split without this."""
 READ_ON_ALL = "paper-holdout@read_on=all"
-"""The paper's division, its fits read on all samples: most likely what the paper's Table 10 is."""
+"""The paper's split, tested on all samples; most likely the basis of the paper's Table 10."""
 SEED = 0
 METRICS = ("mae", "stde", "me")
 
@@ -38,11 +38,11 @@ DT_CNN = Variant("dt-cnn", {"alignment": "none", "supervision": "none"})
 """The paper's section 5.3: "directly predicting the target domain after training in the source"."""
 
 BASE_LAYERS, BASE_WIDTH = 4, 380
-"""Of the paper's network, and of ours by default."""
+"""Size of the paper's network, and our default."""
 SWEEP_STEPS = 1000
-"""Of the networks that are compared by size and activation: half of the usual, for time."""
+"""Steps of the networks compared by size and activation: half the default, to save time."""
 EARLY_STEPS = 100
-"""Of 256 samples each; chosen afterwards: our networks of Table 6 then have about its MAEs."""
+"""Steps of 256 samples, chosen afterwards: our networks then have about the MAEs of Table 6."""
 DEPTH_WIDTH = 100
 BY_DEPTH = {str(depth): {"layers": depth, "width": DEPTH_WIDTH} for depth in (2, 3, 4, 5, 6)}
 """Row of the paper's Table 6 -> options of `pretrained`."""
@@ -56,10 +56,10 @@ WIDTHS, WIDTH_DEPTHS = tuple(range(40, 401, 20)), (3, 4, 5)
 
 
 def pretrained(*, stopped_early: bool = False, **options: Any) -> Variant:
-    """Return a network that learns the source domain alone, with options such as `layers=3`.
+    """Return a network trained only on the source domain, with options such as `layers=3`.
 
-    One stopped early is trained as the paper's recipe says (plain Adam, mean squared error), but
-    only for `EARLY_STEPS`, after which the MAEs of Table 6 are near the paper's.
+    With `stopped_early` it is trained by the paper's recipe (plain Adam, mean squared error), but
+    only for `EARLY_STEPS`. After these steps the MAEs of Table 6 are near the paper's.
     """
     early = {"pretrain_steps": EARLY_STEPS, **PAPER_RECIPE}
     training = early if stopped_early else {"pretrain_steps": SWEEP_STEPS}

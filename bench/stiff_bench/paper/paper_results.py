@@ -19,23 +19,24 @@ from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import CellResult
 
 PAPER_RESULTS = Path("results/paper/runs")
-"""Where `bench reproduce paper` stores what the paper's tables and figures show."""
+"""Folder of the results of `bench reproduce paper`."""
 REPRODUCE = "`bench reproduce paper` (or `paper-quick`)"
-"""The command that makes results."""
+"""The command that computes the results."""
 RERUN = f"{REPRODUCE} with `--rerun failed`"
-"""The same, which tries again what failed."""
+"""The command that repeats failed fits."""
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class ModelResults:
     """Stored results of some models under one protocol.
 
     Attributes:
         protocol: its name.
-        results: model -> its results, one a split; none of models that have none, or failed on one.
-        failures: model -> its name, with the reason why it has no numbers though it was run.
+        results: model -> its results, one per split. Models without results or with a failed split
+            are omitted.
+        failures: model -> its name, with the reason of its first failure.
         missing: models that were never run.
-        n_left_out: splits on which some of the models have a result, and others do not.
+        n_left_out: number of splits that only some of the models have.
     """
 
     protocol: str
@@ -45,19 +46,19 @@ class Found:
     n_left_out: int = 0
 
     @property
-    def each(self) -> list[CellResult]:
+    def all_fits(self) -> list[CellResult]:
         """All results, model after model."""
-        return [one for of_model in self.results.values() for one in of_model]
+        return [fit for model_fits in self.results.values() for fit in model_fits]
 
     @property
     def setting(self) -> str:
-        """Protocol, splits and seed, and what must be read with the models."""
+        """Protocol, splits, seed, and the notes on the models."""
         n_splits = max(map(len, self.results.values()))
-        with_them = marks(one.shown for one in self.each)
-        return f"{self.protocol}, {counted(n_splits, 'split')}, seed {SEED}.{with_them}"
+        notes = marks(fit.shown for fit in self.all_fits)
+        return f"{self.protocol}, {counted(n_splits, 'split')}, seed {SEED}.{notes}"
 
     def absences(self) -> Iterator[str]:
-        """Yield what is missing or failed, and the command that makes it."""
+        """Yield notes on missing and failed results, with the command to compute them."""
         if self.n_left_out:
             yield (
                 f"Left out: {counted(self.n_left_out, 'split')} of {self.protocol} that only some "
@@ -80,15 +81,14 @@ class PaperResults(StoredResults):
         """Read a folder.
 
         Raises:
-            StoreError: it holds no results, and `bench reproduce` makes them; or a file of it is
-                corrupt.
+            StoreError: nothing is stored (the message names the command), or a file is corrupt.
         """
         return cls.read(folder, f"; {REPRODUCE} makes the results")
 
-    def of_models(self, models: Iterable[Variant], protocol: str) -> Found:
-        """Return the results of models, which have defaults too, each on its own splits.
+    def of_models(self, models: Iterable[Variant], protocol: str) -> ModelResults:
+        """Return the results of models, each on its own splits.
 
-        They are of the newest case under the protocol: other seeds and older data are others.
+        Only the newest case under the protocol counts, not other seeds or older data.
         """
         results, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
         of_case = (DATASET, protocol, "", SEED)
@@ -110,49 +110,51 @@ class PaperResults(StoredResults):
                 failures[model] = f"{model} ({first.why_none})"
             else:
                 results[model] = list(competitor.done.values())
-        return Found(protocol, results, failures, missing)
+        return ModelResults(protocol, results, failures, missing)
 
-    def on_shared_splits(self, models: Iterable[Variant], protocol: str) -> Found:
-        """Return the results of models on the splits that all of them have, of those that have any.
+    def on_shared_splits(self, models: Iterable[Variant], protocol: str) -> ModelResults:
+        """Return the results of models on their common splits.
+
+        Models without results do not count.
 
         Raises:
-            StoreError: none has a result, or no split is of all.
+            StoreError: no model has a result, or the models have no split in common.
         """
-        found = self.of_models(models, protocol)
-        slots = [set(map(slot_of, of_model)) for of_model in found.results.values()]
-        any_of = set[Slot]().union(*slots)
-        shared = any_of.intersection(*slots)
+        stored = self.of_models(models, protocol)
+        slots = [set(map(slot_of, model_fits)) for model_fits in stored.results.values()]
+        all_slots = set[Slot]().union(*slots)
+        shared = all_slots.intersection(*slots)
         if not shared:
-            why, command = f"no result of {first_few(found.missing)}", REPRODUCE
-            if found.results:
-                why = f"no split in common of {', '.join(found.results)}"
-            elif found.failures:
-                why, command = f"failed: {', '.join(found.failures.values())}", RERUN
+            reason, command = f"no result of {first_few(stored.missing)}", REPRODUCE
+            if stored.results:
+                reason = f"no split in common of {', '.join(stored.results)}"
+            elif stored.failures:
+                reason, command = f"failed: {', '.join(stored.failures.values())}", RERUN
             raise StoreError(
-                f"{self.folder}: nothing to print of {DATASET} under {protocol}: {why}; "
+                f"{self.folder}: nothing to print of {DATASET} under {protocol}: {reason}; "
                 f"{command} makes it",
                 "results",
             )
         on_shared = {
-            model: [one for one in of_model if slot_of(one) in shared]
-            for model, of_model in found.results.items()
+            model: [fit for fit in model_fits if slot_of(fit) in shared]
+            for model, model_fits in stored.results.items()
         }
-        return replace(found, results=on_shared, n_left_out=len(any_of) - len(shared))
+        return replace(stored, results=on_shared, n_left_out=len(all_slots) - len(shared))
 
-    def provenance(self, shown: Iterable[Found]) -> str:
-        """Return a line that names which stiffbench made the results that are shown."""
-        counts = Counter(one.run_id for found in shown for one in found.each)
+    def provenance(self, printed: Iterable[ModelResults]) -> str:
+        """Return a line with the stiffbench versions that made the printed results."""
+        counts = Counter(fit.run_id for results in printed for fit in results.all_fits)
         return sources(self.folder, self.runs, counts)
 
 
 def named_results(folder: Path | None, what: str, *, made_of: str) -> PaperResults:
-    """Return the results that something is made of; no folder: where `bench reproduce` puts them.
+    """Return the results for a table or figure, by default from `PAPER_RESULTS`.
 
-    `made_of` says why it needs none of them, such as "is fitted here"; "": it does.
+    `made_of` is the reason why it needs no results, such as "is fitted here"; "" if it needs them.
 
     Raises:
-        StoreError: as `PaperResults.of`.
-        ConfigError: a folder was named that is not read.
+        StoreError: as in `PaperResults.of`.
+        ConfigError: a folder was given, but no results are needed.
     """
     if not made_of:
         return PaperResults.of(folder or PAPER_RESULTS)

@@ -1,9 +1,10 @@
-"""The source paper's tables, next to ours where we have them, by their numbers.
+"""Build the source paper's tables, with our results next to them.
 
-Tables 1, 4 and 5 are only the paper's; 2 and 3 are of a VJM that is fitted here; 6 to 8 are of
-networks that differ in size, activation and fine-tuned layers; 9 and 10 of the fine-tuned network
-and the paper's methods. The paper does not say on which samples the errors of its Table 10 are, nor
-of which error its Table 9 is. Both are shown in each sense: docs/reproduction.md says which fits.
+Tables 1, 4 and 5 have only the paper's numbers. Tables 2 and 3 are of a VJM that is fitted here.
+Tables 6 to 8 compare networks by size, activation and fine-tuned layers. Tables 9 and 10 compare
+the fine-tuned network with the paper's methods. The paper does not state the samples of its Table
+10, nor the error of its Table 9. Both are shown in every interpretation; docs/reproduction.md
+compares them.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from stiff_bench.paper.paper_models import (
     READ_ON_ALL,
     SEED,
 )
-from stiff_bench.paper.paper_results import REPRODUCE, Found, PaperResults, named_results
+from stiff_bench.paper.paper_results import REPRODUCE, ModelResults, PaperResults, named_results
 from stiff_bench.store.names import Variant
 from stiff_bench.store.newest import Slot, slot_of
 from stiff_bench.tables.metric_table import mark_of, mean_over, pooled_prediction
@@ -52,14 +53,14 @@ NEEDS_NO_RESULTS = {
     **dict.fromkeys(("1", "4", "5"), "is the paper's alone"),
     **dict.fromkeys(("2", "3"), "is fitted here"),
 }
-"""Tables that need no stored results -> why: nothing of them is ours, or a second makes it."""
+"""Tables that need no stored results -> reason."""
 
 
 def read_table(number: str, folder: Path | None) -> list[Table]:
-    """Return a table of the paper next to ours; folder, None and errors as in `named_results`.
+    """Return a table of the paper next to ours; folder and errors as in `named_results`.
 
     Raises:
-        ConfigError: the paper has no table of that number.
+        ConfigError: the number is not a table of the paper.
     """
     if number not in TABLES:
         raise unknown_name("table of the paper", number, TABLES)
@@ -69,11 +70,11 @@ def read_table(number: str, folder: Path | None) -> list[Table]:
 
 Label = TypeVar("Label")
 Labels = tuple[str, ...]
-"""Texts of a row: one under each row heading."""
+"""Texts of a row, one per row heading."""
 Numbers = Mapping[tuple[Labels, str], float]
 """(row, column) -> number."""
 GroupNumbers = dict[tuple[Labels, str], Quantity]
-"""The same with spread and marks; a missing one is a dash."""
+"""Numbers with spread and marks; a missing number is printed as a dash."""
 PUBLISHED = "published"
 SIMULATED = f"{DATASET} (simulated)"
 
@@ -88,9 +89,9 @@ def number_columns(
     data: str = SIMULATED,
     source: str = "ours",
 ) -> list[Column]:
-    """Return the columns of a group, whose numbers are of one origin.
+    """Return the columns of a group of numbers from the same source.
 
-    `protocol` is what our models were tested by, "" for none.
+    `protocol` is the protocol of our results; "" without results.
     """
     about: dict[str, object] = {"group": group, "source": source, "data": data}
     about |= {"protocol": protocol, "seed": SEED if protocol else None}
@@ -116,23 +117,24 @@ def published_columns(values: Numbers, decimals: int = 4) -> list[Column]:
     return number_columns(PUBLISHED, names, decimals, numbers, **origin)
 
 
-def mean_numbers(each: Sequence[Numbers], mark: str = "") -> GroupNumbers:
-    """Return the means over splits, or specimens, at the places that all of them have."""
-    shared = [at for at in (each[0] if each else ()) if all(at in one for one in each)]
-    return {at: mean_over([one[at] for one in each], mark) for at in shared}
+def mean_numbers(repeats: Sequence[Numbers], mark: str = "") -> GroupNumbers:
+    """Return the means over splits or specimens, at the places common to all."""
+    first_places = repeats[0] if repeats else ()
+    shared = [place for place in first_places if all(place in numbers for numbers in repeats)]
+    return {place: mean_over([numbers[place] for numbers in repeats], mark) for place in shared}
 
 
 def model_numbers(
-    found: Found,
+    stored: ModelResults,
     models: Mapping[Label, Variant],
     errors: Callable[[Label, CellResult], Numbers],
 ) -> GroupNumbers:
-    """Return the means over the splits of the errors of each model, which its label places."""
+    """Return the mean errors over splits of each model, at the places of its label."""
     numbers = GroupNumbers()
     for label, model in models.items():
-        if results := found.results.get(model.name):
-            each = [errors(label, result) for result in results]
-            numbers |= mean_numbers(each, mark_of(results[0].shown))
+        if fits := stored.results.get(model.name):
+            split_errors = [errors(label, fit) for fit in fits]
+            numbers |= mean_numbers(split_errors, mark_of(fits[0].shown))
     return numbers
 
 
@@ -141,15 +143,15 @@ def paper_table(
 ) -> Table:
     """Return a table that `results/published/tables.toml` describes.
 
-    `rows` are the texts under its headings, beside which the columns are; `notes` follow its own.
+    `rows` are the texts under its headings; the columns follow them. `notes` follow its own notes.
     """
-    said = about_table(table)
-    number, unit, headings = said.get("number", table), said["unit"], enumerate(said["headings"])
+    entry = about_table(table)
+    number, unit, headings = entry.get("number", table), entry["unit"], enumerate(entry["headings"])
     every_column = [
         *(Column(heading, "text", value=itemgetter(place)) for place, heading in headings),
         *(replace(column, unit=unit) for column in columns),
     ]
-    title, every_note = f"Table {number}. {said['caption']} [{unit}]", [*said["notes"], *notes]
+    title, every_note = f"Table {number}. {entry['caption']} [{unit}]", [*entry["notes"], *notes]
     about = {"table": int(number)}
     return Table.of(title, every_column, rows, every_note, unit=unit, about=about)
 
@@ -164,26 +166,26 @@ def published_numbers(lines: Mapping[Labels, Mapping[str, str]], columns: Iterab
 
 
 def _published_table(number: str, _: PaperResults) -> list[Table]:
-    """Return a table that holds nothing of ours, as it was typed.
+    """Return one of the paper's tables without our numbers, as it was typed.
 
-    The note names what was decided where the paper is silent or contradicts itself.
+    The notes name the choices made for gaps and contradictions in the paper.
     """
-    lines, said = published_lines(f"table_{number}"), about_table(number)
+    lines, entry = published_lines(f"table_{number}"), about_table(number)
 
     def column(name: str) -> Column:
-        if name in said["headings"]:
+        if name in entry["headings"]:
             return Column(name, "text")
-        shown, _, unit = name.partition("_")  # begin_deg
+        heading, _, unit = name.partition("_")  # begin_deg
         return Column(
-            shown,
+            heading,
             unit=unit,
             format="g",
             about={"source": PUBLISHED},
             value=lambda line: float(line[name]) if line[name] else None,
         )
 
-    title, about = f"Table {number}. {said['caption']} ({PUBLISHED})", {"table": int(number)}
-    return [Table.of(title, [*map(column, lines[0])], lines, said["notes"], about=about)]
+    title, about = f"Table {number}. {entry['caption']} ({PUBLISHED})", {"table": int(number)}
+    return [Table.of(title, [*map(column, lines[0])], lines, entry["notes"], about=about)]
 
 
 ROWS_10: dict[Labels, tuple[str, str]] = {
@@ -192,15 +194,15 @@ ROWS_10: dict[Labels, tuple[str, str]] = {
 """Texts of a row of Table 10 -> its metric and axis."""
 SPECIMENS = range(5)
 KILO = 1e3
-"""Of Table 3: it is in 10^3 N m/rad."""
+"""Unit of Table 3: 10^3 N m/rad."""
 _IN_SAMPLE = "in-sample fit"
 
 
 @cache
 def fitted_vjm(specimen: int = 0) -> tuple[Prediction, Mapping[str, float]]:
-    """Return the VJM's predictions of all samples of a robot, which it is fitted to.
+    """Return the VJM's predictions of its own training samples, and its stiffnesses.
 
-    With them, what it reports: its stiffnesses.
+    The VJM is fitted to all samples of a robot.
     """
     data = Kr10Twin(specimen=specimen).load()
     samples, model = data.samples, fitted_physics("vjm", data.samples, data.robot)
@@ -220,7 +222,7 @@ def _by_axis(prediction: Prediction) -> dict[Labels, float]:
 
 
 def _table_2(_: PaperResults) -> list[Table]:
-    """Return the VJM's errors by axis, on the samples it was fitted to."""
+    """Return the VJM's errors by axis on its training samples."""
 
     def placed(errors: Mapping[Labels, float]) -> Numbers:
         # a row of Table 10, axis and error, is a row and a column here
@@ -240,8 +242,8 @@ def _table_3(_: PaperResults) -> list[Table]:
 
     published = published_stiffness()
     ours = [
-        {joint: found[spring_key("stiffness", joint, "Nm/rad")] for joint in published}
-        for _, found in map(fitted_vjm, SPECIMENS)
+        {joint: diagnostics[spring_key("stiffness", joint, "Nm/rad")] for joint in published}
+        for _, diagnostics in map(fitted_vjm, SPECIMENS)
     ]
     return _vjm_table("3", 2, placed(published), [*map(placed, ours)])
 
@@ -252,12 +254,12 @@ def _vjm_table(
     """Return the paper's VJM next to ours of each specimen."""
     of_paper = published_columns(published, decimals)
     names = [column.name for column in of_paper]
-    first, of_all = (mean_numbers(one, _IN_SAMPLE) for one in (ours[:1], ours))
-    specimens = f"{DATASET}@specimen=0..4 (simulated)"
+    first, of_all = (mean_numbers(specimens, _IN_SAMPLE) for specimens in (ours[:1], ours))
+    data = f"{DATASET}@specimen=0..4 (simulated)"
     columns = [
         *of_paper,
         *number_columns(f"ours, {DATASET}", names, decimals, first),
-        *number_columns("ours, specimens 0 to 4", names, decimals, of_all, data=specimens),
+        *number_columns("ours, specimens 0 to 4", names, decimals, of_all, data=data),
     ]
     return [paper_table(number, dict.fromkeys(row for row, _ in published), columns)]
 
@@ -268,7 +270,7 @@ ON_SOURCE = {
     "test MAE": SOURCE_MAE,
     "test STDE": "source test STDE [mm]",
 }
-"""Column of Tables 6 and 7 -> what a pre-trained network reports."""
+"""Column of Tables 6 and 7 -> diagnostic of a pre-trained network."""
 _ON_TARGET = ("validation MAE", "validation STDE")
 EARLY = "ours, stopped early"
 
@@ -283,16 +285,16 @@ def _on_source(
     early = {
         row: models.pretrained(**options, stopped_early=True) for row, options in networks.items()
     }
-    found = results.on_shared_splits([*ours.values(), *early.values()], PAPER_PROTOCOL)
+    stored = results.on_shared_splits([*ours.values(), *early.values()], PAPER_PROTOCOL)
     columns = published_columns(published_numbers(lines, ON_SOURCE))
     for label, of_group, decimals in ((f"ours, {PAPER_PROTOCOL}", ours, 5), (EARLY, early, 4)):
-        numbers = model_numbers(found, of_group, _source_errors)
+        numbers = model_numbers(stored, of_group, _source_errors)
         columns += number_columns(label, ON_SOURCE, decimals, numbers, protocol=PAPER_PROTOCOL)
-    return [paper_table(number, lines, columns, _stored(results, found))]
+    return [paper_table(number, lines, columns, _result_notes(results, stored))]
 
 
 def _source_errors(row: str, result: CellResult) -> Numbers:
-    """Return the errors on both parts of the source domain that were reported."""
+    """Return the reported errors on both parts of the source domain."""
     reported = result.diagnostics
     return {((row,), column): reported[key] for column, key in ON_SOURCE.items() if key in reported}
 
@@ -303,12 +305,12 @@ def _table_8(results: PaperResults) -> list[Table]:
         (counted(len(layers), "layer"), " + ".join(layers)): models.unfrozen(layers)
         for layers in (*models.ALL_SINGLES, *models.ALL_PAIRS)
     }
-    found = results.on_shared_splits(networks.values(), PAPER_PROTOCOL)
-    numbers = model_numbers(found, networks, _target_errors)
+    stored = results.on_shared_splits(networks.values(), PAPER_PROTOCOL)
+    numbers = model_numbers(stored, networks, _target_errors)
     label = f"ours, {PAPER_PROTOCOL}"
     columns = number_columns(label, _ON_TARGET, 4, numbers, protocol=PAPER_PROTOCOL)
-    rows = [row for row, model in networks.items() if model.name not in found.missing]
-    return [paper_table("8", rows, columns, _stored(results, found))]
+    rows = [row for row, model in networks.items() if model.name not in stored.missing]
+    return [paper_table("8", rows, columns, _result_notes(results, stored))]
 
 
 def _target_errors(row: Labels, result: CellResult) -> Numbers:
@@ -318,12 +320,14 @@ def _target_errors(row: Labels, result: CellResult) -> Numbers:
     return {(row, mae): float(errors.mean()), (row, stde): float(errors.std())}
 
 
-def _stored(results: PaperResults, *shown: Found, more: Sequence[str] = ()) -> list[str]:
-    """Return two notes on the results of a table: what they are, and which stiffbench made them."""
-    settings = [found.setting for found in shown if found.results]
-    absences = [note for found in shown for note in found.absences()]
+def _result_notes(
+    results: PaperResults, *printed: ModelResults, more: Sequence[str] = ()
+) -> list[str]:
+    """Return two notes on a table's results: their setting and their provenance."""
+    settings = [stored.setting for stored in printed if stored.results]
+    absences = [note for stored in printed for note in stored.absences()]
     ours = f"Ours, {DATASET}, mean ± standard deviation over splits:"
-    return [" ".join([ours, *settings, *more, *absences]), results.provenance(shown)]
+    return [" ".join([ours, *settings, *more, *absences]), results.provenance(printed)]
 
 
 LAST, BEST = "normal (last epoch)", "optimized (best epoch)"
@@ -342,7 +346,7 @@ def _table_9(results: PaperResults) -> list[Table]:
     """Return the errors of the fine-tuned network on training and validation part."""
     lines = zip(TRAININGS, published_lines("table_9"), strict=True)
     of_paper = published_numbers({(label, LENGTH): line for label, line in lines}, COLUMNS_9)
-    columns, shown, more = published_columns(of_paper), list[Found](), list[str]()
+    columns, printed, more = published_columns(of_paper), list[ModelResults](), list[str]()
     for label, trainings in (
         (f"ours, {PAPER_PROTOCOL}", TRAININGS),
         ("ours, the paper's recipe", BY_RECIPE),
@@ -356,16 +360,19 @@ def _table_9(results: PaperResults) -> list[Table]:
         tested = results.on_shared_splits(trainings.values(), PAPER_PROTOCOL)
         read = results.of_models(trainings.values(), READ_ON_ALL)
         numbers = model_numbers(tested, trainings, partial(_on_both_parts, read, trainings))
-        shown += [tested, read]
+        printed += [tested, read]
         columns += number_columns(label, COLUMNS_9, 5, numbers, protocol=PAPER_PROTOCOL)
     rows = [(label, error) for label in TRAININGS for error in ERRORS_9]
-    return [paper_table("9", rows, columns, _stored(results, *shown, more=more))]
+    return [paper_table("9", rows, columns, _result_notes(results, *printed, more=more))]
 
 
 def _on_both_parts(
-    read: Found, trainings: Mapping[str, Variant], training: str, result: CellResult
+    read: ModelResults, trainings: Mapping[str, Variant], training: str, result: CellResult
 ) -> Numbers:
-    """Return errors on the validation part and, of the same fit read on all samples, the rest."""
+    """Return a fit's errors on the validation part and on the training part.
+
+    The errors on the training part are from `read`, the same fits tested on all samples.
+    """
     numbers = _on_part(training, "validation", result)
     for fit in read.results.get(trainings[training].name, ()):
         if fit.cell.rows_sha256 == result.cell.split_sha256:
@@ -377,7 +384,7 @@ def _on_both_parts(
 def _on_part(
     training: str, part: str, result: CellResult, without: ArrayLike = ()
 ) -> dict[tuple[Labels, str], float]:
-    """Return means and deviations of the errors [mm] of a result, except for some of its rows."""
+    """Return means and deviations of a result's errors [mm], without some rows."""
     prediction = pooled_prediction([result])
     chosen = ~np.isin(prediction.rows, without)
     along = absolute_errors(prediction)[chosen] * MM  # (n, 3)
@@ -396,7 +403,7 @@ METHODS = {
     OWN_SOURCE: models.FT_MLP_OWN_SOURCE,
     "DT-CNN": models.DT_CNN,
 }
-"""Name of a method -> our model; the paper's name, where the paper has it."""
+"""Name of a method, if possible the paper's -> our model."""
 FINE_TUNED = (NEW, OWN_SOURCE, RECIPE)
 """Methods whose errors are compared with the VJM's."""
 READINGS = {
@@ -404,12 +411,12 @@ READINGS = {
     "all samples": READ_ON_ALL,
     "holdout": FAIR_PROTOCOL,
 }
-"""Name of a reading of Table 10 -> the protocol whose results it is."""
+"""Interpretation of Table 10 -> its protocol."""
 CLAIMED, RECOMPUTED = "claimed", "from Table 10"
 
 
 def _table_10(results: PaperResults) -> list[Table]:
-    """Return the errors of the paper's methods, and by how much FT-MLP errs less than the VJM."""
+    """Return the errors of the paper's methods, and FT-MLP's reductions against the VJM."""
     published, claimed = published_errors("table_10"), claimed_reductions()
     old, new = published[OLD], published[NEW]
     of_paper = {
@@ -420,32 +427,32 @@ def _table_10(results: PaperResults) -> list[Table]:
     reductions = {(row, CLAIMED): claimed[at] for row, at in ROWS_10.items()}
     reductions |= {(row, RECOMPUTED): reduction(old[at], new[at]) for row, at in ROWS_10.items()}
     of_errors, of_reductions = published_columns(of_paper), published_columns(reductions, 1)
-    shown, absent, how_recipe = list[Found](), list[StoreError](), [HOW_RECIPE]
+    printed, absent, how_recipe = list[ModelResults](), list[StoreError](), [HOW_RECIPE]
     for reading, protocol in READINGS.items():
         try:
-            found = results.on_shared_splits(METHODS.values(), protocol)
+            stored = results.on_shared_splits(METHODS.values(), protocol)
         except StoreError as error:
             absent.append(error)
             continue
         recipe = results.of_models([models.FT_MLP_PAPER_RECIPE], protocol)  # on the first split
         methods = METHODS | ({RECIPE: models.FT_MLP_PAPER_RECIPE} if recipe.results else {})
-        both = replace(found, results=found.results | recipe.results)
+        with_recipe = replace(stored, results=stored.results | recipe.results)
         of_old = {
-            slot_of(one): errors_by_axis(one) for one in found.results.get(METHODS[OLD].name, ())
+            slot_of(fit): errors_by_axis(fit) for fit in stored.results.get(METHODS[OLD].name, ())
         }
-        numbers = model_numbers(both, methods, partial(_errors_and_reductions, of_old))
+        numbers = model_numbers(with_recipe, methods, partial(_errors_and_reductions, of_old))
         label = f"ours, {reading}"
         of_errors += number_columns(label, methods, 4, numbers, protocol=protocol)
         compared = [f"{method} against {OLD}" for method in methods if method in FINE_TUNED]
         of_reductions += number_columns(label, compared, 1, numbers, protocol=protocol)
-        shown.append(found)
+        printed.append(stored)
         if recipe.results:
-            shown.append(recipe)
+            printed.append(recipe)
             how_recipe = []
-    if not shown:
+    if not printed:
         raise absent[0]
     more = [*(f"{error}." for error in absent), *how_recipe]
-    notes = _stored(results, *shown, more=more)
+    notes = _result_notes(results, *printed, more=more)
     return [
         paper_table("10", ROWS_10, of_errors, notes),
         paper_table("claimed_reductions", ROWS_10, of_reductions, notes),
@@ -455,7 +462,7 @@ def _table_10(results: PaperResults) -> list[Table]:
 def _errors_and_reductions(
     of_old: Mapping[Slot, Mapping[Labels, float]], method: str, result: CellResult
 ) -> Numbers:
-    """Return a method's errors [mm], and by how much they are below the VJM's [%]."""
+    """Return a method's errors [mm] and their reductions against the VJM [%]."""
     errors = errors_by_axis(result)
     old_errors = of_old.get(slot_of(result), {})
     return {
@@ -469,7 +476,7 @@ def _errors_and_reductions(
 
 
 def reduction(old: float, new: float) -> float:
-    """Return by how many per cent `new` is below `old`; negative where it is above."""
+    """Return the reduction from `old` to `new` in per cent; negative if `new` is larger."""
     return 100.0 * (1.0 - new / old)
 
 
@@ -485,4 +492,4 @@ TABLES: Mapping[str, Callable[[PaperResults], list[Table]]] = {
     "9": _table_9,
     "10": _table_10,
 }
-"""Number in the paper -> what returns the table: all of the paper's."""
+"""Number in the paper -> function that returns the table; all tables of the paper."""

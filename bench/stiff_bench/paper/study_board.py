@@ -29,9 +29,9 @@ class StudyResults:
     """A study with its results.
 
     Attributes:
-        study: what was run.
-        stored: its results.
-        statuses: model -> "verified" or "reported"; empty: the board has no such column.
+        study: runs and page.
+        stored: results of the study.
+        statuses: model -> "verified" or "reported"; empty: no column of status.
     """
 
     study: Study
@@ -40,12 +40,12 @@ class StudyResults:
 
     @cached_property
     def merged(self) -> StoredResults:
-        """The results, with one name for a model whatever its pre-training seed."""
+        """The results, with the same name for all pre-training seeds of a model."""
         return without_seeds(self.stored)
 
     @cached_property
     def columns(self) -> StudyBoard:
-        """The study's key `board`; ConfigError: it has none."""
+        """The study's key `board`; ConfigError if it is missing."""
         if self.study.board is None:
             raise ConfigError(
                 f"{self.study.file}: [board] is missing: it names the protocol of the board"
@@ -121,7 +121,7 @@ class StudyResults:
         ]
 
     def _extras(self) -> Table:
-        """Return the board of models that need more packages; those without results say so."""
+        """Return the board of models that need more packages."""
         extras = self.columns.extras
         names = {*extras, REFERENCE_MODEL, self.board.best}
         of_extras = Board(self._answer(self.columns.protocol, names))

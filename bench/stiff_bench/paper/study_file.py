@@ -1,7 +1,7 @@
-"""A study: a TOML file that says what is run and what stands on its page.
+"""Read a study: a TOML file with its runs and the contents of its page.
 
-The keys of a run (`StudyRun`) may stand at the top of the file, for all runs; a file without
-[[run]] is one run.
+Keys of a run (`StudyRun`) at the top of the file are for all runs. A file without [[run]] is one
+run.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ Words = tuple[str, ...]
 NO_OTHER_KEYS = ConfigDict(extra="forbid")
 SUFFIX = ".toml"
 UNKNOWN_KEY = "unexpected_keyword_argument"
-"""Name of a problem, as pydantic has it."""
+"""Name of this error in pydantic."""
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class StudyRun:
-    """Every model on every data set under every protocol.
+    """Run every model on every data set under every protocol.
 
     Attributes:
-        models: words of `bench run --model`, such as "knn@neighbours=3"; "all": every one.
+        models: words of `bench run --model`, such as "knn@neighbours=3"; "all": every model.
         datasets: words of `--dataset`, or groups of the study.
         protocols: words of `--protocol`.
         settings: words of `--set`.
         splits: number of splits; None: the protocol's own.
-        seed: of splits and models.
+        seed: seed of splits and models.
     """
 
     models: Words
@@ -58,8 +58,8 @@ class StudyBoard:
         protocol: word of the protocol whose errors count.
         few: heading -> word of a protocol with fewer poses.
         controls: model -> the physics, teacher or variant that it is compared with.
-        extras: models that need more packages; they have a table of their own.
-        variants: models in a table of their own, over the data on which they ran.
+        extras: models that need more packages, in a separate table.
+        variants: models in a separate table, over the data on which they ran.
     """
 
     protocol: str
@@ -71,21 +71,21 @@ class StudyBoard:
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class Study:
-    """What a study runs, and its page.
+    """Describe the runs of a study and its page.
 
     Attributes:
-        name: of the folder that holds page and results; by default that of the file.
-        title: of the page.
-        run: its runs, whose results are stored in one folder.
-        notes: what a reader must know of the results; on the page, under its title.
-        metrics: keys, of which the scores are printed.
-        coverage: nominal coverage of prediction intervals; None: 0.9 where a metric needs them.
-        tables: of the page, by name (`study_page.TABLES`).
-        figures: of the page; `bench list figures` shows their names.
-        groups: name -> data sets. Runs may name them, and tables have a column for each.
-        board: of table "leaderboard"; None: as `bench leaderboard` prints it.
+        name: name of the folder with page and results; default: the file's name.
+        title: title of the page.
+        run: runs; their results are stored in one folder.
+        notes: notes on the results, printed under the title of the page.
+        metrics: keys of the metrics whose scores are printed.
+        coverage: nominal coverage of prediction intervals; None: 0.9 if a metric needs them.
+        tables: names of the tables on the page (`study_page.TABLES`).
+        figures: names of the figures on the page; `bench list figures` lists them.
+        groups: name -> data sets. Runs may name groups; tables have a column per group.
+        board: settings of table "leaderboard"; None: as `bench leaderboard` prints it.
         lite: data sets of the short version of the study (`lite_version`).
-        file: that describes it; errors name it.
+        file: file of the study; errors name it.
     """
 
     name: Annotated[str, Field(pattern=r"^[^./\\][^/\\]*$")]  # a folder, not a path
@@ -103,7 +103,7 @@ class Study:
 
     @property
     def word(self) -> str:
-        """Word that `find_study` finds it by, in any working directory."""
+        """Name or path for `find_study`, valid in any working directory."""
         shipped = self.file.parent.resolve() == shipped_folder()
         return self.name if shipped else str(self.file.resolve())
 
@@ -133,9 +133,9 @@ class Study:
         return replace(self, run=(short,))
 
     def with_models(self, models: Sequence[str]) -> Study:
-        """Return the study with these models in each run in place of its own.
+        """Return the study with these models in place of its own models.
 
-        Settings of other models are left out. A data set is divided in the same way once.
+        Settings of other models are omitted. No data set is divided twice in the same way.
         """
         keys = {split_word(word)[0] for word in models}
         settings: dict[Hashable, Words] = {}  # of each data set and division
@@ -151,7 +151,7 @@ class Study:
         for run in self.run:
             for dataset in self.datasets_of(run):
                 of_place = settings.pop((dataset, _division(run)), None)
-                if of_place is None:  # an earlier run has it
+                if of_place is None:  # already in an earlier run
                     continue
                 alike = _division(run), of_place
                 earlier = runs[alike].datasets if alike in runs else ()
@@ -197,7 +197,7 @@ def _once(words: Iterable[str]) -> Words:
 
 
 def _division(run: StudyRun) -> tuple[Words, int | None, int]:
-    """Return what says how a run divides its data sets."""
+    """Return the settings that divide a run's data sets into splits."""
     return run.protocols, run.splits, run.seed
 
 
@@ -208,10 +208,10 @@ def shipped_folder() -> Path:
 
 
 def find_study(name: str) -> Study:
-    """Read a shipped study, or the file of one.
+    """Read a shipped study or the file of a study.
 
     Raises:
-        ConfigError: there is no study of this name, or the file is wrong.
+        ConfigError: the name is unknown, or the file is wrong.
     """
     if name.endswith(SUFFIX):
         return read_study(Path(name))

@@ -1,4 +1,4 @@
-"""Writes the page of a study: its tables, its figures, and where the results come from."""
+"""Write the page of a study: tables, figures and provenance."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from stiff_protocols.scoring.metrics import metric
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
 Makers = Mapping[str, Callable[[StudyResults, PaperResults], Any]]
-"""Name in a study's file -> what makes it of the stored results; numbers are the source paper's."""
+"""Name in a study's file -> function of the stored results; numbers are the source paper's."""
 
 
 def _leaderboard(results: StudyResults, stored: PaperResults) -> list[Table]:
@@ -72,10 +72,10 @@ PICTURES: Makers = {
 
 
 def check_names(study: Study) -> None:
-    """See that there are the tables and figures that a study names.
+    """Check the names of a study's tables and figures.
 
     Raises:
-        ConfigError: there is no such table or figure.
+        ConfigError: a name is unknown.
     """
     for name in study.tables:
         if name not in TABLES:
@@ -94,12 +94,12 @@ def write_page(
 ) -> Iterator[Path]:
     """Write OUTPUT/NAME/README.md with its tables and figures, and yield each file.
 
-    The results are in OUTPUT/NAME/runs, of which `n_missing` are not computed. What cannot be made
-    of them is named on the page, with the reason. `statuses` has the status of each model; none:
-    the board has no such column.
+    The results are in OUTPUT/NAME/runs; `n_missing` fits are not computed. The page names tables
+    and figures that cannot be made, with the reason. `statuses` has the status of each model; None
+    omits this column of the board.
 
     Raises:
-        StoreError: nothing is stored, a file cannot be written, or a stored one is damaged.
+        StoreError: nothing is stored, a file cannot be written, or a stored file is corrupt.
     """
     folder = output / study.name
     stored = PaperResults.of(folder / "runs")
@@ -148,7 +148,7 @@ def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator
             f"out of date: {', '.join(outdated)} (these models changed since the run; "
             "`bench show MODEL` has their version)"
         )
-    counts = Counter(one.run_id for one in results)
+    counts = Counter(result.run_id for result in results)
     yield markdown_text(sources(stored.folder, stored.runs, counts))
     unknown = {"processor": "unknown processor", "platform": "unknown platform"}
     unknown |= dict.fromkeys(("cores", "python", "torch"), "?")
@@ -159,12 +159,12 @@ def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator
 
 
 def outdated_models(results: Iterable[CellResult]) -> list[str]:
-    """Return the shipped models of which results are of a former version.
+    """Return the shipped models with results of an earlier version.
 
-    A model of a library is known by more than a number, and left out.
+    Third-party models are omitted: their versions are not plain numbers.
     """
     today = {info.key: str(info.version) for info in MODELS}
-    of_cells = {(one.cell.model, one.cell.model_version) for one in results}
+    of_cells = {(result.cell.model, result.cell.model_version) for result in results}
     numbered = {(key, version) for key, version in of_cells if version.isdecimal()}
     return sorted({key for key, version in numbered if today.get(key, version) != version})
 
@@ -172,7 +172,7 @@ def outdated_models(results: Iterable[CellResult]) -> list[str]:
 def _figures_and_missing(
     figures: Mapping[str, Prepared], missing: Mapping[str, str]
 ) -> Iterator[str]:
-    """Yield the end of a page: its figures, and what could not be made, with the reason."""
+    """Yield the figures of a page, then a list of failed tables and figures."""
     if figures:
         yield "## Figures"
     for name, figure in figures.items():
@@ -183,7 +183,7 @@ def _figures_and_missing(
         yield f"{markdown_text(figure.caption)} ([PDF]({picture}.pdf))"
     if missing:
         yield "## Not made"
-        yield _listed(*(f"{what}: {markdown_text(why)}" for what, why in missing.items()))
+        yield _listed(*(f"{item}: {markdown_text(reason)}" for item, reason in missing.items()))
 
 
 def _listed(*lines: str) -> str:
@@ -196,7 +196,7 @@ def _stem(kind: str, name: str) -> str:
 
 
 def _written(path: Path, text: str) -> Path:
-    """Write a text whole, and return where."""
+    """Write a text atomically and return its path."""
     make_folder(path.parent)
     with written_whole(path) as temporary:
         temporary.write_text(f"{text}\n", encoding="utf-8")

@@ -197,7 +197,7 @@ def _of_protocol(
         )
         of_data = plan.sources[split.source].info.caveats if split.source else ()
         caveats = filter(None, (*dataset.info.caveats, *of_data, caveat))
-        shown = Presentation(
+        presentation = Presentation(
             model=model.name,
             dataset=dataset.name,
             protocol=choice.name,
@@ -219,7 +219,7 @@ def _of_protocol(
             split=split,
             source=source,
             cell=cell,
-            shown=shown,
+            shown=presentation,
             model=model,
             chooses_epoch=chooses,
             n_splits=n_splits[split.condition],

@@ -77,16 +77,16 @@ def _as_stored(value: Any, kind: str) -> Any:
 def cell_result(row: Mapping[str, Any]) -> CellResult:
     """Return the result that was stored as this row."""
     row = {**row, **{name: orjson.loads(row[name]) for name in _JSON}}
-    about, shown, arrays = row["about"], row["shown"], _arrays_in(row["arrays"], row["numbers"])
+    about, labels, arrays = row["about"], row["shown"], _arrays_in(row["arrays"], row["numbers"])
     about["diagnostics"] = {name: float(value) for name, value in about["diagnostics"].items()}
     about |= {name: tuple(about[name]) for name in ("warnings", "log")}
-    shown["caveats"] = tuple(shown["caveats"])
+    labels["caveats"] = tuple(labels["caveats"])
     cost = [row[name] for name in Cost._fields]
     curves = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_CURVE)}
     keys = {name: row[f"{name}_key"] for name in _NAMES}
     return CellResult(
         cell=Cell(**keys, **{name: row[name] for name in _OF_CELL}),
-        shown=Presentation(**{name: row[name] for name in _NAMES}, **shown),
+        shown=Presentation(**{name: row[name] for name in _NAMES}, **labels),
         **{name: row[name] for name in _OF_RESULT},
         **about,
         prediction=_prediction(arrays, row["coverage"]) if arrays else None,

@@ -17,7 +17,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
-    """Return key -> the items that have it; keys and items in the order of their appearance."""
+    """Group items by key; keys and items are in the order of their appearance."""
     groups: defaultdict[Key, list[Item]] = defaultdict(list)
     for item in items:
         groups[key(item)].append(item)
@@ -25,7 +25,7 @@ def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list
 
 
 def natural_key(text: str) -> str:
-    """Return a sort key in which numbers stand by their size: "n = 5" before "n = 40"."""
+    """Return a sort key that orders numbers by size: "n = 5" before "n = 40"."""
     return re.sub("[0-9]+", lambda number: number[0].lstrip("0").zfill(10), text)
 
 
@@ -52,8 +52,8 @@ class Variant:
     """A model, data set or protocol with options.
 
     Attributes:
-        key: of its catalogue line.
-        options: those that differ from their defaults.
+        key: key in the catalogue.
+        options: options that differ from their defaults.
     """
 
     key: str
@@ -61,13 +61,13 @@ class Variant:
 
     @classmethod
     def of_word(cls, word: str) -> Variant:
-        """Return the key and the texts of the options of a word that asks for stored results."""
+        """Return the key and option texts of a word that selects stored results."""
         key, parts = split_word(word)
         return cls(key, {name: text for name, _, text in (part.partition("=") for part in parts)})
 
     @classmethod
-    def shown(cls, key: str, name: str, options: Mapping[str, Any]) -> Variant:
-        """Return what a stored cell's name shows of all its options, defaults among them."""
+    def of_stored_name(cls, key: str, name: str, options: Mapping[str, Any]) -> Variant:
+        """Return the options of a stored cell that its name contains."""
         parts = f"{_held(name)}{OPTION_MARK}"
         shown_options = {
             k: v for k, v in options.items() if f"{_held(_part(k, v))}{OPTION_MARK}" in parts
@@ -76,7 +76,7 @@ class Variant:
 
     @property
     def name(self) -> str:
-        """The word that `split_word` takes apart: what results are stored under."""
+        """Name under which results are stored; `split_word` splits it again."""
         return self.key + "".join(_part(*option) for option in sorted(self.options.items()))
 
 

@@ -89,11 +89,11 @@ def of_newest_options(
 ) -> tuple[list[CellResult], list[str]]:
     """Return a model's results with options and version of its newest one, and notes.
 
-    A name holds the options that differ from their defaults; one name has other options where a
-    default, or a file that an option names, was changed.
+    A name contains only the options that differ from their defaults. The same name has other
+    options if a default, or a file that an option names, was changed.
     """
     cell, name = newest.cell, newest.shown.model
-    intervals = {0, max(result.cell.interval_version for result in results)}  # 0: it has none
+    intervals = {0, max(result.cell.interval_version for result in results)}  # 0: no intervals
     same = [
         result
         for result in results

@@ -30,8 +30,8 @@ DECIMALS = {"mm": 4, "%": 1, "": 3, "ms": 3, "MiB": 1, "1/s": 0}
 USUAL_METRICS = ("mae", "stde", "me")
 PATH_METRICS = ("norm", "norm-p95", "norm-max", "removed")
 Values = Mapping[tuple[str, str], Quantity]
-"""Mean and standard deviation over splits in printed units, by (metric key, axis). There is no
-deviation with one split, or with one value for all splits together."""
+"""Mean and standard deviation over splits in printed units, by (metric key, axis). The
+deviation is missing with one split, or with one value for all splits together."""
 
 
 def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:

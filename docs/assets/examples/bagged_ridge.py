@@ -36,21 +36,23 @@ class BaggedRidge(BaseEstimator):
         ridges = self.smallest * 10.0 ** np.arange(5)
         if validation is None:  # every protocol may give none
             ridges = ridges[2:3]
-        tried = [[self._one(features[r], train.deflection[r], s) for r in rows] for s in ridges]
+        tried = [
+            [self._fit_member(features[r], train.deflection[r], s) for r in rows] for s in ridges
+        ]
         errors = [self._error(members, validation) for members in tried]
         self.members_ = tried[int(np.argmin(errors))]
         self.diagnostics_ = {"chosen ridge [1]": float(ridges[int(np.argmin(errors))])}
         return self
 
     def predict(self, q, wrench):
-        return self._each(q, wrench).mean(axis=0)
+        return self._member_predictions(q, wrench).mean(axis=0)
 
     def predict_interval(self, q, wrench, coverage):
         tail = (1.0 - coverage) / 2.0
-        lower, upper = np.quantile(self._each(q, wrench), [tail, 1.0 - tail], axis=0)
+        lower, upper = np.quantile(self._member_predictions(q, wrench), [tail, 1.0 - tail], axis=0)
         return Interval(lower, upper, coverage)
 
-    def _one(self, features, deflection, ridge):
+    def _fit_member(self, features, deflection, ridge):
         return Ridge(alpha=ridge, fit_intercept=False).fit(features / self.scale_, deflection)
 
     def _error(self, members, validation):
@@ -60,7 +62,7 @@ class BaggedRidge(BaseEstimator):
         predicted = np.mean([member.predict(features) for member in members], axis=0)
         return np.abs(predicted - validation.deflection).mean()
 
-    def _each(self, q, wrench):
+    def _member_predictions(self, q, wrench):
         check_is_fitted(self)
         if q.shape[1] != self.n_joints_:
             raise ValueError(f"{q.shape[1]} joint angles, fitted to {self.n_joints_}")

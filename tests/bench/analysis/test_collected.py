@@ -151,4 +151,4 @@ def test_a_mark_in_an_options_value_stays_doubled():
     assert variant.name == "p@seed=1@source=a@@b=1@specimen=2"
     assert without_options(variant.name, "seed") == "p@source=a@@b=1@specimen=2"
     every = {"source": "a@b=1", "seed": 1, "specimen": 2, "b": 1, "other": 0}
-    assert Variant.shown("p", variant.name, every) == variant
+    assert Variant.of_stored_name("p", variant.name, every) == variant

@@ -217,7 +217,7 @@ def test_lists_are_tables_and_show_is_a_text():
         assert key in set(listed.frame()["key"])
         assert f"\n{key} " in repr(listed) and f">{key} " in listed._repr_html_()
     assert "neighbours" in repr(sb.show("knn"))
-    assert sb.check("zero").kept
+    assert sb.check("zero").passed
 
 
 def test_simulations_are_files_that_can_be_read(tmp_path):
