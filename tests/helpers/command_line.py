@@ -109,11 +109,16 @@ def bench(*words: str, cwd: Path, **options: Any) -> subprocess.CompletedProcess
     )
 
 
+def _stoppable() -> None:
+    for number in (signal.SIGINT, signal.SIGQUIT):
+        signal.signal(number, signal.SIG_DFL)
+
+
 @contextmanager
 def started(*words: str, cwd: Path, **options: Any) -> Iterator[subprocess.Popen[str]]:
     """Run a command in the background and kill it at the end if it still runs.
 
-    SIGINT interrupts it even if this process ignores SIGINT, as in a CI job in the background.
+    SIGINT and SIGQUIT stop it even if this process ignores them, as a CI job in the background.
     """
     with subprocess.Popen(
         [BENCH, *words],
@@ -121,7 +126,7 @@ def started(*words: str, cwd: Path, **options: Any) -> Iterator[subprocess.Popen
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        preexec_fn=functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=_stoppable,
         **options,
     ) as command:
         try:
