@@ -24,8 +24,8 @@ from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import KNOWN
-from stiff_protocols.scoring.over_robots import mean_ratio, sign_flip_p_value
-from stiff_protocols.scoring.paired import LEVEL, holm
+from stiff_protocols.scoring.over_robots import corrected_p_values, mean_ratio
+from stiff_protocols.scoring.paired import LEVEL
 
 FEWEST_ROBOTS = 5
 """Smallest number of robots with an interval over them."""
@@ -332,8 +332,7 @@ class Answer(BriefFields):
         logs = {name: self._robot_logs(name) for name in rivals if self.claim_robots}
         complete = len(self.claim_robots)
         tested = {name: of_model for name, of_model in logs.items() if len(of_model) == complete}
-        corrected = holm([sign_flip_p_value(of_model) for of_model in tested.values()])
-        return dict(zip(tested, corrected.tolist(), strict=True))
+        return corrected_p_values(tested)
 
     def _robot_logs(self, name: str) -> list[float]:
         """Return the logarithms of error / VJM's error of the robots on which the model ran."""

@@ -28,12 +28,12 @@ from stiff_protocols.contract.record import PATH_ERROR, Presentation
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.over_robots import (
     MeanRatio,
+    corrected_p_values,
     equivalence_p_value,
     mean_ratio,
-    sign_flip_p_value,
     without_one,
 )
-from stiff_protocols.scoring.paired import LEVEL, holm
+from stiff_protocols.scoring.paired import LEVEL
 
 SEED_OPTIONS = ("pretrain_seed",)
 """Options of models that only repeat a training with another seed."""
@@ -223,20 +223,19 @@ class Board(BriefFields):
         """Return models against their controls; pairs without every score are left out."""
         there = {a: b for a, b in pairs.items() if a in self.logs and b in self.logs}
         differences = {a: self.logs[a] - self.logs[b] for a, b in there.items()}
-        p_values = holm([sign_flip_p_value(logs) for logs in differences.values()])
+        p_values = corrected_p_values(differences)
         return tuple(
             ControlRow(
-                *(name, there[name], mean_ratio(logs), float(p_value)),
+                *(name, there[name], mean_ratio(logs), p_values[name]),
                 is_equal=equivalence_p_value(logs) < LEVEL,
             )
-            for (name, logs), p_value in zip(differences.items(), p_values, strict=True)
+            for name, logs in differences.items()
         )
 
     def _p_values(self, against: str) -> dict[str, float]:
         """Return p-values against a model by rival, corrected for all models."""
         rivals = [str(name) for name in self.logs if name != against]
-        values = [sign_flip_p_value(self.logs[name] - self.logs[against]) for name in rivals]
-        return dict(zip(rivals, holm(values).tolist(), strict=True))
+        return corrected_p_values({name: self.logs[name] - self.logs[against] for name in rivals})
 
     def _is_equal(self, model: str, rival: str) -> bool:
         return equivalence_p_value(self.logs[model] - self.logs[rival]) < LEVEL

@@ -8,6 +8,7 @@ robots.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy import stats
 
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, frozen_array
-from stiff_protocols.scoring.paired import LEVEL
+from stiff_protocols.scoring.paired import LEVEL, holm
 
 MARGIN = math.log(1.05)
 """Error ratios from 1/1.05 to 1.05 make no difference in practice: about 5 %."""
@@ -76,6 +77,19 @@ def sign_flip_p_value(differences: ArrayLike) -> float:
         rng=np.random.default_rng(0),
     )
     return float(test.pvalue)
+
+
+def corrected_p_values(differences: Mapping[str, ArrayLike]) -> dict[str, float]:
+    """Return sign-flip p-values by name, corrected (Holm) for the number of names.
+
+    Args:
+        differences: name -> (n,) differences of robots.
+
+    Raises:
+        DataError: as `sign_flip_p_value`.
+    """
+    p_values = holm([sign_flip_p_value(values) for values in differences.values()])
+    return dict(zip(differences, p_values.tolist(), strict=True))
 
 
 def equivalence_p_value(differences: ArrayLike, margin: float = MARGIN) -> float:
