@@ -32,7 +32,7 @@ from stiff_protocols.contract.errors import StoreError
 PLUGIN = Path(hostile_models.__file__)
 N_SPLITS = 8
 N_CELLS = 2 * N_SPLITS  # with the reference model
-SLOW_RUN = ["run", "--plugin", str(PLUGIN), "--model", "DetachesAChild@seconds=0.6"]
+SLOW_RUN = ["run", "--plugin", str(PLUGIN), "--model", "DetachesAChild@seconds=0.3"]
 SLOW_RUN += ["--splits", str(N_SPLITS), "--output", "out"]
 RERUN = {name: Execution(rerun=name) for name in ("missing", "failed", "all")}
 
@@ -158,7 +158,7 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     tmp_path, reference, number
 ):
     words = [*SLOW_RUN, "--jobs", "2"]
-    n_before = random.Random(number).randrange(1, N_SPLITS // 2)  # time is left for the signal
+    n_before = random.Random(number).randrange(1, N_SPLITS)
     with started(*words, cwd=tmp_path) as command:
         wait_until(lambda: n_stored(tmp_path / "out") >= n_before)
         family = psutil.Process(command.pid).children(recursive=True)
