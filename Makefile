@@ -20,6 +20,7 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python tests/plain_words.py
 
 # LONG=1: the benchmarks of many minutes, too. ONLY=EXPRESSION: some of them (pytest's -k), on screen.
 PAGE = $(if $(ONLY),/dev/stdout,results/performance.md)

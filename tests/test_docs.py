@@ -44,7 +44,7 @@ MOST_WORDS, LONGEST_SENTENCE, MEAN_SENTENCE = 10_000, 40, 25
 SENTENCE_END = re.compile(r"[.:!?](?:\s|$)|\n\s*\n|\n\s*[-#]|\n\s*\d\.\s")
 NO_PROSE = re.compile(r"^```.*?^```|^\|.*?$|^<!--.*?$|^!\[.*?$", re.DOTALL | re.MULTILINE)
 SCRIPT = re.compile(r"^```py(?:thon)?\n(?!>>>)(.*?)^```", re.MULTILINE | re.DOTALL)
-"""A Python block that prints nothing beneath its lines; docs/python.md is a doctest."""
+"""A Python block that prints nothing below its lines; docs/python.md is a doctest."""
 BLOCKS = {
     page.relative_to(TOP).as_posix(): blocks
     for page in PAGES
@@ -90,8 +90,8 @@ def test_a_plugin_of_a_page_passes_its_checks_and_can_be_run(key, fanuc, tmp_pat
     sample_table(fanuc.samples, fanuc.robot).to_csv(tmp_path / "campaign_2026.csv", index=False)
     registry = build_registry()
     registry.add_file(path)
-    found = checklist(key, "fanuc-r2000ic", (), registry)
-    assert found.passed and len(found.checks) > 2, repr(found)
+    checked = checklist(key, "fanuc-r2000ic", (), registry)
+    assert checked.passed and len(checked.checks) > 2, repr(checked)
     words = {"models": ("vjm",), "datasets": ("fanuc-r2000ic",), "protocols": ("holdout",)}
     (kind,) = (name for name in words if key in getattr(registry, name))
     (task,) = cell_tasks(planned(registry, **words | {kind: (key,)}, splits=1))
@@ -121,9 +121,9 @@ def test_the_python_blocks_of_a_page_run(page, tmp_path, monkeypatch):
 def test_the_page_on_python_prints_what_it_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # it saves a picture
     page, flags = str(DOCS / "python.md"), doctest.NORMALIZE_WHITESPACE
-    found = doctest.testfile(page, module_relative=False, optionflags=flags)
-    assert found.attempted > 20
-    assert found.failed == 0
+    outcome = doctest.testfile(page, module_relative=False, optionflags=flags)
+    assert outcome.attempted > 20
+    assert outcome.failed == 0
 
 
 def _shell(page: Path) -> list[str]:
@@ -141,7 +141,7 @@ def test_every_command_of_the_docs_has_its_options():
     lines = [(page.name, line) for page in PAGES for line in _shell(page)]
     commands = [(page, line) for page, line in lines if line.startswith("bench ")]
     assert len(commands) > 50  # that they are found at all
-    assert [one for one in commands if _unknown(one[1])] == []
+    assert [(page, line) for page, line in commands if _unknown(line)] == []
 
 
 def _unknown(line: str) -> str:
@@ -153,7 +153,9 @@ def _unknown(line: str) -> str:
         if name not in command.commands:
             return name
         command = command.commands[name]
-    options = {"-h", "--help"}.union(*((*one.opts, *one.secondary_opts) for one in command.params))
+    options = {"-h", "--help"}.union(
+        *((*option.opts, *option.secondary_opts) for option in command.params)
+    )
     given = [word.partition("=")[0] for word in words if word.startswith("-")]
     return next((option for option in given if option not in options), "")
 

@@ -74,7 +74,7 @@ def learned(key):
         identified = fitted_physics(key, data.samples, data.robot).springs_
         x = np.log(np.maximum(identified.compliance, 1e-300)) - law(key, data.robot)
         # the values of the others are today's prior's
-        error = np.where(identified.known, identified.log_error, UNKNOWN)
+        error = np.where(identified.is_identified, identified.log_error, UNKNOWN)
         springs[data.robot.name] = np.clip(x, np.median(x) - 8.0, np.median(x) + 8.0), error
     return springs
 

@@ -102,13 +102,13 @@ PROTOCOLS = ("holdout", "kfold", "sample-efficiency", "space-transfer", "load-ex
 def invented_result(task: CellTask, seed: int) -> CellResult:
     """Return an invented result; errors grow with the model's position in `MODELS`."""
     rng, measured = np.random.default_rng(seed), task.data.samples.deflection[task.split.test]
-    scale = 1e-4 * (1 + MODELS.index(task.shown.model))
+    scale = 1e-4 * (1 + MODELS.index(task.presentation.model))
     errors = rng.normal(scale=scale, size=(2, *measured.shape))
     predicted, reference = measured + errors
     prediction = Prediction(task.split.test, predicted, measured, reference=reference)
     cost = Cost(*rng.uniform(1e-4, 1e-3, 4).tolist(), 2**20)
     return CellResult(
-        *(task.cell, task.shown, "20261121T120000Z-made00", "ok", prediction, cost),
+        *(task.cell, task.presentation, "20261121T120000Z-made00", "ok", prediction, cost),
         n_train=len(task.split.train) + len(task.split.validation),
         n_splits=task.n_splits,
     )

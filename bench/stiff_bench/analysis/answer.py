@@ -23,13 +23,13 @@ from stiff_bench.tables.metric_table import mark_of
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import KNOWN
+from stiff_protocols.contract.types import BOUND_NAMES
 from stiff_protocols.scoring.over_robots import corrected_p_values, mean_ratio
 from stiff_protocols.scoring.paired import LEVEL
 
 FEWEST_ROBOTS = 5
 """Smallest number of robots with an interval over them."""
-NOISE_FLOOR = KNOWN["noise"]
+NOISE_FLOOR = BOUND_NAMES["noise"]
 
 
 @dataclass(frozen=True)
@@ -142,15 +142,15 @@ class Answer(BriefFields):
             StoreError: samples are corrupt, or two models share no split.
         """
         newest = of_newest_data(stored.cases if cases is None else cases)
-        fair = [case for case in newest if not case.shown.reports_training]
-        fair = [case for case in fair if not case.shown.selects_on_test] or fair or newest
+        fair = [case for case in newest if not case.presentation.reports_training]
+        fair = [case for case in fair if not case.presentation.selects_on_test] or fair or newest
         left_out = {
             case.name.text: "selects on the test part or reports training samples"
             for case in newest
             if case not in fair
         }
         request_order = {id(case): number for number, case in enumerate(stored.cases)}
-        fair.sort(key=lambda case: (case.shown.kind != "measured", request_order[id(case)]))
+        fair.sort(key=lambda case: (case.presentation.kind != "measured", request_order[id(case)]))
         earlier = {case.name: case for case in scored}
 
         def score(case: Case) -> ScoredCase:
@@ -277,7 +277,9 @@ class Answer(BriefFields):
     def mark(self, model: str, protocol: str = "") -> str:
         """Return the text printed next to a model's name, for one protocol or all."""
         cases = [scored.case for scored in self.cases if protocol in ("", scored.name.protocol)]
-        marks = [mark_of(c.competitors[model].shown) for c in cases if model in c.competitors]
+        marks = [
+            mark_of(c.competitors[model].presentation) for c in cases if model in c.competitors
+        ]
         return ", ".join(filter(None, dict.fromkeys(marks)))
 
     def fit_s(self, model: str, cases: Iterable[ScoredCase]) -> float | None:
@@ -322,7 +324,7 @@ class Answer(BriefFields):
     @property
     def claim_scope(self) -> str:
         """Return number and kind of the headline's robots, such as "12 simulated robots"."""
-        kinds = [cases[0].case.shown.kind for cases in self.claim_robots.values()]
+        kinds = [cases[0].case.presentation.kind for cases in self.claim_robots.values()]
         return f"{len(kinds)} {kinds[0]} robots" if kinds else ""
 
     @cached_property
@@ -361,7 +363,7 @@ class Answer(BriefFields):
 
 
 def _is_measured(case: ScoredCase) -> bool:
-    return case.case.shown.kind == "measured"
+    return case.case.presentation.kind == "measured"
 
 
 def _interval(logs: Sequence[float]) -> tuple[float, float] | tuple[None, None]:

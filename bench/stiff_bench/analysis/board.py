@@ -136,7 +136,7 @@ class Board(BriefFields):
     @cached_property
     def measured(self) -> dict[str, list[ScoredCase]]:
         """Return measured data sets; none if the averaged robots are the measured ones."""
-        kinds = {cases[0].case.shown.kind for cases in self.robots.values()}
+        kinds = {cases[0].case.presentation.kind for cases in self.robots.values()}
         return {} if "measured" in kinds else self.answer.measured
 
     @cached_property
@@ -276,7 +276,7 @@ def without_seeds(stored: StoredResults) -> StoredResults:
         return replace(texts, model=without_options(texts.model, *SEED_OPTIONS))
 
     results = [
-        replace(result, shown=renamed(result.shown))
+        replace(result, presentation=renamed(result.presentation))
         for case in stored.cases
         for result in case.every
     ]

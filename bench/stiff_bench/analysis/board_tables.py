@@ -94,7 +94,7 @@ def _is_ahead(ratio: float, of_leader: float) -> bool:
 
 def _data(board: Board, lead: BoardRow) -> str:
     """Return the number of measured robots, and the scores on them."""
-    kinds = [cases[0].case.shown.kind for cases in board.answer.robots.values()]
+    kinds = [cases[0].case.presentation.kind for cases in board.answer.robots.values()]
     n_measured, n_all = kinds.count("measured"), len(kinds)
     verb = "is" if n_measured == 1 else "are"
     text = f"{n_measured} of {counted(n_all, 'robot')} {verb} measured"

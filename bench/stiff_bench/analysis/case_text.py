@@ -21,7 +21,7 @@ from stiff_bench.tables.terminal import WORSE, print_lines, print_table, screen_
 from stiff_bench.tables.units import MM, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import AXES, KNOWN
+from stiff_protocols.contract.types import AXES, BOUND_NAMES
 from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.scoring.paired import LEVEL, ROPE_M
 
@@ -56,7 +56,7 @@ def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
     models = sorted(case.models, key=case.mean)
     rows = [
         _Row(
-            Name(name, mark_of(case.case.competitors[name].shown)),
+            Name(name, mark_of(case.case.competitors[name].presentation)),
             case.results[name],
             None if name == REFERENCE_MODEL else answer.ratio(name, case),
         )
@@ -64,7 +64,7 @@ def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
     ]
     rows += [_Row(Name(name), (), status=case.missing[name]) for name in sorted(case.missing)]
     has_paths = case.case.has_paths
-    bounds = (NOISE_FLOOR, KNOWN["uncorrected"]) if has_paths else (NOISE_FLOOR,)
+    bounds = (NOISE_FLOOR, BOUND_NAMES["uncorrected"]) if has_paths else (NOISE_FLOOR,)
     rows += [_Row(Name(name), results) for name in bounds if (results := case.known_results(name))]
     axes = [
         Column(axis.upper(), format=MATRIX_FORMAT, value=partial(_axis_error, axis))
@@ -114,7 +114,7 @@ def signed_percent(change: Quantity) -> str:
 
 def case_title(case: ScoredCase) -> str:
     """Return data set, kind, protocol, splits and unit in one line."""
-    presentation, n_splits = case.case.shown, len(case.slots)
+    presentation, n_splits = case.case.presentation, len(case.slots)
     protocol = ", ".join(filter(None, (presentation.protocol, case.name.condition)))
     spread = ", mean ± sd over splits" if n_splits > 1 else ""
     where = "path error" if case.case.has_paths else "error"
@@ -189,7 +189,7 @@ def case_facts(case: ScoredCase) -> str:
     results = next(iter(case.results.values()))
     trained = [result.n_train for result in results]
     tested = [len(result.prediction.rows) for result in results if result.prediction is not None]
-    kind = f"{case.case.shown.kind.capitalize()} robot."
+    kind = f"{case.case.presentation.kind.capitalize()} robot."
     sizes = f"Trained on {_range(trained)} samples, tested on {_range(tested)}."
     return f"{kind} {sizes}" if any(trained) else kind
 
@@ -203,7 +203,7 @@ def case_notes(case: ScoredCase) -> list[str]:
     """Return caveats of the data, choices and warnings of fits."""
     every = [list(competitor.done.values()) for competitor in case.case.competitors.values()]
     outcomes = [note for of_model in every if of_model for note in outcome_notes(of_model)]
-    presentation = case.case.shown
+    presentation = case.case.presentation
     return [*filter(None, [presentation.warning]), *outcomes, *presentation.caveats]
 
 

@@ -39,7 +39,7 @@ def test_share(results: Sequence[CellResult], data: StoredData) -> float:
     Tool paths are the same in all splits: there it is the share that no split trains on.
     """
     n_train, n_test = split_sizes(results)
-    if results[0].shown.measured_sha256:
+    if results[0].presentation.measured_sha256:
         return 1.0 - n_train / len(data.measured)
     return n_test / len(data.samples)
 
@@ -60,13 +60,13 @@ class Competitor(BriefFields):
     """One model, with its options, in one case.
 
     Attributes:
-        shown: labels and warnings that are printed with its numbers.
+        presentation: labels and warnings that are printed with its numbers.
         done: its results by slot, in order.
         failures: failed or skipped fits by slot, with the reason; no slot is also in `done`.
         n_asked: number of splits that its newest run requested here; 0 if unknown.
     """
 
-    shown: Presentation
+    presentation: Presentation
     done: Mapping[Slot, CellResult]
     failures: Mapping[Slot, CellResult]
     n_asked: int
@@ -74,7 +74,7 @@ class Competitor(BriefFields):
     @property
     def name(self) -> str:
         """Key with the options that differ from their defaults."""
-        return self.shown.model
+        return self.presentation.model
 
     @property
     def cell(self) -> Cell:
@@ -111,14 +111,14 @@ class Case(BriefFields):
     every: tuple[CellResult, ...] = field(repr=False)
 
     @property
-    def shown(self) -> Presentation:
+    def presentation(self) -> Presentation:
         """Return the labels printed with the numbers; its model is an arbitrary one."""
-        return next(iter(self.competitors.values())).shown
+        return next(iter(self.competitors.values())).presentation
 
     @property
     def measured_sha256(self) -> str:
         """Return the hash of the data set, without tool path points added by the protocol."""
-        return self.shown.measured_sha256 or self.name.data_sha256
+        return self.presentation.measured_sha256 or self.name.data_sha256
 
     @property
     def has_paths(self) -> bool:
@@ -188,7 +188,7 @@ class StoredResults(BriefFields):
 
 def case_name_of(result: CellResult) -> CaseName:
     """Return the name of the case that a result belongs to."""
-    cell, texts = result.cell, result.shown
+    cell, texts = result.cell, result.presentation
     data = cell.data_sha256, cell.source_sha256
     return CaseName(texts.dataset, texts.protocol, cell.condition, cell.seed, *data)
 
@@ -197,10 +197,12 @@ def _case(case_results: Sequence[CellResult], runs: Runs) -> Case:
     results, left_out = of_newest_splits(case_results, runs)
     in_order = runs.newest_first(results)
     newest_of = {
-        result.shown.model: result for result in reversed(in_order)
+        result.presentation.model: result for result in reversed(in_order)
     }  # the newest is the last set
     competitors = {}
-    for model, of_model in sorted(grouped(results, lambda result: result.shown.model).items()):
+    for model, of_model in sorted(
+        grouped(results, lambda result: result.presentation.model).items()
+    ):
         newest_result = newest_of[model]
         current_results, older_options = of_newest_options(of_model, newest_result)
         left_out += older_options
@@ -209,7 +211,7 @@ def _case(case_results: Sequence[CellResult], runs: Runs) -> Case:
             for slot, slot_results in sorted(grouped(current_results, slot_of).items())
         }
         competitors[model] = Competitor(
-            shown=newest_result.shown,
+            presentation=newest_result.presentation,
             done={slot: result for slot, result in of_slots.items() if result.status == "ok"},
             failures={slot: result for slot, result in of_slots.items() if result.status != "ok"},
             n_asked=newest_result.n_splits,
@@ -277,7 +279,7 @@ def left_out_notes(cases: Sequence[Case]) -> Iterator[str]:
 
 def caveats_of(cases: Iterable[Case]) -> list[str]:
     """Return warnings and caveats of the cases' protocols and data sets, without repeats."""
-    presentations = [case.shown for case in cases]
+    presentations = [case.presentation for case in cases]
     caveats = [caveat for presentation in presentations for caveat in presentation.caveats]
     return [
         *filter(

@@ -154,8 +154,8 @@ def compare(case: Case, a: str, b: str, data: StoredData, question: Question) ->
         raise DataError("a bootstrap over poses needs at least 2 poses, there is 1")
     return Comparison(
         case=case,
-        a=case.competitors[a].shown,
-        b=case.competitors[b].shown,
+        a=case.competitors[a].presentation,
+        b=case.competitors[b].presentation,
         results=results,
         n_poses=n_poses,
         rows=tuple(_rows(results, data, question)),
@@ -264,7 +264,7 @@ def compare_folder(
     for case in chosen:
         if not {a, b} <= case.competitors.keys():
             continue
-        if case.competitors[a].shown.reports_training:
+        if case.competitors[a].presentation.reports_training:
             notes.append(f"not compared: {case_labels[case.name]}: {TRAINING_MARK}.")
             continue
         data = data_of(case.name.data_sha256)

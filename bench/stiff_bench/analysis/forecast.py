@@ -56,10 +56,14 @@ def untimed_fits(tasks: Iterable[CellTask], output: Path, *, rerun: Rerun) -> li
     before the second ones.
     """
     means = mean_seconds(output)
-    untimed = [task for task in _missing(tasks, output, rerun) if task.shown.model not in means]
-    of_places = grouped(untimed, lambda task: (task.shown.model, task.shown.dataset)).values()
+    untimed = [
+        task for task in _missing(tasks, output, rerun) if task.presentation.model not in means
+    ]
+    of_places = grouped(
+        untimed, lambda task: (task.presentation.model, task.presentation.dataset)
+    ).values()
     smallest = [min(place, key=lambda task: len(task.split.train)) for place in of_places]
-    of_models = grouped(smallest, lambda task: task.shown.model).values()
+    of_models = grouped(smallest, lambda task: task.presentation.model).values()
     return [task for row in zip_longest(*of_models) for task in row if task is not None]
 
 
@@ -99,11 +103,13 @@ def forecast(
         StiffBenchError: a data set cannot be loaded or split, or stored results cannot be read.
     """
     tasks, means = list(tasks), mean_seconds(output)
-    missing = grouped(_missing(tasks, output, rerun), lambda task: task.shown.model)
+    missing = grouped(_missing(tasks, output, rerun), lambda task: task.presentation.model)
     forecasts = []
-    for model, of_model in grouped(tasks, lambda task: task.shown.model).items():
+    for model, of_model in grouped(tasks, lambda task: task.presentation.model).items():
         to_compute = missing.get(model, [])
-        of_fits = {fit.shown.dataset: fit for fit in timed if fit.shown.model == model}
+        of_fits = {
+            fit.presentation.dataset: fit for fit in timed if fit.presentation.model == model
+        }
         taken = {data: s for data, fit in of_fits.items() if (s := _taken_s(fit)) is not None}
         is_known, usual_s = model in means or bool(taken), 0.0
         if is_known:
@@ -114,7 +120,7 @@ def forecast(
                 n_cells=len(of_model),
                 n_cached=len(of_model) - len(to_compute),
                 n_unknown=0 if is_known else len(to_compute),
-                seconds=sum(taken.get(task.shown.dataset, usual_s) for task in to_compute),
+                seconds=sum(taken.get(task.presentation.dataset, usual_s) for task in to_compute),
                 n_timed=len(to_compute) if taken else 0,
                 is_lower_bound=any(fit.cause == TIMED_OUT for fit in of_fits.values()),
                 failure=next((fit.why_none for d, fit in of_fits.items() if d not in taken), ""),

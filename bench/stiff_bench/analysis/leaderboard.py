@@ -104,7 +104,7 @@ def build_leaderboard(
     cases = selection.cases_of(stored.cases)
     data_of = stored.data_of
     newest = sorted(of_newest_data(cases), key=in_order)
-    usable = [case for case in newest if not case.shown.reports_training]
+    usable = [case for case in newest if not case.presentation.reports_training]
     names = selection.models_of(usable)
     n_run = {case: sum(name in case.competitors for name in names) for case in usable}
     comparable = [case for case in usable if n_run[case] > 1]
@@ -123,7 +123,7 @@ def build_leaderboard(
     sections = tuple(
         _section(part, names, key, data_of, seed)
         for selects in (False, True)
-        if (part := [case for case in comparable if case.shown.selects_on_test == selects])
+        if (part := [case for case in comparable if case.presentation.selects_on_test == selects])
     )
     run_ids = Counter(
         result.run_id
@@ -153,7 +153,7 @@ def _section(
         if any(name in case.case.competitors for case in scored)
         and (reasons := {case.name: case.missing[name] for case in scored if name in case.missing})
     }
-    measured_first = sorted(scored, key=lambda case: case.case.shown.kind != "measured")
+    measured_first = sorted(scored, key=lambda case: case.case.presentation.kind != "measured")
     model_names = dict.fromkeys(name for case in scored for name in case.scores)
     answer = Answer(key, tuple(measured_first), tuple(model_names), {}, seed)
     return section_of(answer, missing)
@@ -163,14 +163,14 @@ def section_of(
     answer: Answer, missing: Mapping[str, Mapping[CaseName, str]] | None = None
 ) -> Section:
     """Return the section of an answer whose comparisons fit in one table."""
-    return Section(answer.cases[0].case.shown.selects_on_test, answer, missing or {})
+    return Section(answer.cases[0].case.presentation.selects_on_test, answer, missing or {})
 
 
 def _data_notes(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> Iterator[str]:
     for line in same_name_other_data(cases, data_of):
         yield f"{line.removesuffix('.')}; only the data of the newest run count."
     yield from left_out_notes(cases)
-    for protocol in sorted({c.name.protocol for c in cases if c.shown.reports_training}):
+    for protocol in sorted({c.name.protocol for c in cases if c.presentation.reports_training}):
         yield f"{protocol} is left out: {TRAINING_MARK}."
 
 

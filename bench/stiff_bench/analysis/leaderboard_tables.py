@@ -187,7 +187,7 @@ def _dataset_table(section: Section, answer: Answer) -> Table:
         *intervals,
         Column("verdict", "text", value=lambda row: row.verdict()),
     ]
-    kind = first.case.shown.kind
+    kind = first.case.presentation.kind
     return Table.of(
         f"{title} ({kind}), {counted(len(first.slots), 'split')}{apart}",
         columns,
@@ -232,7 +232,7 @@ FEW_SPLITS = 5
 
 def _few_splits(scored: Sequence[ScoredCase]) -> Iterator[str]:
     fewest = min(len(case.slots) for case in scored)
-    if scored[0].key.is_cost or not 1 < fewest < FEW_SPLITS or scored[0].case.shown.pooled:
+    if scored[0].key.is_cost or not 1 < fewest < FEW_SPLITS or scored[0].case.presentation.pooled:
         return
     yield f"{fewest} splits show only very large differences; --splits {FEW_SPLITS} shows more."
 
@@ -240,7 +240,9 @@ def _few_splits(scored: Sequence[ScoredCase]) -> Iterator[str]:
 def _section_notes(section: Section, board: Leaderboard) -> Iterator[str]:
     """Yield notes on all tables, most important first."""
     yield from dict.fromkeys(
-        scored.case.shown.warning for scored in section.cases if scored.case.shown.warning
+        scored.case.presentation.warning
+        for scored in section.cases
+        if scored.case.presentation.warning
     )
     answer = section.answer
     if not section.boards and not answer.key.is_cost:

@@ -234,7 +234,7 @@ def with_reference(scored: ScoredCase) -> ScoredCase:
         return scored
     values = scored.key.of_splits(of_reference)
     done = dict(zip(scored.slots, of_reference, strict=True))
-    competitor = Competitor(of_reference[0].shown, done, failures={}, n_asked=len(done))
+    competitor = Competitor(of_reference[0].presentation, done, failures={}, n_asked=len(done))
     competitors = {**scored.case.competitors, REFERENCE_MODEL: competitor}
     return replace(
         scored,

@@ -188,8 +188,8 @@ class Dataset(Shown):
         """
         data = self.data
         chosen = np.atleast_1d(np.arange(len(data.samples))[rows])
-        known_rows = {name: values[chosen] for name, values in data.known.items()}
-        part = replace(data, samples=data.samples.take(chosen), known=known_rows)
+        bound_rows = {name: values[chosen] for name, values in data.bound_deflections.items()}
+        part = replace(data, samples=data.samples.take(chosen), bound_deflections=bound_rows)
         text = _slice_text(rows) if isinstance(rows, slice) else counted(len(chosen), "row")
         info = replace(self.choice.info, published="", card="")
         return Dataset(held_data(part, f"{self.name}[{text}]", info))

@@ -79,7 +79,7 @@ class Run:
         untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
         facts, timed = self.execution.facts, list[CellResult]()
         if untimed and not facts["dask"]:
-            n_models = len({task.shown.model for task in untimed})
+            n_models = len({task.presentation.model for task in untimed})
             say(
                 f"timing a fit of {counted(n_models, 'model')} without a stored one, for at most "
                 f"{LONGEST_S + LONGEST_FIT_S:g} s"
@@ -100,7 +100,9 @@ class Run:
         """Compute the missing fits, and return all results."""
         plan, tasks = self.plans[0], self.tasks
         store = ResultStore(plan.output)
-        for warning in dict.fromkeys(task.shown.warning for task in tasks if task.shown.warning):
+        for warning in dict.fromkeys(
+            task.presentation.warning for task in tasks if task.presentation.warning
+        ):
             say(f"warning: {warning}")
         with display() as progress:
             finished = run_cells(tasks, plan.command, store, self.execution, progress)
@@ -136,7 +138,7 @@ class RunAgainst(Run):
         keys = {result.cell.key for result in published} | {task.cell.key for task in self.tasks}
         if output.resolve() != self.published.resolve():
             merge([self.published], output, keys)
-        n_models = counted(len({result.shown.model for result in published}), "model")
+        n_models = counted(len({result.presentation.model for result in published}), "model")
         n_results = counted(len(published), "published result")
         say(f"{n_results} of {n_models} taken from {self.published}")
         if missing := missing_places(published, self.tasks):

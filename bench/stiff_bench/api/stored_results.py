@@ -105,7 +105,7 @@ class Results:
             result.cell.key
             for case in cases
             for result in case.every
-            if result.shown.model in names
+            if result.presentation.model in names
         }
         return tuple(result for result in results if result.cell.key in keys)
 
@@ -354,7 +354,7 @@ class Results:
         Raises:
             ConfigError: the model has no results.
         """
-        names = list(dict.fromkeys(cell.shown.model for cell in self.cells))
+        names = list(dict.fromkeys(cell.presentation.model for cell in self.cells))
         if not isinstance(model, str) or not any(matches_key(model, name) for name in names):
             raise unknown_name("model with results", str(model), names)
         return self.select(models=[model])
@@ -380,9 +380,9 @@ class Results:
 
 def _about(result: CellResult) -> dict[str, Any]:
     return {
-        "model": result.shown.model,
-        "dataset": result.shown.dataset,
-        "protocol": result.shown.protocol,
+        "model": result.presentation.model,
+        "dataset": result.presentation.dataset,
+        "protocol": result.presentation.protocol,
         "condition": result.cell.condition,
         "split": result.cell.split_index,
         "seed": result.cell.seed,

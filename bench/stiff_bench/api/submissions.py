@@ -77,12 +77,16 @@ def submit(
     study_run = run_of_study(
         study, models=[card.model], lite=lite, output=results, command=command, **how
     )
-    names = {task.shown.model for task in study_run.tasks if task.model.info.key not in SHIPPED}
+    names = {
+        task.presentation.model for task in study_run.tasks if task.model.info.key not in SHIPPED
+    }
     if len(names) != 1:
         raise ConfigError(f"{card_file}: {card.model!r} is a model of stiffbench; name your own")
     (name,) = names
-    fits = [fit for fit in study_run.compute().cells if fit.shown.model == name]
-    if failed := [f"{fit.shown.dataset}: {fit.why_none}" for fit in fits if fit.status != "ok"]:
+    fits = [fit for fit in study_run.compute().cells if fit.presentation.model == name]
+    if failed := [
+        f"{fit.presentation.dataset}: {fit.why_none}" for fit in fits if fit.status != "ok"
+    ]:
         raise ConfigError(
             f"{counted(len(failed), 'fit')} of {name} without a result; a submission needs all: "
             f"{first_few(failed)}"
@@ -167,7 +171,7 @@ def add_submission(folder: Path, results: Path) -> int:
     if read_verification(folder) is None:
         raise ConfigError(f"{folder}: not verified: run `bench verify {folder} --write` first")
     baseline = {
-        place_of(result.cell, result.shown): result
+        place_of(result.cell, result.presentation): result
         for result in read_results(results)
         if result.cell.model == REFERENCE_MODEL and result.status == "ok"
     }

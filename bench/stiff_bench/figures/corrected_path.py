@@ -60,7 +60,7 @@ def path_picture(
 def _painted(
     compensation: Compensation, expected_error: FloatArray | None, extrapolates: Sequence[str]
 ) -> Figure:
-    place, before = MM * compensation.wanted, MM * compensation.before
+    place, before = MM * compensation.target, MM * compensation.before
     removed = MM * np.linalg.norm(compensation.removed, axis=1)
     errors = None if expected_error is None else MM * expected_error
     rows, arrows = evenly_spaced(len(place), MOST_POINTS), evenly_spaced(len(place), ARROWS)

@@ -56,7 +56,7 @@ def marks(presentations: Iterable[Presentation]) -> str:
 def marks_in(cases: Iterable[Case], models: Collection[str]) -> str:
     """Return `marks` of the models of some cases."""
     return marks(
-        competitor.shown
+        competitor.presentation
         for case in cases
         for name, competitor in case.competitors.items()
         if name in models
@@ -70,7 +70,7 @@ def subtitle(case: Case) -> str:
 
 def data_text(case: Case) -> str:
     """Return the data set and its kind."""
-    return f"{case.name.dataset} ({case.shown.kind})"
+    return f"{case.name.dataset} ({case.presentation.kind})"
 
 
 def condition_text(case: Case) -> str:
@@ -130,8 +130,10 @@ class FigureSource:
         """
         newest = {case.name for case in of_newest_data(self.cases)}
         in_order = [case for case in self.cases if case.name in newest]
-        tests = [case for case in in_order if not case.shown.reports_training]
-        return tuple(sorted(tests or in_order, key=lambda case: case.shown.kind != "measured"))
+        tests = [case for case in in_order if not case.presentation.reports_training]
+        return tuple(
+            sorted(tests or in_order, key=lambda case: case.presentation.kind != "measured")
+        )
 
     def names(self, cases: Sequence[Case]) -> list[str]:
         """Return the selected models, or all, with a result in these cases.
@@ -168,7 +170,7 @@ class FigureSource:
             return sum(any(map(has, case.results(name))) for name in there)
 
         def preference(case: Case) -> tuple[int, bool, bool, int, int, str]:
-            n, is_fair = n_models(case), not case.shown.selects_on_test
+            n, is_fair = n_models(case), not case.presentation.selects_on_test
             is_plain = not case.name.condition  # a condition is one of many sizes or directions
             return n * most_first, is_fair, is_plain, n, len(case.slots), case.newest_run
 
@@ -324,7 +326,7 @@ class Panels:
         if len(cases) == 1:
             return [""]
         names = [short(case.name.dataset, TITLE_LETTERS) for case in cases]
-        kinds = [f"({case.shown.kind})" for case in cases]
+        kinds = [f"({case.presentation.kind})" for case in cases]
         if not self.condition:
             conditions = [short(condition_text(case), TITLE_LETTERS) for case in cases]
             kinds = [
@@ -354,9 +356,9 @@ def noise_floor(results: Iterable[CellResult]) -> float | None:
     noise, measured = [], []
     for result in results:
         tested = result.prediction
-        if tested is None or NOISE not in tested.known:
+        if tested is None or NOISE not in tested.bound_deflections:
             return None
-        noise.append(tested.known[NOISE])
+        noise.append(tested.bound_deflections[NOISE])
         measured.append(tested.measured)
     return _mean_distance(np.concatenate(noise), np.concatenate(measured)) if noise else None
 

@@ -143,7 +143,7 @@ def learning_curves(source: FigureSource) -> Prepared:
     of_protocol = [case for case in cases if case.name.protocol == protocol]
     names = source.names(of_protocol)
     members = {
-        f"{family} ({of_family[0].shown.kind})": of_family
+        f"{family} ({of_family[0].presentation.kind})": of_family
         for family, of_family in grouped(of_protocol, lambda case: family_of(case.name)).items()
     }
     families = {title: errors_of(names, of_family) for title, of_family in members.items()}

@@ -416,6 +416,6 @@ def robot(source: FigureSource, **chosen: Any) -> Prepared:
     """
     case = source.case(lambda _: True, "a result")
     stored = read_data(source.folder, case.name.data_sha256)
-    kind = case.shown.kind
+    kind = case.presentation.kind
     about = f"{case.name.dataset} ({kind})"
     return robot_picture(stored.measured, stored.robot, about, kind, **chosen)

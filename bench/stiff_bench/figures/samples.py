@@ -17,7 +17,7 @@ from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.store.database import read_data
 from stiff_bench.tables.units import MM, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.types import AXES, KNOWN, FloatArray, Prediction
+from stiff_protocols.contract.types import AXES, BOUND_NAMES, FloatArray, Prediction
 from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
 from stiff_protocols.scoring.metrics import absolute_errors, norm_errors
 from stiff_protocols.scoring.paired import LEVEL
@@ -165,7 +165,7 @@ def errors_figure(panels: Sequence[ErrorPanel], names: Sequence[str]) -> Figure:
 def draw_noise_floor(line: Any, noise_floor: float | None) -> None:
     """Draw the instruments' noise [m] with a method such as `Axes.axvline`, if it is known."""
     if noise_floor is not None:
-        line(MM * noise_floor, color=style.REFERENCE_COLOR, linestyle=":", label=KNOWN[NOISE])
+        line(MM * noise_floor, color=style.REFERENCE_COLOR, linestyle=":", label=BOUND_NAMES[NOISE])
 
 
 def sample_errors(source: FigureSource) -> Prepared:
@@ -191,7 +191,7 @@ def noise_note(noise_floors: Iterable[float | None]) -> str:
     """Return the sentence on `draw_noise_floor`; "" if no panel has a noise floor."""
     if all(floor is None for floor in noise_floors):
         return ""
-    return f" Dotted: mean 3-D error from the {KNOWN[NOISE]}."
+    return f" Dotted: mean 3-D error from the {BOUND_NAMES[NOISE]}."
 
 
 MOST_SCORES = 12

@@ -81,7 +81,7 @@ def _draw_segments(
     curves = np.array([1e3 * _deflection(at, spring) for spring in springs])
     median = np.median(curves, axis=0)
     axes.plot(at, curves.T, color=blue.color, linewidth=0.5, alpha=SPLIT_ALPHA)
-    model = short(results[0].shown.model)
+    model = short(results[0].presentation.model)
     axes.plot(at, median, color=blue.color, linewidth=1.6, label=model)
     bends = np.median([bends for bends, _ in springs], axis=0)
     bends = bends[bends < top]
@@ -105,7 +105,7 @@ def _draw_curves(
     `truth` returns true (n, n_joints) turns [rad or m] by torques [N m or N]; None: not known.
     """
     blue, _, green = looks(3)
-    model, reach = short(results[0].shown.model), float(ndtri(0.5 + BAND / 2.0))
+    model, reach = short(results[0].presentation.model), float(ndtri(0.5 + BAND / 2.0))
     name = f"{SPRING_CURVE}{data.robot.joint_names[joint]}"
     curves = [result.curves[name] for result in results if name in result.curves]
     for points in curves[1:]:
@@ -138,8 +138,8 @@ def springs(source: FigureSource) -> Prepared:
 
     case = source.case(has_springs, _NEEDS)
     results = sorted(source.results(case, has_springs), key=has_curves, reverse=True)
-    model = results[0].shown.model
-    results = [result for result in results if result.shown.model == model]
+    model = results[0].presentation.model
+    results = [result for result in results if result.presentation.model == model]
     stored = read_data(source.folder, case.name.data_sha256)
     linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
     if has_curves(results[0]):

@@ -160,7 +160,7 @@ def _strategies_of(source: FigureSource, case: Case) -> tuple[str, Compared, Str
         )
     is_part = len(slots) < len(set.union(*slots_of_each))
     notes = "Splits that only some strategies have are left out." * is_part
-    names = dict.fromkeys(result.shown.model for result in results)
+    names = dict.fromkeys(result.presentation.model for result in results)
     errors = strategies(result for result in results if slot_of(result) in slots)
     linear = case.competitors[REFERENCE_MODEL].done if REFERENCE_MODEL in case.competitors else {}
     of_linear = [
@@ -292,6 +292,6 @@ def _networks_of(source: FigureSource, case: Case) -> tuple[str, Compared, pd.Da
     errors = errors_on_source(results)
     if len(errors.groupby(["depth", "width"])) < FEWEST_NETWORKS:
         raise StoreError(f"{source.folder}: no result has {_NETWORKS}", "results")
-    names = dict.fromkeys(result.shown.model for result in results)
+    names = dict.fromkeys(result.presentation.model for result in results)
     slots = sorted(set(map(slot_of, results)))
     return model, Compared(case, tuple(names), tuple(slots)), errors

@@ -54,7 +54,7 @@ class ModelResults:
     def setting(self) -> str:
         """Protocol, splits, seed, and the notes on the models."""
         n_splits = max(map(len, self.results.values()))
-        notes = marks(fit.shown for fit in self.all_fits)
+        notes = marks(fit.presentation for fit in self.all_fits)
         return f"{self.protocol}, {counted(n_splits, 'split')}, seed {SEED}.{notes}"
 
     def absences(self) -> Iterator[str]:

@@ -134,7 +134,7 @@ def model_numbers(
     for label, model in models.items():
         if fits := stored.results.get(model.name):
             split_errors = [errors(label, fit) for fit in fits]
-            numbers |= mean_numbers(split_errors, mark_of(fits[0].shown))
+            numbers |= mean_numbers(split_errors, mark_of(fits[0].presentation))
     return numbers
 
 

@@ -43,14 +43,14 @@ class CellTask(Evaluation):
 
     Attributes:
         cell: its identity.
-        shown: names, marks and notes to show with its numbers.
+        presentation: names, marks and notes to show with its numbers.
         model: catalogue line of the model with its options.
         chooses_epoch: True if the model chooses its epoch by validation rows.
         n_splits: number of splits of its protocol on its data set, in one condition.
     """
 
     cell: Cell
-    shown: Presentation
+    presentation: Presentation
     model: Choice[ModelInfo]
     chooses_epoch: bool
     n_splits: int
@@ -219,7 +219,7 @@ def _of_protocol(
             split=split,
             source=source,
             cell=cell,
-            shown=presentation,
+            presentation=presentation,
             model=model,
             chooses_epoch=chooses,
             n_splits=n_splits[split.condition],

@@ -181,7 +181,9 @@ def model_table(board: Board, name: str) -> Table:
         if name in case.scores:
             by_data.setdefault(case.name.dataset, []).append(case)
     rows = [
-        _case_row(board, name, dataset, cases, group_of.get(dataset, cases[0].case.shown.kind))
+        _case_row(
+            board, name, dataset, cases, group_of.get(dataset, cases[0].case.presentation.kind)
+        )
         for dataset, cases in by_data.items()
     ]
     rows.sort(key=lambda row: row.ratio)

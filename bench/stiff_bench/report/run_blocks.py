@@ -107,7 +107,7 @@ def failure_blocks(requested_models: RequestedModels) -> list[Block]:
     competitors = chain.from_iterable(requested_models.values())
     failures = sorted(
         (failure for competitor in competitors for failure in competitor.failures.values()),
-        key=lambda failure: (failure.shown.model, case_name_of(failure), slot_of(failure)),
+        key=lambda failure: (failure.presentation.model, case_name_of(failure), slot_of(failure)),
     )
     if not failures:
         return []
@@ -116,7 +116,7 @@ def failure_blocks(requested_models: RequestedModels) -> list[Block]:
     alike = grouped(
         failures,
         lambda failure: (
-            failure.shown.model,
+            failure.presentation.model,
             case_name_of(failure),
             failure.status,
             failure.cause,
@@ -140,7 +140,7 @@ def failure_blocks(requested_models: RequestedModels) -> list[Block]:
 
 def _failure_row(members: Sequence[CellResult]) -> list[Entry]:
     first = members[0]
-    presentation = first.shown
+    presentation = first.presentation
     return [
         *(
             presentation.model,
@@ -158,7 +158,7 @@ def _cut(text: str, longest: int) -> str:
 
 
 def _fold(failure: CellResult) -> tuple[str, str]:
-    presentation, cell = failure.shown, failure.cell
+    presentation, cell = failure.presentation, failure.cell
     place = " | ".join(filter(None, (presentation.dataset, presentation.protocol, cell.condition)))
     summary = f"Log of {presentation.model} on {place}, split {cell.split_index}"
     text = "\n".join(failure.log)

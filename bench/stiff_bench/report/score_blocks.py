@@ -66,7 +66,7 @@ def _row(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> dict[
     results = case.results(competitor.name)
     n_requested = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
     return {
-        "model": Name(competitor.name, mark_of(competitor.shown)),
+        "model": Name(competitor.name, mark_of(competitor.presentation)),
         **{"data set": name.dataset, "protocol": name.protocol},
         **{"condition": name.condition or None, "seed": name.seed},
         "splits": Quantity(share=(len(results), n_requested)),
@@ -94,7 +94,7 @@ def data_block(cases: Sequence[Case], data_of: Callable[[str], StoredData]) -> B
     """
     rows: list[list[Entry]] = []
     for case in _case_of_data(cases):
-        presentation = case.shown
+        presentation = case.presentation
         try:
             data = data_of(case.name.data_sha256)
             n_poses = len(set(data.measured.pose_id))

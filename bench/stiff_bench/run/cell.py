@@ -89,7 +89,7 @@ def score(task: CellTask, given: FitInput, run_id: str, outcome: FitOutcome) -> 
         outcome = replace(outcome, failure=failure, cause=cause)
     return CellResult(
         cell=task.cell,
-        shown=task.shown,
+        presentation=task.presentation,
         run_id=run_id,
         status="failed" if outcome.cause else "skipped",
         failure=outcome.failure,
@@ -110,7 +110,7 @@ def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> Cel
         diagnostics[PATH_ERROR] = 1000.0 * task.path_error(fitted.path_commands)
     return CellResult(
         cell=task.cell,
-        shown=task.shown,
+        presentation=task.presentation,
         run_id=run_id,
         status="ok",
         prediction=prediction,

@@ -71,7 +71,7 @@ class RunDisplay(Display):
     def start(self, task: CellTask) -> None:
         """Show the cell; without a terminal not too often, as a run may have hundreds."""
         self._n_started += 1
-        cell, labels, self._begun = task.cell, task.shown, None
+        cell, labels, self._begun = task.cell, task.presentation, None
         condition = f"({cell.condition}) " if cell.condition else ""
         name = (
             f"[{self._n_started}/{self._n_cells}] {labels.model} on {labels.dataset}, "
@@ -101,7 +101,7 @@ class RunDisplay(Display):
         self._ended[result.status] += 1
         self._bars.update(self._cells, advance=1, note=self._counts)
         if result.status == "failed":
-            self._show(f"  {result.shown.model}: FAILED: {result.failure}")
+            self._show(f"  {result.presentation.model}: FAILED: {result.failure}")
             for line in result.log[-SHOWN_LOG_LINES:]:
                 self._show(f"    | {line}")
 

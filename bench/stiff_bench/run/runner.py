@@ -178,7 +178,7 @@ def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict
 
 def _with_labels(result: CellResult, task: CellTask) -> CellResult:
     """Return a stored result with the names and number of splits of this run."""
-    return replace(result, shown=task.shown, n_splits=task.n_splits)
+    return replace(result, presentation=task.presentation, n_splits=task.n_splits)
 
 
 @contextmanager

@@ -19,7 +19,7 @@ import orjson
 
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation
-from stiff_protocols.contract.types import KNOWN, FloatArray, Interval, Prediction
+from stiff_protocols.contract.types import BOUND_NAMES, FloatArray, Interval, Prediction
 
 _NAMES = ("model", "dataset", "protocol")
 """In the file these are names with options; the columns `model_key` ... have only keys."""
@@ -49,12 +49,12 @@ def cell_row(result: CellResult) -> dict[str, Any]:
     """Return column -> what is stored of a result."""
     cell, arrays = result.cell, _arrays(result)
     row: dict[str, Any] = {"key": cell.key}
-    row |= {name: getattr(result.shown, name) for name in _NAMES}
+    row |= {name: getattr(result.presentation, name) for name in _NAMES}
     row |= {f"{name}_key": getattr(cell, name) for name in _NAMES}
     row |= {name: getattr(cell, name) for name in _OF_CELL}
     row |= {name: getattr(result, name) for name in _OF_RESULT}
     row |= {name: getattr(result.cost, name, None) for name in Cost._fields}
-    row["shown"] = {name: getattr(result.shown, name) for name in _SHOWN}
+    row["shown"] = {name: getattr(result.presentation, name) for name in _SHOWN}
     row["about"] = {name: getattr(result, name) for name in _ABOUT}
     # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
     row["about"]["diagnostics"] = {
@@ -86,7 +86,7 @@ def cell_result(row: Mapping[str, Any]) -> CellResult:
     keys = {name: row[f"{name}_key"] for name in _NAMES}
     return CellResult(
         cell=Cell(**keys, **{name: row[name] for name in _OF_CELL}),
-        shown=Presentation(**{name: row[name] for name in _NAMES}, **labels),
+        presentation=Presentation(**{name: row[name] for name in _NAMES}, **labels),
         **{name: row[name] for name in _OF_RESULT},
         **about,
         prediction=_prediction(arrays, row["coverage"]) if arrays else None,
@@ -100,7 +100,7 @@ def _arrays(result: CellResult) -> dict[str, FloatArray]:
     arrays: dict[str, FloatArray] = {}
     if (prediction := result.prediction) is not None:
         arrays |= {"rows": prediction.rows.astype(_FLOAT), "predicted": prediction.predicted}
-        arrays |= {"measured": prediction.measured, **prediction.known}
+        arrays |= {"measured": prediction.measured, **prediction.bound_deflections}
         if prediction.reference is not None:
             arrays["reference"] = prediction.reference
         if prediction.interval is not None:  # its coverage is the cell's
@@ -126,7 +126,7 @@ def _prediction(arrays: Mapping[str, FloatArray], coverage: float | None) -> Pre
         measured=arrays["measured"],
         interval=interval,
         reference=arrays.get("reference"),
-        known={name: arrays[name] for name in KNOWN if name in arrays},
+        bound_deflections={name: arrays[name] for name in BOUND_NAMES if name in arrays},
     )
 
 

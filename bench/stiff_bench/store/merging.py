@@ -121,7 +121,7 @@ def _is_new(folder: Path, result: CellResult, stored: dict[str, tuple[Path, Cell
     Raises:
         ConfigError: another result of this cell is stored, with stored_result numbers.
     """
-    key, labels = result.cell.key, result.shown
+    key, labels = result.cell.key, result.presentation
     if key not in stored:
         return True
     other_folder, stored_result = stored[key]

@@ -79,7 +79,7 @@ def of_newest_splits(
         ):
             newest_splits |= splits
     same = [result for result in results if slot_of(result) in newest_splits.items()]
-    without = sorted({r.shown.model for r in results} - {r.shown.model for r in same})
+    without = sorted({r.presentation.model for r in results} - {r.presentation.model for r in same})
     models = f" (all of {', '.join(without)})" if without else ""
     return same, [f"older results on other splits than those of the newest run{models}"]
 
@@ -92,7 +92,7 @@ def of_newest_options(
     A name contains only the options that differ from their defaults. The same name has other
     options if a default, or a file that an option names, was changed.
     """
-    cell, name = newest.cell, newest.shown.model
+    cell, name = newest.cell, newest.presentation.model
     intervals = {0, max(result.cell.interval_version for result in results)}  # 0: no intervals
     same = [
         result

@@ -63,10 +63,10 @@ def find_published(folder: Path, tasks: Sequence[CellTask]) -> list[CellResult]:
             split of these fits is there.
         StoreError: the folder cannot be read.
     """
-    models = {task.shown.model for task in tasks}
-    cells = {place_of(task.cell, task.shown): task.cell for task in tasks}
+    models = {task.presentation.model for task in tasks}
+    cells = {place_of(task.cell, task.presentation): task.cell for task in tasks}
     stored = [result for result in read_results(folder) if result.status == "ok"]
-    of_place = grouped(stored, lambda result: place_of(result.cell, result.shown))
+    of_place = grouped(stored, lambda result: place_of(result.cell, result.presentation))
     shared = {place: of_place[place] for place in cells if place in of_place}
     if not shared:
         splits = first_few([place_text(place) for place in cells])
@@ -76,13 +76,13 @@ def find_published(folder: Path, tasks: Sequence[CellTask]) -> list[CellResult]:
     if reasons:
         advice = "use the stiffbench that computed them, or leave --against out"
         raise ConfigError(f"{folder}: {first_few(reasons)}; {advice}", OPTION)
-    return [result for result in same_splits if result.shown.model not in models]
+    return [result for result in same_splits if result.presentation.model not in models]
 
 
 def missing_places(published: Iterable[CellResult], tasks: Iterable[CellTask]) -> list[str]:
     """Return texts on the splits of some fits without a published result."""
-    there = {place_of(result.cell, result.shown) for result in published}
-    places = dict.fromkeys(place_of(task.cell, task.shown) for task in tasks)
+    there = {place_of(result.cell, result.presentation) for result in published}
+    places = dict.fromkeys(place_of(task.cell, task.presentation) for task in tasks)
     return [place_text(place) for place in places if place not in there]
 
 
@@ -99,7 +99,9 @@ def _differing_splits(
             ]
             if differing and here:
                 there = getattr(differing[0].cell, name)
-                n_models = counted(len({result.shown.model for result in differing}), "model")
+                n_models = counted(
+                    len({result.presentation.model for result in differing}), "model"
+                )
                 yield (
                     f"{place_text(place)}: other {kind} ({there[:SHORT]} there, {here[:SHORT]} "
                     f"here; {n_models})"

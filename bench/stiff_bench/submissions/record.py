@@ -135,7 +135,7 @@ class Record(BaseModel):
             result: a fit, failed ones too.
             environment: of the run that computed it.
         """
-        cell, names, prediction = result.cell, result.shown, result.prediction
+        cell, names, prediction = result.cell, result.presentation, result.prediction
         interval = None if prediction is None else prediction.interval
         diagnostics = {
             name: value if math.isfinite(value) else None
@@ -200,7 +200,9 @@ class Record(BaseModel):
         )
         return CellResult(
             cell=cell,
-            shown=replace(of_vjm.shown, model=self.model, regime="", picked_on_test=False),
+            presentation=replace(
+                of_vjm.presentation, model=self.model, regime="", picked_on_test=False
+            ),
             run_id=self.run_id,
             status="ok",
             prediction=prediction,

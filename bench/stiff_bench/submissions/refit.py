@@ -100,7 +100,9 @@ def study_tasks(
             for plan in plans
         ]
     tasks = cell_tasks(*plans)
-    return [task for task in tasks if not places or place_of(task.cell, task.shown) in places]
+    return [
+        task for task in tasks if not places or place_of(task.cell, task.presentation) in places
+    ]
 
 
 def recompute(request: Request) -> list[CellResult]:

@@ -48,7 +48,7 @@ def model_statuses(results: Path, submissions: Path = SUBMISSIONS) -> dict[str, 
     }
     statuses: dict[str, str] = {}
     for result in read_results(results):
-        name, version = result.shown.model, result.cell.model_version
+        name, version = result.presentation.model, result.cell.model_version
         if result.cell.model in SHIPPED or (name, version) in verified:
             statuses.setdefault(name, "verified")
         else:

@@ -134,7 +134,7 @@ def verify(folder: Path, study: Study, refits: Refits) -> Iterator[Check]:
         yield Check("failed", "study", f"{manifest.study}, not {study.name}")
         return
     tasks = {
-        place_of(task.cell, task.shown): task
+        place_of(task.cell, task.presentation): task
         for task in study_tasks(study, manifest.scope, REFERENCE_MODEL, build_registry())
     }
     for check in (check_splits, check_metrics, check_labels):
@@ -234,10 +234,10 @@ def check_labels(submission: Submission, tasks: Mapping[Place, CellTask]) -> Che
     for record in submission.records:
         task = tasks[place_of_record(record)]
         rows, samples = task.split.reported, task.data.samples
-        if "noise" not in task.data.known:
+        if "noise" not in task.data.bound_deflections:
             unknown.add(record.dataset)
             continue
-        truth = task.data.known["noise"][rows]
+        truth = task.data.bound_deflections["noise"][rows]
         noise, deviation = samples.deflection[rows] - truth, record.predicted - truth
         ratio = _rms(deviation - noise) / _rms(noise)
         if ratio < MIN_NOISE_RATIO:
@@ -305,7 +305,7 @@ def compare_fits(
     records: Sequence[Record], results: Sequence[CellResult], which: str
 ) -> Iterator[Check]:
     """Yield the check of fits that were computed again: predictions, path errors and version."""
-    computed = {place_of(result.cell, result.shown): result for result in results}
+    computed = {place_of(result.cell, result.presentation): result for result in results}
     problems, skipped, rounded = list[str](), list[str](), list[float]()
     stated_mm, computed_mm = 0.0, 0.0
     for record in records:

@@ -31,9 +31,9 @@ def size_notes(results: Sequence[CellResult]) -> list[str]:
     if not sizes:
         return []
     trained, tested = map(_range, zip(*sizes, strict=True))
-    if results[0].shown.reports_training:
+    if results[0].presentation.reports_training:
         return [f"a split trains on {trained} samples and reports {tested}, including these."]
-    of_paths = " points of tool paths" if results[0].shown.measured_sha256 else ""
+    of_paths = " points of tool paths" if results[0].presentation.measured_sha256 else ""
     trains = f"a split trains on {trained} samples, validation included, and tests on {tested}"
     return [f"{trains}{of_paths}."]
 
@@ -59,7 +59,7 @@ def number_notes(results: Sequence[CellResult]) -> list[str]:
         )
         numbers.append(f"{key} {_mean_text(values)}{share_text}")
     over = f" (means over {len(done)} splits)" if len(done) > 1 else ""
-    return [f"{results[0].shown.model}{over}: {', '.join(numbers)}."] if numbers else []
+    return [f"{results[0].presentation.model}{over}: {', '.join(numbers)}."] if numbers else []
 
 
 def _mean_text(values: Sequence[float]) -> str:
@@ -73,7 +73,7 @@ def _mean_text(values: Sequence[float]) -> str:
 
 def outcome_notes(results: Sequence[CellResult]) -> list[str]:
     """Return notes on chosen options, intervals, warnings and failures."""
-    presentation, coverage = results[0].shown, results[0].cell.coverage
+    presentation, coverage = results[0].presentation, results[0].cell.coverage
     done = [result for result in results if result.status == "ok"]
     notes = [f"source domain: {presentation.source}."] if presentation.source else []
     choices = Counter(in_words(result.chosen) for result in done if result.chosen)
@@ -109,7 +109,7 @@ def failure_lines(results: Iterable[CellResult]) -> list[str]:
         failures, lambda result: (result.status.upper(), " ".join(result.failure.split()))
     )
     for (status, reason), of_reason in by_reason.items():
-        models = first_few(list(dict.fromkeys(result.shown.model for result in of_reason)))
+        models = first_few(list(dict.fromkeys(result.presentation.model for result in of_reason)))
         lines.append(f"{status}: {models} ({counted(len(of_reason), 'fit')}): {reason}")
     return lines
 
@@ -125,7 +125,7 @@ def springs_table(springs: IdentifiedSprings) -> Table:
         springs.names,
         springs.units,
         springs.compliance.tolist(),
-        springs.known,
+        springs.is_identified,
         springs.interval(SPRING_INTERVAL).tolist(),
         strict=True,
     ):

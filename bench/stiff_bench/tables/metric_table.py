@@ -20,7 +20,7 @@ from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import CellResult, Cost, Presentation
-from stiff_protocols.contract.types import AXES, KNOWN, Interval, Prediction
+from stiff_protocols.contract.types import AXES, BOUND_NAMES, Interval, Prediction
 from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric
 
 SELECTION_MARK = "epoch picked on test part"
@@ -43,8 +43,8 @@ def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> li
     groups = grouped(
         results,
         lambda result: (
-            result.shown.dataset,
-            result.shown.protocol,
+            result.presentation.dataset,
+            result.presentation.protocol,
             result.cell.condition,
             result.cell.seed,
         ),
@@ -53,7 +53,7 @@ def build_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> li
         _table(dict(models), tuple(metrics))
         for group in groups.values()
         for models in grouped(
-            grouped(group, lambda result: result.shown.model).items(),
+            grouped(group, lambda result: result.presentation.model).items(),
             lambda model: _tested_on(model[1]),
         ).values()
     ]
@@ -67,7 +67,7 @@ def _tested_on(results: Sequence[CellResult]) -> frozenset[object]:
 
 def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -> Table:
     group = list(chain.from_iterable(by_model.values()))
-    cell, presentation = group[0].cell, group[0].shown
+    cell, presentation = group[0].cell, group[0].presentation
     usual = PATH_METRICS if presentation.measured_sha256 else USUAL_METRICS
     metrics = metrics or tuple(METRICS[key] for key in usual)
     extra = _extra_results(by_model)
@@ -125,7 +125,7 @@ def _extra_results(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[C
     The VJM is fitted to all training and validation rows of the cell. The bounds are known for the
     test rows of a simulation.
     """
-    names = [name for name in (REFERENCE_MODEL, *KNOWN.values()) if name not in by_model]
+    names = [name for name in (REFERENCE_MODEL, *BOUND_NAMES.values()) if name not in by_model]
     rows = {}
     for name in names:
         for results in by_model.values():
@@ -141,17 +141,17 @@ def _extra_results(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[C
 
 
 def known_result(result: CellResult, name: str) -> CellResult | None:
-    """Return the VJM's result, or a bound of `KNOWN`, from a cell; None: not stored."""
+    """Return the VJM's result, or a bound of `BOUND_NAMES`, from a cell; None: not stored."""
     stored = result.prediction
     if stored is None:
         return None
-    bound_values = {row: stored.known.get(key) for key, row in KNOWN.items()}
+    bound_values = {row: stored.bound_deflections.get(key) for key, row in BOUND_NAMES.items()}
     if (predicted := ({REFERENCE_MODEL: stored.reference} | bound_values)[name]) is None:
         return None
     prediction = Prediction(stored.rows, predicted, stored.measured, reference=stored.reference)
     return CellResult(
         result.cell,
-        replace(result.shown, model=name, regime="", source="", picked_on_test=False),
+        replace(result.presentation, model=name, regime="", source="", picked_on_test=False),
         *(result.run_id, "ok", prediction),
         n_train=result.n_train,
         n_splits=result.n_splits,
@@ -167,7 +167,7 @@ def setting(presentation: Presentation, condition: str, n_splits: int, seed: int
 
 def _title(first: CellResult, n_splits: int, metrics: Sequence[Metric]) -> str:
     """Return the setting, unit and nominal coverage in one line."""
-    cell, presentation = first.cell, first.shown
+    cell, presentation = first.cell, first.presentation
     spread = ", mean ± standard deviation over splits" if n_splits > 1 else ""
     if presentation.pooled:
         spread = " over the predictions of all splits"
@@ -210,7 +210,7 @@ def _of_model(
         return Name(model, f"FAILED in {failed} of {len(results)} splits"), {}
     if "skipped" in statuses:
         return Name(model, "SKIPPED"), {}
-    return Name(model, mark_of(results[0].shown)), metric_values(results, metrics)
+    return Name(model, mark_of(results[0].presentation)), metric_values(results, metrics)
 
 
 def metric_values(results: Sequence[CellResult], metrics: Sequence[Metric]) -> Values:
@@ -250,7 +250,7 @@ def values_of_splits(metric: Metric, results: Sequence[CellResult]) -> list[dict
     If the protocol scores all predictions together, there is one value for all splits; costs still
     have a value per split.
     """
-    if results[0].shown.pooled and metric.of_prediction is not None:
+    if results[0].presentation.pooled and metric.of_prediction is not None:
         return [metric.values(pooled_prediction(results))]
     return [metric.of_result(result) for result in results]
 
@@ -286,5 +286,5 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
         measured=np.concatenate([part.measured for part in parts]),
         interval=interval,
         reference=np.concatenate(references) if len(references) == len(parts) else None,
-        known={},
+        bound_deflections={},
     )

@@ -316,7 +316,7 @@ def corrected_table(
     lengths = dict(zip(DEFLECTION_COLUMNS, compensation.deflection.T, strict=True))
     if interval is not None:
         lengths |= interval_columns(interval)
-    unknown_error = np.full(len(compensation.wanted), np.nan)
+    unknown_error = np.full(len(compensation.target), np.nan)
     lengths["removed_mm"] = np.linalg.norm(compensation.removed, axis=1)
     lengths["expected_error_mm"] = unknown_error if expected_error is None else expected_error
     loads = table.columns[[*WRENCH_COLUMNS]]

@@ -297,7 +297,7 @@ def _spring_findings(
     )
     names = data.robot.joint_names
     identified = _identified(data, pose)
-    unknown = [*compress(names, ~identified.known)]
+    unknown = [*compress(names, ~identified.is_identified)]
     condition = "" if unknown else f", condition number {identified.condition:.3g}"
     yield fact("identifiable", f"rank {identified.rank} of {len(names)} joint springs{condition}")
     outliers = find_outliers(data)
@@ -310,12 +310,14 @@ def _spring_findings(
         f"{name} {1.0 / joint_compliance:.2g}" if joint_compliance else f"{name} inf"
         for name, joint_compliance in zip(names, compliance, strict=True)
     ]
-    yield fact("k [Nm/rad, N/m]", ", ".join(compress(stiffness, identified.known)) or "none")
+    yield fact(
+        "k [Nm/rad, N/m]", ", ".join(compress(stiffness, identified.is_identified)) or "none"
+    )
     if unknown:
-        yield fact("k of the prior", ", ".join(compress(stiffness, ~identified.known)))
+        yield fact("k of the prior", ", ".join(compress(stiffness, ~identified.is_identified)))
     if not best:  # otherwise they would be effects of the mistake
         is_rigid = has_negative_compliance(usual_data) & (compliances(usual_data) == 0.0)
-        vague_joints = [*compress(names, ~identified.known & ~is_rigid)]
+        vague_joints = [*compress(names, ~identified.is_identified & ~is_rigid)]
         if vague_joints:
             yield warning(
                 f"the stiffness of joint{'s' * (len(vague_joints) > 1)} {', '.join(vague_joints)} "

@@ -208,7 +208,7 @@ def errors_between(
     compensation = targets.compensation
     done = compensation.problem == ""
     ends = np.flatnonzero(targets.is_straight[1:] & done[1:] & done[:-1]) + 1
-    length = np.linalg.norm(compensation.wanted[ends] - compensation.wanted[ends - 1], axis=1)
+    length = np.linalg.norm(compensation.target[ends] - compensation.target[ends - 1], axis=1)
     ends = np.sort(ends[np.argsort(-length, kind="stable")[:MAX_SEGMENTS]])
     if not len(ends):
         return ends, np.empty(0)
@@ -217,6 +217,6 @@ def errors_between(
         robot, compensation.position, targets.rotation, compensation.q, row, share
     )
     part = share[:, None]
-    wanted_points = (1.0 - part) * compensation.wanted[row - 1] + part * compensation.wanted[row]
+    wanted_points = (1.0 - part) * compensation.target[row - 1] + part * compensation.target[row]
     error_m = np.linalg.norm(point + predict(q, targets.wrench[row]) - wanted_points, axis=1)
     return ends, np.where(reached, error_m, np.nan).reshape(-1, len(SHARES)).max(axis=1)

@@ -103,7 +103,7 @@ def _identified(
     is_known = log_error <= LARGEST_ERROR
     return IdentifiedSprings(
         compliance=compliance,
-        known=is_known,
+        is_identified=is_known,
         log_error=log_error,
         rank=int(is_known.sum()),
         condition=float(np.linalg.cond(_unit_rows(straight))),

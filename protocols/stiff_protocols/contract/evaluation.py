@@ -136,7 +136,7 @@ class Evaluation:
         # a simulation has no true values for other loads
         as_measured = np.array_equal(self.split.told_wrench(samples), samples.wrench[rows])
         known_deflections = (
-            {name: deflection[rows] for name, deflection in self.data.known.items()}
+            {name: deflection[rows] for name, deflection in self.data.bound_deflections.items()}
             if as_measured
             else {}
         )

@@ -165,7 +165,7 @@ class CellResult(BriefFields):
 
     Attributes:
         cell: identity of the result.
-        shown: facts to show with its numbers.
+        presentation: facts to show with its numbers.
         run_id: run that computed it.
         status: "ok", "failed", or "skipped": the model cannot be used on this machine.
         prediction: predicted and measured reported rows; None unless "ok".
@@ -189,7 +189,7 @@ class CellResult(BriefFields):
     """
 
     cell: Cell
-    shown: Presentation
+    presentation: Presentation
     run_id: str
     status: Literal["ok", "failed", "skipped"]
     prediction: Prediction | None = None

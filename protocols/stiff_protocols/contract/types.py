@@ -29,7 +29,7 @@ from stiff_protocols.kinematics.chain_formulas import JointType as JointType
 AXES = ("x", "y", "z")
 """Names of the three components of a deflection, robot base frame."""
 
-KNOWN = {"oracle": "oracle", "noise": "instrument noise", "uncorrected": "no correction"}
+BOUND_NAMES = {"oracle": "oracle", "noise": "instrument noise", "uncorrected": "no correction"}
 """Deflections that only a simulation knows -> their names in tables. Oracle: prediction of the
 robot's own physics from the recorded joint angles and wrenches. Noise: deflection before the
 tracker's noise. Uncorrected: a path's whole error."""
@@ -226,7 +226,7 @@ class Prediction(BriefFields):
         interval: intervals of the same rows; None if not requested.
         reference: (n, 3) m, base frame, prediction of the reference model (the VJM) with the same
             training rows; None if not available.
-        known: name of `KNOWN` -> (n, 3) m, base frame, for simulated data.
+        bound_deflections: name of `BOUND_NAMES` -> (n, 3) m, base frame, for simulated data.
     """
 
     rows: IntArray
@@ -234,7 +234,7 @@ class Prediction(BriefFields):
     measured: FloatArray
     interval: Interval | None = None
     reference: FloatArray | None = None
-    known: Mapping[str, FloatArray] = field(default_factory=dict)
+    bound_deflections: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = len(self.rows)
@@ -262,8 +262,9 @@ class BenchmarkData(Shown):
     Attributes:
         samples: samples of a robot.
         robot: robot as given to the models.
-        known: (n, 3) deflections [m] that only a simulation knows, a row per sample, for comparison
-            with a model's errors: see `KNOWN`. Models never get them, and the hash excludes them.
+        bound_deflections: (n, 3) deflections [m] that only a simulation knows, a row per sample,
+            for comparison with a model's errors: see `BOUND_NAMES`. Models never get them, and the
+            hash excludes them.
         under_load: true deflection of the measured robot at new poses and loads, without noise, in
             the order of the motion; None if the robot cannot be measured again. It can be pickled.
             Only the scorer calls it; models never get it, and the hash excludes it.
@@ -276,17 +277,17 @@ class BenchmarkData(Shown):
 
     samples: Samples
     robot: Robot
-    known: Mapping[str, FloatArray] = field(default_factory=dict)
+    bound_deflections: Mapping[str, FloatArray] = field(default_factory=dict)
     under_load: Deflection | None = None
     joint_turn: Callable[[FloatArray], FloatArray] | None = None
     paths: Samples | None = None
 
     def __post_init__(self) -> None:
-        known = {
+        bounds = {
             name: frozen_array(array, name, (len(self.samples), 3))
-            for name, array in self.known.items()
+            for name, array in self.bound_deflections.items()
         }
-        object.__setattr__(self, "known", known)
+        object.__setattr__(self, "bound_deflections", bounds)
         if self.samples.q.shape[1] != self.robot.n_joints:
             raise DataError(
                 f"samples have {self.samples.q.shape[1]} joint angles, "

@@ -36,7 +36,7 @@ class Compensation(BriefFields):
     """A corrected path; uncorrected rows keep their original commands and deflections.
 
     Attributes:
-        wanted: (n, 3) points of the path, base frame, m.
+        target: (n, 3) points of the path, base frame, m.
         position: (n, 3) commanded TCP, base frame, m.
         q: (n, n_joints) commanded joint positions, rad or m.
         deflection: (n, 3) predicted at the command, base frame, m.
@@ -47,7 +47,7 @@ class Compensation(BriefFields):
         problem: (n,) why a row was not corrected: one of the words above; "" if it was.
     """
 
-    wanted: FloatArray
+    target: FloatArray
     position: FloatArray
     q: FloatArray
     deflection: FloatArray
@@ -59,7 +59,7 @@ class Compensation(BriefFields):
     @property
     def removed(self) -> FloatArray:
         """(n, 3) predicted deflection that the command removes, base frame, m."""
-        return self.wanted - self.position
+        return self.target - self.position
 
     @property
     def residual(self) -> FloatArray:
@@ -67,7 +67,7 @@ class Compensation(BriefFields):
 
         It measures the convergence of the iteration, not the robot's accuracy.
         """
-        return self.position + self.deflection - self.wanted
+        return self.position + self.deflection - self.target
 
     @property
     def converged(self) -> BoolArray:

@@ -124,12 +124,14 @@ class PathCompensation(PathHoldout):
             )
         points = _points(data, held)
         samples = Samples.together(data.samples, points)
-        extended = replace(data, samples=samples, known={})
+        extended = replace(data, samples=samples, bound_deflections={})
         rows = np.arange(len(data.samples), len(samples))
         oracle = samples.deflection.copy()
         commands = self.commanded(data.under_load, data.robot, points.q, points.wrench)
         oracle[rows] = self.scored(oracle[rows], commands, extended, rows)
-        return replace(extended, known={"oracle": oracle, "uncorrected": np.zeros_like(oracle)})
+        return replace(
+            extended, bound_deflections={"oracle": oracle, "uncorrected": np.zeros_like(oracle)}
+        )
 
     def commanded(
         self, predict: Deflection, robot: Robot, q: FloatArray, wrench: FloatArray

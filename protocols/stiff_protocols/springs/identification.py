@@ -66,7 +66,7 @@ class Identified(BriefFields):
 
     Attributes:
         compliance: (n_columns,) rad/(N m) or m/N; above 0, unless no spring explains anything.
-        known: (n_columns,) true if the data identify the spring; else its compliance is the
+        is_identified: (n_columns,) true if the data identify the spring; else its compliance is the
             prior's, corrected by the data.
         log_error: (n_columns,) standard deviation of ln compliance, the larger of two: of
             the posterior, and of the same where the samples of one pose err together.
@@ -75,7 +75,7 @@ class Identified(BriefFields):
     """
 
     compliance: FloatArray
-    known: BoolArray
+    is_identified: BoolArray
     log_error: FloatArray
     rank: int
     condition: float
@@ -84,12 +84,12 @@ class Identified(BriefFields):
     def stiffness(self) -> FloatArray:
         """1 / compliance; infinite for a spring found rigid, NaN where the data cannot tell."""
         with np.errstate(divide="ignore"):
-            return np.where(self.known, 1.0 / self.compliance, np.nan)
+            return np.where(self.is_identified, 1.0 / self.compliance, np.nan)
 
     @property
     def standard_error(self) -> FloatArray:
         """(n_columns,) of `stiffness`, to first order; NaN where that is not known or infinite."""
-        finite = self.known & (self.compliance > 0.0)
+        finite = self.is_identified & (self.compliance > 0.0)
         stiffness = np.divide(1.0, self.compliance, where=finite, out=np.full(len(finite), np.nan))
         return np.asarray(stiffness * self.log_error)
 
@@ -133,7 +133,9 @@ class IdentifiedSprings(Identified):
     def unidentifiable(self) -> tuple[str, ...]:
         """Names of the springs that the data cannot identify."""
         return tuple(
-            name for name, is_known in zip(self.names, self.known, strict=True) if not is_known
+            name
+            for name, is_known in zip(self.names, self.is_identified, strict=True)
+            if not is_known
         )
 
     def report(self) -> dict[str, float]:
@@ -145,7 +147,7 @@ class IdentifiedSprings(Identified):
                 "stiffness": self.stiffness[i],
                 "standard error": self.standard_error[i],
             }
-            if self.known[i]:
+            if self.is_identified[i]:
                 spring_numbers["90 % interval from"], spring_numbers["90 % interval to"] = interval[
                     i
                 ]
@@ -249,7 +251,7 @@ def identify(
     needed = (1.0 / PRIOR_SHARE - 1.0) / PRIOR_SPREAD**2
     return Identified(
         compliance=compliance,
-        known=is_known,
+        is_identified=is_known,
         log_error=error,
         rank=int((np.linalg.eigvalsh(information) >= needed).sum()),
         condition=float(np.linalg.cond(matrix[:, is_known] / size[is_known]))

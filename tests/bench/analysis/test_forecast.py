@@ -36,7 +36,7 @@ def store(folder, tasks, fit_s=1.0, status="ok"):
     """Store results of cells with this fit time."""
     cost = Cost(fit_s, 0.5, 0.0, 1.0, None) if status == "ok" else None
     ResultStore(folder).write_cells(
-        CellResult(task.cell, task.shown, "r", status, cost=cost) for task in tasks
+        CellResult(task.cell, task.presentation, "r", status, cost=cost) for task in tasks
     )
 
 
@@ -65,7 +65,7 @@ def test_one_fit_is_timed_of_each_model_and_data_set_whose_model_has_no_stored_f
     tasks = cells("zero", "vjm", "knn", datasets=DATASETS)
     store(tmp_path, tasks[:1])
     chosen = untimed_fits(tasks[1:], tmp_path, rerun="missing")
-    places = [(task.shown.model, task.shown.dataset) for task in chosen]
+    places = [(task.presentation.model, task.presentation.dataset) for task in chosen]
     assert places == [(model, dataset) for dataset in DATASETS for model in ("vjm", "knn")]
     sizes = tasks_of(("knn",), protocol="sample-efficiency@sizes=20,5", splits=1)
     (smallest,) = untimed_fits(sizes, tmp_path, rerun="missing")
@@ -80,9 +80,9 @@ class Timed(Execution):
 
     def results(self, tasks, run_id, display):
         for task in tasks:
-            fields = ENDS.get(task.shown.model, {"failure": "it broke"})
+            fields = ENDS.get(task.presentation.model, {"failure": "it broke"})
             status = "ok" if "cost" in fields else "failed"
-            yield CellResult(task.cell, task.shown, run_id, status, **fields)
+            yield CellResult(task.cell, task.presentation, run_id, status, **fields)
 
 
 def test_a_timed_fit_is_the_time_of_the_others_or_a_bound_and_a_failure_is_reported(

@@ -197,7 +197,9 @@ def test_rows_of_a_data_set_are_a_data_set_of_its_kind(twin, rows, expected, nam
     np.testing.assert_array_equal(part.samples.q, twin.samples.q[expected])
     np.testing.assert_array_equal(part.samples.pose_id, twin.samples.pose_id[expected])
     assert part.choice.info.kind == "simulated" and part.choice.info.caveats
-    assert {len(predictions) for predictions in part.data.known.values()} == {len(expected)}
+    assert {len(predictions) for predictions in part.data.bound_deflections.values()} == {
+        len(expected)
+    }
 
 
 def test_an_object_of_another_type_is_refused_with_how_to_make_a_data_set(twin):

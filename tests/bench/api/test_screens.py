@@ -154,7 +154,7 @@ def test_names_with_html_formulas_and_control_signs_are_shown_as_they_are(given)
 
 
 def test_results_of_a_model_are_those_of_its_name_and_an_unknown_name_is_refused(given):
-    assert {cell.shown.model for cell in given.results["knn"].cells} == {"knn"}
+    assert {cell.presentation.model for cell in given.results["knn"].cells} == {"knn"}
     for name in ("gp", 0):
         with pytest.raises(ConfigError, match="knn"):
             given.results[name]

@@ -43,7 +43,7 @@ def test_vjm_under_leave_one_out_gives_the_independent_figures_of_the_fanuc(tmp_
 def test_the_reference_model_is_stored_once_with_the_requested_models(tmp_path):
     words = ["run", "--model", "zero", "--model", "vjm@tcp=fit", "--dataset", "fanuc-r2000ic"]
     done = bench_here(*words, "--splits", "1", "--output", "out", cwd=tmp_path)
-    stored = sorted(result.shown.model for result in read_results(tmp_path / "out"))
+    stored = sorted(result.presentation.model for result in read_results(tmp_path / "out"))
     assert stored == ["vjm", "vjm@tcp=fit", "zero"]
     assert done.stdout.count("| vjm ") == 1
 

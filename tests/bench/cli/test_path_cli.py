@@ -168,7 +168,7 @@ def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_
 def test_joint_angles_can_replace_poses_and_choose_the_configuration(square, corrected, vjm):
     path_table = pd.read_csv(square)
     usual, written = corrected(path_table.assign(fz_N=0.0, fy_N=0.0, tz_Nm=0.0))
-    np.testing.assert_allclose(usual.compensation.position, usual.compensation.wanted, atol=1e-12)
+    np.testing.assert_allclose(usual.compensation.position, usual.compensation.target, atol=1e-12)
     by_joints = pd.concat([written[JOINTS], path_table[LOADS]], axis=1)
     again, _ = corrected(by_joints)
     from_poses, _ = corrected(path_table)

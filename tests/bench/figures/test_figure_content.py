@@ -107,7 +107,7 @@ def test_a_calibration_has_a_panel_for_each_coverage_that_every_split_has(tmp_pa
         made.add("vjm", [0.3, 0.3], coverage=None if coverage == 0.9 else coverage)
     store = ResultStore(tmp_path)
     for result in list(read_results(tmp_path)):
-        if result.shown.model == "gp" and result.cell.coverage == 0.5:
+        if result.presentation.model == "gp" and result.cell.coverage == 0.5:
             shift = np.where(np.arange(len(result.prediction.rows)) % 2, 1.0, 0.0)[:, None]
             old = result.prediction.interval
             moved = Interval(old.lower + shift, old.upper + shift, 0.5)

@@ -36,10 +36,10 @@ def with_noise(folder, *datasets: str) -> None:
     """Add a prediction with instrument noise to results of some data sets."""
     store = ResultStore(folder)
     for result in list(read_results(folder)):
-        if result.shown.dataset in datasets:
+        if result.presentation.dataset in datasets:
             tested = result.prediction
             noise = tested.measured + np.array([0.0, 0.0, NOISE_MM * 1e-3])
-            prediction = replace(tested, known={"noise": noise})
+            prediction = replace(tested, bound_deflections={"noise": noise})
             store.write_cells([replace(result, prediction=prediction)])
 
 

@@ -1,4 +1,4 @@
-"""The paper's tables beside ours: numbers by hand, what is missing, formats that parse."""
+"""The paper's tables with ours: numbers by hand, what is missing, formats that parse."""
 
 from __future__ import annotations
 
@@ -109,9 +109,9 @@ def test_table_8_keeps_the_rows_of_models_that_failed_and_says_why_each_did(runs
     (part,) = (table := TABLES["8"](runs.read))
     assert labels(part) == [("1 layer", layer) for layer in ("1", "2", "3", "4", "out")]
     assert set(values(part, OURS, ("1 layer", "4")).values()) == {None}
-    said = notes(table)
-    assert all(f"{model.name} (failed: it broke)" in said for model in failed)
-    assert "with `--rerun failed` computes it again" in said
+    note_text = notes(table)
+    assert all(f"{model.name} (failed: it broke)" in note_text for model in failed)
+    assert "with `--rerun failed` computes it again" in note_text
 
 
 def test_results_that_all_failed_are_refused_with_the_reason_and_the_command(runs):
@@ -121,19 +121,19 @@ def test_results_that_all_failed_are_refused_with_the_reason_and_the_command(run
 
 
 def test_table_9_has_every_error_on_both_parts_of_the_fits_that_are_read_on_all_samples(runs):
-    """Of the twelve samples the first four are held out, with an error of 0.3 mm along z."""
+    """The first four of the twelve samples are held out, with an error of 0.3 mm along z."""
     runs.of(FT_MLP, [0.3], picked_on_test=True)
     runs.of(FT_MLP, [[0.3] * 4 + [0.1] * 4 + [0.2] * 4], ON_ALL, rows=range(12))
     (part,) = (table := TABLES["9"](runs.read))
     best = "optimized (best epoch)"
     assert labels(part)[4:] == [(best, error) for error in ("3-D", "X", "Y", "Z")]
     for error in ("3-D", "Z"):
-        found = values(part, OURS, (best, error))
-        assert found["validation MAE"].value == pytest.approx(0.3)
-        assert found["validation STDE"].value == pytest.approx(0.0, abs=1e-12)
-        assert found["train MAE"].value == pytest.approx(0.15)
-        assert found["train STDE"].value == pytest.approx(0.05)
-        assert found["train MAE"].mark == "epoch picked on test part"
+        row_values = values(part, OURS, (best, error))
+        assert row_values["validation MAE"].value == pytest.approx(0.3)
+        assert row_values["validation STDE"].value == pytest.approx(0.0, abs=1e-12)
+        assert row_values["train MAE"].value == pytest.approx(0.15)
+        assert row_values["train STDE"].value == pytest.approx(0.05)
+        assert row_values["train MAE"].mark == "epoch picked on test part"
     assert values(part, OURS, (best, "X"))["train MAE"].value == pytest.approx(0.0, abs=1e-12)
     assert f"{FT_MLP.name}: epoch picked on test part." in notes(table)
     published = values(part, "published", ("normal (last epoch)", "3-D"))
@@ -189,9 +189,9 @@ def test_the_papers_recipe_is_one_column_more_where_it_is_stored_and_a_command_w
     assert "is not stored" not in notes([errors, part])
     assert "Left out" not in notes([errors, reductions])  # the recipe has one split by design
     row = ("Z", "MAE")
-    found = values(errors, TESTED, row)
-    assert (found[RECIPE].value, found[RECIPE].n) == (pytest.approx(0.1), 1)
-    assert (found["VJM"].value, found["VJM"].n) == (pytest.approx(0.6), 2)
+    row_values = values(errors, TESTED, row)
+    assert (row_values[RECIPE].value, row_values[RECIPE].n) == (pytest.approx(0.1), 1)
+    assert (row_values["VJM"].value, row_values["VJM"].n) == (pytest.approx(0.6), 2)
     assert RECIPE not in values(errors, FAIRLY, row)
     assert values(reductions, TESTED, row)[f"{RECIPE} against VJM"].value == pytest.approx(75)
     of_recipe = values(part, "ours, the paper's recipe", ("optimized (best epoch)", "Z"))
@@ -259,4 +259,4 @@ def test_the_vjm_of_the_twin_is_near_the_papers_tables_2_and_3_that_it_was_calib
         assert ours == pytest.approx(published, rel=0.15)
     assert values(stiffness, "published", ("A4",))["stiffness"].value == 2.27
     assert stiffness.unit == "10^3 Nm/rad"
-    assert all(said in " ".join(errors.notes) for said in ("calibrated against", "not a test"))
+    assert all(phrase in " ".join(errors.notes) for phrase in ("calibrated against", "not a test"))

@@ -19,7 +19,7 @@ SIMPLE = (
 
 @pytest.fixture(scope="module")
 def plans(tmp_path_factory):
-    """What a shipped study asks for."""
+    """Return the plans of a shipped study by its name."""
     registry, folder = build_registry(), tmp_path_factory.mktemp("none")
     return lambda name: find_study(name).plans(registry, output=folder, command="")
 
@@ -36,20 +36,20 @@ def fits(plans):
     ]
 
 
-def test_a_run_has_what_stands_at_the_top_of_the_file_but_for_its_own_keys(tmp_path):
+def test_a_run_takes_the_keys_at_the_top_of_the_file_except_its_own(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(SIMPLE + "[[run]]\n[[run]]\ndatasets = ['fanuc-r2000ic']\nseed = 3\n")
     study = read_study(file)
     assert (study.name, study.tables) == ("mine", ("scores",))
-    every, own = study.plans(build_registry(), output=tmp_path, command="")
-    assert [choice.name for choice in every.datasets] == ["kr10-twin", "ur5-twin"]
-    assert [choice.name for choice in own.datasets] == ["fanuc-r2000ic"]
-    assert [plan.models[0].name for plan in (every, own)] == ["vjm", "vjm"]
-    assert (every.seed, own.seed) == (0, 3)
+    shared_run, own_run = study.plans(build_registry(), output=tmp_path, command="")
+    assert [choice.name for choice in shared_run.datasets] == ["kr10-twin", "ur5-twin"]
+    assert [choice.name for choice in own_run.datasets] == ["fanuc-r2000ic"]
+    assert [plan.models[0].name for plan in (shared_run, own_run)] == ["vjm", "vjm"]
+    assert (shared_run.seed, own_run.seed) == (0, 3)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("title = ", "not TOML"),
         (SIMPLE.replace("title", "titel"), "unknown key 'titel'; did you mean 'title'"),
@@ -64,12 +64,12 @@ def test_a_run_has_what_stands_at_the_top_of_the_file_but_for_its_own_keys(tmp_p
         ("name = '../x'\n" + SIMPLE, "name = '../x'"),
     ],
 )
-def test_a_wrong_file_is_refused_by_file_key_and_value(text, said, tmp_path):
+def test_a_wrong_file_is_refused_by_file_key_and_value(text, message, tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(text)
     with pytest.raises(ConfigError) as refused:
         read_study(file)
-    assert str(file) in str(refused.value) and said in str(refused.value)
+    assert str(file) in str(refused.value) and message in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -80,10 +80,10 @@ def test_a_wrong_file_is_refused_by_file_key_and_value(text, said, tmp_path):
     ],
 )
 def test_a_shipped_study_asks_for_its_fits_by_valid_names(name, n_fits, n_shared, plans):
-    """None is asked for again, but by other tables and figures of the paper."""
-    asked = fits(plans(name))
-    assert len(set(asked)) == n_fits
-    assert len(asked) == n_fits + n_shared
+    """Only other tables and figures of the paper request a fit twice."""
+    requested_fits = fits(plans(name))
+    assert len(set(requested_fits)) == n_fits
+    assert len(requested_fits) == n_fits + n_shared
 
 
 NEED_WEIGHTS = {"tabpfn", "tabicl"}
@@ -91,11 +91,11 @@ NEED_WEIGHTS = {"tabpfn", "tabicl"}
 
 
 def test_the_leaderboard_has_every_shipped_model_on_twelve_robots_in_four_ways(plans):
-    study, asked = find_study("leaderboard"), plans("leaderboard")
-    keys = {choice.info.key for plan in asked for choice in plan.models}
+    study, requested = find_study("leaderboard"), plans("leaderboard")
+    keys = {choice.info.key for plan in requested for choice in plan.models}
     assert keys == {info.key for info in MODELS} - NEED_WEIGHTS
     assert [len(set(group)) for group in study.groups.values()] == [12] * 4
-    datasets = {choice.name: choice for plan in asked for choice in plan.datasets}
+    datasets = {choice.name: choice for plan in requested for choice in plan.datasets}
     assert {name for group in study.groups.values() for name in group} < datasets.keys()
 
 
@@ -108,7 +108,9 @@ def test_leaderboard_models_have_each_data_set_and_a_pre_training_with_the_seed_
     for plan in main:
         for model in plan.models:
             counted = datasets[without_options(model.name, "pretrain_seed")]
-            counted.update(one.name for one in plan.datasets if one.info.kind == "simulated")
+            counted.update(
+                choice.name for choice in plan.datasets if choice.info.kind == "simulated"
+            )
     on_all = {name: counts for name, counts in datasets.items() if len(counts) == 48}
     few = {*study.board.variants, *(name for name in datasets if "tcp=fit" in name)}
     assert datasets.keys() - on_all.keys() == few

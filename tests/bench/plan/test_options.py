@@ -116,7 +116,7 @@ def test_one_run_can_have_several_variants_of_one_key():
 def test_variants_are_cells_of_their_own_with_one_seed():
     plan = planned(models=("vjm", "knn@neighbours=3"), datasets=("kr10-twin@specimen=2",))
     tasks = list(cell_tasks(plan))
-    names = [(task.shown.model, task.shown.dataset) for task in tasks]
+    names = [(task.presentation.model, task.presentation.dataset) for task in tasks]
     assert names == [(model, "kr10-twin@specimen=2") for model in ("vjm", "knn@neighbours=3")]
     assert len({task.cell.key for task in tasks}) == 2
     assert len({task.cell.model_seed for task in tasks}) == 1

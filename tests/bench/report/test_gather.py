@@ -114,7 +114,7 @@ def test_many_models_and_columns_are_one_click_away(tmp_path):
 
 def test_identified_stiffnesses_are_listed_with_the_data(results):
     for result in [*read_results(results.folder)]:
-        if result.shown.model == "vjm":
+        if result.presentation.model == "vjm":
             springs = {"stiffness A1 [Nm/rad]": 1000.0 + 200.0 * result.cell.split_index}
             ResultStore(results.folder).write_cells([replace(result, diagnostics=springs)])
     _, stiffnesses = blocks_of(results.folder)["Robots and data"].tables

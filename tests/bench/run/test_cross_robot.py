@@ -81,13 +81,13 @@ def test_with_the_foreign_source_a_cell_and_its_intervals_are_those_of_that_sour
 
 def test_rows_have_the_training_regime_of_their_source(cross_tasks):
     tasks = cross_tasks("vjm", "ft-mlp", "mlp-pretrained")
-    regimes = {(task.cell.model, task.cell.condition): task.shown.regime for task in tasks}
+    regimes = {(task.cell.model, task.cell.condition): task.presentation.regime for task in tasks}
     assert regimes["vjm", OWN] == regimes["ft-mlp", OWN] == regimes["ft-mlp", FROM_UR5] == ""
     assert regimes["vjm", FROM_UR5] == NO_SOURCE
     assert regimes["mlp-pretrained", OWN] == "target labels not trained on"
     assert regimes["mlp-pretrained", FROM_UR5] == "target labels not used"
     own_caveats, foreign_caveats = (
-        of_condition(tasks, condition)[0].shown.caveats for condition in (OWN, FROM_UR5)
+        of_condition(tasks, condition)[0].presentation.caveats for condition in (OWN, FROM_UR5)
     )
     assert set(foreign_caveats) > set(own_caveats) and not any(
         "ur5-twin" in caveat for caveat in own_caveats
@@ -151,7 +151,7 @@ def test_a_word_inside_a_word_doubles_the_mark_and_its_name_can_be_typed_again(t
         ["source=kr10-twin@specimen=3@seed=1", "test_fraction=0.3"],
     )
     task = tasks_of(("vjm",), "fanuc-r2000ic", word)[1]
-    assert task.shown.protocol == word
+    assert task.presentation.protocol == word
     assert task.cell.condition == "source kr10-twin@specimen=3@seed=1"
     choice = chosen_dataset("kr10-twin@specimen=3@seed=1", (), build_registry())
     assert task.cell.source_sha256 == choice.make().load().sha256

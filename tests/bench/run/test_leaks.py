@@ -240,7 +240,7 @@ def test_an_engine_that_leaks_is_caught(name, leaky, words, tasks, monkeypatch):
 @pytest.mark.parametrize("protocol", [*(info.key for info in PROTOCOLS), READ_ON_ALL])
 def test_which_rows_train_choose_and_are_reported_is_what_the_protocol_says(protocol, tasks_of):
     for task in tasks_of(protocol=protocol):
-        split, presentation = task.split, task.shown
+        split, presentation = task.split, task.presentation
         assert not len(np.intersect1d(split.train, split.test))
         chosen_on_test = len(np.intersect1d(split.validation, split.test)) > 0
         assert chosen_on_test == presentation.selects_on_test == (protocol not in FAIR)

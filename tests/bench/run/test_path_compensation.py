@@ -58,7 +58,7 @@ def stored(tasks, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def results(stored):
-    return [result for result in stored[1] if result.shown.protocol == PATHS]
+    return [result for result in stored[1] if result.presentation.protocol == PATHS]
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def test_holdout_with_paths_has_the_fits_and_errors_of_holdout():
     )
     for result, plain in zip(with_paths, without, strict=True):
         np.testing.assert_array_equal(result.prediction.predicted, plain.prediction.predicted)
-        assert not result.shown.measured_sha256
+        assert not result.presentation.measured_sha256
         assert result.cell.data_sha256 == plain.cell.data_sha256
 
 

@@ -25,7 +25,7 @@ def promised_and_found(
     commands = corrected.compensation.q
     true_deflection = data.data.under_load(commands, wrench)
     stands = data.robot.tcp_position(commands) + true_deflection
-    found_error = np.linalg.norm(stands - corrected.compensation.wanted, axis=1)
+    found_error = np.linalg.norm(stands - corrected.compensation.target, axis=1)
     return float(corrected.expected_error.mean()), float(found_error.mean())
 
 

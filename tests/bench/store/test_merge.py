@@ -29,7 +29,7 @@ def contents(folder):
     """Return every result of a folder by key, in comparable parts."""
     return {
         (result.cell.key, result.status): (
-            *(result.cell, result.shown, result.run_id),
+            *(result.cell, result.presentation, result.run_id),
             result.prediction and result.prediction.predicted.tobytes(),
         )
         for result in read_results(folder)

@@ -56,7 +56,9 @@ CURVES = {"none": np.empty((0, 3)), "fit": np.array([[1.0, 0.1, math.nan], [2.0,
         result(curves=CURVES, chosen={"a": "1"}, log=("line",), n_train=3, n_splits=2),
         result(
             cell=replace(CELL, coverage=0.9, interval_version=3),
-            prediction=Prediction(np.array([4]), NUMBERS, NUMBERS, INTERVAL, known=KNOWN),
+            prediction=Prediction(
+                np.array([4]), NUMBERS, NUMBERS, INTERVAL, bound_deflections=KNOWN
+            ),
             calibration_samples=11,
         ),
         result(cell=replace(CELL, coverage=0.9)),  # too few training rows for intervals

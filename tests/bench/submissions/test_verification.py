@@ -75,7 +75,7 @@ def submission(card_file, study_file, tmp_path_factory):
 def tasks(study_file):
     """Return the fits of the study by place."""
     study = study_tasks(find_study(str(study_file)), "lite", "vjm", build_registry())
-    return {place_of(task.cell, task.shown): task for task in study}
+    return {place_of(task.cell, task.presentation): task for task in study}
 
 
 @pytest.fixture()
@@ -255,7 +255,7 @@ def test_copied_test_labels_are_refused_also_with_noise_or_mixed_with_a_model(
         rows = task.split.reported
         labels = task.data.samples.deflection[rows]
         noisy = labels + random.normal(scale=2e-6, size=labels.shape)
-        oracle = task.data.known["oracle"][rows]
+        oracle = task.data.bound_deflections["oracle"][rows]
         with_metrics(record, tasks, share * noisy + (1.0 - share) * oracle)
 
     done = verified(forged(submission, tmp_path, edit), study_file)
@@ -357,7 +357,10 @@ def test_a_verified_submission_is_added_to_results_as_if_it_were_computed_there(
         np.testing.assert_allclose(
             result.prediction.predicted, computed[key].prediction.predicted, rtol=1e-14
         )
-        assert result.shown == computed[key].shown and result.n_train == computed[key].n_train
+        assert (
+            result.presentation == computed[key].presentation
+            and result.n_train == computed[key].n_train
+        )
 
 
 @pytest.mark.parametrize(

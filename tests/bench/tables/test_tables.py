@@ -30,7 +30,7 @@ def result(task, error_m, *, interval_m=None, reference_m=None, known_m=(), **ch
     reference = None if reference_m is None else measured + reference_m
     known_predictions = {name: measured + wrong for name, wrong in dict(known_m).items()}
     scores = Prediction(rows, measured + error_m, measured, interval, reference, known_predictions)
-    fields = {"shown": task.shown, "status": "ok", "prediction": scores, "cost": COST}
+    fields = {"presentation": task.presentation, "status": "ok", "prediction": scores, "cost": COST}
     return CellResult(cell=task.cell, run_id="r", **(fields | changes))
 
 
@@ -94,7 +94,9 @@ def test_leave_one_out_scores_all_poses_together(tasks_of):
 
 
 def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(tasks_of):
-    tasks = sorted(tasks_of(models=("vjm", "zero"), splits=2), key=lambda task: task.shown.model)
+    tasks = sorted(
+        tasks_of(models=("vjm", "zero"), splits=2), key=lambda task: task.presentation.model
+    )
     broken = {"status": "failed", "prediction": None, "failure": "it broke"}
     absent = broken | {"status": "skipped", "failure": "no a|b\nhere"}
     failed = [result(tasks[0], 1e-4), result(tasks[1], 0, **broken)]
@@ -176,9 +178,9 @@ def test_a_value_missing_in_one_split_is_a_dash_and_not_a_mean_of_the_others(tas
 
 def test_rows_of_reference_predictions_have_no_source_domain(tasks_of):
     (task,) = tasks_of(splits=1)
-    presentation = replace(task.shown, model="ft-mlp", source="vjm on Sobol poses")
+    presentation = replace(task.presentation, model="ft-mlp", source="vjm on Sobol poses")
     predictions = {"reference_m": 2e-4, "known_m": {"oracle": 0.0, "noise": 1e-5}}
-    (table,) = build_tables([result(task, 1e-4, shown=presentation, **predictions)], METRICS)
+    (table,) = build_tables([result(task, 1e-4, presentation=presentation, **predictions)], METRICS)
     names = [str(row[0]) for row in table.rows]
     assert all(name in " ".join(names) for name in ("vjm", "oracle", "instrument noise"))
     assert [note for note in table.notes if "source domain" in note] == [

@@ -66,7 +66,9 @@ def test_each_effect_changes_the_measurement_and_none_is_the_default_twins_physi
     assert Kr10TwinRough().load().sha256 == datasets[-1].sha256
     q, wrench = datasets[0].samples.q, datasets[0].samples.wrench
     twin = DigitalTwin(CONSTANTS.robot(), specimen_springs(CONSTANTS, 0))
-    np.testing.assert_allclose(datasets[0].known["oracle"], twin.readings(q, wrench), atol=1e-12)
+    np.testing.assert_allclose(
+        datasets[0].bound_deflections["oracle"], twin.readings(q, wrench), atol=1e-12
+    )
 
 
 def stop_angle(law, path):
@@ -147,10 +149,12 @@ def test_the_force_sensor_is_turned_by_one_degree_and_its_gain_is_off_by_three_p
 
 def test_the_oracle_knows_all_but_the_noise():
     data = Kr10TwinRough().load()
-    error = np.abs(data.known["oracle"] - data.samples.deflection).mean()
-    noise = np.abs(data.known["noise"] - data.samples.deflection).mean()
+    error = np.abs(data.bound_deflections["oracle"] - data.samples.deflection).mean()
+    noise = np.abs(data.bound_deflections["noise"] - data.samples.deflection).mean()
     assert noise <= 1.05 * error < 3e-5
-    assert data.sha256 == replace(data, known={}).sha256  # the hash is of the models' data only
+    assert (
+        data.sha256 == replace(data, bound_deflections={}).sha256
+    )  # the hash is of the models' data only
 
 
 def test_links_that_shall_bend_need_sections(tmp_path):
@@ -190,7 +194,7 @@ def test_rigid_bearings_keep_poses_and_loads_and_change_the_deflections(twin_cla
         np.testing.assert_array_equal(getattr(rigid.samples, name), getattr(tilting.samples, name))
     distance = np.linalg.norm(rigid.samples.deflection - tilting.samples.deflection, axis=1)
     assert np.median(distance) > 2e-5
-    error = np.abs(rigid.known["oracle"] - rigid.samples.deflection)
+    error = np.abs(rigid.bound_deflections["oracle"] - rigid.samples.deflection)
     assert np.median(error) < 2e-5  # the oracle bends, too
     card = card_of(twin_class)
     assert f"`{tilting.sha256}`" in card and f"`{rigid.sha256}`" in card

@@ -84,7 +84,7 @@ def test_the_intervals_of_its_torsion_springs_hold_the_twins_own_where_those_of_
     def intervals_hold(springs, kind):
         indices = [springs.names.index(f"A{joint}{kind}") for joint in range(1, 7)]
         low, high = springs.interval(0.9)[indices].T
-        return ((low <= twin_stiffness) & (twin_stiffness <= high))[springs.known[indices]]
+        return ((low <= twin_stiffness) & (twin_stiffness <= high))[springs.is_identified[indices]]
 
     full_holds = intervals_hold(FullVjm().fit(samples, robot=robot).springs_, " rz")
     assert full_holds.all() and len(full_holds) >= 3

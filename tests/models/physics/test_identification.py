@@ -52,7 +52,7 @@ def test_no_spring_lies_outside_a_thirtieth_to_thirty_times_the_truth(arm):
         joints = identify_joints(robot, samples)
         ratio = 1.0 / joints.compliance / stiffness
         assert (1 / 30 < ratio).all() and (ratio < 30).all()
-        known_ratios.extend(ratio[joints.known])
+        known_ratios.extend(ratio[joints.is_identified])
         assert joints.unidentifiable
     assert len(known_ratios) > 12 and 1 / 3 < np.min(known_ratios) and np.max(known_ratios) < 3
 

@@ -90,11 +90,11 @@ def test_no_correction_leaves_the_deflection_and_removes_nothing(data, rows):
         remaining_error(data, rows, q), data.samples.deflection[rows], atol=ROUNDED_M
     )
     np.testing.assert_allclose(PROTOCOL.scored(q, q, data, rows), 0.0, atol=ROUNDED_M)
-    assert (data.known["uncorrected"] == 0.0).all()
+    assert (data.bound_deflections["uncorrected"] == 0.0).all()
 
 
 def test_the_twins_own_truth_leaves_the_tolerance(data, rows):
-    error = (data.known["oracle"] - data.samples.deflection)[rows]
+    error = (data.bound_deflections["oracle"] - data.samples.deflection)[rows]
     assert 0.0 < np.linalg.norm(error, axis=1).max() <= TOLERANCE_M + ROUNDED_M
 
 
