@@ -37,12 +37,12 @@ def calibration_figure(shares: pd.DataFrame) -> Figure:
     """
     rows, names = shares["data"].unique(), shares["model"].unique()
     nominal = sorted(shares["nominal"].unique())
-    n_columns = 3 if len(nominal) == 1 else 5
+    labels = style.short_names(names)
+    n_columns = style.legend_columns(labels.values(), len(nominal), most=5)
     legend = LEGEND_LINE_INCH * -(-(len(names) + 1) // n_columns)
     row_inch = FRAME_INCH + len(rows) * (GAP_INCH + MODEL_INCH * len(names))
     figure, panels = style.new_panels(len(nominal), row_inch, legend)
     place = {name: number for number, name in enumerate(rows)}
-    labels = style.short_names(names)
     offsets = np.linspace(-0.3, 0.3, len(names)) if len(names) > 1 else [0.0]
     for axes, level in zip(panels, nominal, strict=True):
         of_level = shares[shares["nominal"] == level]

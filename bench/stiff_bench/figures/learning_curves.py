@@ -59,10 +59,10 @@ def learning_figure(
         noise_floors: type of robot -> mean 3-D error of the instruments' noise, m; None: not
             known.
     """
-    n_columns = 2 if len(panels) == 1 else 3
+    labels = style.short_names(names)
+    n_columns = style.legend_columns(labels.values(), len(panels), most=3)
     legend = LEGEND_LINE_INCH * -(-(len(names) + any(noise_floors.values())) // n_columns)
     figure, grid = style.new_panels(len(panels), PANEL_INCH, legend)
-    labels = style.short_names(names)
     for name, look in style.looks_of(names).items():
         grid[0].plot([], [], color=look.color, marker=look.marker, label=labels[name])
     for axes, (title, errors) in zip(grid, panels.items(), strict=True):

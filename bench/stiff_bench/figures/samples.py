@@ -145,10 +145,10 @@ def errors_by_row(tested: Prediction) -> pd.Series:
 
 def errors_figure(panels: Sequence[ErrorPanel], names: Sequence[str]) -> Figure:
     """Draw the share of samples whose 3-D error is below a value, a curve per model."""
-    n_columns = 2 if len(panels) == 1 else 4
+    looks, labels = style.looks_of(names), style.short_names(names)
+    n_columns = style.legend_columns(labels.values(), len(panels), most=4)
     legend = LEGEND_LINE_INCH * -(-(len(names) + 1) // n_columns)
     figure, grid = style.new_panels(len(panels), PANEL_INCH, legend)
-    looks, labels = style.looks_of(names), style.short_names(names)
     for axes, panel in zip(grid, panels, strict=True):
         for name, errors in panel.errors.items():
             axes.ecdf(MM * errors, **looks[name].connected(), label=labels[name])

@@ -149,6 +149,16 @@ def share_legend(figure: Figure, panels: Iterable[Axes], *, ncols: int = 4, **sp
     figure.legend(list(handles.values()), list(handles), loc=place, ncols=ncols, **spacing)
 
 
+LEGEND_LETTERS_PER_INCH, LEGEND_MARK_INCH = 15.0, 0.45
+
+
+def legend_columns(labels: Iterable[str], n_panels: int, most: int) -> int:
+    """Return the number of columns of a legend below `new_panels`: at most `most`, and they fit."""
+    width = COLUMN_INCH if n_panels == 1 else PAGE_INCH
+    longest = max(map(len, labels), default=0)
+    return int(min(most, max(1.0, width / (LEGEND_MARK_INCH + longest / LEGEND_LETTERS_PER_INCH))))
+
+
 SUBTITLE_POINTS, SUBTITLE_INCH, SUBTITLE_LETTERS_PER_INCH = 7.5, 0.18, 17.0
 FINE_STEPS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
 """Ticks of a logarithmic axis that often spans less than a decade."""

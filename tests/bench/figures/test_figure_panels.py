@@ -175,6 +175,21 @@ def test_a_model_whose_name_begins_with_an_underscore_is_in_the_legend(tmp_path)
     assert {text.get_text().strip() for text in legend.get_texts()} == {"vjm", "_mine"}
 
 
+@pytest.mark.parametrize("datasets", [["a"], ["a", "b"]])
+def test_long_names_are_inside_the_figure(datasets, tmp_path):
+    results = MadeResults(tmp_path)
+    for place, dataset in enumerate(datasets):
+        for number in range(5):
+            name = f"ft-mlp@anchor=none@training=best-{number}"
+            results.add(name, [0.1], dataset, data=made_data(place))
+    figure = drawn(tmp_path, "errors")
+    (legend,) = figure.legends
+    figure.canvas.draw()
+    inside, outside = figure.bbox, legend.get_window_extent()
+    assert len(legend.get_texts()) == 5
+    assert inside.x0 <= outside.x0 and outside.x1 <= inside.x1
+
+
 def test_calibration_has_a_row_per_data_set_in_the_same_order(tmp_path):
     make_results(tmp_path, coverage=0.9)
     (axes,) = drawn(tmp_path, "calibration").axes
