@@ -121,10 +121,11 @@ class StudyResults:
         ]
 
     def _extras(self) -> Table:
-        """Return the board of models that need more packages."""
+        """Return the board of models that need more packages, on the averaged robots."""
         extras = self.columns.extras
         names = {*extras, REFERENCE_MODEL, self.board.best}
-        of_extras = Board(self._answer(self.columns.protocol, names))
+        answer = self._answer(self.columns.protocol, names)
+        of_extras = Board(answer.over(list(chain.from_iterable(answer.claim_robots.values()))))
         first, *_ = board_tables(of_extras, {})
         missing = [name for name in extras if name not in of_extras.logs]
         columns = [*first.columns, Column("run", "text")] if missing else first.columns
