@@ -40,6 +40,11 @@ class PowerLaw:
         """Return the error [m] with n poses."""
         return float(self.a + self.b * n**-self.c)
 
+    def through(self, n: float, error: float) -> PowerLaw:
+        """Return the law scaled to an error [m] with n poses."""
+        factor = error / self(n) if self(n) > 0.0 else 1.0
+        return PowerLaw(self.a * factor, self.b * factor, self.c)
+
 
 @dataclass(frozen=True, eq=False)
 class CurveErrors:
@@ -83,7 +88,8 @@ class LearningCurve:
     """A fitted law with laws of resampled poses as its uncertainty.
 
     Attributes:
-        law: law fitted to the mean errors.
+        law: law fitted to the mean errors, then scaled to the mean error with the most poses. A
+            law with an assumed exponent may miss that error, and would promise another one.
         exponent_is_fitted: True if the errors determine the exponent; else it is `USUAL_EXPONENT`.
         resampled_laws: laws of resampled poses; exponents that are not fitted are drawn from
             `EXPONENTS`.
@@ -112,15 +118,15 @@ def learning_curve(
     drawn = errors.resampled(resamples, seed)
     free = [power_law(sizes, errors) for errors in drawn]
     exponent_is_fitted = float(np.std([law.c for law in free])) <= MAX_EXPONENT_SD
+    law = power_law(sizes, means, None if exponent_is_fitted else USUAL_EXPONENT)
+    law = law.through(sizes[-1], means[-1])
     if exponent_is_fitted:
-        return LearningCurve(power_law(sizes, means), exponent_is_fitted, tuple(free))
+        return LearningCurve(law, exponent_is_fitted, tuple(free))
     exponents = np.random.default_rng([seed, 1]).uniform(*EXPONENTS, resamples)
     resampled_laws = (
         power_law(sizes, drawn_means, c) for drawn_means, c in zip(drawn, exponents, strict=True)
     )
-    return LearningCurve(
-        power_law(sizes, means, USUAL_EXPONENT), exponent_is_fitted, tuple(resampled_laws)
-    )
+    return LearningCurve(law, exponent_is_fitted, tuple(resampled_laws))
 
 
 def power_law(sizes: FloatArray, errors: FloatArray, exponent: float | None = None) -> PowerLaw:

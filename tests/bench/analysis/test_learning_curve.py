@@ -76,6 +76,12 @@ def test_errors_that_do_not_show_the_exponent_get_the_usual_one(rng):
     )  # the interval holds other exponents, too
 
 
+def test_the_curve_goes_through_the_error_with_the_most_poses(rng):
+    errors = errors_of(PowerLaw(0.1e-3, 2e-3, 2.0), rng, scatter=0.5)
+    curve = learning_curve(errors, resamples=30)
+    assert curve.law(errors.sizes[-1]) == pytest.approx(errors.mean[-1])
+
+
 @pytest.mark.parametrize("errors", [[1.0] * 6, [1.0, 1.1, 1.2, 1.3, 1.4, 1.5], [0.0] * 6])
 def test_more_poses_never_look_worse(errors):
     law = power_law(SIZES.astype(float), np.array(errors))
