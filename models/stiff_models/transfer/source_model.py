@@ -32,10 +32,10 @@ PAPER_STIFFNESS = (50_900.0, 63_360.0, 50_340.0, 2_270.0, 8_890.0, 1_390.0)
 FAR_OFF = 100.0
 """A network is not reliable for forces this many times larger or smaller than in training."""
 
-NO_TARGET_LABELS = "target labels not trained on"
+NO_TARGET_LABELS = "trained on simulated deflections only"
 """Regime of a model trained only on the source domain, whose VJM the labels identify."""
 
-NO_TARGET_LABELS_AT_ALL = "target labels not used"
+NO_TARGET_LABELS_AT_ALL = "no measured deflection used"
 """The same regime if another robot's labels identify the VJM."""
 
 

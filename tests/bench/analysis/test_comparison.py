@@ -200,13 +200,13 @@ def test_names_are_printed_with_their_marks(tmp_path):
         selects_on_test=True,
         warning="the test part picks the epoch.",
         model_fields={
-            "a": {"regime": "target labels not trained on"},
+            "a": {"regime": "trained on simulated deflections only"},
             "b": {"picked_on_test": True},
         },
     )
     report = report_on(folder)
     text = rendered(report)
-    assert "**A = a [target labels not trained on], B = b [epoch picked on test part]" in text
+    assert "**A = a [trained on simulated deflections only], B = b [epoch picked on test part]" in text
     assert "made (measured)" in text
     *_, last_table, _ = json.loads(rendered(report, "json"))["tables"]
     notes_text = "\n".join(last_table["notes"])

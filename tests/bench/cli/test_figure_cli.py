@@ -125,7 +125,7 @@ def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_pa
     made = MadeResults(tmp_path)
     made.add("vjm", [0.1], **PAPER)
     made.add(FT_MLP, [0.1], picked_on_test=True, **PAPER)
-    made.add(DT_CNN, [0.1], regime="target labels not trained on", **PAPER)
+    made.add(DT_CNN, [0.1], regime="trained on simulated deflections only", **PAPER)
     results = PaperResults.of(tmp_path)
     assert f"{FT_MLP.name}: epoch picked on test part." in FIGURES["9"](results).caption
-    assert f"{DT_CNN.name}: target labels not trained on." in FIGURES["8"](results).caption
+    assert f"{DT_CNN.name}: trained on simulated deflections only." in FIGURES["8"](results).caption

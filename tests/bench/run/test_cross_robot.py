@@ -84,8 +84,8 @@ def test_rows_have_the_training_regime_of_their_source(cross_tasks):
     regimes = {(task.cell.model, task.cell.condition): task.presentation.regime for task in tasks}
     assert regimes["vjm", OWN] == regimes["ft-mlp", OWN] == regimes["ft-mlp", FROM_UR5] == ""
     assert regimes["vjm", FROM_UR5] == NO_SOURCE
-    assert regimes["mlp-pretrained", OWN] == "target labels not trained on"
-    assert regimes["mlp-pretrained", FROM_UR5] == "target labels not used"
+    assert regimes["mlp-pretrained", OWN] == "trained on simulated deflections only"
+    assert regimes["mlp-pretrained", FROM_UR5] == "no measured deflection used"
     own_caveats, foreign_caveats = (
         of_condition(tasks, condition)[0].presentation.caveats for condition in (OWN, FROM_UR5)
     )
