@@ -22,9 +22,9 @@ from stiff_bench.store.names import SHORT, CaseName, grouped, labels, natural_ke
 from stiff_bench.store.newest import (
     Runs,
     Slot,
-    counting,
     of_newest_options,
     of_newest_splits,
+    select_result,
     slot_of,
 )
 from stiff_bench.store.samples import StoredData, what_differs
@@ -63,13 +63,13 @@ class Competitor(BriefFields):
         presentation: labels and warnings that are printed with its numbers.
         done: its results by slot, in order.
         failures: failed or skipped fits by slot, with the reason; no slot is also in `done`.
-        n_asked: number of splits that its newest run requested here; 0 if unknown.
+        n_requested: number of splits that its newest run requested here; 0 if unknown.
     """
 
     presentation: Presentation
     done: Mapping[Slot, CellResult]
     failures: Mapping[Slot, CellResult]
-    n_asked: int
+    n_requested: int
 
     @property
     def name(self) -> str:
@@ -94,7 +94,7 @@ class Case(BriefFields):
         competitors: models by name, sorted by name.
         newest_run: latest run that requested these results and failures; a run's name begins with
             its time.
-        first_asked: position of its first cell in the order of the runs' requests; infinite if no
+        first_requested: position of its first cell in the order of the runs' requests; infinite if no
             run requested it.
         cell: any of its cells; all have the same options of data set and protocol.
         left_out: reasons why some results do not count.
@@ -105,7 +105,7 @@ class Case(BriefFields):
     slots: tuple[Slot, ...]
     competitors: Mapping[str, Competitor]
     newest_run: str
-    first_asked: float
+    first_requested: float
     cell: Cell
     left_out: tuple[str, ...]
     every: tuple[CellResult, ...] = field(repr=False)
@@ -182,7 +182,7 @@ class StoredResults(BriefFields):
         manifests = tuple(read_manifests(folder))
         runs = Runs.of(manifests)
         cases = [_case(of_case, runs) for of_case in grouped(results, case_name_of).values()]
-        in_order = sorted(cases, key=lambda case: (case.first_asked, case.name))
+        in_order = sorted(cases, key=lambda case: (case.first_requested, case.name))
         return cls(folder, tuple(in_order), manifests)
 
 
@@ -207,14 +207,14 @@ def _case(case_results: Sequence[CellResult], runs: Runs) -> Case:
         current_results, older_options = of_newest_options(of_model, newest_result)
         left_out += older_options
         of_slots = {
-            slot: counting(slot_results, runs)
+            slot: select_result(slot_results, runs)
             for slot, slot_results in sorted(grouped(current_results, slot_of).items())
         }
         competitors[model] = Competitor(
             presentation=newest_result.presentation,
             done={slot: result for slot, result in of_slots.items() if result.status == "ok"},
             failures={slot: result for slot, result in of_slots.items() if result.status != "ok"},
-            n_asked=newest_result.n_splits,
+            n_requested=newest_result.n_splits,
         )
     slots = {
         slot
@@ -226,7 +226,9 @@ def _case(case_results: Sequence[CellResult], runs: Runs) -> Case:
         slots=tuple(sorted(slots)),
         competitors=competitors,
         newest_run=runs.run_of(in_order[0]),
-        first_asked=min(runs.first_asked.get(result.cell.key, inf) for result in case_results),
+        first_requested=min(
+            runs.first_requested.get(result.cell.key, inf) for result in case_results
+        ),
         cell=results[0].cell,
         left_out=tuple(left_out),
         every=tuple(case_results),

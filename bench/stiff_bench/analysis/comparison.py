@@ -202,7 +202,7 @@ def _missing(case: Case, a: str, b: str) -> Iterator[str]:
     """Yield lines about splits without a result of A or B, with the reasons."""
     competitors = [case.competitors[name] for name in (a, b)]
     run = {slot for competitor in competitors for slot in (*competitor.done, *competitor.failures)}
-    n_requested = max(competitor.n_asked for competitor in competitors)
+    n_requested = max(competitor.n_requested for competitor in competitors)
     if len(run) < n_requested:
         yield f"{len(run)} of {n_requested} requested splits were run"
     for competitor in competitors:

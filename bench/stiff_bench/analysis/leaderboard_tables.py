@@ -360,9 +360,7 @@ def _cost_column(key: str, name: str, written: Callable[[Quantity], str]) -> Col
 COSTS = (
     Column("model", "text", value=lambda model: model.marked),
     _cost_column("fit-time", "fit time", _time),
-    _cost_column(
-        "throughput", "predictions a second", lambda cost: _range(cost, "", _three_digits)
-    ),
+    _cost_column("throughput", "predictions/s", lambda cost: _range(cost, "", _three_digits)),
     _cost_column("latency", "latency of one", _time),
     _cost_column("memory", "memory [MiB]", lambda cost: _range(cost, "", "{:.1f}".format)),
     Column("fits", value=lambda model: len(model.costs)),

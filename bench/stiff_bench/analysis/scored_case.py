@@ -234,7 +234,7 @@ def with_reference(scored: ScoredCase) -> ScoredCase:
         return scored
     values = scored.key.of_splits(of_reference)
     done = dict(zip(scored.slots, of_reference, strict=True))
-    competitor = Competitor(of_reference[0].presentation, done, failures={}, n_asked=len(done))
+    competitor = Competitor(of_reference[0].presentation, done, failures={}, n_requested=len(done))
     competitors = {**scored.case.competitors, REFERENCE_MODEL: competitor}
     return replace(
         scored,
@@ -269,12 +269,12 @@ def _unfinished(case: Case, models: Sequence[str]) -> dict[str, str]:
     unfinished = [
         model
         for model, competitor in competitors.items()
-        if len(competitor.done) < competitor.n_asked
+        if len(competitor.done) < competitor.n_requested
     ]
     finished = [model for model in models if model not in unfinished]
     needed = set(case.shared_slots(finished))
     return {
-        model: f"{len(of_model.done)} of {of_model.n_asked} splits: run not finished"
+        model: f"{len(of_model.done)} of {of_model.n_requested} splits: run not finished"
         for model, of_model in competitors.items()
         if model in unfinished and (not finished or not needed <= of_model.done.keys())
     }

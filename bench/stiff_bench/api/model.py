@@ -30,7 +30,7 @@ from stiff_protocols.contract.errors import (
     DataError,
     NotFittedError,
     StiffBenchError,
-    said_by,
+    describe_error,
     warn,
 )
 from stiff_protocols.contract.files import check_new_file
@@ -468,7 +468,7 @@ class Model(Shown):
             _ = self.left_out_errors
         except Exception as error:  # any error of a third-party model in its second fit
             self.fitted.left_out_errors_ = np.empty((0, len(AXES)))
-            text = f"{self.name} is saved without intervals: {said_by(error)}"
+            text = f"{self.name} is saved without intervals: {describe_error(error)}"
             warn(text, stacklevel=3)
 
     def _keep_cross_validated_error(self) -> None:
@@ -476,7 +476,7 @@ class Model(Shown):
         try:
             _ = self.cross_validated_error
         except Exception as error:  # any error of a third-party model in another fit
-            text = f"{self.name} is saved without a cross-validated error: {said_by(error)}"
+            text = f"{self.name} is saved without a cross-validated error: {describe_error(error)}"
             warn(text, stacklevel=3)
 
     def view(self) -> Screen:

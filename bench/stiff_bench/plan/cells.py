@@ -13,7 +13,7 @@ from typing import NamedTuple
 from stiff_bench.plan.options import Choice, TunedChoice, parse_option
 from stiff_bench.plan.request import RunPlan, check_model, loaded
 from stiff_models.model_catalog import MODELS
-from stiff_protocols.contract.errors import ConfigError, StiffBenchError, said_by
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, describe_error
 from stiff_protocols.contract.evaluation import Evaluation
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.protocol_base import EvaluationProtocol, completed
@@ -289,7 +289,7 @@ def _naming(dataset: Choice[DatasetInfo], protocol: Choice[ProtocolInfo]) -> Ite
     except StiffBenchError as error:
         raise ConfigError(f"{dataset.name} under {protocol.name}: {error}") from error
     except Exception as error:  # a third-party protocol may raise anything
-        raise ConfigError(f"protocol {protocol.info.key!r}: {said_by(error)}") from error
+        raise ConfigError(f"protocol {protocol.info.key!r}: {describe_error(error)}") from error
 
 
 def uses_validation(info: ModelInfo, model: StiffnessModel) -> bool:

@@ -24,7 +24,7 @@ from stiff_bench.store.names import Variant, split_word
 from stiff_datasets.dataset_catalog import MEASURED_FILE
 from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.file_options import FileOptions
-from stiff_protocols.contract.errors import ConfigError, said_by, unknown_name
+from stiff_protocols.contract.errors import ConfigError, describe_error, unknown_name
 from stiff_protocols.contract.plugin import DatasetInfo, Grid, ModelInfo, ProtocolInfo, Range
 from stiff_protocols.contract.protocol_base import EvaluationProtocol
 from stiff_protocols.contract.stiffness_model import offers
@@ -245,7 +245,9 @@ class Choice(Generic[Info]):
         except ConfigError as error:
             raise ConfigError(f"{self.name}: {error}") from error
         except Exception as error:
-            raise ConfigError(f"{self.info.key!r} cannot be made: {said_by(error)}") from error
+            raise ConfigError(
+                f"{self.info.key!r} cannot be made: {describe_error(error)}"
+            ) from error
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from typing import Literal, TypeVar, cast
 from stiff_bench.console import say
 from stiff_datasets.dataset_catalog import DATASETS
 from stiff_models.model_catalog import FAMILIES, MODELS
-from stiff_protocols.contract.errors import ConfigError, said_by, unknown_name
+from stiff_protocols.contract.errors import ConfigError, describe_error, unknown_name
 from stiff_protocols.contract.plugin import (
     DatasetInfo,
     ModelFamily,
@@ -177,7 +177,7 @@ def _guarded(origin: str) -> Iterator[None]:
         place = traceback.extract_tb(error.__traceback__)[-1]
         at = f" ({place.filename}:{place.lineno})"
         at = "" if isinstance(error, SyntaxError) else at  # its text has the place
-        raise ConfigError(f"{origin}: cannot be imported: {said_by(error)}{at}") from error
+        raise ConfigError(f"{origin}: cannot be imported: {describe_error(error)}{at}") from error
 
 
 def _as_list(lines: object) -> list[object]:

@@ -17,7 +17,7 @@ from stiff_protocols.contract.errors import (
     DataError,
     StiffBenchError,
     StiffBenchWarning,
-    said_by,
+    describe_error,
 )
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.protocol_base import completed
@@ -155,7 +155,7 @@ def loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:
     except StiffBenchError:
         raise
     except Exception as error:
-        raise DataError(f"{dataset.info.key!r}: {said_by(error)}") from error
+        raise DataError(f"{dataset.info.key!r}: {describe_error(error)}") from error
     for warning in caught:
         say(f"warning: {warning.message}")
     if not isinstance(data, BenchmarkData):

@@ -64,7 +64,7 @@ def _row(case: Case, competitor: Competitor, metrics: Sequence[Metric]) -> dict[
     """Return the cells by column name, or by (metric key, axis)."""
     name = case.name
     results = case.results(competitor.name)
-    n_requested = max(competitor.n_asked, len(competitor.done) + len(competitor.failures))
+    n_requested = max(competitor.n_requested, len(competitor.done) + len(competitor.failures))
     return {
         "model": Name(competitor.name, mark_of(competitor.presentation)),
         **{"data set": name.dataset, "protocol": name.protocol},

@@ -26,7 +26,7 @@ from stiff_protocols.contract.errors import (
     StiffBenchError,
     StiffBenchWarning,
     TooFewToCalibrate,
-    said_by,
+    describe_error,
     warn,
 )
 from stiff_protocols.contract.evaluation import FitInput
@@ -126,7 +126,7 @@ def attempted(work: Callable[[], _Result]) -> tuple[_Result | None, str, str, tu
             failure, cause = short(str(error)), type(error).__name__
         except (Exception, SystemExit) as error:  # a plugin's error costs only this cell
             where = traceback.extract_tb(error.__traceback__)[-1]
-            failure = f"{short(said_by(error))} ({where.filename}:{where.lineno})"
+            failure = f"{short(describe_error(error))} ({where.filename}:{where.lineno})"
             cause = type(error).__name__
     return result, failure, cause, unrepeated(str(warning.message) for warning in caught)
 

@@ -28,7 +28,7 @@ from stiff_bench.plan.cells import version_of
 from stiff_bench.plan.registry import import_plugin_file, plugin_files
 from stiff_bench.run.fit import FitOutcome, fit_and_predict, short
 from stiff_bench.run.machine import pinned
-from stiff_protocols.contract.errors import said_by
+from stiff_protocols.contract.errors import describe_error
 from stiff_protocols.contract.progress import Progress, listening
 
 SERVER = "multiprocessing.forkserver"
@@ -107,7 +107,7 @@ def compute_fit(work: Work, folder: Path) -> FitOutcome:
     try:
         return _outcome(work, folder)
     except BaseException as error:  # a model may raise SystemExit or KeyboardInterrupt
-        return FitOutcome(failure=short(said_by(error)), cause=type(error).__name__)
+        return FitOutcome(failure=short(describe_error(error)), cause=type(error).__name__)
     finally:
         faulthandler.cancel_dump_traceback_later()
         sys.stdout.flush()

@@ -43,7 +43,7 @@ from stiff_bench.run.fit_process import (
 )
 from stiff_bench.run.progress import Display
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
-from stiff_protocols.contract.errors import said_by
+from stiff_protocols.contract.errors import describe_error
 from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.progress import Progress
 from stiff_protocols.contract.record import CellResult
@@ -176,7 +176,9 @@ class RunningFit:
         except ProcessExpired as error:
             return _expired(error.exitcode, seconds)
         except Exception as error:  # the result cannot be unpickled
-            return FitOutcome(failure=f"no outcome of the fit: {said_by(error)}", cause=NO_OUTCOME)
+            return FitOutcome(
+                failure=f"no outcome of the fit: {describe_error(error)}", cause=NO_OUTCOME
+            )
 
     def _last_lines(self) -> tuple[str, ...]:
         try:
@@ -276,7 +278,7 @@ class LocalProcesses(Execution):
                     try:
                         running[RunningFit(work_of(task, given, self.limits))] = task, given
                     except Exception as error:  # no process could be started
-                        reason = f"no process could be started: {said_by(error)}"
+                        reason = f"no process could be started: {describe_error(error)}"
                         outcome = FitOutcome(failure=reason, cause=type(error).__name__)
                         yield score(task, given, run_id, outcome)
                 if not running:

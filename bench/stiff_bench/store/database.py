@@ -2,7 +2,7 @@
 
 ::
 
-    run      a row a run: command, environment, the keys of the cells it was asked for (JSON)
+    run      a row per run: command, environment, the keys of the requested cells (JSON)
     data     a row a data set: its samples, joint torques and TCP positions (samples.py)
     cell     a row a cell: what it is, which run computed it, its status and cost; predictions and
              training curves as one blob (cell_rows.py)
@@ -35,7 +35,7 @@ from stiff_bench.store.cell_rows import (
     write_row,
 )
 from stiff_bench.store.samples import StoredData, data_content, stored_data
-from stiff_protocols.contract.errors import DataError, StoreError
+from stiff_protocols.contract.errors import DataError, StoreError, warn
 from stiff_protocols.contract.files import make_folder, written_whole
 from stiff_protocols.contract.record import CellResult, RunManifest
 from stiff_protocols.contract.types import BenchmarkData
@@ -127,6 +127,8 @@ def has_results(folder: Path) -> bool:
     """
     path, packed = folder / FILE, folder / PACKED
     if path.exists() or not packed.exists():
+        if packed.exists() and packed.stat().st_mtime > path.stat().st_mtime:
+            warn(f"{path} is older than {PACKED}: delete it to read the newer results")
         return path.exists()
     with sqlite_errors_as_store_error(path, "written"), written_whole(path) as temporary:
         try:

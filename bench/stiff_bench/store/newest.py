@@ -2,8 +2,8 @@
 
 A folder may contain results of several runs, versions of stiffbench, and splits with one name. They
 never mix: results that contradict the newest run are left out with a note. A run's name
-begins with its time, so that names sort by it. A result is of the newest run that was asked for its
-cell, also where that run found it computed: a resumed run stands for all that it resumed.
+begins with its time, so that names sort by it. A result belongs to the newest run that requested its
+cell, also if an earlier run computed it.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ def slot_of(result: CellResult) -> Slot:
 
 @dataclass(frozen=True)
 class Runs:
-    """Which run a result is of, and when it was first asked for.
+    """The run of each result, and the order of the first requests.
 
     Attributes:
-        newest: key of a cell -> the newest run that was asked for it.
-        first_asked: key of a cell -> its place among all cells in the order of asking.
+        newest: key of a cell -> the newest run that requested it.
+        first_requested: key of a cell -> its place among all cells in the order of requests.
     """
 
     newest: Mapping[str, str]
-    first_asked: Mapping[str, int]
+    first_requested: Mapping[str, int]
 
     @classmethod
     def of(cls, manifests: Iterable[RunManifest]) -> Runs:
-        """Return what a folder's manifests say."""
+        """Return the runs of a folder's manifests."""
         in_order = sorted(manifests, key=lambda run: run.run_id)
         newest = {key: run.run_id for run in in_order for key in run.cells}
         return cls(newest, {key: place for place, key in enumerate(newest)})
 
     def run_of(self, result: CellResult) -> str:
-        """Return the newest run that was asked for a result, or made it."""
+        """Return the newest run that requested or computed a result."""
         return max(self.newest.get(result.cell.key, ""), result.run_id)
 
     def newest_first(self, results: Iterable[CellResult]) -> list[CellResult]:
@@ -114,8 +114,8 @@ def of_newest_options(
     return alike, notes
 
 
-def counting(results: Sequence[CellResult], runs: Runs) -> CellResult:
-    """Return the result that counts among a model's results on one split.
+def select_result(results: Sequence[CellResult], runs: Runs) -> CellResult:
+    """Return the result to use among a model's results on one split.
 
     It is the newest run's result, also if it failed. A skipped result does not replace a result
     of another machine. The results differ only in their intervals: a result with intervals is

@@ -65,7 +65,7 @@ def warn(finding: str, stacklevel: int = 2) -> None:
     warnings.warn(finding, StiffBenchWarning, stacklevel=stacklevel + 1)
 
 
-def said_by(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """Return an error's type and message, even if a third-party class fails to give it."""
     try:
         return f"{type(error).__name__}: {error}"

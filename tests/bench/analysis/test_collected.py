@@ -87,14 +87,14 @@ def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
     assert {slot[0] for slot in competitor.done} == {0, 1} and not competitor.failures
 
 
-@pytest.mark.parametrize(("newest", "n_asked"), [(slice(0, 2), 2), (slice(2, 3), 5)])
-def test_the_newest_run_has_the_number_of_requested_splits(made, newest, n_asked):
+@pytest.mark.parametrize(("newest", "n_requested"), [(slice(0, 2), 2), (slice(2, 3), 5)])
+def test_the_newest_run_has_the_number_of_requested_splits(made, newest, n_requested):
     keys = made.add("a", [1.0] * 3)
     store = ResultStore(made.folder)
     for index, key in enumerate(keys):
         store.write_cells([replace(store.result(key), n_splits=2 if index < 2 else 5)])
     made.add_run("run-2", keys[newest])
-    assert only(made).competitors["a"].n_asked == n_asked
+    assert only(made).competitors["a"].n_requested == n_requested
 
 
 def test_older_results_of_a_name_with_other_options_are_left_out_with_a_note(made):

@@ -206,7 +206,9 @@ def test_names_are_printed_with_their_marks(tmp_path):
     )
     report = report_on(folder)
     text = rendered(report)
-    assert "**A = a [trained on simulated deflections only], B = b [epoch picked on test part]" in text
+    assert (
+        "**A = a [trained on simulated deflections only], B = b [epoch picked on test part]" in text
+    )
     assert "made (measured)" in text
     *_, last_table, _ = json.loads(rendered(report, "json"))["tables"]
     notes_text = "\n".join(last_table["notes"])

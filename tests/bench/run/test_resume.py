@@ -84,7 +84,7 @@ def test_more_splits_compute_those_that_are_missing(run, tmp_path):
     _, table, message = run(splits=5)
     assert summary_of(message) == "6 ok, 4 cached"
     (case,) = StoredResults.read(tmp_path).cases
-    assert {competitor.n_asked for competitor in case.competitors.values()} == {5}
+    assert {competitor.n_requested for competitor in case.competitors.values()} == {5}
     assert table == run(splits=5)[1]
 
 

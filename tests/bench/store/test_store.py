@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import lzma
 import math
+import os
 import signal
 import sqlite3
 import subprocess
@@ -336,6 +337,15 @@ def test_packed_results_are_read_and_written_to_as_others(tmp_path):
     (tmp_path / FILE).unlink()
     MadeResults(tmp_path).add("knn", [0.3])
     assert len(read_results(tmp_path)) == len(before) + 1
+
+
+def test_a_packed_file_that_is_newer_than_the_results_is_named(tmp_path):
+    MadeResults(tmp_path).add("vjm", [0.1])
+    content = (tmp_path / FILE).read_bytes()
+    os.utime(packed(tmp_path), (2_000_000_000, 2_000_000_000))
+    (tmp_path / FILE).write_bytes(content)
+    with pytest.warns(StiffBenchWarning, match=f"older than {PACKED}"):
+        assert len(read_results(tmp_path)) == 1
 
 
 def test_a_damaged_packed_file_is_refused_and_leaves_no_file(tmp_path):
