@@ -94,8 +94,8 @@ class Case(BriefFields):
         competitors: models by name, sorted by name.
         newest_run: latest run that requested these results and failures; a run's name begins with
             its time.
-        first_requested: position of its first cell in the order of the runs' requests; infinite if no
-            run requested it.
+        first_requested: position of its first cell in the order of the runs' requests; infinite if
+            no run requested it.
         cell: any of its cells; all have the same options of data set and protocol.
         left_out: reasons why some results do not count.
         every: all results, including those that do not count.
