@@ -2,8 +2,8 @@
 
 A folder may contain results of several runs, versions of stiffbench, and splits with one name. They
 never mix: results that contradict the newest run are left out with a note. A run's name
-begins with its time, so that names sort by it. A result belongs to the newest run that requested its
-cell, also if an earlier run computed it.
+begins with its time, so that names sort by it. A result belongs to the newest run that requested
+its cell, also if an earlier run computed it.
 """
 
 from __future__ import annotations

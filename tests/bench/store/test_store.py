@@ -35,7 +35,7 @@ from stiff_bench.store.database import (
 from stiff_bench.store.samples import data_content, stored_data, what_differs
 from stiff_bench.store.versions import LIBRARIES, differing_libraries
 from stiff_datasets.robots.shipped_robots import shipped_robot, shipped_robots
-from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
 
