@@ -113,6 +113,12 @@ def _data(board: Board, lead: BoardRow) -> str:
     return f"{text}."
 
 
+MEASURED_NOTE = (
+    "measured: p is corrected (Holm) for all pairs of models, so it can be open where one interval "
+    "excludes zero; same: equivalent."
+)
+
+
 def board_tables(board: Board, controls: Mapping[str, str]) -> list[Table]:
     """Return the tables: ratios, further numbers, certainty, and controls."""
     rows = board.rows
@@ -152,6 +158,7 @@ def _ratios(board: Board) -> Table:
             f"{INTERVAL} over robots (Student's t of the logarithms); one vote per robot.",
             "verdict against the VJM: significant over robots (sign flips, Holm), or open; won: "
             "robots with the smallest error.",
+            *([MEASURED_NOTE] if measured else []),
             *_split_notes(board),
         ],
         about={"table": "board"},
