@@ -42,8 +42,9 @@ def co_kriging(low_start, delta_start, measured, nugget=NUGGET):
     return fit_co_kriging(*levels, (CHEAP, low(CHEAP)), (DEAR, measured), search)
 
 
+@pytest.mark.filterwarnings("ignore:.*the likelihood search stopped early")
 def test_forresters_function_is_found_from_four_points_and_its_low_fidelity():
-    nugget = 1e-6  # with less, rounding may end a search early
+    nugget = 1e-6  # with less, rounding ends a search earlier; some processors end it even here
     fitted = co_kriging(0.2, 1.0, high(DEAR), nugget)
     likeliest = Search(0, 100, 0).likeliest(process(0.2, nugget), DEAR, high(DEAR))
     single_level = GaussianProcess.of(likeliest, DEAR, high(DEAR)).mean(LINE)
