@@ -196,7 +196,6 @@ def model_table(board: Board, name: str) -> Table:
             *ERROR_COLUMNS,
         ],
         rows,
-        unit="mm",
     )
 
 
@@ -225,19 +224,21 @@ def _mean(numbers: Collection[float]) -> float:
 
 
 def dataset_table(board: Board, dataset: str) -> Table:
-    """Return the models on one data set, the smallest error first."""
+    """Return the models on one data set, the smallest ratio first."""
     cases = [case for case in board.answer.cases if case.name.dataset == dataset]
-    names = [row.name for row in board.rows if all(row.name in case.scores for case in cases)]
-    rows = [_case_row(board, name, name, cases, "") for name in names]
-    rows.sort(key=lambda row: row.error_mm)
+    cases_of = {row.name: [case for case in cases if row.name in case.scores] for row in board.rows}
+    rows = [_case_row(board, name, name, scored, "") for name, scored in cases_of.items() if scored]
+    rows.sort(key=lambda row: row.ratio)
+    fewer = [name for name, scored in cases_of.items() if 0 < len(scored) < len(cases)]
     return Table.of(
-        "Models on this data set, smallest error first",
+        "Models on this data set, smallest ratio first",
         [
             Column("model", "text", value=lambda row: row.dataset),
             *ERROR_COLUMNS,
         ],
         rows,
-        unit="mm",
+        [f"Errors of fewer splits; the ratio is of the same splits: {', '.join(fewer)}."]
+        * bool(fewer),
     )
 
 

@@ -175,8 +175,10 @@ class Axis:
     @property
     def ticks(self) -> list[Tick]:
         """Position and label of each power of two."""
-        powers = range(self.first, self.last + 1)
-        return [(self.at(2.0**power), f"{2.0**power:g}x") for power in powers]
+        return [
+            (self.at(2.0**power), f"1/{2**-power}x" if power < 0 else f"{2**power}x")
+            for power in range(self.first, self.last + 1)
+        ]
 
 
 def _chart_heading(answer: Answer) -> str:
