@@ -1,9 +1,11 @@
 """Refuse hard words and names without a noun in this checkout: `python tests/plain_words.py`."""
 
 import ast
+import io
 import re
 import subprocess
 import sys
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +18,8 @@ BARE_NAMES = frozenset(
 PLAIN_WORDS = {
     "anew": "again",
     "but for": "except",
-    "so (?:many|long)": "a number",
+    "so many": "a number",
+    "so long": "until",
     "mend(?:s|ed|ing)?": "fix",
     "lack(?:s|ed|ing)?": "has no, needs",
     "g(?:ives?|ave|iving) way": "deflect",
@@ -31,22 +34,28 @@ PLAIN_WORDS = {
     "innocent": "not the cause",
 }
 """Hard word, as a regular expression -> the plain one."""
-HARD_WORD = re.compile("|".join(rf"\b{word}\b" for word in PLAIN_WORDS), re.IGNORECASE)
+HARD_WORD = re.compile(
+    "|".join(rf"\b{word}\b".replace(" ", r"\s+") for word in PLAIN_WORDS), re.IGNORECASE
+)
+GENERATED = re.compile(r"results/(?!README|scripts/|calibration/|published/|submissions/README)")
+NEW_LINE = "\n"
 
 
 def problems_of(path: Path) -> Iterator[str]:
-    """Yield `line: problem` of a Python file's names and texts, or of a document's words."""
+    """Yield `line: problem` of a Python file's names, texts and comments, or of a document."""
     text = path.read_text(encoding="utf-8")
-    if path.suffix == ".md":
-        for number, line in enumerate(text.splitlines(), 1):
-            yield from (f"{number}: {problem}" for problem in _hard_words(line))
+    if path.suffix != ".py":
+        yield from _hard_words(text, 1)
         return
     for node in ast.walk(ast.parse(text)):
         line = getattr(node, "lineno", 1)
-        if (name := _bound_name(node).strip("_")) in BARE_NAMES:
+        if (name := _bound_name(node)).strip("_").lower() in BARE_NAMES:
             yield f"{line}: {name}: add a noun"
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield from (f"{line}: {problem}" for problem in _hard_words(node.value))
+            yield from _hard_words(node.value, line)
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            yield from _hard_words(token.string, token.start[0])
 
 
 def _bound_name(node: ast.AST) -> str:
@@ -54,23 +63,34 @@ def _bound_name(node: ast.AST) -> str:
     match node:
         case ast.Name(id=name, ctx=ast.Store()) | ast.arg(arg=name):
             return name
+        case ast.Attribute(attr=name, ctx=ast.Store()):
+            return name
         case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
             return name
     return ""
 
 
-def _hard_words(text: str) -> Iterator[str]:
-    """Yield the hard words of a text with the plain word of each."""
+def _hard_words(text: str, first_line: int) -> Iterator[str]:
+    """Yield the hard words of a text, each with its line and its plain word."""
     for match in HARD_WORD.finditer(text):
-        plain = next(p for word, p in PLAIN_WORDS.items() if re.fullmatch(word, match[0], re.I))
-        yield f"{match[0]!r}: write {plain!r}"
+        words = " ".join(match[0].split())
+        plain = next(p for word, p in PLAIN_WORDS.items() if re.fullmatch(word, words, re.I))
+        yield f"{first_line + text.count(NEW_LINE, 0, match.start())}: {words!r}: write {plain!r}"
 
 
 def checked_files() -> list[Path]:
-    """Return the tracked Python files and documents, without results and this file."""
-    command = ["git", "ls-files", "*.py", "*.md"]
-    names = subprocess.run(command, cwd=TOP, capture_output=True, text=True, check=True).stdout
-    paths = [TOP / name for name in names.splitlines() if not name.startswith("results/")]
+    """Return Python files and documents of the checkout, except generated pages and this file.
+
+    Raises:
+        SystemExit: this folder is not a git checkout with these files.
+    """
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(
+        [*command, "*.py", "*.md", "*.jinja"], cwd=TOP, capture_output=True, text=True, check=False
+    )
+    paths = [TOP / name for name in listed.stdout.split("\0") if not GENERATED.match(name)]
+    if TOP / "README.md" not in paths:
+        sys.exit(f"{TOP} is not a git checkout: {listed.stderr.strip() or 'no README.md'}")
     return [path for path in paths if path.is_file() and path != Path(__file__)]
 
 

@@ -154,13 +154,13 @@ def line_figures(
     together = experiments[0].twin.readings(
         np.tile(q, (len(wrenches), 1)), np.concatenate(wrenches)
     )
-    each = [
+    seed_figures = [
         vjm_figures(robot, experiment.recorded(poses, wrench, readings))
         for experiment, wrench, readings in zip(
             experiments, wrenches, np.split(together, len(wrenches)), strict=True
         )
     ]
-    return VjmFigures(*(np.mean(kind, axis=0) for kind in zip(*each, strict=True)))
+    return VjmFigures(*(np.mean(kind, axis=0) for kind in zip(*seed_figures, strict=True)))
 
 
 def specimen_figures(number: int, constants: TwinConstants | None = None) -> list[VjmFigures]:
@@ -172,14 +172,14 @@ def specimen_figures(number: int, constants: TwinConstants | None = None) -> lis
     ]
 
 
-def misfit(found: VjmFigures, target: VjmFigures) -> float:
-    """Return the weighted sum of squared logarithms of found over target; 0 is agreement."""
-    squares = [(one**2).sum() for one in _logarithms(found, target)]
+def misfit(twin_figures: VjmFigures, target: VjmFigures) -> float:
+    """Return the weighted sum of squared logarithms of figures over target; 0 is agreement."""
+    squares = [(logarithm**2).sum() for logarithm in _logarithms(twin_figures, target)]
     return float(np.dot(WEIGHTS, squares))
 
 
-def _logarithms(found: VjmFigures, target: VjmFigures) -> list[FloatArray]:
-    return [np.log(a / b) for a, b in zip(found, target, strict=True)]
+def _logarithms(twin_figures: VjmFigures, target: VjmFigures) -> list[FloatArray]:
+    return [np.log(a / b) for a, b in zip(twin_figures, target, strict=True)]
 
 
 def calibrate(
@@ -199,7 +199,7 @@ def calibrate(
     """
     search, start = SEARCHES[number], _start(number)
     poses, misfits = CALIBRATIONS[number].poses(), list[float]()
-    (lower, upper), whole = _bounds(search), np.tile([True, False, False, False], 6)
+    (lower, upper), is_gear_size = _bounds(search), np.tile([True, False, False, False], 6)
 
     def figures(point: FloatArray, digits: int = _SIGNIFICANT_DIGITS) -> VjmFigures:
         return line_figures(_at(start, point, digits), seeds=search.seeds[0], poses=poses)
@@ -215,7 +215,7 @@ def calibrate(
         objective,
         Bounds(lower, upper),
         x0=None if search.first_a2 is None else _point(start, lower, upper),
-        integrality=whole,
+        integrality=is_gear_size,
         maxiter=generations,
         popsize=POPULATION,
         mutation=(0.3, 0.9),
@@ -228,18 +228,18 @@ def calibrate(
     if search.polish:
 
         def weighted(free: FloatArray) -> FloatArray:
-            point[~whole] = free
+            point[~is_gear_size] = free
             # rounded constants have no slope
             logarithms = _logarithms(figures(point, digits=_ALL_DIGITS), target)
             pairs = zip(WEIGHTS, logarithms, strict=True)
-            return np.concatenate([np.sqrt(weight) * one for weight, one in pairs])
+            return np.concatenate([np.sqrt(weight) * logarithm for weight, logarithm in pairs])
 
-        point[~whole] = least_squares(
+        point[~is_gear_size] = least_squares(
             weighted,
-            point[~whole],
-            bounds=(lower[~whole], upper[~whole]),
-            x_scale=(upper - lower)[~whole],
-            diff_step=np.full((~whole).sum(), POLISH_DIFFERENCE),
+            point[~is_gear_size],
+            bounds=(lower[~is_gear_size], upper[~is_gear_size]),
+            x_scale=(upper - lower)[~is_gear_size],
+            diff_step=np.full((~is_gear_size).sum(), POLISH_DIFFERENCE),
             max_nfev=POLISH_STEPS,
         ).x
         misfits.append(objective(point))
@@ -261,7 +261,7 @@ def _bounds(search: CalibrationSearch) -> tuple[FloatArray, FloatArray]:
 
     Joint by joint: number of the gear size, log10 of the structure, tilting ratio, lost motion.
     """
-    sizes = [len(each) - 1 for each in GEAR_SIZES]
+    sizes = [len(gear_sizes) - 1 for gear_sizes in GEAR_SIZES]
     softest, stiffest = np.log10(SOFTEST_STRUCTURE), np.log10(search.stiffest_structure)
     low, high = search.lost_motion
     lower = np.broadcast_arrays(0.0, softest, MIN_RATIO, low)
@@ -318,28 +318,31 @@ def _published(table: str) -> pd.DataFrame:
         return pd.read_csv(file)
 
 
-def figures_text(found: Mapping[int, Sequence[VjmFigures]], target: VjmFigures) -> str:
+def figures_text(figures_by_number: Mapping[int, Sequence[VjmFigures]], target: VjmFigures) -> str:
     """Return the paper's Tables 2 and 3 beside those of calibrations, in Markdown.
 
     Args:
-        found: number of a calibration -> figures of each specimen; the first has the constants as
-            they stand.
+        figures_by_number: number of a calibration -> figures of each specimen; the first has the
+            constants as they stand.
         target: the paper's.
     """
     names = [f"{axis.upper()} {error.upper()} [mm]" for error in ERRORS for axis in AXES]
     names += [f"{joint} [Nm/rad]" for joint in _published("table_3")["joint"]]
     paper = _numbers(target)
-    each = [np.array([_numbers(one) for one in specimens]) for specimens in found.values()]
+    value_tables = [
+        np.array([_numbers(figures) for figures in specimens])
+        for specimens in figures_by_number.values()
+    ]
     rows = []
     for i, name in enumerate(names):
         decimals = 3 if name.endswith("[mm]") else 0
         rows.append([name, f"{paper[i]:.{decimals}f}"])
-        for values in (numbers[:, i] for numbers in each):
+        for values in (numbers[:, i] for numbers in value_tables):
             spread = f"{values.mean():.{decimals}f} ± {values.std(ddof=1):.{decimals}f}"
             off = f"{values[0] / paper[i] - 1.0:+.0%}"
             rows[-1] += [f"{values[0]:.{decimals}f}", off, spread]
     headers = ["VJM on all samples", "paper"]
-    for number, specimens in found.items():
+    for number, specimens in figures_by_number.items():
         headers += [f"calibration {number}", "off", f"{len(specimens)} specimens"]
     align = ["left", *["right"] * (len(headers) - 1)]
     return tabulate(rows, headers=headers, tablefmt="github", colalign=align, disable_numparse=True)
@@ -369,9 +372,9 @@ def write_calibration(number: int, *, generations: int, seed: int, output: Path)
 
     make_folder(output)  # before the work, not after it
     start, target = time.perf_counter(), paper_figures()
-    found, misfits = calibrate(number, target, generations=generations, seed=seed)
-    specimens = specimen_figures(number, found)
-    constants = found.model_dump(mode="json", exclude_none=True)
+    found_constants, misfits = calibrate(number, target, generations=generations, seed=seed)
+    specimens = specimen_figures(number, found_constants)
+    constants = found_constants.model_dump(mode="json", exclude_none=True)
     chosen = "" if number == 1 else f" --calibration {number}"
     record = {
         "command": f"{COMMAND}{chosen} --generations {generations} --seed {seed}",
@@ -385,12 +388,14 @@ def write_calibration(number: int, *, generations: int, seed: int, output: Path)
         "search_seeds": [*SEARCHES[number].seeds[0]],
         "figure_seeds": [*SEARCHES[number].seeds[1]],
         "misfit": misfit(specimens[0], target),
-        "steps": [{"generation": i + 1, "misfit": one} for i, one in enumerate(misfits)],
+        "steps": [
+            {"generation": i + 1, "misfit": step_misfit} for i, step_misfit in enumerate(misfits)
+        ],
         "paper": _plain(target),
         "specimens": [_plain(figures) for figures in specimens],
         "constants": constants,
     }
-    toml, text = output / f"{found.name}.toml", output / f"{found.name}.json"
+    toml, text = output / f"{found_constants.name}.toml", output / f"{found_constants.name}.json"
     with written_whole(toml) as temporary:
         temporary.write_text(tomli_w.dumps(constants), encoding="utf-8")
     with written_whole(text) as temporary:
@@ -435,8 +440,8 @@ def main(calibration: str, figures: bool, generations: int, seed: int, output: P
 
     try:
         if figures:
-            found = {number: specimen_figures(number) for number in CALIBRATIONS}
-            click.echo(figures_text(found, paper_figures()))
+            figures_by_number = {number: specimen_figures(number) for number in CALIBRATIONS}
+            click.echo(figures_text(figures_by_number, paper_figures()))
             return
         with listening(tell):
             click.echo(

@@ -29,7 +29,7 @@ LOADS: tuple[Loads, ...] = ("measured", "any direction")
 TWINS, PLANNED = ("kr10_r1100_2", "gp12", "ur5"), (30, 60, 120)
 PLANNED_MODELS = ("vjm", "vjm-full", "gp", "vjm-gp", "gp-springs")
 CANDIDATES, CLEARANCE = 2000, 0.2
-ASKED, COVERAGE, NOISE_MM = 500, 0.9, 0.014
+N_POSES, COVERAGE, NOISE_MM = 500, 0.9, 0.014
 """Random poses; nominal coverage of an axis; noise of a tracker's deflection."""
 
 
@@ -41,7 +41,7 @@ class Held:
         marked: share of the poses that `extrapolates` marks.
         plain: at the poses without a mark, with intervals that do not grow with the distance.
         near: at the poses without a mark.
-        far: at the marked poses; NaN where there are nshares_held.
+        far: at the marked poses; NaN where there are none.
     """
 
     marked: float
@@ -53,21 +53,23 @@ class Held:
 def drawn(
     samples: Samples, training_range: TrainingRange, loads: Loads
 ) -> tuple[FloatArray, FloatArray]:
-    """Return random (ASKED, n_joints) poses inside the joint box, and (ASKED, 6) loads.
+    """Return random (N_POSES, n_joints) poses inside the joint box, and (N_POSES, 6) loads.
 
     Measured loads are drawn from the samples. Loads in any direction are uniform in the balls whose
     radii are the largest measured force and torque.
     """
     rng = np.random.default_rng(1)
-    q = rng.uniform(training_range.lower, training_range.upper, (ASKED, len(training_range.lower)))
+    q = rng.uniform(
+        training_range.lower, training_range.upper, (N_POSES, len(training_range.lower))
+    )
     if loads == "measured":
-        return q, samples.wrench[rng.integers(len(samples), size=ASKED)]
-    direction = rng.normal(size=(ASKED, 2, 3))
+        return q, samples.wrench[rng.integers(len(samples), size=N_POSES)]
+    direction = rng.normal(size=(N_POSES, 2, 3))
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
     radius = np.array([training_range.force, training_range.torque]) * rng.uniform(
-        size=(ASKED, 2)
+        size=(N_POSES, 2)
     ) ** (1.0 / 3.0)
-    return q, (direction * radius[:, :, None]).reshape(ASKED, 6)
+    return q, (direction * radius[:, :, None]).reshape(N_POSES, 6)
 
 
 def held(dataset: sb.Dataset, model: sb.Model, loads: Loads) -> Held:
@@ -75,7 +77,7 @@ def held(dataset: sb.Dataset, model: sb.Model, loads: Loads) -> Held:
     training_range, truth = model.training_range, dataset.data.under_load
     assert truth is not None
     q, wrench = drawn(dataset.samples, training_range, loads)
-    noise = np.random.default_rng(2).normal(scale=NOISE_MM / 1000.0, size=(ASKED, 3))
+    noise = np.random.default_rng(2).normal(scale=NOISE_MM / 1000.0, size=(N_POSES, 3))
     deflection = truth(q, wrench) + noise
     interval = model.predict_interval(q, wrench, COVERAGE)
     middle, half = (interval.lower + interval.upper) / 2, (interval.upper - interval.lower) / 2

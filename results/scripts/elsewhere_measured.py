@@ -1,4 +1,4 @@
-"""Was the tool measured elsewhere, loaded elsewhere, or does its mount give way?
+"""Was the tool measured elsewhere, loaded elsewhere, or does its mount deflect?
 
 `python results/scripts/elsewhere_measured.py` prints the table of the FANUC's data card (a quarter
 of a minute); with the word `paths`, errors of corrected tool paths if
@@ -93,10 +93,12 @@ def mounts() -> Iterator[list[str]]:
     splits = Holdout().splits(samples, n_splits=SPLITS, seed=0)
     for name, mount in MOUNTS.items():
 
-        def twists(some: Samples, mount: tuple[tuple[str, bool], ...] = mount) -> FloatArray:
-            own = spring_twists(robot, some.q, 3)
-            others = [mount_twists(robot, some.q, *each) for each in mount]
-            return np.concatenate([own, *others], axis=2)
+        def twists(
+            loaded_samples: Samples, mount: tuple[tuple[str, bool], ...] = mount
+        ) -> FloatArray:
+            joint_twists = spring_twists(robot, loaded_samples.q, 3)
+            other_twists = [mount_twists(robot, loaded_samples.q, *springs) for springs in mount]
+            return np.concatenate([joint_twists, *other_twists], axis=2)
 
         line = [name]
         for point in POINTS:
@@ -106,20 +108,20 @@ def mounts() -> Iterator[list[str]]:
                 train, test = samples.take(rows), samples.take(split.test)
                 offset = np.zeros(3)
                 if point != "given":
-                    found = fitted_geometry(
+                    geometry = fitted_geometry(
                         train,
                         robot,
                         twists(train),
                         unit_deflections,
                         moves="tcp" if point == "tcp" else "force",
                     )
-                    offset = found.point - found.given
+                    offset = geometry.point - geometry.given
 
                 def regressor(
-                    some: Samples, point: str = point, offset: FloatArray = offset
+                    loaded_samples: Samples, point: str = point, offset: FloatArray = offset
                 ) -> FloatArray:
-                    lever = robot.forward(some.q).rotation @ offset
-                    moved, wrench = twists(some), some.wrench
+                    lever = robot.forward(loaded_samples.q).rotation @ offset
+                    moved, wrench = twists(loaded_samples), loaded_samples.wrench
                     if point == "tcp":
                         moved = moved_twists(moved, lever)
                     else:
@@ -130,8 +132,8 @@ def mounts() -> Iterator[list[str]]:
                 compliance = least_compliance(
                     matrix.reshape(-1, matrix.shape[2]), train.deflection.reshape(-1)
                 )
-                left = regressor(test) @ compliance - test.deflection
-                errors.append(1e3 * np.linalg.norm(left, axis=1).mean())
+                residual = regressor(test) @ compliance - test.deflection
+                errors.append(1e3 * np.linalg.norm(residual, axis=1).mean())
             line.append(f"{np.mean(errors):.3f}")
         yield line
 
@@ -169,20 +171,24 @@ def paths() -> Iterator[list[str]]:
                     model = model_info(key).load()(tcp=tcp).fit(train, robot=data.robot)
                     predictions = [model.predict_at_tcp]
                     predictions += [model.predict] if tcp == "fit" else []
-                    found = []
+                    error_texts = []
                     for predict in predictions:
                         q = protocol.commanded(predict, data.robot, points.q, points.wrench)
-                        left = points.deflection - protocol.scored(q, q, data, rows)
-                        found.append(f"{1e3 * np.linalg.norm(left, axis=1).mean():.3f}")
-                    line.append(" / ".join(found))
+                        residual = points.deflection - protocol.scored(q, q, data, rows)
+                        error_texts.append(f"{1e3 * np.linalg.norm(residual, axis=1).mean():.3f}")
+                    line.append(" / ".join(error_texts))
             yield line
 
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore", StiffBenchWarning)
     if sys.argv[1:] == ["paths"]:
-        each = [f"{key} {tcp}" for key in PATH_MODELS for tcp in ("given", "fitted / not carried")]
-        print(tabulate(paths(), ["twin", "card", *each], tablefmt="github", disable_numparse=True))
+        headers = [
+            f"{key} {tcp}" for key in PATH_MODELS for tcp in ("given", "fitted / not carried")
+        ]
+        print(
+            tabulate(paths(), ["twin", "card", *headers], tablefmt="github", disable_numparse=True)
+        )
     else:
         names = ["mount", "given", "TCP fitted", "force's point fitted"]
         print(tabulate(mounts(), names, tablefmt="github", disable_numparse=True))

@@ -70,7 +70,7 @@ def learned(key):
     """Return the ln compliances about the law and their errors, by the robot's name."""
     arms = [ArmFamily(robot=number) for number in range(len(ARMS))]
     springs = {}
-    for data in (one.load() for one in (*arms, Ur5Twin(), Kr10Twin(), FanucR2000iC())):
+    for data in (dataset.load() for dataset in (*arms, Ur5Twin(), Kr10Twin(), FanucR2000iC())):
         identified = fitted_physics(key, data.samples, data.robot).springs_
         x = np.log(np.maximum(identified.compliance, 1e-300)) - law(key, data.robot)
         # the values of the others are today's prior's
@@ -87,12 +87,12 @@ def family(key, left_out):
     for _ in range(200):
         weight = 1.0 / (error**2 + variance)
         factor = (weight * (x - mean)).sum(axis=1) / weight.sum(axis=1)
-        rest = x - factor[:, None]
-        mean = (weight * rest).sum(axis=0) / (weight.sum(axis=0) + PRIOR_SPREAD**-2)
+        deviation = x - factor[:, None]
+        mean = (weight * deviation).sum(axis=0) / (weight.sum(axis=0) + PRIOR_SPREAD**-2)
         mean -= mean.mean()
         gain = variance * weight
         unsure = 1.0 / weight.sum(axis=1)[:, None] + 1.0 / (weight.sum(axis=0) + PRIOR_SPREAD**-2)
-        squares = gain**2 * ((rest - mean) ** 2 + unsure) + variance * (1.0 - gain)
+        squares = gain**2 * ((deviation - mean) ** 2 + unsure) + variance * (1.0 - gain)
         squares = squares.sum(axis=0)
         variance = (squares + SHRUNK * squares.sum() / x.size) / (len(x) + SHRUNK)
     return mean, np.sqrt(variance)
@@ -101,9 +101,11 @@ def family(key, left_out):
 def most_probable(matrix, target, mean, spread):
     """Return (n_springs,) compliances: as `identification`, and all springs feel the prior."""
     fitted = least_compliance(matrix, target)
-    rest = target - matrix @ fitted
+    residual = target - matrix @ fitted
     free = max(len(target) - int((fitted > 0.0).sum()), 0)
-    noise = np.sqrt((rest @ rest + LEAST_NOISE**2 * target @ target / len(target)) / (free + 1))
+    noise = np.sqrt(
+        (residual @ residual + LEAST_NOISE**2 * target @ target / len(target)) / (free + 1)
+    )
     matrix, target = matrix / noise, target / noise
     weight = spread**-2.0  # the overall factor is left out of the prior
     prior = np.diag(1.0 / spread) - np.outer(1.0 / spread, weight) / weight.sum()

@@ -50,7 +50,7 @@ def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Ou
     samples = measured(random(n_measured, 1000 + seed), seed)
     tested = measured(random(TESTED, 2000 + seed), 2000 + seed)
     how = PlanOptions(n_new, None, CANDIDATES, constants.payload_kg, 0.2, seed)
-    found = next_plan(Measured("my.csv", samples, robot, choice), how)
+    pose_plan = next_plan(Measured("my.csv", samples, robot, choice), how)
 
     def error(*new: MeasurementPlan) -> float:
         parts = (measured(plan, 3000 + seed) for plan in new)
@@ -58,15 +58,15 @@ def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Ou
         predicted = fitted.predict(tested.q, tested.wrench)
         return float(np.linalg.norm(predicted - tested.deflection, axis=1).mean() * 1000.0)
 
-    errors = (error(), error(random(n_new, 4000 + seed)), error(found.plan))
-    return Outcome(found.gain.ratio, 1.0 - found.gain.plan / found.gain.before, errors)
+    errors = (error(), error(random(n_new, 4000 + seed)), error(pose_plan.plan))
+    return Outcome(pose_plan.gain.ratio, 1.0 - pose_plan.gain.plan / pose_plan.gain.before, errors)
 
 
 def row(twin: str, model: str, n_measured: int, n_new: int) -> list[str]:
-    found = [outcome(twin, model, n_measured, n_new, seed) for seed in range(SEEDS)]
-    ratios = [one.ratio for one in found]
-    lowered = np.mean([one.lowered for one in found])
-    errors = np.mean([one.errors for one in found], axis=0)
+    outcomes = [outcome(twin, model, n_measured, n_new, seed) for seed in range(SEEDS)]
+    ratios = [seed_outcome.ratio for seed_outcome in outcomes]
+    lowered = np.mean([seed_outcome.lowered for seed_outcome in outcomes])
+    errors = np.mean([seed_outcome.errors for seed_outcome in outcomes], axis=0)
     times = f"{np.mean(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
     about = [f"`{twin}`", f"`{model}`", f"{n_measured} + {n_new}", f"{lowered:.0%}", times]
     return [*about, *(f"{error:.3f}" for error in errors)]

@@ -89,8 +89,8 @@ def turned(columns: list[str], rotation: Callable[[Clean], np.ndarray]) -> Chang
 
     def change(data: Clean) -> pd.DataFrame:
         vectors = data.table[columns].to_numpy().reshape(len(data.table), -1, 3)
-        found = vectors @ rotation(data).swapaxes(-1, -2)
-        return replaced(data, columns, found.reshape(len(found), -1))
+        turned_vectors = vectors @ rotation(data).swapaxes(-1, -2)
+        return replaced(data, columns, turned_vectors.reshape(len(turned_vectors), -1))
 
     return change
 
@@ -117,7 +117,7 @@ def sensor_bias(data: Clean) -> pd.DataFrame:
     return replaced(data, FORCE, data.table[FORCE] + bias)
 
 
-def both(first: Change, second: Change) -> Change:
+def both_changes(first: Change, second: Change) -> Change:
     return lambda data: second(replace(data, table=first(data)))
 
 
@@ -197,7 +197,7 @@ FAULTS: dict[str, tuple[Change, str]] = {
     "forces in kg": (IN_KG, "forces .* kg"),
     "forces and torques in kg": (scaled(FORCE + TORQUE, 1 / 9.81), "forces and torques in kg"),
     "forces in kg, torques in N mm": (
-        both(IN_KG, IN_NMM),
+        both_changes(IN_KG, IN_NMM),
         "forces .* in kg and the torques .* in N mm",
     ),
     "forces in kN": (scaled(FORCE, 0.001), "in kN"),
@@ -207,7 +207,7 @@ FAULTS: dict[str, tuple[Change, str]] = {
         "(wrench|forces) .* flange frame",
     ),
     "wrench in the flange frame, torque about the flange": (
-        both(torque_about("lever"), turned(FORCE + TORQUE, to_flange)),
+        both_changes(torque_about("lever"), turned(FORCE + TORQUE, to_flange)),
         "wrench .* flange frame",
     ),
     "torques in the flange frame": (turned(TORQUE, to_flange), "torques .* flange frame"),
@@ -283,10 +283,12 @@ def outcome(fault: str, data: Clean, path: Path) -> str:
         tcp = data.robot.tcp + data.robot.flange[:3, :3] @ WRONG_TCP[fault]
         data = replace(data, robot=replace(data.robot, tcp=tcp))
     report = data.report(path, table, no_torque=data.no_torque)
-    found = [each.message.split("; as well")[0] for each in (*report.errors, *report.warnings)]
-    if any(re.search(words, message) for message in found):
+    messages = [
+        finding.message.split("; as well")[0] for finding in (*report.errors, *report.warnings)
+    ]
+    if any(re.search(words, message) for message in messages):
         return "named"
-    if any(re.search("looks? as if", message) for message in found):
+    if any(re.search("looks? as if", message) for message in messages):
         return "wrongly named"
     return "missed" if report.verdict == "ok" else "suspected"
 
@@ -296,23 +298,23 @@ OUTCOMES = ("named", "wrongly named", "suspected", "missed")
 
 def table_of_faults(specimens: int = 3) -> str:
     """Return a line a fault with its outcomes, those that are always named in one line."""
-    found, sources = [], [*TWINS, "FANUC"]
+    outcomes, sources = [], [*TWINS, "FANUC"]
     with tempfile.TemporaryDirectory() as folder:
         for source in sources:
             for specimen in range(1 if source == "FANUC" else specimens):
                 data = clean(source, specimen)
                 faults = [name for name in FAULTS if not (data.no_torque and name in OF_TORQUE)]
-                found += [
+                outcomes += [
                     (fault, source, outcome(fault, data, Path(folder) / "my.csv"))
                     for fault in faults
                 ]
-    said = pd.DataFrame(found, columns=["fault", "source", "outcome"])
-    not_always = {*said["fault"][said["outcome"] != "named"]}
+    outcome_table = pd.DataFrame(outcomes, columns=["fault", "source", "outcome"])
+    not_always = {*outcome_table["fault"][outcome_table["outcome"] != "named"]}
     always = [fault for fault in FAULTS if fault not in not_always]
 
     def line(name: str, faults: list[str]) -> list[str]:
-        some = said[said["fault"].isin(faults)]
-        counts = pd.crosstab(some["source"], some["outcome"])
+        line_outcomes = outcome_table[outcome_table["fault"].isin(faults)]
+        counts = pd.crosstab(line_outcomes["source"], line_outcomes["outcome"])
         counts = counts.reindex(index=sources, columns=OUTCOMES, fill_value=0)
         return [name, *("/".join(map(str, row)) if any(row) else "" for row in counts.to_numpy())]
 

@@ -16,7 +16,7 @@ from stiff_protocols.contract.record import (
 )
 from stiff_protocols.contract.types import Prediction
 
-SHOWN = Presentation("m@a=2", "d", "p", "simulated", "stiffness", caveats=("beware",))
+PRESENTATION = Presentation("m@a=2", "d", "p", "simulated", "stiffness", caveats=("beware",))
 CELL = Cell("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)
 MANIFEST = RunManifest("r", "bench run", "2026-01-01", "finished", {"numpy": "2"}, ("k",))
 
@@ -24,7 +24,7 @@ MANIFEST = RunManifest("r", "bench run", "2026-01-01", "finished", {"numpy": "2"
 def result(**changes) -> CellResult:
     numbers = np.array([[1 / 3, 2e-17, -0.1]])
     made = CellResult(
-        *(CELL, SHOWN, "r", "ok"),
+        *(CELL, PRESENTATION, "r", "ok"),
         Prediction(np.array([4]), numbers, numbers * 7, None, numbers / 3),
         Cost(1.5, 0.1, 1e-5, 1e5, None),
         diagnostics={"k1": math.nan, "k2": math.inf, "k3": 0.1},

@@ -290,7 +290,7 @@ class Answer(BriefFields):
 
     def noise(self, case: ScoredCase) -> float | None:
         """Return the score of a perfect model (measurement noise); None: unknown."""
-        values = self.key.of_splits(floor) if (floor := case.known_results(NOISE_FLOOR)) else None
+        values = self.key.of_splits(floor) if (floor := case.bound_results(NOISE_FLOOR)) else None
         return None if values is None else float(values.mean())
 
     def mean_ratio(self, model: str, cases: Iterable[ScoredCase]) -> float | None:

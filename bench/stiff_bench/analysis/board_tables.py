@@ -104,7 +104,11 @@ def _data(board: Board, lead: BoardRow) -> str:
             continue
         lead_score = scores[lead.name]
         best = min(scores, key=lambda name: scores[name].ratio)
-        ahead = "" if best == lead.name else f"; smallest: {best} ({scores[best].ratio:.2f})"
+        ahead = (
+            ""
+            if best == lead.name
+            else f"; smallest on the board: {best} ({scores[best].ratio:.2f})"
+        )
         text += (
             f"; on {dataset} ({counted(len(cases[0].data.measured), 'sample')}) {lead.name} has "
             f"{lead_score.ratio:{RATIO_FORMAT}} times the VJM's error "
@@ -114,9 +118,10 @@ def _data(board: Board, lead: BoardRow) -> str:
 
 
 MEASURED_NOTE = (
-    "measured: p is corrected (Holm) for all pairs of models, so it can be open where one interval "
-    "excludes zero; same: equivalent."
+    "measured: p is corrected (Holm) for all pairs of models, so a verdict can be open although an "
+    "interval excludes zero; same: equivalent."
 )
+"""Note on the columns of measured data."""
 
 
 def board_tables(board: Board, controls: Mapping[str, str]) -> list[Table]:

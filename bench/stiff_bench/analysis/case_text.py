@@ -65,7 +65,7 @@ def case_table(answer: Answer, case: ScoredCase, title: str = "") -> Table:
     rows += [_Row(Name(name), (), status=case.missing[name]) for name in sorted(case.missing)]
     has_paths = case.case.has_paths
     bounds = (NOISE_FLOOR, BOUND_NAMES["uncorrected"]) if has_paths else (NOISE_FLOOR,)
-    rows += [_Row(Name(name), results) for name in bounds if (results := case.known_results(name))]
+    rows += [_Row(Name(name), results) for name in bounds if (results := case.bound_results(name))]
     axes = [
         Column(axis.upper(), format=MATRIX_FORMAT, value=partial(_axis_error, axis))
         for axis in AXES

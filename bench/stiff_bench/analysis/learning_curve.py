@@ -88,8 +88,8 @@ class LearningCurve:
     """A fitted law with laws of resampled poses as its uncertainty.
 
     Attributes:
-        law: law fitted to the mean errors, then scaled to the mean error with the most poses. A
-            law with an assumed exponent may miss that error, and would promise another one.
+        law: law fitted to the mean errors, then scaled so that it equals the mean error with the
+            most poses.
         exponent_is_fitted: True if the errors determine the exponent; else it is `USUAL_EXPONENT`.
         resampled_laws: laws of resampled poses; exponents that are not fitted are drawn from
             `EXPONENTS`.

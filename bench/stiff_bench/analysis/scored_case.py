@@ -24,7 +24,7 @@ from stiff_bench.analysis.verdict import (
 from stiff_bench.store.names import CaseName, grouped, without_options
 from stiff_bench.store.newest import Slot
 from stiff_bench.store.samples import StoredData
-from stiff_bench.tables.metric_table import known_result, pooled_prediction
+from stiff_bench.tables.metric_table import bound_result_of, pooled_prediction
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import DataError, StoreError
@@ -109,10 +109,10 @@ class ScoredCase(BriefFields):
         question = question or Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
         return decide_pairs(self.errors, columns, question, p_values)
 
-    def known_results(self, name: str) -> list[CellResult]:
-        """Return results of a known bound (a name of `KNOWN`) on these splits; or none."""
+    def bound_results(self, name: str) -> list[CellResult]:
+        """Return results of a bound (a name of `BOUND_NAMES`) on these splits; or none."""
         for results in self.results.values():
-            bounds = [known_result(result, name) for result in results]
+            bounds = [bound_result_of(result, name) for result in results]
             if bounds and all(bound is not None for bound in bounds):
                 return [bound for bound in bounds if bound is not None]
         return []
@@ -228,7 +228,7 @@ def with_reference(scored: ScoredCase) -> ScoredCase:
     if REFERENCE_MODEL in scored.case.competitors or not scored.slots:
         return scored
     (first, *_) = scored.results.values()
-    results = [known_result(result, REFERENCE_MODEL) for result in first]
+    results = [bound_result_of(result, REFERENCE_MODEL) for result in first]
     of_reference = [result for result in results if result is not None]
     if len(of_reference) < len(results):
         return scored

@@ -29,7 +29,7 @@ from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileO
 from stiff_protocols.contract.errors import ConfigError, warn
 from stiff_protocols.contract.files import make_folder
 from stiff_protocols.contract.plugin import DatasetInfo
-from stiff_protocols.contract.screen import Screen, Shown
+from stiff_protocols.contract.screen import Screen, ShownObject
 from stiff_protocols.contract.types import SHOWN_ROWS, BenchmarkData, Robot, Samples
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def choice_of(kind: Kind, word: str, options: Mapping[str, Any]) -> Choice[Any]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Dataset(Shown):
+class Dataset(ShownObject):
     """Samples with their robot and a name for tables.
 
     Attributes:

@@ -35,7 +35,7 @@ from stiff_protocols.contract.errors import (
 )
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.plugin import ModelInfo, in_words
-from stiff_protocols.contract.screen import Screen, Shown
+from stiff_protocols.contract.screen import Screen, ShownObject
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.stiffness_model import offers, optional
 from stiff_protocols.contract.training_range import TrainingRange
@@ -61,7 +61,7 @@ MOST_NUMBERS = 4
 """Largest number of diagnostics in the short view of a model."""
 
 
-class Model(Shown):
+class Model(ShownObject):
     """A stiffness model of the benchmark, with its fit.
 
     Attributes:

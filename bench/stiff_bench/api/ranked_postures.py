@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from stiff_datasets.measured.sample_columns import MM_PER_M, counted
-from stiff_protocols.contract.screen import MOST_ROWS, Screen, Shown
+from stiff_protocols.contract.screen import MOST_ROWS, Screen, ShownObject
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.postures import Direction, RatedPosture
 
@@ -26,7 +26,7 @@ SCREEN_COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RankedPostures(Shown):
+class RankedPostures(ShownObject):
     """Postures for a task, with the smallest predicted deflection first.
 
     Attributes:

@@ -40,7 +40,7 @@ from stiff_protocols.contract.errors import (
 )
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import Robot
-from stiff_protocols.contract.screen import Screen, Shown
+from stiff_protocols.contract.screen import Screen, ShownObject
 from stiff_protocols.contract.types import (
     AXES,
     BoolArray,
@@ -81,7 +81,7 @@ LARGEST_MM = 1e5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StiffnessMap(Shown):
+class StiffnessMap(ShownObject):
     """Predicted deflections or compliances over parallel planes of the workspace.
 
     The arrays have (n_planes, n_rows, n_columns) points: columns run along the plane's first axis,

@@ -26,7 +26,7 @@ from stiff_protocols.scoring.metrics import norm_errors
 LEAST = 1e-12
 """Smallest error before a logarithm is taken, m."""
 NOISE = "noise"
-"""Key of `KNOWN`: the deflection before the instruments' noise."""
+"""Key of `BOUND_NAMES`: the deflection before the instruments' noise."""
 Has = Callable[[CellResult], object]
 """Test of a result: true if a figure can show it."""
 

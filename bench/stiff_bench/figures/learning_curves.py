@@ -101,7 +101,7 @@ def size_of(case: Case) -> int:
     """Return the number of training poses of a case; 0: its condition is not a size."""
     results = [result for name in case.competitors for result in case.results(name)]
     sizes: Iterable[int] = {result.n_poses for result in results} - {0}
-    if not sizes:  # older results lack the number; each pose has at least one row
+    if not sizes:  # older results do not have the number; each pose has at least one row
         sizes = range(1, max((result.n_train for result in results), default=0) + 1)
     return next((size for size in sizes if condition_of(size) == case.name.condition), 0)
 

@@ -150,6 +150,7 @@ def share_legend(figure: Figure, panels: Iterable[Axes], *, ncols: int = 4, **sp
 
 
 LEGEND_LETTERS_PER_INCH, LEGEND_MARK_INCH = 15.0, 0.45
+"""Letters (of 7 points) in an inch of a legend, and the width of the line before a name."""
 
 
 def legend_columns(labels: Iterable[str], n_panels: int, most: int) -> int:

@@ -49,7 +49,7 @@ def variants_of(results: Sequence[CellResult], *options: str) -> tuple[str, list
 
 
 FEWEST_STRATEGIES = 2
-KINDS = SINGLE, PAIR, OTHERS = "one layer", "two layers", "others"
+KINDS = SINGLE, PAIR, OTHER_KIND = "one layer", "two layers", "others"
 LINE_INCH, FRAME_INCH, LEGEND_INCH = 0.19, 0.65, 0.2
 _STRATEGIES = (
     "two freeze strategies; create them with `bench reproduce paper`, or with "

@@ -178,7 +178,7 @@ def model_table(board: Board, name: str) -> Table:
     group_of = {dataset: group for group, members in board.groups.items() for dataset in members}
     by_data: dict[str, list[ScoredCase]] = {}
     for case in board.answer.cases:
-        if name in case.scores:
+        if board.answer.ratio(name, case) is not None:
             by_data.setdefault(case.name.dataset, []).append(case)
     rows = [
         _case_row(
@@ -226,7 +226,10 @@ def _mean(numbers: Collection[float]) -> float:
 def dataset_table(board: Board, dataset: str) -> Table:
     """Return the models on one data set, the smallest ratio first."""
     cases = [case for case in board.answer.cases if case.name.dataset == dataset]
-    cases_of = {row.name: [case for case in cases if row.name in case.scores] for row in board.rows}
+    cases_of = {
+        row.name: [case for case in cases if board.answer.ratio(row.name, case) is not None]
+        for row in board.rows
+    }
     rows = [_case_row(board, name, name, scored, "") for name, scored in cases_of.items() if scored]
     rows.sort(key=lambda row: row.ratio)
     fewer = [name for name, scored in cases_of.items() if 0 < len(scored) < len(cases)]
@@ -237,7 +240,7 @@ def dataset_table(board: Board, dataset: str) -> Table:
             *ERROR_COLUMNS,
         ],
         rows,
-        [f"Errors of fewer splits; the ratio is of the same splits: {', '.join(fewer)}."]
+        [f"With fewer results, and the VJM's of the same splits: {', '.join(fewer)}."]
         * bool(fewer),
     )
 

@@ -176,7 +176,7 @@ class Axis:
     def ticks(self) -> list[Tick]:
         """Position and label of each power of two."""
         return [
-            (self.at(2.0**power), f"1/{2**-power}x" if power < 0 else f"{2**power}x")
+            (self.at(2.0**power), f"1/{2**-power}" if power < 0 else f"{2**power}x")
             for power in range(self.first, self.last + 1)
         ]
 

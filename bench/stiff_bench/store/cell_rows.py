@@ -25,7 +25,7 @@ _NAMES = ("model", "dataset", "protocol")
 """In the file these are names with options; the columns `model_key` ... have only keys."""
 _OF_CELL = tuple(item.name for item in fields(Cell) if item.name not in _NAMES)
 _OF_RESULT = ("run_id", "status", "n_splits", "n_train", "calibration_samples", "cause", "failure")
-_SHOWN = tuple(item.name for item in fields(Presentation) if item.name not in _NAMES)
+_PRESENTATION_FIELDS = tuple(item.name for item in fields(Presentation) if item.name not in _NAMES)
 _ABOUT = ("diagnostics", "warnings", "log", "chosen", "n_labels", "n_poses")
 _JSON = (*(f"{name}_params" for name in _NAMES), "shown", "about", "arrays")
 _KEYS = tuple(f"{name}_key" for name in _NAMES)
@@ -54,7 +54,7 @@ def cell_row(result: CellResult) -> dict[str, Any]:
     row |= {name: getattr(cell, name) for name in _OF_CELL}
     row |= {name: getattr(result, name) for name in _OF_RESULT}
     row |= {name: getattr(result.cost, name, None) for name in Cost._fields}
-    row["shown"] = {name: getattr(result.presentation, name) for name in _SHOWN}
+    row["shown"] = {name: getattr(result.presentation, name) for name in _PRESENTATION_FIELDS}
     row["about"] = {name: getattr(result, name) for name in _ABOUT}
     # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
     row["about"]["diagnostics"] = {

@@ -19,6 +19,7 @@ import lzma
 import os
 import shutil
 import sqlite3
+import zlib
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import fields
@@ -127,8 +128,6 @@ def has_results(folder: Path) -> bool:
     """
     path, packed = folder / FILE, folder / PACKED
     if path.exists() or not packed.exists():
-        if packed.exists() and packed.stat().st_mtime > path.stat().st_mtime:
-            warn(f"{path} is older than {PACKED}: delete it to read the newer results")
         return path.exists()
     with sqlite_errors_as_store_error(path, "written"), written_whole(path) as temporary:
         try:
@@ -136,7 +135,25 @@ def has_results(folder: Path) -> bool:
                 shutil.copyfileobj(content, file)
         except (lzma.LZMAError, EOFError) as error:
             raise _corrupt(packed, str(error)) from error
+        with closing(sqlite3.connect(temporary)) as db:
+            db.execute(f"PRAGMA application_id = {_number_of(packed)}")
     return True
+
+
+def _number_of(packed: Path) -> int:
+    """Return a number of a packed file's content, which its unpacked file stores."""
+    return zlib.crc32(packed.read_bytes()) & 0x7FFFFFFF
+
+
+def _warn_of_other_packed_file(path: Path, db: sqlite3.Connection) -> None:
+    """Warn if the packed file was replaced after the file was unpacked from it."""
+    packed = path.parent / PACKED
+    (number,) = db.execute("PRAGMA application_id").fetchone()
+    if number and packed.exists() and number != _number_of(packed):
+        warn(
+            f"{path} was unpacked from an older {PACKED}: move it away to read the new results, "
+            "or combine both with `bench merge`"
+        )
 
 
 def why_no_results(folder: Path) -> str:
@@ -237,6 +254,7 @@ def reading(folder: Path) -> Iterator[sqlite3.Connection]:
             stack.enter_context(closing(db)).execute("BEGIN")  # what is read is of one moment
             if _has_tables(db):
                 _check_format(path, db)
+                _warn_of_other_packed_file(path, db)
                 yield db
                 return
         with closing(sqlite3.connect(":memory:")) as db:

@@ -21,7 +21,7 @@ from stiff_bench.tables.units import PRINTED, counted, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import CellResult, Cost, Presentation
 from stiff_protocols.contract.types import AXES, BOUND_NAMES, Interval, Prediction
-from stiff_protocols.scoring.metrics import METRICS, WHOLE, Metric
+from stiff_protocols.scoring.metrics import METRICS, WHOLE_VECTOR, Metric
 
 SELECTION_MARK = "epoch picked on test part"
 TRAINING_MARK = "training samples among those reported"
@@ -129,18 +129,18 @@ def _extra_results(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[C
     rows = {}
     for name in names:
         for results in by_model.values():
-            known_results = [
+            bound_results = [
                 bound_result
                 for result in results
-                if (bound_result := known_result(result, name)) is not None
+                if (bound_result := bound_result_of(result, name)) is not None
             ]
-            if len(known_results) == len(results):
-                rows[name] = known_results
+            if len(bound_results) == len(results):
+                rows[name] = bound_results
                 break
     return rows
 
 
-def known_result(result: CellResult, name: str) -> CellResult | None:
+def bound_result_of(result: CellResult, name: str) -> CellResult | None:
     """Return the VJM's result, or a bound of `BOUND_NAMES`, from a cell; None: not stored."""
     stored = result.prediction
     if stored is None:
@@ -190,7 +190,7 @@ def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
             about={"axis": axis, "metric": metric.key},
             value=methodcaller("get", (metric.key, axis)),
         )
-        for axis in (*AXES, *WHOLE)
+        for axis in (*AXES, *WHOLE_VECTOR)
         for metric in metrics
         if axis in metric.axes
     ]

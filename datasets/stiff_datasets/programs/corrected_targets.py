@@ -217,6 +217,6 @@ def errors_between(
         robot, compensation.position, targets.rotation, compensation.q, row, share
     )
     part = share[:, None]
-    wanted_points = (1.0 - part) * compensation.target[row - 1] + part * compensation.target[row]
-    error_m = np.linalg.norm(point + predict(q, targets.wrench[row]) - wanted_points, axis=1)
+    target_points = (1.0 - part) * compensation.target[row - 1] + part * compensation.target[row]
+    error_m = np.linalg.norm(point + predict(q, targets.wrench[row]) - target_points, axis=1)
     return ends, np.where(reached, error_m, np.nan).reshape(-1, len(SHARES)).max(axis=1)

@@ -53,13 +53,13 @@ COMMENT: /![^\r\n]*/
 %ignore COMMENT
 %ignore /\s+/
 """.replace("REAL", REAL)
-REST = r"(?:\"(?:[^\"\r\n]|\"\")*+\"|![^\r\n]*+|[^;\"!])*+;"
+REST_OF_LINE = r"(?:\"(?:[^\"\r\n]|\"\")*+\"|![^\r\n]*+|[^;\"!])*+;"
 STATEMENT = re.compile(
     r"![^\r\n]*+|\"(?:[^\"\r\n]|\"\")*+\""
     r"|(?:^|(?<=;))[ \t]*(?P<text>"
-    rf"(?P<motion>(?:Move|Trigg|Arc|Search|Paint|Disp|Spot)(?:L|J|AbsJ|C)\w*)\b{REST}"
+    rf"(?P<motion>(?:Move|Trigg|Arc|Search|Paint|Disp|Spot)(?:L|J|AbsJ|C)\w*)\b{REST_OF_LINE}"
     rf"|(?P<data>(?:(?:LOCAL|TASK)\s+)*(?:CONST|PERS|VAR)\s+"
-    rf"(?P<type>robtarget|jointtarget|tooldata|wobjdata)\s+(?P<name>\w+)\s*:={REST})"
+    rf"(?P<type>robtarget|jointtarget|tooldata|wobjdata)\s+(?P<name>\w+)\s*:={REST_OF_LINE})"
     rf"|(?P<conf>Conf[LJ]\s*\\\s*(?:On|Off))\s*;"
     r"|(?P<assigned>\w++)[\w.{}]*+\s*+:="
     r"|(?P<harmless>(?:Set|Reset|Wait|TP|AccSet|VelSet|SingArea|Grip|Pulse|Incr|Decr|Clk|Conf|CONST"

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import torch
 
 FORMAT = 5
-_OWN = "stiffbench"
+_KIND_KEY = "stiffbench"
 """Key that marks the dictionary of an object of ours: "model", "record" or "module"."""
 _OWN_PACKAGES = ("stiff_models", "stiff_protocols")
 
@@ -105,7 +105,7 @@ def _plugin_node(model: Any, key: str, params: Mapping[str, Any]) -> dict[str, A
         if _is_module(part):
             raise ModelError(f"{name} is a torch module; store its weights as arrays")
     about = {"key": key, "code": code_of(type(model)), "params": _plain(dict(params))}
-    return {_OWN: "plugin", **about, "fitted": _plain(fitted)}
+    return {_KIND_KEY: "plugin", **about, "fitted": _plain(fitted)}
 
 
 def load(path: Path | str, plugins: Mapping[str, type] | None = None) -> Any:
@@ -124,7 +124,7 @@ def load(path: Path | str, plugins: Mapping[str, type] | None = None) -> Any:
     """
     try:
         node = _content(Path(path).read_bytes())["model"]
-        model = _model(node) if node[_OWN] == "model" else _plugin_model(node, plugins or {})
+        model = _model(node) if node[_KIND_KEY] == "model" else _plugin_model(node, plugins or {})
         if not isinstance(getattr(model, "robot_", None), Robot):
             raise DataError("holds a model without its robot")
         return model
@@ -182,15 +182,20 @@ def _plain(value: Any) -> Any:
         return str(value)
     if _is_module(value):
         state = {name: tensor.cpu().numpy() for name, tensor in value.state_dict().items()}
-        return {_OWN: "module", "state": state}
+        return {_KIND_KEY: "module", "state": state}
     cls = type(value)
     if _is_own(cls) and isinstance(value, BaseEstimator):
         fitted = {name: part for name, part in vars(value).items() if _is_fitted(name)}
         params = _plain(value.get_params(deep=False))
-        return {_OWN: "model", "class": _name_of(cls), "params": params, "fitted": _plain(fitted)}
+        return {
+            _KIND_KEY: "model",
+            "class": _name_of(cls),
+            "params": params,
+            "fitted": _plain(fitted),
+        }
     if _is_record(cls):
         fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(cls) if f.init}
-        return {_OWN: "record", "class": _name_of(cls), "fields": _plain(fields)}
+        return {_KIND_KEY: "record", "class": _name_of(cls), "fields": _plain(fields)}
     return value
 
 
@@ -199,9 +204,9 @@ def _restored(value: Any) -> Any:
         return type(value)(_restored(item) for item in value)
     if not isinstance(value, dict):
         return value
-    if _OWN not in value:
+    if _KIND_KEY not in value:
         return {key: _restored(item) for key, item in value.items()}
-    if value[_OWN] == "model":
+    if value[_KIND_KEY] == "model":
         return _model(value)
     cls = _class_of(value["class"])
     if not _is_record(cls):
@@ -224,7 +229,7 @@ def _model(node: Mapping[str, Any]) -> BaseEstimator:
     for name, value in node["fitted"].items():
         if not _is_fitted(name):
             raise DataError(f"sets {name!r}, which is not a fitted attribute")
-        if isinstance(value, dict) and value.get(_OWN) == "module":
+        if isinstance(value, dict) and value.get(_KIND_KEY) == "module":
             modules[name] = value["state"]
         else:
             setattr(model, name, _restored(value))

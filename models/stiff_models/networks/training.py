@@ -183,7 +183,7 @@ class _Run:
         self.highest = [[g["lr"] for g in opt.param_groups] for opt in self.optimizers]
         self.generator = torch.Generator().manual_seed(seed)
         self.order = torch.empty(0, dtype=torch.int64)
-        self.kept = [parameter.detach() for parameter in trainable]
+        self.kept_weights = [parameter.detach() for parameter in trainable]
         self.validation_loss = math.nan
         self.best_step, self.best_loss = 0, math.inf
         self.best_weights: list[torch.Tensor] = []
@@ -212,7 +212,7 @@ class _Run:
         self._visit(visits, plan.steps)
         if self.validation is not None:
             self._judge(plan.steps, self.validation)
-            torch._foreach_copy_(self.kept, self.best_weights)
+            torch._foreach_copy_(self.kept_weights, self.best_weights)
         if plan.steps:
             inputs, targets = self.rows.inputs[:ROWS_LOOKED_AT], self.rows.targets[:ROWS_LOOKED_AT]
             outputs = self._predicted(inputs)
@@ -286,8 +286,10 @@ class _Run:
         self.validation_loss = (self._predicted(rows.inputs) - rows.targets).abs().mean().item()
         if self.validation_loss < self.best_loss or not self.best_weights:
             self.best_step, self.best_loss = step, self.validation_loss
-            self.best_weights = self.best_weights or [torch.empty_like(t) for t in self.kept]
-            torch._foreach_copy_(self.best_weights, self.kept)
+            self.best_weights = self.best_weights or [
+                torch.empty_like(t) for t in self.kept_weights
+            ]
+            torch._foreach_copy_(self.best_weights, self.kept_weights)
 
 
 def _optimizers(

@@ -39,7 +39,7 @@ class CheckedModel:
         train, validation, test: disjoint samples of the robot. `test` has random deflections: a
             model that predicts them has read them here.
         measured: (n, 3) m, measured deflections of the test rows.
-        other: as many samples as `train`, mostly different.
+        other_samples: as many samples as `train`, mostly different.
         uses_validation: true if the model chooses an epoch.
         parts: name -> samples of fits. "own" are the validation rows of the first fit. "loud" are
             the validation rows with deflections multiplied by `INFLATION`.
@@ -70,10 +70,15 @@ class CheckedModel:
         self.measured = test.deflection
         bait = np.random.default_rng(1).normal(size=self.measured.shape)
         self.test = replace(test, deflection=max(float(self.measured.std()), SMALLEST) * bait)
-        self.other = data.samples.take(rows[-len(self.train) :])
+        self.other_samples = data.samples.take(rows[-len(self.train) :])
         self.uses_validation = uses_validation
         self.parts: dict[str, Any] = {
-            **{"train": self.train, "other": self.other, "none": None, "validation": validation},
+            **{
+                "train": self.train,
+                "other": self.other_samples,
+                "none": None,
+                "validation": validation,
+            },
             **{"own": validation if uses_validation else None, "loud": inflated(validation)},
         }
         self.fit_faults: list[Failed] = []

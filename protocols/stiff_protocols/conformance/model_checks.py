@@ -160,8 +160,8 @@ class ModelChecks(CheckedModel):
             self._same_unless_by_chance("fitted with validation rows, it", with_validation)
             return ""
         first, other_model = self.fitted(), self.fitted("other", "loud")
-        predicted = self.predict(other_model, self.other.q, self.other.wrench)
-        times = _size(predicted) / max(_size(self.other.deflection), SMALLEST)
+        predicted = self.predict(other_model, self.other_samples.q, self.other_samples.wrench)
+        times = _size(predicted) / max(_size(self.other_samples.deflection), SMALLEST)
         symptom = f"it predicts its training rows {times:.0f} times too large"
         if times <= GROWN and offers(first, "predict_interval"):
             times = self._width(other_model) / max(self._width(first), SMALLEST)
@@ -186,7 +186,7 @@ class ModelChecks(CheckedModel):
         if not any(np.array_equal(first, other_prediction) for other_prediction in elsewhere):
             return
         large = self.new()
-        self.fit(large, inflated(self.other), self.parts["own"], seed=1)
+        self.fit(large, inflated(self.other_samples), self.parts["own"], seed=1)
         if _size(self.predict_test(large)) > GROWN * _size(first):
             raise Failed("a new model that is fitted to other rows gives the numbers of the first")
         raise NotApplicable("predicts the same after a fit to other rows")

@@ -135,12 +135,12 @@ class Evaluation:
             interval = Interval(interval.lower + shift, interval.upper + shift, interval.coverage)
         # a simulation has no true values for other loads
         as_measured = np.array_equal(self.split.told_wrench(samples), samples.wrench[rows])
-        known_deflections = (
+        bound_deflections = (
             {name: deflection[rows] for name, deflection in self.data.bound_deflections.items()}
             if as_measured
             else {}
         )
-        return Prediction(rows, values, measured, interval, reference, known_deflections)
+        return Prediction(rows, values, measured, interval, reference, bound_deflections)
 
 
 def training_side(

@@ -9,7 +9,7 @@ import numpy as np
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, freeze
 from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.screen import Screen, Shown
+from stiff_protocols.contract.screen import Screen, ShownObject
 from stiff_protocols.kinematics.chain_formulas import JointType
 from stiff_protocols.kinematics.serial_chain import SerialChain
 
@@ -21,7 +21,7 @@ LONGEST_M = 100.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot(Shown, SerialChain):
+class Robot(ShownObject, SerialChain):
     """A serial chain of revolute or prismatic joints with a tool centre point.
 
     Its kinematics are the methods of `SerialChain`.

@@ -142,7 +142,7 @@ def _alignment(cells: Sequence[str]) -> str:
     return "right" if is_number else "left"
 
 
-class Shown:
+class ShownObject:
     """Mixin of objects with a `Screen` for terminals and notebooks."""
 
     @abstractmethod

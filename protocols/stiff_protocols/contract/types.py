@@ -23,7 +23,7 @@ from stiff_protocols.contract.arrays import frozen_array as frozen_array
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.robot import Robot as Robot
-from stiff_protocols.contract.screen import Screen, Shown
+from stiff_protocols.contract.screen import Screen, ShownObject
 from stiff_protocols.kinematics.chain_formulas import JointType as JointType
 
 AXES = ("x", "y", "z")
@@ -47,7 +47,7 @@ SHOWN_ROWS = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Samples(Shown):
+class Samples(ShownObject):
     """Measured or simulated load/deflection samples of one robot.
 
     Attributes:
@@ -256,7 +256,7 @@ class Prediction(BriefFields):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BenchmarkData(Shown):
+class BenchmarkData(ShownObject):
     """Data of a data set: samples, and their robot.
 
     Attributes:

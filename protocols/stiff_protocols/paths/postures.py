@@ -39,7 +39,7 @@ Direction = Literal["along", "across"]
 """Part of a deflection, seen from the axis of the tool."""
 LARGEST_STEP = 0.5 * np.pi
 """rad or m that a joint moves at most between two points."""
-WHOLE = 2.0 * np.pi
+FULL_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,9 +168,9 @@ def nearest_turns(robot: Robot, q: FloatArray, near: FloatArray) -> FloatArray:
     Prismatic joints stay.
     """
     turns = robot.turns
-    shifted = np.where(turns, q + WHOLE * np.rint((near - q) / WHOLE), q)
+    shifted = np.where(turns, q + FULL_TURN * np.rint((near - q) / FULL_TURN), q)
     up, down = (shifted < robot.lower - LIMIT_SLACK), (shifted > robot.upper + LIMIT_SLACK)
-    return np.asarray(np.where(turns, shifted + WHOLE * up - WHOLE * down, q))
+    return np.asarray(np.where(turns, shifted + FULL_TURN * up - FULL_TURN * down, q))
 
 
 def branch_numbers(robot: Robot, q: FloatArray, held: FloatArray | None = None) -> IntArray:
@@ -245,7 +245,7 @@ def best_courses(
         for change in range(-max_change, max_change + 1):
             before = [np.roll(values, change, axis=0) for values in state]
             step = np.nan_to_num(q[point]) - before[1]
-            step -= np.where(robot.turns, WHOLE * np.rint(step / WHOLE), 0.0)
+            step -= np.where(robot.turns, FULL_TURN * np.rint(step / FULL_TURN), 0.0)
             after = before[1] + step
             ends = np.minimum(before[2], after), np.maximum(before[3], after)
             drivable = (np.abs(step) <= LARGEST_STEP).all(axis=-1)
@@ -283,7 +283,7 @@ def _continuous(robot: Robot, q: FloatArray, near: FloatArray) -> FloatArray:
         return q
     joined = np.where(robot.turns, np.unwrap(q, axis=0), q)
     return np.asarray(
-        joined + WHOLE * _whole_turns(robot, joined.min(axis=0), joined.max(axis=0), near)
+        joined + FULL_TURN * _whole_turns(robot, joined.min(axis=0), joined.max(axis=0), near)
     )
 
 
@@ -292,9 +292,9 @@ def _whole_turns(robot: Robot, low: FloatArray, high: FloatArray, near: FloatArr
 
     Arguments and result have the shape (.., n_joints).
     """
-    least = np.ceil((robot.lower - LIMIT_SLACK - low) / WHOLE)
-    most = np.floor((robot.upper + LIMIT_SLACK - high) / WHOLE)
-    nearest = np.rint((near - 0.5 * (low + high)) / WHOLE)
+    least = np.ceil((robot.lower - LIMIT_SLACK - low) / FULL_TURN)
+    most = np.floor((robot.upper + LIMIT_SLACK - high) / FULL_TURN)
+    nearest = np.rint((near - 0.5 * (low + high)) / FULL_TURN)
     whole_turns = np.where(robot.turns, np.clip(nearest, least, most), 0.0)
     outside = np.where(robot.turns, least > most, (least > 0.0) | (most < 0.0))
     return np.asarray(np.where(outside, np.nan, whole_turns))

@@ -24,7 +24,7 @@ from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, Prediction
 
-WHOLE = ("",)
+WHOLE_VECTOR = ("",)
 """The axes of a metric with a single value."""
 Unit = Literal["m", "1", "share", "s", "B", "1/s"]
 
@@ -163,7 +163,7 @@ def _width(prediction: Prediction) -> FloatArray:
     return np.asarray((interval.upper - interval.lower).mean(axis=0))
 
 
-_single_value = partial(Metric, axes=WHOLE)
+_single_value = partial(Metric, axes=WHOLE_VECTOR)
 _of_interval = partial(Metric, needs_interval=True)
 
 METRICS = {
@@ -225,7 +225,7 @@ METRICS = {
             "share of the samples inside their intervals of X, Y and Z at once",
             _coverage_3d,
             direction="nominal",
-            axes=WHOLE,
+            axes=WHOLE_VECTOR,
         ),
         _of_interval("width", "width", "m", "mean width of the intervals", _width),
         _single_value(

@@ -9,7 +9,7 @@ from stiff_protocols.contract.types import Samples, Split
 from stiff_protocols.splits.generators import LazySplits
 from stiff_protocols.splits.random_splits import Holdout
 
-OWN = "own source"
+OWN_SOURCE = "own source"
 """Condition with the target's own source, as under `holdout`, with different seeds."""
 
 
@@ -37,6 +37,6 @@ class CrossRobot(Holdout):
 
         def under_both(division: Split) -> Sequence[Split]:
             foreign = replace(division, condition=f"source {self.source}", source=self.source)
-            return replace(division, condition=OWN), foreign
+            return replace(division, condition=OWN_SOURCE), foreign
 
         return super().splits(samples, n_splits=n_splits, seed=seed).expanded(under_both, 2)

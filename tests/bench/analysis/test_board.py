@@ -109,7 +109,7 @@ def test_measured_robots_have_their_own_columns_and_are_not_averaged(made):
     assert good.mean.ratio == pytest.approx(stats.gmean(GOOD)) and good.mean.n_robots == 7
     assert good.measured["arm-9"].ratio == pytest.approx(3.0)
     assert "1 of 8 robots is measured" in sentence(board, "Data")
-    assert "smallest: fair (0.50)" in sentence(board, "Data")
+    assert "smallest on the board: fair (0.50)" in sentence(board, "Data")
 
 
 def test_enough_measured_robots_are_the_board_and_have_no_columns_of_their_own(made):

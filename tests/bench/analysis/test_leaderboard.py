@@ -245,7 +245,7 @@ def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
         ((5, 5, 5), (5, 5, 5), "abc", 5),
         ((2, 5, 5), (5, 5, 5), "bc", 5),  # a takes no split from the others
         ((2, 2, 5), (2, 5, 5), "abc", 2),  # b has all that the others share
-        ((2, 3, 5), (5, 3, 5), "bc", 3),  # --splits 3 for b; a lacks one of those
+        ((2, 3, 5), (5, 3, 5), "bc", 3),  # --splits 3 for b; a has only two of those
         ((8, 5, 5), (20, 5, 5), "abc", 5),  # more splits requested later, and interrupted
         ((2, 2, 5), (0, 5, 5), "abc", 2),  # a's requested number is unknown
         ((2, 2, 2), (5, 5, 5), "", 0),  # nobody finished

@@ -102,20 +102,20 @@ def test_every_object_that_can_be_reached_prints_at_most_2000_characters(given):
     assert long == {}
 
 
-SHOWN = (
+SHOWN_NAMES = (
     *("data", "measured", "part", "model", "new_model", "many_springs", "results"),
     *("of_one_model", "comparison", "validation", "plan", "simulation", "figure"),
 )
 
 
-@pytest.mark.parametrize("name", SHOWN)
+@pytest.mark.parametrize("name", SHOWN_NAMES)
 def test_what_is_shown_most_fits_a_screen(given, name):
     lines = repr(getattr(given, name)).splitlines()
     assert len(lines) <= MOST_LINES
     assert max(map(len, lines)) <= WIDTH
 
 
-@pytest.mark.parametrize("name", [name for name in SHOWN if name != "figure"])
+@pytest.mark.parametrize("name", [name for name in SHOWN_NAMES if name != "figure"])
 def test_a_notebook_shows_html_of_a_few_kilobytes(given, name):
     page = getattr(given, name)._repr_html_()
     assert page.startswith("<div") and len(page) < 20_000

@@ -49,7 +49,7 @@ def test_every_pair_has_the_verdict_that_compare_has_among_all_and_its_mirror_im
                 verdict = compare(case, a, b, data, Question()).among_all
                 assert cells[a][b] == WON[verdict]
     assert cells["good"]["good"] == "-"
-    if n_splits == 1:  # five poses cannot show a difference among so many pairs
+    if n_splits == 1:  # five poses cannot show a difference among that number of pairs
         return
     assert cells["good"]["bad"] == "1 : 0"
     styles = {style for row in page["rows"] for _, _, style in row[1:]}

@@ -18,7 +18,7 @@ from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ProtocolInfo
 from stiff_protocols.contract.types import BenchmarkData, Samples, Split
 from stiff_protocols.splits.checks import check_source
-from stiff_protocols.splits.cross_robot import OWN
+from stiff_protocols.splits.cross_robot import OWN_SOURCE
 from stiff_protocols.splits.random_splits import Holdout
 
 pytestmark = pytest.mark.usefixtures("small_source")
@@ -46,7 +46,7 @@ def of_condition(tasks, condition):
 def test_both_conditions_share_rows_and_model_seed_and_are_stored_apart(cross_tasks, ur5):
     tasks = cross_tasks(FT_MLP)
     for own_task, foreign_task in zip(
-        of_condition(tasks, OWN), of_condition(tasks, FROM_UR5), strict=True
+        of_condition(tasks, OWN_SOURCE), of_condition(tasks, FROM_UR5), strict=True
     ):
         assert own_task.cell.split_sha256 == foreign_task.cell.split_sha256
         assert own_task.cell.model_seed == foreign_task.cell.model_seed
@@ -82,12 +82,18 @@ def test_with_the_foreign_source_a_cell_and_its_intervals_are_those_of_that_sour
 def test_rows_have_the_training_regime_of_their_source(cross_tasks):
     tasks = cross_tasks("vjm", "ft-mlp", "mlp-pretrained")
     regimes = {(task.cell.model, task.cell.condition): task.presentation.regime for task in tasks}
-    assert regimes["vjm", OWN] == regimes["ft-mlp", OWN] == regimes["ft-mlp", FROM_UR5] == ""
+    assert (
+        regimes["vjm", OWN_SOURCE]
+        == regimes["ft-mlp", OWN_SOURCE]
+        == regimes["ft-mlp", FROM_UR5]
+        == ""
+    )
     assert regimes["vjm", FROM_UR5] == NO_SOURCE
-    assert regimes["mlp-pretrained", OWN] == "trained on simulated deflections only"
+    assert regimes["mlp-pretrained", OWN_SOURCE] == "trained on simulated deflections only"
     assert regimes["mlp-pretrained", FROM_UR5] == "no measured deflection used"
     own_caveats, foreign_caveats = (
-        of_condition(tasks, condition)[0].presentation.caveats for condition in (OWN, FROM_UR5)
+        of_condition(tasks, condition)[0].presentation.caveats
+        for condition in (OWN_SOURCE, FROM_UR5)
     )
     assert set(foreign_caveats) > set(own_caveats) and not any(
         "ur5-twin" in caveat for caveat in own_caveats

@@ -16,9 +16,9 @@ from stiff_protocols.contract.progress import Progress
 
 def cell(model):
     """Return a stub of a cell and its result."""
-    presentation = SimpleNamespace(model=model, dataset="data", protocol="holdout")
+    displays = SimpleNamespace(model=model, dataset="data", protocol="holdout")
     identity = SimpleNamespace(condition="", split_index=0)
-    return SimpleNamespace(status="ok", presentation=presentation, cell=identity, n_splits=1)
+    return SimpleNamespace(status="ok", presentation=displays, cell=identity, n_splits=1)
 
 
 def test_off_a_terminal_lines_name_cells_phases_and_what_became_of_them(capsys):
@@ -40,15 +40,15 @@ class Output:
     """The output of a notebook cell, as a list of what it displayed."""
 
     def __init__(self):
-        self.presentation = []
+        self.displays = []
 
     def __call__(self, thing, display_id=None):
-        assert display_id and not self.presentation  # one output, which changes
+        assert display_id and not self.displays  # one output, which changes
         self.update(thing)
         return self
 
     def update(self, thing, raw=False):
-        self.presentation.append(thing if raw else thing._repr_mimebundle_((), ()))
+        self.displays.append(thing if raw else thing._repr_mimebundle_((), ()))
 
 
 @pytest.fixture()
@@ -69,12 +69,12 @@ def test_in_a_notebook_one_output_holds_the_bars_and_then_one_line(output, monke
     display.begin(2, 0)
     display.start(cell("quick"))
     display.step(Progress("training", 1, 2, 0.5))
-    bars = output.presentation[-1]["text/html"]
+    bars = output.displays[-1]["text/html"]
     assert "quick on data" in bars and "training" in bars and "━" in bars
     display.end(cell("quick"))
     display.close()
-    assert output.presentation[-1]["text/plain"].startswith("1 ok in ")
-    assert "text/html" not in output.presentation[-1]
+    assert output.displays[-1]["text/plain"].startswith("1 ok in ")
+    assert "text/html" not in output.displays[-1]
     assert not any(capsys.readouterr())
 
 
@@ -84,7 +84,7 @@ def test_in_a_notebook_quick_work_shows_no_bars(output, monkeypatch):
     display.start(cell("quick"))
     display.end(cell("quick"))
     display.close()
-    assert output.presentation == []
+    assert output.displays == []
 
 
 def test_a_failure_stays_in_a_notebook_with_its_reason(output, monkeypatch, capsys):
@@ -95,4 +95,4 @@ def test_a_failure_stays_in_a_notebook_with_its_reason(output, monkeypatch, caps
     display.end(SimpleNamespace(**failed))
     display.close()
     assert "broken: FAILED: why" in capsys.readouterr().out
-    assert output.presentation[-1]["text/plain"].startswith("1 failed in ")
+    assert output.displays[-1]["text/plain"].startswith("1 failed in ")

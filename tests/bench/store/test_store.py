@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import lzma
 import math
-import os
 import signal
 import sqlite3
 import subprocess
@@ -47,7 +46,7 @@ def only(folder: Path) -> CellResult:
 
 NUMBERS = np.array([[1 / 3, 2e-17, -0.1]])
 INTERVAL = Interval(NUMBERS - 1 / 7, NUMBERS + 1 / 7, 0.9)
-KNOWN = {"oracle": NUMBERS / 5}
+BOUNDS = {"oracle": NUMBERS / 5}
 CURVES = {"none": np.empty((0, 3)), "fit": np.array([[1.0, 0.1, math.nan], [2.0, 1 / 3, 0.4]])}
 
 
@@ -58,7 +57,7 @@ CURVES = {"none": np.empty((0, 3)), "fit": np.array([[1.0, 0.1, math.nan], [2.0,
         result(
             cell=replace(CELL, coverage=0.9, interval_version=3),
             prediction=Prediction(
-                np.array([4]), NUMBERS, NUMBERS, INTERVAL, bound_deflections=KNOWN
+                np.array([4]), NUMBERS, NUMBERS, INTERVAL, bound_deflections=BOUNDS
             ),
             calibration_samples=11,
         ),
@@ -339,13 +338,19 @@ def test_packed_results_are_read_and_written_to_as_others(tmp_path):
     assert len(read_results(tmp_path)) == len(before) + 1
 
 
-def test_a_packed_file_that_is_newer_than_the_results_is_named(tmp_path):
-    MadeResults(tmp_path).add("vjm", [0.1])
-    content = (tmp_path / FILE).read_bytes()
-    os.utime(packed(tmp_path), (2_000_000_000, 2_000_000_000))
-    (tmp_path / FILE).write_bytes(content)
-    with pytest.warns(StiffBenchWarning, match=f"older than {PACKED}"):
-        assert len(read_results(tmp_path)) == 1
+def test_a_packed_file_that_was_replaced_is_named_and_changes_nothing(tmp_path):
+    made = MadeResults(tmp_path)
+    made.add("vjm", [0.1])
+    file = packed(tmp_path)
+    older = file.read_bytes()
+    made.add("knn", [0.3])  # unpacks it
+    assert len(read_results(tmp_path)) == 2
+    newer = lzma.compress((tmp_path / FILE).read_bytes())
+    file.write_bytes(newer)
+    with pytest.warns(StiffBenchWarning, match=f"older {PACKED}"):
+        assert len(read_results(tmp_path)) == 2
+    file.write_bytes(older)
+    assert len(read_results(tmp_path)) == 2
 
 
 def test_a_damaged_packed_file_is_refused_and_leaves_no_file(tmp_path):

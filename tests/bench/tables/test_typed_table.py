@@ -92,7 +92,7 @@ def test_latex_aligns_plain_numbers_and_braces_others_beneath_the_names_of_their
     latex, page = (render([grouped(2)], fmt, "bench") for fmt in ("latex", "html"))
     assert r"\multicolumn{2}{c}{group 0} & \multicolumn{2}{c}{group 1}" in latex
     assert "group 0: MAE" in page and "1.0000 ± 0.5000" in page
-    many = render([grouped(4)], "latex", "bench", text="what matters")  # beneath each other
+    many = render([grouped(4)], "latex", "bench", text="what matters")  # below each other
     parts = (r"\begin{tabular}", r"\begin{table}", r"X & ", "what matters")
     assert [many.count(part) for part in parts] == [4, 1, 4, 1]
 

@@ -96,7 +96,7 @@ def test_values_are_those_of_public_implementations(value, published):
 
 
 THREE = torch.tensor([[1.0, -2.0], [0.5, 3.0], [2.0, 1.0]])
-ONE = torch.tensor([[-1.0, 0.0]])
+ONE_SAMPLE = torch.tensor([[-1.0, 0.0]])
 
 
 def logit():
@@ -122,8 +122,8 @@ def test_the_loss_is_the_cross_entropy_and_features_climb_where_the_discriminato
     strength,
 ):
     discriminator, source = logit(), THREE.clone().requires_grad_()
-    loss = domain_loss(discriminator, source, ONE, strength=strength)
-    assert loss.item() == pytest.approx(expected_loss(THREE, ONE), rel=1e-6)
+    loss = domain_loss(discriminator, source, ONE_SAMPLE, strength=strength)
+    assert loss.item() == pytest.approx(expected_loss(THREE, ONE_SAMPLE), rel=1e-6)
     loss.backward()
     step = 1e-3
 
@@ -131,10 +131,10 @@ def test_the_loss_is_the_cross_entropy_and_features_climb_where_the_discriminato
         upper, lower = THREE.double(), THREE.double()
         upper[move] += step
         lower[move] -= step
-        return (expected_loss(upper, ONE) - expected_loss(lower, ONE)) / (2 * step)
+        return (expected_loss(upper, ONE_SAMPLE) - expected_loss(lower, ONE_SAMPLE)) / (2 * step)
 
     assert source.grad[1, 0].item() == pytest.approx(-strength * slope((1, 0)), abs=1e-6)
     # the discriminator itself learns at full weight: d loss / d bias does not know the strength
-    probabilities = torch.sigmoid(discriminator(torch.cat([THREE, ONE])))[:, 0]
+    probabilities = torch.sigmoid(discriminator(torch.cat([THREE, ONE_SAMPLE])))[:, 0]
     expected = ((probabilities[:3] - 1.0).mean() + probabilities[3]) / 2
     assert discriminator.bias.grad.item() == pytest.approx(expected.item(), rel=1e-5)
