@@ -16,9 +16,9 @@ from stiff_protocols.contract.progress import Progress
 
 def cell(model):
     """Return a stub of a cell and its result."""
-    displays = SimpleNamespace(model=model, dataset="data", protocol="holdout")
+    presentation = SimpleNamespace(model=model, dataset="data", protocol="holdout")
     identity = SimpleNamespace(condition="", split_index=0)
-    return SimpleNamespace(status="ok", presentation=displays, cell=identity, n_splits=1)
+    return SimpleNamespace(status="ok", presentation=presentation, cell=identity, n_splits=1)
 
 
 def test_off_a_terminal_lines_name_cells_phases_and_what_became_of_them(capsys):
