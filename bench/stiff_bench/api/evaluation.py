@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import tempfile
 import weakref
@@ -329,7 +330,8 @@ class Reproduction(Run):
         from stiff_bench.api.leaderboard_site import LeaderboardSite
 
         plan = self.plans[0]
-        site = LeaderboardSite(self.study, plan.output, plan.command, self.model_statuses)
+        command = f"{plan.command} --site {shlex.quote(str(folder))}"
+        site = LeaderboardSite(self.study, plan.output, command, self.model_statuses)
         return site.write(folder)
 
 

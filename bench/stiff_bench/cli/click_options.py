@@ -396,9 +396,15 @@ data_options = gathered(
 )
 
 
-def command_line() -> str:
-    """Return what the user typed, for the record."""
-    return shlex.join(["bench", *sys.argv[1:]])
+def command_line(without: str = "") -> str:
+    """Return the user's command for the record, without an option `without` and its value."""
+    words = sys.argv[1:]
+    if without in words:
+        place = words.index(without)
+        del words[place : place + 2]
+    if without:
+        words = [word for word in words if not word.startswith(f"{without}=")]
+    return shlex.join(["bench", *words])
 
 
 def execution_options(usual_jobs: str) -> Callable[[Command], Command]:

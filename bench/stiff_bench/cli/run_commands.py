@@ -240,7 +240,8 @@ def reproduce(
 
     Results are saved at once; the same command continues an interrupted study.
     """  # noqa: D301  # click keeps the lines below \b
-    study_run = api.evaluation.reproduction(name, output=output, command=command_line(), **how)
+    command = command_line(without="--site")  # the page of results is the same with web pages
+    study_run = api.evaluation.reproduction(name, output=output, command=command, **how)
     if plan_only:
         return show_plan(study_run, fmt)
     status = 0

@@ -71,6 +71,11 @@ def browser(site, tmp_path_factory):
         yield opened
 
 
+def test_the_pages_name_their_folder_and_the_studys_page_does_not(site, study):
+    assert f"bench reproduce --site {site}" in (site / INDEX).read_text("utf-8")
+    assert "--site" not in (study / "small" / "README.md").read_text("utf-8")
+
+
 def pages(site: Path) -> list[Path]:
     return sorted(site.rglob("*.html"))
 

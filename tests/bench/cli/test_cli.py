@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from helpers.command_line import BENCH, bench_here
+from stiff_bench.cli.click_options import command_line
 from stiff_bench.store.database import ResultStore, read_manifests, read_results
 from stiff_protocols.contract.errors import ConfigError
 
@@ -81,3 +82,10 @@ def test_a_closed_pipe_is_not_a_failure(tmp_path):
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, timeout=120, check=False)
     os.close(write)
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize("words", [["--site", "a b"], ["--site=a b"]])
+def test_the_command_for_the_record_is_without_the_folder_of_web_pages(words, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["bench", "reproduce", *words, "leaderboard"])
+    assert command_line(without="--site") == "bench reproduce leaderboard"
+    assert "a b" in command_line()
