@@ -399,11 +399,11 @@ data_options = gathered(
 def command_line(without: str = "") -> str:
     """Return the user's command for the record, without an option `without` and its value."""
     words = sys.argv[1:]
-    if without in words:
-        place = words.index(without)
-        del words[place : place + 2]
     if without:
         words = [word for word in words if not word.startswith(f"{without}=")]
+        if without in words:
+            place = words.index(without)
+            del words[place : place + 2]
     return shlex.join(["bench", *words])
 
 

@@ -145,14 +145,14 @@ def _number_of(packed: Path) -> int:
     return zlib.crc32(packed.read_bytes()) & 0x7FFFFFFF
 
 
-def _warn_of_other_packed_file(path: Path, db: sqlite3.Connection) -> None:
+def _warn_of_other_packed_file(folder: Path, db: sqlite3.Connection) -> None:
     """Warn if the packed file was replaced after the file was unpacked from it."""
-    packed = path.parent / PACKED
+    packed = folder / PACKED
     (number,) = db.execute("PRAGMA application_id").fetchone()
     if number and packed.exists() and number != _number_of(packed):
         warn(
-            f"{path} was unpacked from an older {PACKED}: move it away to read the new results, "
-            "or combine both with `bench merge`"
+            f"{folder / FILE} was unpacked from an older {PACKED}: move it away to read the new "
+            "results, or combine both with `bench merge`"
         )
 
 
@@ -176,6 +176,8 @@ def read_results(folder: Path, keys: Collection[str] | None = None) -> list[Cell
     where = "" if keys is None else "WHERE key IN (SELECT value FROM json_each(?))"
     values = [] if keys is None else [orjson.dumps([*keys]).decode()]
     with reading(folder) as db:
+        if keys is None:  # a run asks for one key after another
+            _warn_of_other_packed_file(folder, db)
         rows = db.execute(f"SELECT * FROM cell {where} ORDER BY key", values).fetchall()
     results = []
     for row in rows:
@@ -254,7 +256,6 @@ def reading(folder: Path) -> Iterator[sqlite3.Connection]:
             stack.enter_context(closing(db)).execute("BEGIN")  # what is read is of one moment
             if _has_tables(db):
                 _check_format(path, db)
-                _warn_of_other_packed_file(path, db)
                 yield db
                 return
         with closing(sqlite3.connect(":memory:")) as db:

@@ -89,3 +89,8 @@ def test_the_command_for_the_record_is_without_the_folder_of_web_pages(words, mo
     monkeypatch.setattr("sys.argv", ["bench", "reproduce", *words, "leaderboard"])
     assert command_line(without="--site") == "bench reproduce leaderboard"
     assert "a b" in command_line()
+
+
+def test_the_command_for_the_record_has_an_empty_word_and_what_follows(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["bench", "run", "--plugin", "", "--splits", "2"])
+    assert command_line() == "bench run --plugin '' --splits 2"
