@@ -43,6 +43,8 @@ def on_files(files: Files, *, config: Any) -> Files:
 def on_page_markdown(text: str, *, page: Any, config: Any, files: Files) -> str:
     """Insert the leaderboard, and convert the repository's links to links of the site."""
     page_path = page.file.src_uri
+    if page_path.startswith("api/"):  # the search shows the pages of the guide first
+        page.meta["search"] = {"boost": 0.3}
     if BOARD_PLACE in text:
         text = text.replace(BOARD_PLACE, leaderboard(_root(config)))
 

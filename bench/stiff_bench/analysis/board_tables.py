@@ -104,16 +104,13 @@ def _data(board: Board, lead: BoardRow) -> str:
             continue
         lead_score = scores[lead.name]
         best = min(scores, key=lambda name: scores[name].ratio)
-        ahead = (
-            ""
-            if best == lead.name
-            else f"; smallest on the board: {best} ({scores[best].ratio:.2f})"
-        )
         text += (
             f"; on {dataset} ({counted(len(cases[0].data.measured), 'sample')}) {lead.name} has "
             f"{lead_score.ratio:{RATIO_FORMAT}} times the VJM's error "
-            f"({VERDICT_MARKS[lead_score.verdict] or 'not tested'}){ahead}"
+            f"({VERDICT_MARKS[lead_score.verdict] or 'not tested'})"
         )
+        if best != lead.name:
+            text += f"; smallest on the board: {best} ({scores[best].ratio:.2f})"
     return f"{text}."
 
 

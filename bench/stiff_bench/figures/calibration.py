@@ -26,7 +26,7 @@ from stiff_protocols.scoring.paired import LEVEL
 
 MOST_MODELS, MOST_ROWS = 5, 12
 LEVELS = "0.5, 0.8, 0.9, 0.95"
-MODEL_INCH, GAP_INCH, FRAME_INCH, LEGEND_LINE_INCH = 0.09, 0.1, 0.5, 0.17
+MODEL_INCH, GAP_INCH, FRAME_INCH = 0.09, 0.1, 0.5
 
 
 def calibration_figure(shares: pd.DataFrame) -> Figure:
@@ -38,8 +38,7 @@ def calibration_figure(shares: pd.DataFrame) -> Figure:
     rows, names = shares["data"].unique(), shares["model"].unique()
     nominal = sorted(shares["nominal"].unique())
     labels = style.short_names(names)
-    n_columns = style.legend_columns(labels.values(), len(nominal), most=5)
-    legend = LEGEND_LINE_INCH * -(-(len(names) + 1) // n_columns)
+    n_columns, legend = style.legend_layout(labels.values(), len(nominal), most=5, n_others=1)
     row_inch = FRAME_INCH + len(rows) * (GAP_INCH + MODEL_INCH * len(names))
     figure, panels = style.new_panels(len(nominal), row_inch, legend)
     place = {name: number for number, name in enumerate(rows)}

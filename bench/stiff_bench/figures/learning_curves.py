@@ -39,7 +39,7 @@ from stiff_protocols.splits.sample_efficiency import condition_of
 CONFIDENCE = 0.95
 FEWEST_FOR_INTERVAL = 3
 MOST_MODELS = 5
-PANEL_INCH, LEGEND_LINE_INCH = 2.2, 0.17
+PANEL_INCH = 2.2
 _NEEDS = (
     "learning curves; create them with `bench run --protocol sample-efficiency --model "
     f"{REFERENCE_MODEL} ...`"
@@ -60,8 +60,9 @@ def learning_figure(
             known.
     """
     labels = style.short_names(names)
-    n_columns = style.legend_columns(labels.values(), len(panels), most=3)
-    legend = LEGEND_LINE_INCH * -(-(len(names) + any(noise_floors.values())) // n_columns)
+    n_columns, legend = style.legend_layout(
+        labels.values(), len(panels), most=3, n_others=any(noise_floors.values())
+    )
     figure, grid = style.new_panels(len(panels), PANEL_INCH, legend)
     for name, look in style.looks_of(names).items():
         grid[0].plot([], [], color=look.color, marker=look.marker, label=labels[name])

@@ -123,7 +123,7 @@ def regression(source: FigureSource) -> Prepared:
 
 
 MOST_CURVES = 5
-PANEL_INCH, LEGEND_LINE_INCH = 2.1, 0.17
+PANEL_INCH = 2.1
 
 
 class ErrorPanel(NamedTuple):
@@ -146,8 +146,7 @@ def errors_by_row(tested: Prediction) -> pd.Series:
 def errors_figure(panels: Sequence[ErrorPanel], names: Sequence[str]) -> Figure:
     """Draw the share of samples whose 3-D error is below a value, a curve per model."""
     looks, labels = style.looks_of(names), style.short_names(names)
-    n_columns = style.legend_columns(labels.values(), len(panels), most=4)
-    legend = LEGEND_LINE_INCH * -(-(len(names) + 1) // n_columns)
+    n_columns, legend = style.legend_layout(labels.values(), len(panels), most=4, n_others=1)
     figure, grid = style.new_panels(len(panels), PANEL_INCH, legend)
     for axes, panel in zip(grid, panels, strict=True):
         for name, errors in panel.errors.items():
@@ -217,7 +216,7 @@ def scores_figure(panels: Sequence[ScorePanel]) -> Figure:
     logarithms = np.log(means.clip(lower=LEAST))
     order = (logarithms - logarithms.mean()).mean(axis=1).sort_values(kind="stable").index
     row_inch = HEAD_INCH + SCORE_INCH * len(order)
-    figure, grid = style.new_panels(len(panels), row_inch, LEGEND_LINE_INCH)
+    figure, grid = style.new_panels(len(panels), row_inch, style.LEGEND_LINE_INCH)
     look: dict[str, Any] = {"fmt": "o", "color": "black", "capsize": 2.0, "elinewidth": 0.8}
     linear: dict[str, Any] = {"color": style.REFERENCE_COLOR, "ls": "--", "label": REFERENCE_MODEL}
     for axes, panel in zip(grid, panels, strict=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
 from typing import Any
@@ -149,15 +149,23 @@ def share_legend(figure: Figure, panels: Iterable[Axes], *, ncols: int = 4, **sp
     figure.legend(list(handles.values()), list(handles), loc=place, ncols=ncols, **spacing)
 
 
-LEGEND_LETTERS_PER_INCH, LEGEND_MARK_INCH = 15.0, 0.45
-"""Letters (of 7 points) in an inch of a legend, and the width of the line before a name."""
+LEGEND_LINE_INCH, LEGEND_LETTERS_PER_INCH, LEGEND_MARK_INCH = 0.17, 15.0, 0.45
+"""Height of a legend's line, letters (of 7 points) in an inch, and width of the mark of a name."""
 
 
-def legend_columns(labels: Iterable[str], n_panels: int, most: int) -> int:
-    """Return the number of columns of a legend below `new_panels`: at most `most`, and they fit."""
+def legend_layout(
+    names: Collection[str], n_panels: int, *, most: int, n_others: int
+) -> tuple[int, float]:
+    """Return the columns and the height [inch] of a legend below `new_panels`.
+
+    It has the short texts of `names` and `n_others` entries with shorter texts. The columns are at
+    most `most`, and as many as fit.
+    """
     width = COLUMN_INCH if n_panels == 1 else PAGE_INCH
-    longest = max(map(len, labels), default=0)
-    return int(min(most, max(1.0, width / (LEGEND_MARK_INCH + longest / LEGEND_LETTERS_PER_INCH))))
+    longest = max(map(len, names), default=0)
+    fitting = width / (LEGEND_MARK_INCH + longest / LEGEND_LETTERS_PER_INCH)
+    n_columns = int(min(most, max(1.0, fitting)))
+    return n_columns, LEGEND_LINE_INCH * -(-(len(names) + n_others) // n_columns)
 
 
 SUBTITLE_POINTS, SUBTITLE_INCH, SUBTITLE_LETTERS_PER_INCH = 7.5, 0.18, 17.0

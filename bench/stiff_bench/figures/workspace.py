@@ -57,12 +57,14 @@ def workspace_figure(models: Mapping[str, WorkspaceErrors], arm: FloatArray) -> 
         models: name -> errors; at least one.
         arm: (n, 3) base, joints and TCP at one of the poses, m, base frame.
     """
-    compared = {
-        name: model_errors for name, model_errors in models.items() if model_errors.gain is not None
+    gains = {
+        name: model_errors.gain * MM
+        for name, model_errors in models.items()
+        if model_errors.gain is not None
     }
     everything = np.concatenate([model_errors.error for model_errors in models.values()]) * MM
     scale = Normalize(0.0, float(np.quantile(everything, TOP_SHARE)) or 1e-6)
-    n_columns = len(models) + len(compared)
+    n_columns = len(models) + len(gains)
     width = style.COLUMN_INCH if n_columns == 1 else style.PAGE_INCH
     figure = style.new_figure(width, VIEWS_INCH)
     grid = figure.subplots(2, n_columns, squeeze=False)
@@ -73,22 +75,11 @@ def workspace_figure(models: Mapping[str, WorkspaceErrors], arm: FloatArray) -> 
         )
         _title(views, style.short(name, style.PANEL_LETTERS))
     _color_bar(figure, points, errors, "3-D error [mm]", "max")
-    if compared:
-        gains = (
-            np.concatenate(
-                [
-                    model_errors.gain
-                    for model_errors in compared.values()
-                    if model_errors.gain is not None
-                ]
-            )
-            * MM
-        )
-        reach = float(np.quantile(np.abs(gains), TOP_SHARE)) or 1e-6
-        for (name, model_errors), views in zip(compared.items(), differences.T, strict=True):
-            gain = np.zeros(0) if model_errors.gain is None else model_errors.gain * MM
+    if gains:
+        reach = float(np.quantile(np.abs(np.concatenate([*gains.values()])), TOP_SHARE)) or 1e-6
+        for (name, gain), views in zip(gains.items(), differences.T, strict=True):
             norm = Normalize(-reach, reach)
-            points = _draw(views, model_errors.place, gain, arm, cmap=DIFFERENCES, norm=norm)
+            points = _draw(views, models[name].place, gain, arm, cmap=DIFFERENCES, norm=norm)
             _title(views, f"{style.short(name, style.PANEL_LETTERS - 6)} − VJM")  # noqa: RUF001
         _color_bar(figure, points, differences, "difference [mm]; blue: better", "both")
     for axes in grid[:, 1:].flat:  # the same poses, and so the same limits as on the left

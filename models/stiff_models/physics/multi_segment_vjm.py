@@ -56,9 +56,7 @@ def search_breakpoints(finest: FloatArray, target: FloatArray, start: IntArray) 
     rows = finest.reshape(-1, n_joints * n_finest)
     # the target is the last column: its explained part, then its unexplained part
     augmented = np.column_stack([rows, target.reshape(-1)])
-    compressed = np.asarray(
-        np.linalg.qr(augmented, mode="r")
-    )  # numpy's own types do not have this mode
+    compressed = np.asarray(np.linalg.qr(augmented, mode="r"))  # numpy's types omit this mode
     triangle, projected = compressed[:, :-1], compressed[:, -1]
     # columns where each joint's segments begin; the first segment begins at the joint's first
     first_columns = n_finest * np.arange(n_joints)[:, None]
