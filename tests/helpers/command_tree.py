@@ -14,5 +14,9 @@ PARAMETERS: dict[str, dict[str, str]] = json.loads(
     Path(__file__).with_suffix(".json").read_text("utf-8")
 )
 """Command or group -> argument or option -> kind of its values."""
-GROUPS = [name for name in PARAMETERS if any(other.startswith(f"{name} ") for other in PARAMETERS)]
+GROUPS = [
+    name
+    for name in PARAMETERS
+    if any(longer_name.startswith(f"{name} ") for longer_name in PARAMETERS)
+]
 COMMANDS = [name for name in PARAMETERS if name not in GROUPS]
