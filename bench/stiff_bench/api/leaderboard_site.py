@@ -134,11 +134,14 @@ class LeaderboardSite:
             if (figure := _made(partial(make, board)))
         ]
         made_by = sources(self.results, self.stored.runs, counts)
+        screen = board_screen(board)
+        if withdrawn := self.content.columns.withdrawn:
+            screen = replace(screen, headline=withdrawn)
         return Part(
             " · ".join(
                 [self.study.title, *([max(dates)] if dates else []), f"{counts.total()} fits"]
             ),
-            board_screen(board),
+            screen,
             notes=[*self.study.notes, *tables[0].notes],
             blocks=[
                 Block("Board to sort and filter", tables=[scoped_table(board)]),

@@ -77,6 +77,8 @@ class StudyResults:
         """Headline, board, measured data, variants and extras; errors as `board`."""
         board = self.board
         tables = plan_board(board, (self.columns.protocol, ""), self.columns.controls)
+        if self.columns.withdrawn:
+            tables[0] = replace(tables[0], title=self.columns.withdrawn)
         if self.statuses:
             tables[0] = _with_statuses(tables[0], board, self.statuses)
         measured = [case for cases in board.measured.values() for case in cases]

@@ -60,6 +60,7 @@ class StudyBoard:
         controls: model -> the physics, teacher or variant that it is compared with.
         extras: models that need more packages, in a separate table.
         variants: models in a separate table, over the data on which they ran.
+        withdrawn: sentence in place of the headline; "": the headline stands.
     """
 
     protocol: str
@@ -67,6 +68,7 @@ class StudyBoard:
     controls: Mapping[str, str] = field(default_factory=dict)
     extras: Words = ()
     variants: Words = ()
+    withdrawn: str = ""
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)

@@ -30,6 +30,7 @@ from stiff_protocols.contract.errors import ConfigError
 pytestmark = BROWSER_MARKS
 MODELS = ("vjm", "vjm-full", "vjm-multisegment", "knn", "zero", "gp-springs@springs=6")
 DATASETS = ("ur5-twin", "kr10-twin@plan=wide", *(f"arm-family@robot={n}" for n in (1, 2, 3)))
+WITHDRAWN = "Withdrawn: the claim of this board"
 STUDY = f"""
 title = "A small board"
 models = {list(MODELS)}
@@ -39,6 +40,7 @@ tables = ["leaderboard"]
 [board]
 protocol = "holdout-paths"
 extras = ["tabm"]
+withdrawn = "{WITHDRAWN}"
 [groups]
 "tilting, wide" = {list(DATASETS)}
 """
@@ -74,6 +76,11 @@ def browser(site, tmp_path_factory):
 def test_the_pages_name_their_folder_and_the_studys_page_does_not(site, study):
     assert f"bench reproduce --site {site}" in (site / INDEX).read_text("utf-8")
     assert "--site" not in (study / "small" / "README.md").read_text("utf-8")
+
+
+def test_the_reason_of_a_withdrawal_is_the_headline_of_the_board(site, study):
+    assert f"<h3>{WITHDRAWN}</h3>" in (site / INDEX).read_text("utf-8")
+    assert f"\n**{WITHDRAWN}**\n" in (study / "small" / "README.md").read_text("utf-8")
 
 
 def pages(site: Path) -> list[Path]:
