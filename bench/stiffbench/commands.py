@@ -12,13 +12,12 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal
 
 import stiffbench as sb
 from stiff_bench import api
 from stiff_bench.api import RESULTS
-from stiff_bench.api.parameter_types import Device, FilePath, Folder, Form, Picture, Seed
+from stiff_bench.api.parameter_types import Device, FilePath, Folder, Form, Picture, Seed, Setting
 from stiff_bench.console import (
     print_markdown,
     print_prose,
@@ -28,9 +27,7 @@ from stiff_bench.console import (
     warnings_on_stderr,
     wrapped,
 )
-from stiff_bench.run.machine import pinned
 from stiff_bench.tables.picture_file import check_suffix
-from stiff_bench.tables.table import SCREEN
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import check_new_file
@@ -51,15 +48,20 @@ from stiffbench.signatures import CommandFunction, command_signature
 ONLY_PATH = ("sheet", "hold", "on_failure")
 ONLY_PROGRAM = ("loads", "strict")
 """Options that only go with `--path`, or with `--program`."""
-WITH_STUDY = {"models", "output", "against", "lite", "verbose", "paper"}
-"""Options of a run that can be combined with --study, besides those of the execution."""
 REFUSED = 1
 INDENTS = "  ", 16 * " "
 """Before the first and the other lines of a check on a terminal."""
 
 
 def _print_tables(tables: sb.Tables, fmt: str) -> None:
-    print_text(tables.text_as(fmt), laid_out=fmt == SCREEN)
+    print_text(tables.text_as(fmt), laid_out=_is_screen(fmt))
+
+
+def _is_screen(fmt: str) -> bool:
+    """Return whether tables are laid out for a terminal."""
+    from stiff_bench.tables.table import SCREEN  # not needed for the first help page
+
+    return fmt == SCREEN
 
 
 def _show_description(text: str) -> None:
@@ -109,21 +111,23 @@ def _fit(
     output: FilePath,
     datasets: Sequence[str] = (),
     data: Annotated[Sequence[sb.Dataset], find_own_data] = (),
-    settings: Sequence[str] = (),
+    settings: Setting = (),
     device: Device = "auto",
     seed: Seed = 0,
-    **options: Any,
+    cross_validate: bool = True,
 ) -> None:
     model, samples = api.evaluation.model_and_data(
         models, [*datasets, *data], settings=settings, device=device
     )
     check_new_file(Path(output))
     model.fit(samples, seed=seed)
-    model.save(output, **options)
+    model.save(output, cross_validate=cross_validate)
     print_prose(f"{output}: {model.report(samples, seed)}")
 
 
 def _predict(model: sb.Model, output: FilePath, **options: Any) -> None:
+    from tempfile import TemporaryDirectory  # 3 ms
+
     with TemporaryDirectory() as folder:
         file = Path(folder) / "rows.csv" if str(output) == "-" else Path(output)
         n_rows = model.predict_file(output=file, **options)
@@ -168,6 +172,7 @@ def _run(
     models: Sequence[str] = (),
     datasets: Sequence[str] = (),
     data: Annotated[Sequence[sb.Dataset], find_own_data] = (),
+    settings: Setting = (),
     study: str | None = None,
     lite: bool = False,
     against: Folder | None = None,
@@ -183,6 +188,7 @@ def _run(
     Results are saved in --output at once; the same command continues an interrupted run.
 
     Args:
+        settings: option of a model, data set or protocol; may be repeated.
         study: run a study of `bench reproduce`, or a file such as my_study.toml; --model replaces
             its models.
         lite: run the short version of the study: few robots, one split.
@@ -194,6 +200,7 @@ def _run(
         verbose: also print a table of each data set, and what fits report, such as stiffnesses.
     """
     about: dict[str, Any] = {"output": Path(output), "command": command_line()}
+    how = execution.arguments()
     if study is None:
         for word, value in (("lite", lite), ("against", against)):
             if value:
@@ -202,23 +209,43 @@ def _run(
             models,
             [*datasets, *data] or [api.evaluation.DEFAULT_DATASET],
             options.pop("protocol", ("holdout",)),
-            how=execution.pinned(),
+            settings=settings,
+            how=how,
             **about,
             **options,
         )
     else:
-        for word in ("dataset",) * bool(datasets) + ("data",) * bool(data) + tuple(options):
-            raise ConfigError(f"cannot be combined with --study; set it in {study}", word)
+        given = {"dataset": datasets, "data": data, "set": settings, **options}
+        for word in [name for name, value in given.items() if value not in ((), [])]:
+            text = f"cannot be combined with --study; set it in {study}"
+            raise ConfigError(text, "metric" if word == "metrics" else word)
         run = api.evaluation.run_of_study(
-            study, models=models, lite=lite, against=against, **about, **execution.pinned()
+            study, models=models, lite=lite, against=str(against or ""), **about, **how
         )
     if plan_only:
         return _print_plan(run, fmt)
     results = run.compute()
+    answer = not paper and (bool(models) if study else not options.get("metrics"))
+    return print_run(run, results, fmt, answer=answer, verbose=verbose)
+
+
+def print_run(
+    run: api.evaluation.Run,
+    results: sb.Results,
+    fmt: str,
+    *,
+    answer: bool = True,
+    verbose: bool = False,
+) -> int:
+    """Print the tables of a run; return 1 if a fit failed or was skipped, else 0.
+
+    With `answer`, a terminal shows the best model in place of the metrics.
+    """
     facts = api.evaluation.run_facts(results)
     if (board := run.board(results)) is not None:
         _print_tables(board, fmt)
-    elif fmt == SCREEN and not paper and not options.get("metrics") and (models or not study):
+    elif _is_screen(fmt) and answer:
+        facts[0] = f"Fits: {facts[0].replace(';', ',')}"
         print_text(results.screen(*facts, verbose=verbose), laid_out=True)
         facts = []
     else:
@@ -265,7 +292,7 @@ def _reproduce(
     """
     command = command_line(without="--site")  # the page of results is the same with web pages
     run = api.evaluation.reproduction(
-        name, output=Path(output), command=command, **execution.pinned()
+        name, output=Path(output), command=command, **execution.arguments()
     )
     if plan_only:
         return _print_plan(run, fmt)
@@ -356,14 +383,23 @@ def _figure(
 def _table(
     number: Literal["1", "2", "3", "4", "5", "6", "7", "8", "9", "10"],
     fmt: Annotated[str, choose_format],
-    **options: Any,
+    results: Folder | None = None,
 ) -> None:
-    _print_tables(sb.paper_table(number, command=command_line(), **options), fmt)
+    _print_tables(sb.paper_table(number, results, command=command_line()), fmt)
 
 
 def _results_add(
-    folders: Sequence[Path], results: Folder = Path("results/leaderboard/runs")
+    folders: Annotated[Sequence[Path], Form("DIR...")],
+    results: Folder = Path("results/leaderboard/runs"),
 ) -> None:
+    """Add the fits of verified submissions to results.
+
+    The fits are not computed again. `bench reproduce leaderboard --write-only` then has a column of
+    status: verified or reported.
+
+    Args:
+        folders: folders of submissions that `bench verify` has verified or reported.
+    """
     for folder in folders:
         n_fits = api.submissions.add_submission(folder, Path(results))
         say(f"{results}: {n_fits} fits of {folder} added")
@@ -400,8 +436,7 @@ def _submit(
         results=Path(results),
         lite=lite,
         command=command_line(),
-        threads=pinned(),
-        **vars(limits),
+        **Execution(**vars(limits)).arguments(),
         **options,
     )
     n_records = counted(len(submission.records), "record")
@@ -409,7 +444,7 @@ def _submit(
 
 
 def _verify(
-    folders: Sequence[Path],
+    folders: Annotated[Sequence[Path], Form("DIR...")],
     refits: Annotated[api.submissions.Refits, choose_refits],
     study: str = "leaderboard",
     write: bool = False,
@@ -477,6 +512,9 @@ class Command:
 
     def function(self) -> Callable[..., int]:
         """Return the function of words for cyclopts; it returns the exit status."""
+        from stiff_bench.run.machine import prepare
+
+        prepare()  # before numpy is imported
         public = [functools.reduce(getattr, name.split("."), api) for name in self.functions]
         body = CommandFunction(self.call or public[0], *public, without=self.without)
         plugins = CommandFunction(use_plugins)
@@ -568,7 +606,7 @@ COMMANDS = {
         ),
         Command(
             "reproduce",
-            ("evaluation.reproduction",),
+            (),
             "bench reproduce paper-quick",
             call=_reproduce,
         ),
@@ -591,6 +629,7 @@ COMMANDS = {
             ("stored_results.Results.report",),
             "bench report --output report.html",
             call=_report,
+            without=("file", "other_results"),
         ),
         Command(
             "figure",
@@ -598,8 +637,15 @@ COMMANDS = {
             "bench figure regression --output regression.pdf",
             call=_figure,
             has_plugins=True,
+            without=("model",),
         ),
-        Command("table", ("stored_results.paper_table",), "bench table 10", call=_table),
+        Command(
+            "table",
+            ("stored_results.paper_table",),
+            "bench table 10",
+            call=_table,
+            without=("command",),
+        ),
         Command(
             "merge",
             ("stored_results.merge",),
@@ -611,6 +657,7 @@ COMMANDS = {
             ("submissions.add_submission",),
             "bench results add results/submissions/quadratic-springs",
             call=_results_add,
+            without=("folder",),
         ),
         Command(
             "results export",
@@ -622,10 +669,11 @@ COMMANDS = {
     "Use a model on your robot": (
         Command(
             "fit",
-            ("model.Model.save", "evaluation.model_and_data"),
+            ("evaluation.model_and_data", "model.Model.fit", "model.Model.save"),
             "bench fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
             call=_fit,
             has_plugins=True,
+            without=("data", "robot", "file"),
         ),
         Command(
             "predict",
@@ -668,6 +716,7 @@ COMMANDS = {
             ("model.Model.export",),
             "bench export --model mlp.stiff --output mlp.onnx",
             call=_export,
+            without=("file",),
         ),
     ),
     "Look up and add names": (
@@ -694,6 +743,7 @@ COMMANDS = {
             ("submissions.submit",),
             "bench submit --lite --card card.toml --output submission",
             call=_submit,
+            without=("command",),
         ),
         Command(
             "verify",
@@ -705,10 +755,3 @@ COMMANDS = {
 }
 """Heading of the help page -> its commands."""
 
-
-def __getattr__(name: str) -> Callable[..., int]:
-    """Return the function of a command such as "data plan": cyclopts imports it when it is used."""
-    commands = {command.words: command for group in COMMANDS.values() for command in group}
-    if name not in commands:
-        raise AttributeError(f"module 'stiffbench.commands' has no attribute {name!r}")
-    return commands[name].function()

@@ -9,13 +9,13 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
-from importlib.metadata import version
+from typing import Any
 
 from cyclopts import App, CycloptsError, Group, Parameter
 from cyclopts.exceptions import MissingArgumentError, UnknownCommandError, UnknownOptionError
 
+import stiffbench as sb
 from stiff_bench.console import say
-from stiff_bench.run.machine import prepare
 from stiff_protocols.contract.errors import StiffBenchError, unknown_name
 from stiffbench.commands import COMMANDS, GROUPS
 from stiffbench.help_page import HelpPage
@@ -32,8 +32,8 @@ class Stopped(BaseException):
         self.number = number
 
 
-def bench_app() -> App:
-    """Return the command with its groups; a command is imported when it is called."""
+def bench_app(words: list[str]) -> App:
+    """Return the command with its groups; only the command that is called has its options."""
     app = App(
         name="bench",
         help="Benchmark stiffness models of industrial robots.",
@@ -45,7 +45,7 @@ def bench_app() -> App:
         help_format="plaintext",
         help_formatter=HelpPage(),
         help_flags=("-h", "--help"),
-        version=lambda: f"bench, version {version('stiffbench')}",
+        version=lambda: f"bench, version {sb.__version__}",
         result_action="return_value",
         exit_on_error=False,
         print_error=False,
@@ -58,15 +58,15 @@ def bench_app() -> App:
         group=options,
         help="Show the traceback of an error; valid for every command.",
     )
-    for flag in ("--help", "--version"):
-        app[flag].group = (options,)
+    app["--help"].show = False
+    app["--version"].group = (options,)
     groups: dict[str, App] = {}
     for number, (heading, commands) in enumerate(COMMANDS.items()):
         page_group = Group(heading, sort_key=number)
         for place, command in enumerate(commands):
             *group, name = command.words.split()
             parent = app
-            how = {"group": page_group}
+            how: dict[str, Any] = {"group": page_group}
             if group:
                 (word,) = group
                 if word not in groups:
@@ -79,15 +79,14 @@ def bench_app() -> App:
                         sort_key=place,
                     )
                     app.command(groups[word])
-                parent, how = groups[word], {}
-            parent.command(
-                f"stiffbench.commands:{command.words}",
-                name=name,
-                help=command.summary,
-                sort_key=place,
-                help_epilogue=_example(command.example),
-                **how,
-            )
+                parent, how = groups[word], dict[str, Any]()
+            n_words = len(command.words.split())
+            is_called = " ".join(words[:n_words]) == command.words
+            how |= {"name": name, "sort_key": place, "help_epilogue": _example(command.example)}
+            if is_called:
+                parent.command(command.function(), **how)
+            else:
+                parent.command(App(help=command.summary, **how))
     return app
 
 
@@ -96,7 +95,7 @@ def _no_command() -> None:
 
 
 def _example(lines: str) -> str:
-    return "Example:\n" + "\n".join(f"  {line}" for line in lines.splitlines())
+    return "-h, --help  Show this page.\n\nExample:\n" + "\n".join(f"  {line}" for line in lines.splitlines())
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -109,9 +108,8 @@ def main(arguments: list[str] | None = None) -> None:
     words = [word for word in words if word != "--debug"]
     for number in (signal.SIGTERM, signal.SIGHUP):  # so that temporary files are taken away
         signal.signal(number, _stop)
-    prepare()
-    app = bench_app()
     try:
+        app = bench_app(words)
         if not words or (len(words) == 1 and words[0] in GROUPS):
             with contextlib.redirect_stdout(sys.stderr):
                 app([*words, "--help"])
@@ -153,7 +151,7 @@ def refusal(error: CycloptsError, app: App) -> str:
     if isinstance(error, UnknownOptionError):
         names = [name for argument in error.argument_collection for name in argument.names]
         return str(unknown_name(f"{called} option", error.token.keyword or error.token.value, names))
-    example = f"example: {(app.help_epilogue or '').splitlines()[1].strip()}"
+    example = f"example: {(app.help_epilogue or '').splitlines()[3].strip()}"
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         parameter = error.argument.parameter
         return f"{error.argument.name}: missing: {parameter.help}; {example}"

@@ -5,7 +5,6 @@ The parameters of such a function, with the texts of its "Args:", are the option
 
 from __future__ import annotations
 
-import secrets
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -13,14 +12,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from annotated_types import Interval
-
 import stiffbench as sb
 from stiff_bench import api
 from stiff_bench.api import RESULTS
-from stiff_bench.api.parameter_types import Bytes, FilePath, Folder, Form, Point
-from stiff_bench.run.machine import pinned
-from stiff_bench.tables.table import SCREEN
+from stiff_bench.api.parameter_types import Bounds, Bytes, FilePath, Folder, Form, Point
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
 
@@ -161,6 +156,8 @@ def choose_format(fmt: Literal["github", "latex", "csv", "html", "json"] | None 
     Args:
         fmt: format of tables; by default github, and on a terminal tables that fit it.
     """
+    from stiff_bench.tables.table import SCREEN
+
     return fmt or (SCREEN if sys.stdout.isatty() else "github")
 
 
@@ -180,16 +177,18 @@ class Execution:
         rerun: fits to run: those without a stored result, the failed ones too, or all.
     """
 
-    jobs: Annotated[int, Interval(ge=1, le=1024)] | None = None
+    jobs: Annotated[int, Bounds(at_least=1, at_most=1024)] | None = None
     isolate: bool | None = None
-    timeout: Annotated[float, Form("SECONDS"), Interval(gt=0.0, le=1e7)] | None = None
+    timeout: Annotated[float, Form("SECONDS"), Bounds(above=0.0, at_most=1e7)] | None = None
     memory: Bytes | None = None
-    threads: Annotated[int, Interval(ge=1, le=1024)] | None = None
+    threads: Annotated[int, Bounds(at_least=1, at_most=1024)] | None = None
     dask: Annotated[str, Form("CLUSTER")] = ""
     rerun: Literal["missing", "failed", "all"] = "missing"
 
-    def pinned(self) -> dict[str, Any]:
+    def arguments(self) -> dict[str, Any]:
         """Return the arguments of a run, with the number of threads, which is set here."""
+        from stiff_bench.run.machine import pinned
+
         return {**vars(self), "threads": pinned(self.threads)}
 
 
@@ -203,15 +202,15 @@ class Limits:
         memory: memory limit of each fit.
     """
 
-    jobs: Annotated[int, Interval(ge=1, le=1024)] = 1
-    timeout: Annotated[float, Form("SECONDS"), Interval(gt=0.0, le=1e7)] = 600.0
+    jobs: Annotated[int, Bounds(at_least=1, at_most=1024)] = 1
+    timeout: Annotated[float, Form("SECONDS"), Bounds(above=0.0, at_most=1e7)] = 600.0
     memory: Bytes = 4 * 2**30
 
 
 def choose_refits(
     limits: Limits,
-    seed: Annotated[int, Interval(ge=0, le=2**32)] | None = None,
-    share: Annotated[float, Form("FRACTION"), Interval(gt=0.0, le=1.0)] = 0.1,
+    seed: Annotated[int, Bounds(at_least=0, at_most=2**32)] | None = None,
+    share: Annotated[float, Form("FRACTION"), Bounds(above=0.0, at_most=1.0)] = 0.1,
 ) -> api.submissions.Refits:
     """Choose the fits that a verification computes again.
 
@@ -219,6 +218,8 @@ def choose_refits(
         seed: seed of the choice; by default random, and printed.
         share: share of the fits that are computed again, at least two.
     """
+    import secrets  # 10 ms
+
     seed = secrets.randbelow(2**31) if seed is None else seed
     return api.submissions.Refits(seed, share, limits.timeout, limits.memory, limits.jobs)
 

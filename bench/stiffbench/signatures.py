@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,11 +16,9 @@ from pathlib import Path
 from types import NoneType, SimpleNamespace, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from annotated_types import Interval
 from cyclopts import Group, Parameter
-from docstring_parser import parse
 
-from stiff_bench.api.parameter_types import SIZE, Form
+from stiff_bench.api.parameter_types import SIZE, Bounds, Form
 from stiff_protocols.contract.errors import ConfigError
 from stiffbench.options import MAKERS
 
@@ -47,6 +46,8 @@ OPTION_GROUPS = {
 """Heading -> options of all commands, in the order of the help page; others come first."""
 MANY_OPTIONS = 12
 """A command with fewer options has one list of them."""
+SHAPE = re.compile(r"^(\([\w,]+\) (or )?)+")
+"""Shape of an array before its description."""
 SMALLEST_SIZE = 2**20
 """Bytes; smaller numbers are refused, because their unit is probably missing."""
 REQUIRED = inspect.Parameter.empty
@@ -106,35 +107,45 @@ class Option:
         return (self.name.removesuffix("s") if self.is_repeated else self.name).replace("_", "-")
 
     @property
+    def word(self) -> str:
+        """Return the name in messages."""
+        if self.is_argument:
+            return self.form.name or self.name.upper()
+        return f"--{self.spelling}"
+
+    @property
     def metavar(self) -> str:
         """Return the placeholder of a value in help pages."""
         if self.choices:
             return "|".join(self.choices)
         names = {int: "N", float: "NUMBER", Path: "FILE"}
-        by_type = [names[part] for part in self.types if part in names]
+        types = [kind for part in self.types for kind in (part, *get_args(part))]
+        by_type = [names[kind] for kind in types if kind in names]
         return self.form.name or next(iter(by_type), "NAME")
-
-    @property
-    def word(self) -> str:
-        """Return the name in messages."""
-        return self.name.upper() if self.is_argument else f"--{self.spelling}"
 
     @property
     def choices(self) -> tuple[str, ...]:
         """Return the valid words; empty: any word."""
         return next((get_args(part) for part in self.types if get_origin(part) is Literal), ())
 
-    def as_parameter(self, group: Group | None) -> inspect.Parameter:
+    def description(self, spellings: Mapping[str, str]) -> str:
+        """Return the text without a shape, and with options for the names of parameters."""
+        text = SHAPE.sub("", self.text)
+        for name, spelling in spellings.items():
+            text = text.replace(f"`{name}`", spelling)
+        return text[:1].upper() + text[1:]
+
+    def as_parameter(self, group: Group | None, spellings: Mapping[str, str]) -> inspect.Parameter:
         """Return the parameter for cyclopts, which splits words; `value` reads them."""
         is_flag = bool in self.types
-        hint: Any = bool | None if is_flag else list[Any] if self.is_repeated else Any
+        hint: Any = bool | None if is_flag else list[str] if self.is_repeated else Any
         has_negative = is_flag and self.default is not False
         parameter = Parameter(
-            name=None if self.is_argument else self.word,
-            help=self.text[:1].upper() + self.text[1:] + self._default_text(),
+            name=self.word,
+            help=self.description(spellings) + self._default_text(),
             show_default=False,
             negative=(self.form.name or f"--no-{self.spelling}") if has_negative else (),
-            allow_leading_hyphen=not is_flag,
+            allow_leading_hyphen=not is_flag and not self.is_argument,
             metavar=None if is_flag else self.metavar,
             **({} if group is None else {"group": group}),
         )
@@ -156,6 +167,7 @@ class Option:
             return ""
         values = default if isinstance(default, tuple) else (default,)
         words = [f"{value:.12g}" if isinstance(value, float) else str(value) for value in values]
+        words = [f"{default // 2**30}GiB"] if self.form == SIZE else words
         return f" [default: {','.join(words)}]"
 
     def value(self, given: Any) -> Any:
@@ -191,24 +203,17 @@ class Option:
         return ConfigError(f"{self.word} {word!r} (valid: {valid})")
 
     def _number(self, word: str, kind: type[int] | type[float]) -> float:
-        bounds = next((part for part in self.types if isinstance(part, Interval)), Interval())
+        bounds = next((part for part in self.types if isinstance(part, Bounds)), Bounds())
+        is_length = self.form.name == "MM"
         try:
-            number = kind(word.removesuffix("mm") if self.form.name == "MM" else word)
+            number = kind(word.removesuffix("mm") if is_length else word)
         except ValueError:
             number = math.nan
-        checks = {
-            "at least {}": (bounds.ge, lambda bound: number >= bound),
-            "above {}": (bounds.gt, lambda bound: number > bound),
-            "at most {}": (bounds.le, lambda bound: number <= bound),
-            "below {}": (bounds.lt, lambda bound: number < bound),
-        }
-        given = {text: check for text, check in checks.items() if check[0] is not None}
-        if math.isfinite(number) and all(holds(bound) for bound, holds in given.values()):
+        if bounds.hold(number):
             return number
         what = "a whole number" if kind is int else "a finite number"
-        what = "a length in mm such as 0.5 or 0.5mm" if self.form.name == "MM" else what
-        limits = " and ".join(text.format(f"{bound:.15g}") for text, (bound, _) in given.items())
-        raise self._refusal(word, ", ".join(filter(None, (what, limits))))
+        what = "a length in mm such as 0.5 or 0.5mm" if is_length else what
+        raise self._refusal(word, ", ".join(filter(None, (what, str(bounds)))))
 
     def _numbers(self, word: str) -> tuple[float, ...] | str:
         if word in self.form.words:
@@ -259,6 +264,8 @@ class CommandFunction:
         without: Collection[str] = (),
     ) -> None:
         """Read the parameters; `**options` of the function are those of `documented`."""
+        from docstring_parser import parse  # not needed for the first help page
+
         self.function = function
         self.options: dict[str, Option] = {}
         self.makers: dict[str, tuple[CommandFunction, bool]] = {}
@@ -267,10 +274,8 @@ class CommandFunction:
             parsed = parse(inspect.getdoc(source) or "").params
             texts |= {part.arg_name: " ".join((part.description or "").split()) for part in parsed}
         for source in (function, *documented):
-            known = {*self.all_options(), *self.makers}
-            for option in _options_of(source, texts):
-                if option.name in known or (source is not function and option.name in without):
-                    continue
+            known = {*self.all_options(), *self.makers, *(without if source is not function else ())}
+            for option in _options_of(source, texts, known):
                 if (maker := option.maker) is None:
                     self.options[option.name] = option
                 else:
@@ -299,12 +304,14 @@ class CommandFunction:
         return self.function(**values)
 
 
-def _options_of(function: Callable[..., Any], texts: Mapping[str, str]) -> list[Option]:
-    """Return the parameters of a function, without `self` and `**options`."""
+def _options_of(
+    function: Callable[..., Any], texts: Mapping[str, str], known: Collection[str]
+) -> list[Option]:
+    """Return the parameters of a function, except known ones, `self` and `**options`."""
     parameters = [
         parameter
         for parameter in inspect.signature(function).parameters.values()
-        if parameter.kind is not parameter.VAR_KEYWORD and parameter.name != "self"
+        if parameter.kind is not parameter.VAR_KEYWORD and parameter.name not in {"self", *known}
     ]
     written = SimpleNamespace(__annotations__={part.name: part.annotation for part in parameters})
     names = vars(sys.modules[function.__module__])
@@ -326,12 +333,13 @@ def command_signature(options: Mapping[str, Option]) -> inspect.Signature:
     def heading(option: Option) -> str:
         return heading_of.get(option.spelling, "Options") if has_groups else "Options"
 
+    spellings = {name: option.word for name, option in options.items()}
     arguments = [option for option in options.values() if option.is_argument]
     others = [option for option in options.values() if not option.is_argument]
     others.sort(key=lambda option: names.index(option.spelling) if option.spelling in names else -1)
     return inspect.Signature(
         [
-            *(option.as_parameter(None) for option in arguments),
-            *(option.as_parameter(groups[heading(option)]) for option in others),
+            *(option.as_parameter(None, spellings) for option in arguments),
+            *(option.as_parameter(groups[heading(option)], spellings) for option in others),
         ]
     )

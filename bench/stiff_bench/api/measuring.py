@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Interval
-
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
-from stiff_bench.api.parameter_types import Count, FilePath, Form, PoseTolerance, Seed
+from stiff_bench.api.parameter_types import Bounds, Count, FilePath, Form, PoseTolerance, Seed
 from stiff_bench.api.robots import as_robot, payload_of, robot_words, shipped_name
 from stiff_bench.api.tables import Text
 from stiff_bench.console import say
@@ -43,11 +41,11 @@ from stiff_protocols.contract.types import FloatArray, Robot, Samples
 def plan_poses(
     output: FilePath,
     *,
-    poses: Annotated[int, Interval(ge=1, le=10_000)] | None = None,
+    poses: Annotated[int, Bounds(at_least=1, at_most=10_000)] | None = None,
     criterion: Criterion | None = None,
-    candidates: Annotated[int, Interval(ge=1, le=100_000)] | None = None,
-    payload: Annotated[float, Form("KG"), Interval(gt=0.0)] | None = None,
-    clearance: Annotated[float, Form("M"), Interval(ge=0.0)] = 0.2,
+    candidates: Annotated[int, Bounds(at_least=1, at_most=100_000)] | None = None,
+    payload: Annotated[float, Form("KG"), Bounds(above=0.0)] | None = None,
+    clearance: Annotated[float, Form("M"), Bounds(at_least=0.0)] = 0.2,
     seed: Seed = 0,
     robot: str | Robot | None = None,
     after: FilePath | None = None,
@@ -166,8 +164,8 @@ def simulate(
     twin: str = "kr10-r1100-2",
     samples: Count = 10_000,
     loads: Literal["line", "line-hook", "omni"] = "omni",
-    loads_per_pose: Annotated[int, Interval(ge=1, le=1000)] = 1,
-    specimen: Annotated[int, Interval(ge=0, le=9)] = 0,
+    loads_per_pose: Annotated[int, Bounds(at_least=1, at_most=1000)] = 1,
+    specimen: Annotated[int, Bounds(at_least=0, at_most=9)] = 0,
     seed: Seed = 0,
     effects: Annotated[str, Form("LIST")] = "none",
     physics: TwinPhysics = "tilting",

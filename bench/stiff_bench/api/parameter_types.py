@@ -5,12 +5,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
-
-from annotated_types import Interval
 
 from stiff_datasets.measured.file_options import LARGEST_POSE_TOLERANCE
 
@@ -32,17 +31,41 @@ class Form:
     words: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds of a number; None: no bound."""
+
+    at_least: float | None = None
+    above: float | None = None
+    at_most: float | None = None
+    below: float | None = None
+
+    def hold(self, number: float) -> bool:
+        """Return whether a finite number is within the bounds."""
+        return math.isfinite(number) and not (
+            (self.at_least is not None and number < self.at_least)
+            or (self.above is not None and number <= self.above)
+            or (self.at_most is not None and number > self.at_most)
+            or (self.below is not None and number >= self.below)
+        )
+
+    def __str__(self) -> str:
+        """Return the bounds as words: "at least 1 and at most 10000"."""
+        bounds = {name.replace("_", " "): bound for name, bound in vars(self).items()}
+        return " and ".join(f"{n} {bound:.15g}" for n, bound in bounds.items() if bound is not None)
+
+
 FilePath = Path | str
 Setting = Annotated[Sequence[str], Form("KEY.OPTION=VALUE")]
 Folder = Annotated[Path | str, Form("DIR")]
 Picture = Annotated[Path | str, Form("FILE.png")]
 
-Count = Annotated[int, Interval(ge=1)]
-Seed = Annotated[int, Interval(ge=0, le=2**32 - 20_000)]  # a split's is this one and its number
-Fraction = Annotated[float, Form("FRACTION"), Interval(gt=0.0, lt=1.0)]
-PoseTolerance = Annotated[float, Form("DEG"), Interval(ge=0.0, le=LARGEST_POSE_TOLERANCE)]
-Tolerance = Annotated[float, Form("MM"), Interval(ge=1e-5, le=10.0)]
-Iterations = Annotated[int, Interval(ge=1, le=1000)]
+Count = Annotated[int, Bounds(at_least=1)]
+Seed = Annotated[int, Bounds(at_least=0, at_most=2**32 - 20_000)]  # a split's is this one and its number
+Fraction = Annotated[float, Form("FRACTION"), Bounds(above=0.0, below=1.0)]
+PoseTolerance = Annotated[float, Form("DEG"), Bounds(at_least=0.0, at_most=LARGEST_POSE_TOLERANCE)]
+Tolerance = Annotated[float, Form("MM"), Bounds(at_least=1e-5, at_most=10.0)]
+Iterations = Annotated[int, Bounds(at_least=1, at_most=1000)]
 
 Point = Annotated[Sequence[float], Form("X,Y,Z", "three finite lengths in m, x,y,z", (3,))]
 Axis = Annotated[Sequence[float], Form("X,Y,Z", "three finite numbers, x,y,z", (3,))]

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.selection import EVERYTHING, matches_key
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
+from stiff_bench.api.parameter_types import Bounds, AxisName, Folder, Form, Fraction, Seed
 from stiff_bench.api.tables import Comparison, Tables, screen, short_table
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.fit_notes import failure_lines
@@ -177,17 +178,17 @@ class Results:
         a: str,
         b: str,
         *,
-        equivalence_mm: float = 0.01,
-        confidence: float = 0.95,
-        seed: int = 0,
+        equivalence_mm: Annotated[float, Form("MM"), Bounds(at_least=0.0)] = 0.01,
+        confidence: Fraction = 0.95,
+        seed: Seed = 0,
     ) -> Tables:
-        """Compare two models: difference, intervals and verdict.
+        """Test whether model A is better than B, and by how much.
 
         Args:
-            a: name of a model, with its options.
-            b: name of another model.
-            equivalence_mm: largest difference in mean error that is negligible in practice, mm.
-            confidence: confidence of intervals and verdicts (0..1).
+            a: model with its options, as `bench run` names it: vjm, ft-mlp@freeze=full.
+            b: another model.
+            equivalence_mm: largest difference in mean error that is negligible in practice, in mm.
+            confidence: level (0..1) of intervals and verdicts.
             seed: seed of the resampling of poses.
 
         Raises:
@@ -275,17 +276,17 @@ class Results:
         return figure(name, self)
 
     def leaderboard(
-        self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
+        self, metric: str = "norm", axis: AxisName | None = None, *, seed: Seed = 0
     ) -> Tables:
-        """Return the models over robots with one vote per robot, or per data set.
+        """Rank models over data sets and protocols, with intervals.
 
         With five or more robots of one kind (simulated or measured), models are sorted by their
         error over the VJM's. With fewer robots there is a table per data set, with intervals over
         splits and poses.
 
         Args:
-            metric: key of the metric to sort by.
-            axis: "x", "y" or "z" for a metric with axes; None: the mean over the axes.
+            metric: metric to rank by.
+            axis: axis of the metric; by default the mean over the axes.
             seed: seed of the resampling of poses.
 
         Raises:
@@ -307,16 +308,16 @@ class Results:
         file: Path | str,
         *,
         metric: str = "norm",
-        axis: str | None = None,
-        seed: int = 0,
+        axis: AxisName | None = None,
+        seed: Seed = 0,
         other_results: Sequence[Results] = (),
     ) -> Path:
         """Write the results as one self-contained HTML page.
 
         Args:
             file: file of the page; an existing file is replaced.
-            metric: key of the metric to rank by.
-            axis: see `leaderboard`.
+            metric: metric to rank by.
+            axis: axis of the metric; by default the mean over the axes.
             seed: seed of the resampling of poses.
             other_results: further results, in separate sections of the page.
 
@@ -394,12 +395,16 @@ def open_results(folder: Path | str) -> Results:
     return Results(Path(folder), command=f"stiffbench.open_results({str(folder)!r})")
 
 
-def merge(folders: Sequence[Path | str], output: Path | str) -> Merged:
-    """Join the results of several folders, for example from several machines.
+def merge(
+    folders: Annotated[Sequence[Path | str], Form("DIR...")], output: Folder
+) -> Merged:
+    """Merge the results of several machines into one folder.
+
+    Folders with different numbers for the same fit are refused.
 
     Args:
-        folders: folders to join; they are not changed.
-        output: new folder, or a folder with results.
+        folders: folders of results; they are not changed.
+        output: folder to merge into: new, or with results.
 
     Raises:
         ConfigError: two folders have different numbers for the same fit.
@@ -428,7 +433,7 @@ def figure(
             data set.
         model: fitted model for the figure "robot", which draws its prediction; without `results`
             at a training pose.
-        row: row of the data set, from 0, for the figure "robot"; None: the largest deflection.
+        row: sample of the figure robot, from 0; by default the one with the largest deflection.
 
     Raises:
         ConfigError: the figure is unknown, or a name has no results.
@@ -480,11 +485,24 @@ def _robot_figure(
 def paper_table(
     number: int | str, results: Results | Path | str | None = None, *, command: str = ""
 ) -> Tables:
-    """Return a table of the source paper, next to stiffbench's results if there are any.
+    """Print a table of the source paper with our numbers.
+
+    The tables are:
+
+        1   measured poses
+        2   errors of the VJM on the samples it was fitted to
+        3   identified joint stiffnesses
+        4   poses of the simulated pre-training data
+        5   wrenches of the simulated pre-training data
+        6   errors on these data by depth
+        7   errors on these data by activation
+        8   unfrozen layers
+        9   last epoch against best epoch
+        10  VJM, FT-MLP and DT-CNN, scored in three ways
 
     Args:
         number: number of the table in the paper, 1 to 10.
-        results: results of `bench reproduce`, or their folder; None: its default folder.
+        results: results of `bench reproduce`, or their folder; by default results/paper/runs.
         command: command that made the table.
 
     Raises:
