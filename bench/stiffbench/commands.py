@@ -5,7 +5,7 @@ The help of a command is the docstring of its function. What a command prints is
 
 from __future__ import annotations
 
-import functools
+import operator
 import re
 import sys
 import warnings
@@ -156,14 +156,13 @@ def _compensate(
             kind = "--path" if name in ONLY_PATH else "--program"
             raise ConfigError(f"only goes with {kind}", name.replace("_", "-"))
     warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
-    files = [output]
-    if path is not None:
-        corrected = sb.compensate_path(model, path, output, **options)
-    elif program is not None:
+    if program is not None:
         corrected = sb.compensate_program(model, program, output, **options)
-        files = corrected.files
-    names = ", ".join(map(str, files))
-    print_prose(f"{corrected!r}\n{names}: {model.name}, robot {model.fitted.robot_.name}")
+        text, files = repr(corrected), ", ".join(map(str, corrected.files))
+    else:
+        text = repr(sb.compensate_path(model, str(path), output, **options))
+        files = str(output)
+    print_prose(f"{text}\n{files}: {model.name}, robot {model.fitted.robot_.name}")
 
 
 def _run(
@@ -515,7 +514,7 @@ class Command:
         from stiff_bench.run.machine import prepare
 
         prepare()  # before numpy is imported
-        public = [functools.reduce(getattr, name.split("."), api) for name in self.functions]
+        public: list[Any] = [operator.attrgetter(name)(api) for name in self.functions]
         body = CommandFunction(self.call or public[0], *public, without=self.without)
         plugins = CommandFunction(use_plugins)
         options = body.all_options() | (plugins.options if self.has_plugins else {})
@@ -754,4 +753,3 @@ COMMANDS = {
     ),
 }
 """Heading of the help page -> its commands."""
-

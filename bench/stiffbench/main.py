@@ -11,7 +11,7 @@ import signal
 import sys
 from typing import Any
 
-from cyclopts import App, CycloptsError, Group, Parameter
+from cyclopts import App, CycloptsError, Group
 from cyclopts.exceptions import MissingArgumentError, UnknownCommandError, UnknownOptionError
 
 import stiffbench as sb
@@ -95,7 +95,9 @@ def _no_command() -> None:
 
 
 def _example(lines: str) -> str:
-    return "-h, --help  Show this page.\n\nExample:\n" + "\n".join(f"  {line}" for line in lines.splitlines())
+    return "-h, --help  Show this page.\n\nExample:\n" + "\n".join(
+        f"  {line}" for line in lines.splitlines()
+    )
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -150,7 +152,9 @@ def refusal(error: CycloptsError, app: App) -> str:
         return str(unknown_name(f"{called} command", error.unused_tokens[0], names))
     if isinstance(error, UnknownOptionError):
         names = [name for argument in error.argument_collection for name in argument.names]
-        return str(unknown_name(f"{called} option", error.token.keyword or error.token.value, names))
+        return str(
+            unknown_name(f"{called} option", error.token.keyword or error.token.value, names)
+        )
     example = f"example: {(app.help_epilogue or '').splitlines()[3].strip()}"
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         parameter = error.argument.parameter

@@ -132,7 +132,9 @@ def open_cases(
     return open_selected(cases, results)
 
 
-def open_selected(selection: Annotated[api.stored_results.Selection, select], results: Folder = RESULTS) -> sb.Results:
+def open_selected(
+    selection: Annotated[api.stored_results.Selection, select], results: Folder = RESULTS
+) -> sb.Results:
     """Return the results of some models, data sets, protocols and conditions.
 
     Args:

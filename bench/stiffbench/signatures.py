@@ -79,9 +79,11 @@ class Option:
     @property
     def maker(self) -> Callable[..., Any] | None:
         """Return the function that makes the value; None: a word gives it."""
-        makers = [part for part in self.types if inspect.isfunction(part)]
-        names = [part.__name__ for part in self.types if isinstance(part, type)]
-        return next(iter([*makers, *(MAKERS[name] for name in names if name in MAKERS)]), None)
+        makers: list[Callable[..., Any]] = [
+            *(part for part in self.types if inspect.isfunction(part)),
+            *(MAKERS[part.__name__] for part in self.types if _name(part) in MAKERS),
+        ]
+        return makers[0] if makers else None
 
     @property
     def form(self) -> Form:
@@ -94,10 +96,15 @@ class Option:
         return self.name in ARGUMENTS
 
     @property
+    def is_mapping(self) -> bool:
+        """Return whether each word is an item of a mapping."""
+        return any(get_origin(part) is Mapping for part in self.types)
+
+    @property
     def is_repeated(self) -> bool:
         """Return whether each word is an element of a sequence or mapping."""
-        origins = [get_origin(part) for part in self.types]
-        return not self.form.valid and (Sequence in origins or Mapping in origins)
+        is_sequence = any(get_origin(part) is Sequence for part in self.types)
+        return self.is_mapping or (is_sequence and not self.form.valid)
 
     @property
     def spelling(self) -> str:
@@ -135,8 +142,9 @@ class Option:
             text = text.replace(f"`{name}`", spelling)
         return text[:1].upper() + text[1:]
 
-    def as_parameter(self, group: Group | None, spellings: Mapping[str, str]) -> inspect.Parameter:
+    def as_parameter(self, group: Group, spellings: Mapping[str, str]) -> inspect.Parameter:
         """Return the parameter for cyclopts, which splits words; `value` reads them."""
+        in_group: dict[str, Any] = {} if self.is_argument else {"group": group}
         is_flag = bool in self.types
         hint: Any = bool | None if is_flag else list[str] if self.is_repeated else Any
         has_negative = is_flag and self.default is not False
@@ -147,10 +155,10 @@ class Option:
             negative=(self.form.name or f"--no-{self.spelling}") if has_negative else (),
             allow_leading_hyphen=not is_flag and not self.is_argument,
             metavar=None if is_flag else self.metavar,
-            **({} if group is None else {"group": group}),
+            **in_group,
         )
         places = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.KEYWORD_ONLY
-        default = REQUIRED if self.default is REQUIRED else [] if self.is_repeated else None
+        default: Any = REQUIRED if self.default is REQUIRED else [] if self.is_repeated else None
         return inspect.Parameter(
             self.name,
             places[0 if self.is_argument else 1],
@@ -177,7 +185,7 @@ class Option:
         if not self.is_repeated:
             return self._value(given)
         values = [self._value(word) for word in given]
-        return dict(values) if Mapping in map(get_origin, self.types) else values
+        return dict(values) if self.is_mapping else values
 
     def _value(self, word: str) -> Any:
         types = self.types
@@ -185,7 +193,7 @@ class Option:
             if word not in self.choices:
                 raise self._refusal(word, ", ".join(self.choices))
             return word
-        if Mapping in map(get_origin, types):
+        if self.is_mapping:
             return self._joint_value(word)
         if self.form.valid:
             return self._numbers(word)
@@ -222,7 +230,9 @@ class Option:
             numbers = tuple(float(number) for number in word.split(","))
         except ValueError:
             numbers = (math.nan,)
-        if all(map(math.isfinite, numbers)) and len(numbers) in (self.form.counts or [len(numbers)]):
+        if all(map(math.isfinite, numbers)) and len(numbers) in (
+            self.form.counts or [len(numbers)]
+        ):
             return numbers
         raise self._refusal(word, self.form.valid)
 
@@ -274,7 +284,11 @@ class CommandFunction:
             parsed = parse(inspect.getdoc(source) or "").params
             texts |= {part.arg_name: " ".join((part.description or "").split()) for part in parsed}
         for source in (function, *documented):
-            known = {*self.all_options(), *self.makers, *(without if source is not function else ())}
+            known = {
+                *self.all_options(),
+                *self.makers,
+                *(without if source is not function else ()),
+            }
             for option in _options_of(source, texts, known):
                 if (maker := option.maker) is None:
                     self.options[option.name] = option
@@ -302,6 +316,10 @@ class CommandFunction:
             if not has_default or given.keys() & maker.all_options().keys():
                 values[name] = maker(given)
         return self.function(**values)
+
+
+def _name(part: object) -> str:
+    return part.__name__ if isinstance(part, type) else ""
 
 
 def _options_of(
@@ -334,12 +352,15 @@ def command_signature(options: Mapping[str, Option]) -> inspect.Signature:
         return heading_of.get(option.spelling, "Options") if has_groups else "Options"
 
     spellings = {name: option.word for name, option in options.items()}
-    arguments = [option for option in options.values() if option.is_argument]
-    others = [option for option in options.values() if not option.is_argument]
-    others.sort(key=lambda option: names.index(option.spelling) if option.spelling in names else -1)
+
+    def place(option: Option) -> int:
+        if option.is_argument:
+            return -2
+        return names.index(option.spelling) if option.spelling in names else -1
+
     return inspect.Signature(
         [
-            *(option.as_parameter(None, spellings) for option in arguments),
-            *(option.as_parameter(groups[heading(option)], spellings) for option in others),
+            option.as_parameter(groups[heading(option)], spellings)
+            for option in sorted(options.values(), key=place)
         ]
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.parameter_types import Bounds, Count, FilePath, Form, PoseTolerance, Seed

@@ -61,7 +61,9 @@ Folder = Annotated[Path | str, Form("DIR")]
 Picture = Annotated[Path | str, Form("FILE.png")]
 
 Count = Annotated[int, Bounds(at_least=1)]
-Seed = Annotated[int, Bounds(at_least=0, at_most=2**32 - 20_000)]  # a split's is this one and its number
+Seed = Annotated[
+    int, Bounds(at_least=0, at_most=2**32 - 20_000)
+]  # a split's is this one and its number
 Fraction = Annotated[float, Form("FRACTION"), Bounds(above=0.0, below=1.0)]
 PoseTolerance = Annotated[float, Form("DEG"), Bounds(at_least=0.0, at_most=LARGEST_POSE_TOLERANCE)]
 Tolerance = Annotated[float, Form("MM"), Bounds(at_least=1e-5, at_most=10.0)]

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+
 from stiff_bench.api.model import Model, wrap_model_errors
 from stiff_bench.api.parameter_types import (
-    Bounds,
     Axis,
+    Bounds,
     Box,
     FilePath,
     Form,
@@ -114,8 +115,8 @@ def rank_postures(
         turn_step: largest change of a smooth turn between two points, in deg; by default one turn.
         place: x0, x1, y0, y1, z0, z1 in mm of a box in the base frame: the workpiece may be moved
             so that its (first) point lies inside.
-        workpiece: frame of the point or path in the base frame: x, y, z in mm and a, b, c in deg; by
-            default the base frame.
+        workpiece: frame of the point or path in the base frame: x, y, z in mm and a, b, c in deg;
+            by default the base frame.
         hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
             name or number (rail, J3, 3); without a value at that of `given` or of the path. May be
             repeated.

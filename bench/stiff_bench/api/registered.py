@@ -189,9 +189,7 @@ def _default(option: Option) -> str:
     return f"default: {word}" if word != "" else "no default"
 
 
-def check(
-    key: str, *, dataset: str = "fanuc-r2000ic", settings: Setting = ()
-) -> CheckResults:
+def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Setting = ()) -> CheckResults:
     """Check the interface of a model, data set or protocol.
 
     Exit status of the command: 0 no check failed; 1 a check failed; 2 it cannot be checked.

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+
 from stiff_bench.api.model import Model
 from stiff_bench.api.parameter_types import (
-    Bounds,
     Angles,
+    Bounds,
     Box,
     FilePath,
     Frame,

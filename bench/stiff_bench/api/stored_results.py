@@ -13,7 +13,7 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.selection import EVERYTHING, matches_key
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
-from stiff_bench.api.parameter_types import Bounds, AxisName, Folder, Form, Fraction, Seed
+from stiff_bench.api.parameter_types import AxisName, Bounds, Folder, Form, Fraction, Seed
 from stiff_bench.api.tables import Comparison, Tables, screen, short_table
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.fit_notes import failure_lines
@@ -395,9 +395,7 @@ def open_results(folder: Path | str) -> Results:
     return Results(Path(folder), command=f"stiffbench.open_results({str(folder)!r})")
 
 
-def merge(
-    folders: Annotated[Sequence[Path | str], Form("DIR...")], output: Folder
-) -> Merged:
+def merge(folders: Annotated[Sequence[Path | str], Form("DIR...")], output: Folder) -> Merged:
     """Merge the results of several machines into one folder.
 
     Folders with different numbers for the same fit are refused.
@@ -420,7 +418,7 @@ def figure(
     results: Results | Dataset | Path | str | None = None,
     *,
     model: Model | None = None,
-    row: int | None = None,
+    row: Annotated[int, Bounds(at_least=0)] | None = None,
 ) -> Prepared:
     """Return a figure with its caption; `save("my.png")` writes it.
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from stiff_bench.api.evaluation import run_of_study
 from stiff_bench.api.records import records_of
@@ -70,7 +70,8 @@ def submit(
         ConfigError: the card is wrong, or a fit failed.
         StoreError: the folder exists or cannot be written.
     """
-    read, scope = read_card(card), cast(Scope, "lite" if lite else "full")
+    read = read_card(card)
+    scope: Scope = "lite" if lite else "full"
     check_output(output)
     plugin = card.parent / read.plugin
     if (plugin.parent / "__init__.py").exists():

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+
 from stiff_bench.api.model import Model, wrap_model_errors
 from stiff_bench.api.parameter_types import (
     Bounds,
