@@ -93,7 +93,7 @@ def _data_info(dataset: sb.Dataset, output: Folder = Path("results/info")) -> No
         print_markdown(f"\n{card}")
 
 
-def _data_validate(robot: sb.Robot | None = None, **options: Any) -> int:
+def _validate(robot: sb.Robot | None = None, **options: Any) -> int:
     report = sb.validate(robot=robot, **options)
     print_prose(repr(report))
     if robot is None:
@@ -481,21 +481,19 @@ class Command:
 
     Attributes:
         words: words that call it.
-        functions: public functions that it is made of; the first docstring is its help, and all
-            have the texts of its options.
+        public: names of the public functions that it is made of, in `stiff_bench.api`: the first
+            docstring is its help, all of them have the texts of its options.
         example: shell commands, one per line.
         call: function to call; None: the public function.
         show: function that prints the result of the public function and may return a status.
-        has_plugins: True for an option --plugin.
         without: parameters of the public functions that `call` gives.
     """
 
     words: str
-    functions: tuple[str, ...]
+    public: str
     example: str
     call: Callable[..., int | None] | None = None
     show: Callable[[Any], int | None] = print_prose
-    has_plugins: bool = False
     without: tuple[str, ...] = ()
 
     @property
@@ -503,7 +501,7 @@ class Command:
         """Return the first line of the help, read from the source without an import."""
         if self.call is not None and self.call.__doc__:
             return self.call.__doc__.partition("\n")[0]
-        module, *_, name = self.functions[0].split(".")
+        module, *_, name = self.public.split()[0].split(".")
         source = Path(api.__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
         found = re.search(rf'^ *def {name}\(.*?"""(.*?)(?:"""|$)', source, re.DOTALL | re.MULTILINE)
         assert found is not None
@@ -514,11 +512,11 @@ class Command:
         from stiff_bench.run.machine import prepare
 
         prepare()  # before numpy is imported
-        public: list[Any] = [operator.attrgetter(name)(api) for name in self.functions]
+        public: list[Any] = [operator.attrgetter(name)(api) for name in self.public.split()]
         body = CommandFunction(self.call or public[0], *public, without=self.without)
         plugins = CommandFunction(use_plugins)
-        options = body.all_options() | (plugins.options if self.has_plugins else {})
-        signature = command_signature(options)
+        has_plugins = self.words in WITH_PLUGINS
+        signature = command_signature(body.all_options() | (plugins.options if has_plugins else {}))
 
         def call(*arguments: Any, **words: Any) -> int:
             given = signature.bind_partial(*arguments, **words).arguments
@@ -555,201 +553,170 @@ GROUPS = {
     ),
 }
 """Name of a group of commands -> its help and its example."""
+WITH_PLUGINS = {
+    *("data info", "data plan", "data export", "run", "figure", "fit", "predict", "path example"),
+    *("path compensate", "map", "posture", "list", "show", "check"),
+}
+"""Commands with an option --plugin."""
 COMMANDS = {
-    "Your robot's data": (
+    "Your robot's data": [
         Command(
-            "data info",
-            ("data_sets.Dataset.describe",),
-            "bench data info fanuc-r2000ic",
-            call=_data_info,
-            has_plugins=True,
+            "data info", "data_sets.Dataset.describe", "bench data info fanuc-r2000ic", _data_info
         ),
         Command(
             "data plan",
-            ("measuring.plan_poses",),
+            "measuring.plan_poses",
             "bench data plan --robot ur5 --poses 60 --output plan.csv",
-            has_plugins=True,
         ),
         Command(
             "data validate",
-            ("measuring.validate",),
+            "measuring.validate",
             "bench data validate my.csv --robot ur5",
-            call=_data_validate,
+            _validate,
         ),
         Command(
             "data simulate",
-            ("measuring.simulate",),
+            "measuring.simulate",
             "bench data simulate --twin ur5 --samples 1000 --output simulated.csv",
         ),
         Command(
             "data register",
-            ("data_files.register",),
+            "data_files.register",
             "bench data register my.csv --robot ur5 --licence CC-BY-4.0\n"
             "bench data register my.csv --dataset kr10-measured",
         ),
         Command(
             "data export",
-            ("data_sets.Dataset.export",),
+            "data_sets.Dataset.export",
             "bench data export kr10-twin@plan=wide --output shared",
-            call=_data_export,
-            has_plugins=True,
+            _data_export,
         ),
-    ),
-    "Fit and test models": (
+    ],
+    "Fit and test models": [
         Command(
             "run",
-            ("evaluation.evaluate",),
+            "evaluation.evaluate",
             "bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5",
-            call=_run,
-            has_plugins=True,
+            _run,
         ),
-        Command(
-            "reproduce",
-            (),
-            "bench reproduce paper-quick",
-            call=_reproduce,
-        ),
-    ),
-    "Read results": (
+        Command("reproduce", "", "bench reproduce paper-quick", _reproduce),
+    ],
+    "Read results": [
         Command(
             "leaderboard",
-            ("stored_results.Results.leaderboard",),
+            "stored_results.Results.leaderboard",
             "bench leaderboard --results results/runs",
-            call=_leaderboard,
+            _leaderboard,
         ),
         Command(
             "compare",
-            ("stored_results.Results.compare",),
+            "stored_results.Results.compare",
             "bench compare vjm-gp vjm --dataset fanuc-r2000ic",
-            call=_compare,
+            _compare,
         ),
         Command(
             "report",
-            ("stored_results.Results.report",),
+            "stored_results.Results.report",
             "bench report --output report.html",
-            call=_report,
+            _report,
             without=("file", "other_results"),
         ),
         Command(
             "figure",
-            ("stored_results.figure",),
+            "stored_results.figure",
             "bench figure regression --output regression.pdf",
-            call=_figure,
-            has_plugins=True,
+            _figure,
             without=("model",),
         ),
         Command(
-            "table",
-            ("stored_results.paper_table",),
-            "bench table 10",
-            call=_table,
-            without=("command",),
+            "table", "stored_results.paper_table", "bench table 10", _table, without=("command",)
         ),
         Command(
             "merge",
-            ("stored_results.merge",),
+            "stored_results.merge",
             "bench merge laptop/runs server/runs --output results/runs",
             show=_show_merge,
         ),
         Command(
             "results add",
-            ("submissions.add_submission",),
+            "",
             "bench results add results/submissions/quadratic-springs",
-            call=_results_add,
-            without=("folder",),
+            _results_add,
         ),
         Command(
             "results export",
-            ("records.export_results",),
+            "records.export_results",
             "bench results export --format csv --output results.csv",
-            call=_results_export,
+            _results_export,
         ),
-    ),
-    "Use a model on your robot": (
+    ],
+    "Use a model on your robot": [
         Command(
             "fit",
-            ("evaluation.model_and_data", "model.Model.fit", "model.Model.save"),
+            "evaluation.model_and_data model.Model.fit model.Model.save",
             "bench fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
-            call=_fit,
-            has_plugins=True,
+            _fit,
             without=("data", "robot", "file"),
         ),
         Command(
             "predict",
-            ("model.Model.predict_file",),
+            "model.Model.predict_file",
             "bench predict --model my.stiff --input poses.csv --output deflections.csv",
-            call=_predict,
-            has_plugins=True,
+            _predict,
         ),
         Command(
             "path example",
-            ("tool_paths.example_path",),
+            "tool_paths.example_path",
             "bench path example --shape circle --size 300mm --output circle.csv\n"
             "bench path example --model my.stiff --output square.csv",
-            has_plugins=True,
         ),
         Command(
             "path compensate",
-            ("tool_paths.compensate_path", "robot_programs.compensate_program"),
+            "tool_paths.compensate_path robot_programs.compensate_program",
             "bench path compensate --model my.stiff --path circle.csv --output new.csv",
-            call=_compensate,
-            has_plugins=True,
+            _compensate,
         ),
         Command(
             "map",
-            ("stiffness_maps.stiffness_map",),
+            "stiffness_maps.stiffness_map",
             "bench map --model my.stiff --load 0,0,-100 --plane xz --output map.png",
             show=_show_map,
-            has_plugins=True,
         ),
         Command(
             "posture",
-            ("postures.rank_postures",),
+            "postures.rank_postures",
             "bench posture --model my.stiff --point 900,0,800,0,90,0 --load 0,0,-50,0,0,0\n"
             "bench posture --model my.stiff --path holes.csv --output postures.csv",
             show=_show_postures,
-            has_plugins=True,
         ),
         Command(
             "export",
-            ("model.Model.export",),
+            "model.Model.export",
             "bench export --model mlp.stiff --output mlp.onnx",
-            call=_export,
+            _export,
             without=("file",),
         ),
-    ),
-    "Look up and add names": (
-        Command("list", (), "bench list models", call=_list, has_plugins=True),
-        Command(
-            "show",
-            ("registered.show",),
-            "bench show vjm-gp",
-            show=_show_description,
-            has_plugins=True,
-        ),
+    ],
+    "Look up and add names": [
+        Command("list", "", "bench list models", _list),
+        Command("show", "registered.show", "bench show vjm-gp", show=_show_description),
         Command(
             "check",
-            ("registered.check",),
+            "registered.check",
             "bench check my-model --plugin my_model.py",
             show=_show_check,
-            has_plugins=True,
         ),
-        Command("new model", ("registered.new_model",), "bench new model my-model"),
-    ),
-    "Take part in the leaderboard": (
+        Command("new model", "registered.new_model", "bench new model my-model"),
+    ],
+    "Take part in the leaderboard": [
         Command(
             "submit",
-            ("submissions.submit",),
+            "submissions.submit",
             "bench submit --lite --card card.toml --output submission",
-            call=_submit,
+            _submit,
             without=("command",),
         ),
-        Command(
-            "verify",
-            (),
-            "bench verify results/submissions/quadratic-springs",
-            call=_verify,
-        ),
-    ),
+        Command("verify", "", "bench verify results/submissions/quadratic-springs", _verify),
+    ],
 }
 """Heading of the help page -> its commands."""
