@@ -27,7 +27,6 @@ from stiff_bench.console import (
     warnings_on_stderr,
     wrapped,
 )
-from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import check_new_file
@@ -78,8 +77,10 @@ def _show_merge(merged: Any) -> None:
         say(line)
 
 
-def _show_map(new_map: sb.StiffnessMap) -> None:
-    print_prose(new_map.report)
+def _map(output: FilePath | None = None, figure: Picture | None = None, **options: Any) -> None:
+    new_map = sb.stiffness_map(output=output, figure=figure, **options)
+    files = ", ".join(str(file) for file in (output, figure) if file)
+    print_prose(new_map.report + f"\nwritten: {files}" * bool(files))
 
 
 def _show_postures(ranked: object) -> None:
@@ -223,23 +224,18 @@ def _run(
         )
     if plan_only:
         return _print_plan(run, fmt)
-    results = run.compute()
     answer = not paper and (bool(models) if study else not options.get("metrics"))
-    return print_run(run, results, fmt, answer=answer, verbose=verbose)
+    return execute(run, fmt, answer=answer, verbose=verbose)
 
 
-def print_run(
-    run: api.evaluation.Run,
-    results: sb.Results,
-    fmt: str,
-    *,
-    answer: bool = True,
-    verbose: bool = False,
+def execute(
+    run: api.evaluation.Run, fmt: str, *, answer: bool = True, verbose: bool = False
 ) -> int:
-    """Print the tables of a run; return 1 if a fit failed or was skipped, else 0.
+    """Compute a run and print its tables; return 1 if a fit failed or was skipped, else 0.
 
     With `answer`, a terminal shows the best model in place of the metrics.
     """
+    results = run.compute()
     facts = api.evaluation.run_facts(results)
     if (board := run.board(results)) is not None:
         _print_tables(board, fmt)
@@ -364,7 +360,6 @@ def _figure(
         output: file to write: .png, .pdf or .svg; by default figure-NAME.png.
     """
     target = Path(output or f"figure-{name}.png")
-    check_suffix(target)
     shown: Any = results
     if data and (name != "robot" or results is not None):
         raise ConfigError("--data: drawn by the figure robot only, and without --results")
@@ -680,7 +675,7 @@ COMMANDS = {
             "map",
             "stiffness_maps.stiffness_map",
             "bench map --model my.stiff --load 0,0,-100 --plane xz --output map.png",
-            show=_show_map,
+            _map,
         ),
         Command(
             "posture",

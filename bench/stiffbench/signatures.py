@@ -18,7 +18,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from cyclopts import Group, Parameter
 
-from stiff_bench.api.parameter_types import SIZE, Bounds, Form
+from stiff_bench.api.parameter_types import PICTURE, SIZE, Bounds, Form
+from stiff_bench.tables.picture_file import check_suffix
 from stiff_protocols.contract.errors import ConfigError
 from stiffbench.options import MAKERS
 
@@ -204,6 +205,8 @@ class Option:
         if Path in types or any(Path in get_args(part) for part in types):
             if not word:
                 raise self._refusal(word, "the name of a file or folder")
+            if self.form == PICTURE:
+                check_suffix(Path(word))
             return Path(word)
         return word
 

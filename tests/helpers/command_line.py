@@ -44,7 +44,7 @@ def bench_here(
     """
     arguments = [str(word) for word in words]
     status: Any = None
-    out, err = _stream(), _stream()
+    out, err = Stream(), Stream()
     with (
         redirect_stdout(out),
         redirect_stderr(err),
@@ -55,13 +55,16 @@ def bench_here(
             main(arguments)
         except SystemExit as exit_error:
             status = exit_error.code
-    output = [stream.buffer.getvalue().decode() for stream in (out, err)]
+    output = [stream.bytes.getvalue().decode() for stream in (out, err)]
     return subprocess.CompletedProcess(arguments, status, *output)
 
 
-def _stream() -> io.TextIOWrapper:
-    """Return a text stream in memory that writes what cannot be encoded, as standard error does."""
-    return io.TextIOWrapper(io.BytesIO(), "utf-8", "backslashreplace", write_through=True)
+class Stream(io.TextIOWrapper):
+    """A text stream in memory; what cannot be encoded is escaped, as on standard error."""
+
+    def __init__(self) -> None:
+        self.bytes = io.BytesIO()
+        super().__init__(self.bytes, "utf-8", "backslashreplace", write_through=True)
 
 
 @contextmanager

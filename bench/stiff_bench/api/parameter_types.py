@@ -58,7 +58,8 @@ class Bounds:
 FilePath = Path | str
 Setting = Annotated[Sequence[str], Form("KEY.OPTION=VALUE")]
 Folder = Annotated[Path | str, Form("DIR")]
-Picture = Annotated[Path | str, Form("FILE.png")]
+PICTURE = Form("FILE.png")
+Picture = Annotated[Path | str, PICTURE]
 
 Count = Annotated[int, Bounds(at_least=1)]
 Seed = Annotated[

@@ -9,15 +9,14 @@ import math
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy import stats
 
+from helpers.command_line import bench_here
 from helpers.compared_results import case_in, made_data, spread, steady, store_results
 from stiff_bench.analysis.comparison import compare, compare_folder
 from stiff_bench.analysis.comparison_text import comparison_tables, sentence
 from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.verdict import Question
-from stiff_bench.cli.result_commands import compare as compare_command
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.render import render
 from stiff_datasets.robots.shipped_robots import shipped_robot
@@ -344,8 +343,7 @@ def test_the_seed_moves_the_pose_intervals_and_not_those_over_splits(tmp_path):
 
 def test_the_command_takes_a_rope_in_mm(tmp_path):
     folder = str(store_results(tmp_path, PAIR))
-    done = CliRunner().invoke(
-        compare_command, ["a", "b", "--results", folder, "--equivalence", "0.2"]
-    )
-    assert done.exit_code == 0, done.output
-    assert "less than 0.2 mm with probability > 0.99" in done.output
+    words = ["compare", "a", "b", "--results", folder, "--equivalence", "0.2"]
+    done = bench_here(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "less than 0.2 mm with probability > 0.99" in done.stdout
