@@ -651,7 +651,7 @@ COMMANDS = {
             "evaluation.model_and_data model.Model.fit model.Model.save",
             "bench fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
             _fit,
-            without=("data", "robot", "file"),
+            without=("data", "robot"),
         ),
         Command(
             "predict",
@@ -689,7 +689,6 @@ COMMANDS = {
             "model.Model.export",
             "bench export --model mlp.stiff --output mlp.onnx",
             _export,
-            without=("file",),
         ),
     ],
     "Look up and add names": [

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from click.testing import CliRunner
 
+from helpers.command_line import assert_refused, bench_here
 from helpers.made_results import MadeResults
-from stiff_bench.cli.result_commands import report
-from stiff_protocols.contract.errors import ConfigError
 
 pytestmark = pytest.mark.usefixtures("no_figures")
 
@@ -19,14 +17,10 @@ def folder(tmp_path):
     return made.folder
 
 
-def run(*words):
-    return CliRunner().invoke(report, [str(word) for word in words])
-
-
 def test_the_page_is_written_and_its_path_printed(folder, tmp_path):
     page = tmp_path / "page.html"
-    done = run("--results", folder, "--output", page)
-    assert done.exit_code == 0
+    done = bench_here("report", "--results", folder, "--output", page, cwd=tmp_path)
+    assert done.returncode == 0
     assert f"{page}: written" in done.stderr
     assert done.stdout == ""
     assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
@@ -37,10 +31,9 @@ def test_several_folders_are_parts_of_one_page_not_compared_and_each_has_every_m
 ):
     second_results, page = MadeResults(tmp_path / "others"), tmp_path / "page.html"
     second_results.add("gp", [0.1])
-    words = ["--results", folder, "--results", second_results.folder, "--output", page]
-    assert run(*words).exit_code == 0
+    words = ["report", "--results", folder, "--results", second_results.folder, "--output", page]
+    assert bench_here(*words, cwd=tmp_path).returncode == 0
     text = page.read_text(encoding="utf-8")
     assert text.count("<h2") == 2
     assert "are not compared with each other" in text
-    done = run(*words, "--model", "gp")
-    assert isinstance(done.exception, ConfigError) and "'gp'" in str(done.exception)
+    assert_refused(bench_here(*words, "--model", "gp", cwd=tmp_path), "'gp'")
