@@ -42,7 +42,7 @@ from stiffbench.options import (
     select,
     use_plugins,
 )
-from stiffbench.signatures import CommandFunction, command_signature
+from stiffbench.signatures import CommandFunction, command_signature, spell_options
 
 ONLY_PATH = ("sheet", "hold", "on_failure")
 ONLY_PROGRAM = ("loads", "strict")
@@ -393,6 +393,7 @@ def _results_add(
 
     Args:
         folders: folders of submissions that `bench verify` has verified or reported.
+        results: folder of results to add to, with the VJM on the same splits.
     """
     for folder in folders:
         n_fits = api.submissions.add_submission(folder, Path(results))
@@ -511,7 +512,8 @@ class Command:
         body = CommandFunction(self.call or public[0], *public, without=self.without)
         plugins = CommandFunction(use_plugins)
         has_plugins = self.words in WITH_PLUGINS
-        signature = command_signature(body.all_options() | (plugins.options if has_plugins else {}))
+        options = body.all_options() | (plugins.options if has_plugins else {})
+        signature = command_signature(options)
 
         def call(*arguments: Any, **words: Any) -> int:
             given = signature.bind_partial(*arguments, **words).arguments
@@ -525,9 +527,8 @@ class Command:
         call.__annotations__ = {
             name: parameter.annotation for name, parameter in signature.parameters.items()
         }
-        call.__doc__ = next(
-            function.__doc__ for function in (self.call, *public) if function and function.__doc__
-        )
+        docs = (function.__doc__ for function in (self.call, *public) if function is not None)
+        call.__doc__ = spell_options(next(filter(None, docs)), options)
         return call
 
 

@@ -279,8 +279,7 @@ class Model(ShownObject):
         """Predict the deflections of a file of poses and wrenches.
 
         The column ``extrapolates`` names what is unlike the training samples: joints, pose-gap,
-        load or load-gap. Such a prediction is a guess; a warning gives the numbers. Returns the
-        number of rows.
+        load or load-gap. Such a prediction is a guess; a warning gives the numbers.
 
         Args:
             input: poses and wrenches, in the columns of a measurement; deflections are ignored.
@@ -288,6 +287,9 @@ class Model(ShownObject):
                 standard output.
             coverage: add prediction intervals of this coverage (0..1), per axis.
             sheet: sheet of an Excel file; by default the only one with a table.
+
+        Returns:
+            Number of rows.
 
         Raises:
             NotFittedError: `fit` was not called.

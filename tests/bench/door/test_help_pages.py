@@ -46,7 +46,10 @@ def test_every_option_and_argument_has_a_description(help_page):
     for command in COMMANDS:
         page = help_page(command)
         for name in PARAMETERS[command]:
-            assert re.search(rf"{re.escape(name)}\b[^\n]*(?:  |\n {{4,}})\w", page), (command, name)
+            assert re.search(rf"{re.escape(name)}(?![\w-])[^\n]*(?:  |\n {{4,}})\w", page), (
+                command,
+                name,
+            )
 
 
 def test_commands_and_options_are_in_groups(help_page):
