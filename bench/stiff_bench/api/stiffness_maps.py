@@ -68,7 +68,6 @@ from stiff_protocols.paths.workspace_map import (
     Quantity,
     WorkspaceTask,
     mapped_points,
-    turned_tool,
 )
 from stiff_protocols.springs.cartesian_stiffness import cartesian_stiffness
 
@@ -79,7 +78,6 @@ if TYPE_CHECKING:
 
 Extreme = Literal["stiffest", "softest"]
 EXTREMES: tuple[Extreme, ...] = ("stiffest", "softest")
-NO_TURN = (0.0,)
 DOWN, DOWN_DEG = "down", tuple((angle, 0.0, 180.0) for angle in (0.0, 90.0, 180.0, -90.0))
 """Word for a tool whose z axis points down, and its possible orientations a, b, c."""
 LEVEL_M = 0.01
@@ -104,10 +102,8 @@ class StiffnessMap(ShownObject):
         load: (6,) N and N m at the TCP.
         load_frame: frame of the load, "base" or "tool".
         positions: (..., 3) TCP, base frame, m.
-        tool_angles_deg: (3,) KUKA's angles a, b, c of the tool frame in the base frame, before the
-            turn, deg.
+        tool_angles_deg: (3,) KUKA's angles a, b, c of the tool frame in the base frame, deg.
         q: (..., n_joints) joint positions, rad or m; NaN where blank.
-        turns: (...) turn about the tool axis from the given orientation, rad; NaN where blank.
         deflections: (..., 3) m, base frame, of a map of deflections, else None; NaN where blank.
         compliance: (..., 3, 3) translational compliance, m/N, base frame, of a map of compliances,
             else None; NaN where blank.
@@ -130,7 +126,6 @@ class StiffnessMap(ShownObject):
     positions: FloatArray
     tool_angles_deg: FloatArray
     q: FloatArray
-    turns: FloatArray
     deflections: FloatArray | None
     compliance: FloatArray | None
     values: FloatArray
@@ -185,10 +180,6 @@ class StiffnessMap(ShownObject):
     def values_in_unit(self) -> FloatArray:
         """Return (...) values in `unit`; NaN where blank."""
         return self.values * (MM if self.quantity == "deflection" else MM * 1000.0)
-
-    def tool_rotation(self, point: tuple[int, int, int]) -> FloatArray:
-        """Return the (3, 3) orientation of the tool frame in the base frame at a point."""
-        return turned_tool(rotation_of(self.tool_angles_deg), float(self.turns[point]))
 
     @property
     def cartesian_stiffness(self) -> FloatArray:
@@ -271,8 +262,7 @@ class StiffnessMap(ShownObject):
         """Return the mapped quantity and its load in words."""
         if self.quantity == "deflection":
             return f"{self.quantity_name} under {self.load_text}"
-        linear = self.joint_compliance is not None or not self.load.any()
-        return self.quantity_name if linear else f"{self.quantity_name} at {self.load_text}"
+        return self.quantity_name
 
     @property
     def place_text(self) -> str:
@@ -342,7 +332,7 @@ class StiffnessMap(ShownObject):
         }
         stiffest, force = self.extreme("stiffest"), self.load[:3]
         if self.load_frame == "tool":
-            force = self.tool_rotation(stiffest) @ force
+            force = rotation_of(self.tool_angles_deg) @ force
         content = MapContent(
             planes=planes,
             marks=marks,
@@ -465,11 +455,9 @@ def stiffness_map(
     with display():
         if region is None:
             reach = reach_box(robot, held)
-            region = reachable_region(
-                plane, levels, reach, lambda points: task.are_reached(points, NO_TURN)
-            )
+            region = reachable_region(plane, levels, reach, task.are_reached)
         positions = plane_grid(plane, levels, region, grid)
-        mapped = mapped_points(task, positions, NO_TURN)
+        mapped = mapped_points(task, positions)
     shape = positions.shape[:-1]
     parts = {key: part.reshape(*shape, *part.shape[1:]) for key, part in vars(mapped).items()}
     vectors = parts.pop("vectors")
@@ -586,7 +574,7 @@ def _levels(
 def _warn_extrapolation(new_map: StiffnessMap, task: WorkspaceTask, mapped: MappedPoints) -> None:
     """Warn about points far from the training samples, with numbers."""
     rows = mapped.blank == ""
-    wrench = np.stack([task.wrench(turn) for turn in mapped.turns[rows]])
+    wrench = np.tile(task.wrench, (int(rows.sum()), 1))
     words = mapped.extrapolates[rows].tolist()
     text = extrapolation_warning(task.training_range, new_map.robot, mapped.q[rows], wrench, words)
     if text:
