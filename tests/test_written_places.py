@@ -24,8 +24,9 @@ SKIPPED = {"PYTHONDONTWRITEBYTECODE", "MPLCONFIGDIR", "STIFFBENCH_HOME"}
 
 
 LIE_ABOUT = (
-    "conftest sitecustomize usercustomize my_model test_my_model numpy torch cyclopts signal pickle "
-    "multiprocessing stiff_bench stiff_models stiff_plugins matplotlibrc stiff_bench/__init__"
+    "conftest sitecustomize usercustomize my_model test_my_model numpy torch cyclopts signal "
+    "pickle multiprocessing stiff_bench stiff_models stiff_plugins matplotlibrc "
+    "stiff_bench/__init__"
 )
 
 
