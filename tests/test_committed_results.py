@@ -14,7 +14,7 @@ from stiff_bench.paper.study_file import find_study
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.store.database import read_results
-from stiff_bench.tables.render import render
+from stiff_bench.tables.writers import render
 
 RESULTS = Path(__file__).parents[1] / "results"
 

@@ -48,9 +48,9 @@ if TYPE_CHECKING:
     from stiff_bench.api.stored_results import merge as merge
     from stiff_bench.api.stored_results import open_results as open_results
     from stiff_bench.api.stored_results import paper_table as paper_table
-    from stiff_bench.api.tables import Tables as Tables
     from stiff_bench.api.tool_paths import compensate_path as compensate_path
     from stiff_bench.api.tool_paths import example_path as example_path
+    from stiff_bench.tables.writers import Tables as Tables
     from stiff_protocols.contract.types import Robot as Robot
     from stiff_protocols.contract.types import Samples as Samples
 
@@ -68,8 +68,7 @@ _PLACES = {
     "robot_programs": ("compensate_program",),
     "robots": ("load_robot", "read_robot"),
     "stiffness_maps": ("StiffnessMap", "stiffness_map"),
-    "stored_results": ("Results", "figure", "merge", "open_results", "paper_table"),
-    "tables": ("Tables",),
+    "stored_results": ("Results", "figure", "merge", "open_results", "paper_table", "Tables"),
     "tool_paths": ("compensate_path", "example_path"),
 }
 _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}

@@ -26,7 +26,6 @@ from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.api.registered import registry
 from stiff_bench.api.stored_results import Results
-from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
 from stiff_bench.paper.study_file import Study, find_study
 from stiff_bench.plan.cells import CellTask, cell_tasks
@@ -46,6 +45,7 @@ from stiff_bench.submissions.published_results import (
 )
 from stiff_bench.submissions.statuses import SUBMISSIONS, board_statuses
 from stiff_bench.tables.units import counted, first_few
+from stiff_bench.tables.writers import Tables
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelInfo

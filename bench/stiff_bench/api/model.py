@@ -12,7 +12,6 @@ import numpy as np
 
 from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of
 from stiff_bench.api.registered import registry
-from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
@@ -21,9 +20,9 @@ from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import cross_validated_error, left_out_errors, whole_fit
 from stiff_bench.tables.fit_notes import springs_table
 from stiff_bench.tables.metric_table import metric_lines
-from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import MM, counted
+from stiff_bench.tables.writers import Text, plain_text
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_protocols.contract.errors import (
     ConfigError,

@@ -13,12 +13,12 @@ from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.selection import EVERYTHING, matches_key
 from stiff_bench.analysis.selection import Selection as Selection
 from stiff_bench.api import RESULTS
-from stiff_bench.api.tables import Comparison, Tables, screen, short_table
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.fit_notes import failure_lines
 from stiff_bench.tables.metric_table import build_tables, metric_lines
 from stiff_bench.tables.table import SCREEN
 from stiff_bench.tables.units import MM, first_few
+from stiff_bench.tables.writers import Tables
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES
@@ -202,7 +202,7 @@ class Results:
         report = compare_folder(self.folder, a, b, question, self.selection)
         settings = {"equivalence_mm": equivalence_mm, "confidence": confidence}
         about = {"a": report.a, "b": report.b, **settings}
-        return Comparison(comparison_tables(report), self.command, sentence(report), about)
+        return Tables(comparison_tables(report), self.command, sentence(report), about)
 
     def answer(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Answer:
         """Return scores of the models against the VJM, with verdicts.
@@ -372,7 +372,7 @@ class Results:
     def __repr__(self) -> str:
         """Return the answer for a screen, with its first table."""
         view = self._view()
-        return screen([short_table(view.tables[0])], view.text)
+        return repr(replace(view, tables=view.tables[:1]))
 
     def _repr_html_(self) -> str:
         return self._view()._repr_html_()

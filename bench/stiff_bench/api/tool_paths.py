@@ -12,10 +12,10 @@ import numpy as np
 from stiff_bench.api.model import Model, wrap_model_errors
 from stiff_bench.api.remaining_error import ExpectedError, expected_error
 from stiff_bench.api.robots import as_robot, payload_of
-from stiff_bench.api.tables import Text
 from stiff_bench.console import say
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
+from stiff_bench.tables.writers import Text
 from stiff_datasets.measured.path_file import (
     LoadFrame,
     PathTable,

@@ -23,6 +23,7 @@ from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
 
 if TYPE_CHECKING:
+    from stiff_bench.tables.writers import Tables
     from stiff_protocols.contract.types import Robot
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -254,7 +255,7 @@ format_option = click.option(
 )
 
 
-def print_tables(tables: api.tables.Tables, fmt: str) -> None:
+def print_tables(tables: Tables, fmt: str) -> None:
     """Print tables in a format of `format_option`."""
     print_text(tables.text_as(fmt), laid_out=fmt == SCREEN)
 

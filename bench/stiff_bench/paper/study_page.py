@@ -23,9 +23,9 @@ from stiff_bench.paper.study_file import Study
 from stiff_bench.store.database import FILE
 from stiff_bench.store.versions import sources
 from stiff_bench.tables.metric_table import build_tables
-from stiff_bench.tables.render import markdown_code, markdown_text, render
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import counted
+from stiff_bench.tables.writers import markdown_code, markdown_text, render
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import StiffBenchError, unknown_name
 from stiff_protocols.contract.files import make_folder, written_whole

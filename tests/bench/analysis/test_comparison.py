@@ -19,7 +19,7 @@ from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.verdict import Question
 from stiff_bench.cli.result_commands import compare as compare_command
 from stiff_bench.tables.metric_table import TRAINING_MARK
-from stiff_bench.tables.render import render
+from stiff_bench.tables.writers import render
 from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.types import BenchmarkData

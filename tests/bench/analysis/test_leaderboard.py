@@ -18,7 +18,7 @@ from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
 from stiff_bench.analysis.selection import Selection
 from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.tables.metric_table import TRAINING_MARK
-from stiff_bench.tables.render import render
+from stiff_bench.tables.writers import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost
 

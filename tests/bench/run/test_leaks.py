@@ -12,7 +12,7 @@ import pytest
 from helpers.run_requests import computed, with_model
 from helpers.sealed_samples import Leak, computed_under_seal, with_other_test_deflections
 from stiff_bench.tables.metric_table import SELECTION_MARK, TRAINING_MARK, build_tables
-from stiff_bench.tables.render import render
+from stiff_bench.tables.writers import render
 from stiff_models.model_catalog import FAMILIES, MODELS, model_info
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.protocol_catalog import PROTOCOLS

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from stiff_bench.tables.metric_table import build_tables
-from stiff_bench.tables.render import render
 from stiff_bench.tables.table import Quantity, Table
+from stiff_bench.tables.writers import render
 from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import Interval, Prediction
 from stiff_protocols.scoring.metrics import metric

@@ -7,8 +7,8 @@ import io
 import json
 import math
 
-from stiff_bench.tables.render import plain_text, render
 from stiff_bench.tables.table import VALUE_FIELDS, Column, Name, Quantity, Table
+from stiff_bench.tables.writers import plain_text, render
 
 SMALL = Table(
     "small | mm",

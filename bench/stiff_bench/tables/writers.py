@@ -1,6 +1,6 @@
-"""Write tables as text for all commands: github, latex (booktabs, siunitx), csv, html or json.
+"""Write tables as text: github, latex (booktabs, siunitx), csv, html, json, or for a terminal.
 
-Texts of a table may be malicious. They are escaped: they stay in their cell and are never executed.
+Texts of third parties are escaped: they stay in their cell and are never markup.
 """
 
 from __future__ import annotations
@@ -9,17 +9,20 @@ import html
 import json
 import math
 import re
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from tabulate import tabulate
 
-from stiff_bench.console import one_line
+from stiff_bench.console import one_line, printable, wrapped_lines
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import SCREEN, VALUE_FIELDS, Column, Entry, Table
 from stiff_bench.tables.terminal import screen_console, screen_text
+from stiff_protocols.contract.screen import WIDTH, html_block
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 def render(
@@ -43,7 +46,7 @@ def render(
     if fmt == SCREEN:
         return screen_text(tables, text=text)
     if fmt == "csv":
-        return _csv(tables)
+        return _csv_frame(tables).to_csv(index=False, lineterminator="\n").rstrip("\n")
     if fmt == "json":
         facts = {"command": command, **({"text": text} if text else {}), **(about or {})}
         content = {**facts, "tables": [_plain(table) for table in tables]}
@@ -53,12 +56,10 @@ def render(
         "latex": (_latex, latex_text),
         "html": (_html, lambda words: f"<p>{html_text(words)}</p>"),
     }[fmt]
-    paragraphs = [paragraph(one_line(text))] if text else []
+    paragraphs = [paragraph(text)] if text else []
     last = len(tables) - 1
     parts = [
-        render_table(
-            table.visible_table(), one_line(command) if number == last or fmt == "latex" else ""
-        )
+        render_table(table.visible_table(), command if number == last or fmt == "latex" else "")
         for number, table in enumerate(tables)
     ]
     head = [LATEX_NEEDS] if fmt == "latex" else []
@@ -70,20 +71,12 @@ def of_format(tables: Sequence[Table], fmt: str) -> list[Table]:
     return [table for table in tables if not table.formats or fmt in table.formats]
 
 
-def plain_text(table: Table, *, widths: Sequence[int | None] = ()) -> str:
-    """Return headings and cells in columns, then the notes, without the title.
-
-    On a terminal the text fits its width. Elsewhere `widths` are the widths of columns with line
-    breaks, in characters.
-    """
-    if sys.stdout.isatty():
-        untitled = replace(table, title="")
-        return screen_text([untitled], console=screen_console(colors=False)).strip("\n")
-    body = _columns(table, "simple", str, maxcolwidths=[*widths] or None)
-    return "\n".join([body, *table.notes])
+def plain_text(table: Table) -> str:
+    """Return headings and cells in columns, then the notes, without the title."""
+    return "\n".join([_columns(table, "simple", one_line), *table.notes])
 
 
-def _columns(table: Table, fmt: str, escape: Callable[[str], str], **words: Any) -> str:
+def _columns(table: Table, fmt: str, escape: Callable[[str], str]) -> str:
     """Return headings and cells in a format of tabulate."""
     return tabulate(
         [[escape(cell) for cell in row] for row in table.texts()],
@@ -91,7 +84,6 @@ def _columns(table: Table, fmt: str, escape: Callable[[str], str], **words: Any)
         tablefmt=fmt,
         colalign=["right" if column.kind == "number" else "left" for column in table.columns],
         disable_numparse=True,
-        **words,
     )
 
 
@@ -99,13 +91,12 @@ _MARKDOWN_SIGNS = re.compile(r"<(?=[A-Za-z/!?])|(?<=\])\(")
 
 
 def markdown_text(text: str) -> str:
-    """Escape characters that markdown reads as HTML, a link or a picture."""
-    return _MARKDOWN_SIGNS.sub(r"\\\g<0>", text)
+    """Return a text in one line; signs that begin HTML, a link or a picture are escaped."""
+    return _MARKDOWN_SIGNS.sub(r"\\\g<0>", one_line(text))
 
 
 def _markdown_cell(text: str) -> str:
-    """Escape a text for a markdown cell."""
-    return markdown_text(one_line(text)).replace("|", r"\|")
+    return markdown_text(text).replace("|", r"\|")
 
 
 def markdown_code(text: str) -> str:
@@ -116,11 +107,10 @@ def markdown_code(text: str) -> str:
 
 def _github(table: Table, command: str) -> str:
     body = _columns(table, "github", _markdown_cell)
-    notes = [markdown_text(one_line(note)) for note in table.notes]
-    notes += [f"made by: {markdown_code(command)}"] if command else []
+    notes = [*map(markdown_text, table.notes)]
+    notes += [f"made by: {markdown_code(one_line(command))}"] if command else []
     listed = [f"- {note}" for note in notes]
-    title = f"**{markdown_text(one_line(table.title))}**"
-    return "\n".join([title, "", body, "", *listed]).rstrip("\n")
+    return "\n".join([f"**{markdown_text(table.title)}**", "", body, "", *listed]).rstrip("\n")
 
 
 LATEX_NEEDS = (
@@ -184,7 +174,7 @@ def _tabular(table: Table, numbers: Sequence[int]) -> str:
     cells = [[_latex_cell(table.columns[n], row[n]) for n in numbers] for row in table.rows]
     names = (
         MultiIndex.from_tuples(heads)
-        if any(of for of, _ in heads)
+        if any(group for group, _ in heads)
         else [heading for _, heading in heads]
     )
     style = DataFrame(cells, columns=names).style.hide(axis="index")
@@ -212,38 +202,30 @@ def html_text(text: str) -> str:
 
 def _html(table: Table, command: str) -> str:
     body = _columns(table, "unsafehtml", html_text)  # safe: `html_text` escapes the cells
-    notes = "".join(f"<li>{html_text(note)}</li>" for note in table.notes)
-    made_by = f"<li>made by: <code>{html.escape(command)}</code></li>" if command else ""
-    return (
-        f"<section>\n<h2>{html_text(table.title)}</h2>\n{body}\n<ul>{notes}{made_by}</ul>\n"
-        "</section>"
-    )
+    notes = [*map(html_text, table.notes)]
+    notes += [f"made by: <code>{html.escape(one_line(command))}</code>"] if command else []
+    listed = "\n".join(["<ul>", *(f"<li>{note}</li>" for note in notes), "</ul>"]) if notes else ""
+    return f"<p><strong>{html_text(table.title)}</strong></p>\n{body}\n{listed}"
 
 
-_FORMULA = re.compile(r"[=+\-@\t\r](?![\d.]+(e[+-]?\d+)?$|inf$)")
-"""Beginning of texts that a spreadsheet would evaluate; numbers do not match."""
-
-
-def csv_cell(value: object) -> object:
-    """Return the cell of a CSV row; texts like a formula get a quote in front."""
-    if isinstance(value, float):
-        return repr(float(value))
-    return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value
-
-
-def _csv(tables: Sequence[Table]) -> str:
-    """Return a line per number at full precision: facts, texts, `VALUE_FIELDS`."""
+def _csv_frame(tables: Sequence[Table]) -> DataFrame:
+    """Return a row per number at full precision: facts, texts, `VALUE_FIELDS`."""
     from pandas import DataFrame
 
     lines = [line for table in tables for line in table.lines()]
     about = dict.fromkeys(name for line in lines for name in line if name not in VALUE_FIELDS)
     names = [*about, *VALUE_FIELDS]
-    cells = [[csv_cell(line.get(name)) for name in names] for line in lines]
-    frame = DataFrame(cells, columns=[*map(csv_cell, names)], dtype=object)
-    return frame.to_csv(index=False, lineterminator="\n").rstrip("\n")
+    cells = [[_exact(line.get(name)) for name in names] for line in lines]
+    return DataFrame(cells, columns=names, dtype=object)
+
+
+def _exact(value: object) -> object:
+    """Return a number with all its digits as text; other values as they are."""
+    return repr(float(value)) if isinstance(value, float) else value
 
 
 def _plain(table: Table) -> dict[str, object]:
+    """Return a table for json."""
     rows = [
         {**texts, **({"values": [*map(_without_empty_fields, values)]} if values else {})}
         for texts, values in table.records()
@@ -266,3 +248,51 @@ def _strict(value: object) -> object:
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
     return value
+
+
+class Text(str):
+    """A text that a terminal and a notebook print line by line."""
+
+    def __repr__(self) -> str:
+        return wrapped_lines(printable(self))
+
+    def _repr_html_(self) -> str:
+        text = html.escape(printable(self))
+        return html_block(f'<pre style="white-space: pre-wrap;">{text}</pre>')
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tables:
+    """Tables that print themselves, in a terminal and in a notebook.
+
+    Attributes:
+        tables: typed values, with titles and notes.
+        command: command that made them.
+        text: sentence above them; "" for none.
+        about: facts about all tables, for json.
+    """
+
+    tables: Sequence[Table]
+    command: str
+    text: str = ""
+    about: Mapping[str, object] = field(default_factory=dict)
+
+    def frame(self) -> DataFrame:
+        """Return the numbers as tidy data with a row per number."""
+        from pandas import DataFrame  # slow import (0.5 s), not needed for a leaderboard
+
+        return DataFrame(
+            [line for table in of_format(self.tables, "github") for line in table.lines()]
+        )
+
+    def text_as(self, fmt: str) -> str:
+        """Return the tables as "github", "latex", "csv", "html" or "json"."""
+        return render(self.tables, fmt, self.command, text=self.text, about=self.about)
+
+    def __repr__(self) -> str:
+        """Return the tables for a terminal."""
+        console = screen_console(WIDTH, colors=False)
+        return screen_text(of_format(self.tables, SCREEN), text=self.text, console=console)
+
+    def _repr_html_(self) -> str:
+        return html_block(render(self.tables, "html", "", text=self.text))
