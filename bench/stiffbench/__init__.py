@@ -43,11 +43,11 @@ if TYPE_CHECKING:
     from stiff_bench.api.robots import read_robot as read_robot
     from stiff_bench.api.stiffness_maps import StiffnessMap as StiffnessMap
     from stiff_bench.api.stiffness_maps import stiffness_map as stiffness_map
-    from stiff_bench.api.stored_results import Results as Results
-    from stiff_bench.api.stored_results import figure as figure
-    from stiff_bench.api.stored_results import merge as merge
-    from stiff_bench.api.stored_results import open_results as open_results
-    from stiff_bench.api.stored_results import paper_table as paper_table
+    from stiff_bench.results.results import Results as Results
+    from stiff_bench.api.pictures import figure as figure
+    from stiff_bench.store.merging import merge as merge
+    from stiff_bench.results.results import open_results as open_results
+    from stiff_bench.api.pictures import paper_table as paper_table
     from stiff_bench.api.tool_paths import compensate_path as compensate_path
     from stiff_bench.api.tool_paths import example_path as example_path
     from stiff_bench.tables.writers import Tables as Tables
@@ -68,7 +68,7 @@ _PLACES = {
     "robot_programs": ("compensate_program",),
     "robots": ("load_robot", "read_robot"),
     "stiffness_maps": ("StiffnessMap", "stiffness_map"),
-    "stored_results": ("Results", "figure", "merge", "open_results", "paper_table", "Tables"),
+    "pictures": ("Results", "figure", "merge", "open_results", "paper_table", "Tables"),
     "tool_paths": ("compensate_path", "example_path"),
 }
 _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}

@@ -12,7 +12,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.forecast import (
     LONGEST_FIT_S,
     LONGEST_S,
@@ -25,12 +24,12 @@ from stiff_bench.analysis.forecast import (
 from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.api.registered import registry
-from stiff_bench.api.stored_results import Results
 from stiff_bench.console import say
 from stiff_bench.paper.study_file import Study, find_study
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
+from stiff_bench.results.results import Results
 from stiff_bench.run.cell import Execution
 from stiff_bench.run.machine import pinned, usable_cores
 from stiff_bench.run.progress import display
@@ -156,11 +155,10 @@ class RunAgainst(Run):
 
     def board(self, results: Results) -> Tables | None:
         """Return the study's board of these results; None: no board, or too few robots."""
-        from stiff_bench.paper.study_board import StudyResults
+        from stiff_bench.paper.study_page import study_leaderboard
 
-        stored = StoredResults.of_results(results.folder, results.cells)
         try:
-            tables = StudyResults(self.study, stored).board_tables
+            tables = study_leaderboard(self.study, results.stored).tables
         except ConfigError:
             return None
         return Tables(tables, self.plans[0].command)

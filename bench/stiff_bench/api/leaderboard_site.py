@@ -32,9 +32,9 @@ from stiff_bench.report.board_pages import (
 from stiff_bench.report.html_page import Block, Link, Part, embedded, render_page
 from stiff_bench.store.names import split_word
 from stiff_bench.store.versions import sources
-from stiff_bench.tables.writers import render
 from stiff_bench.tables.table import Table, text_columns
 from stiff_bench.tables.units import counted, duration
+from stiff_bench.tables.writers import render
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.files import make_folder, written_whole

@@ -282,8 +282,8 @@ def _selection(
     protocols: tuple[str, ...],
     conditions: tuple[str, ...],
     models: tuple[str, ...] = (),
-) -> api.stored_results.Selection:
-    return api.stored_results.Selection(models, datasets, protocols, conditions)
+) -> api.pictures.Selection:
+    return api.pictures.Selection(models, datasets, protocols, conditions)
 
 
 _VARIANTS = "Only this {}, or all variants of a key; may be repeated."

@@ -33,7 +33,7 @@ from stiff_bench.console import print_prose, say, warnings_on_stderr
 from stiff_protocols.contract.errors import ConfigError
 
 if TYPE_CHECKING:
-    from stiff_bench.analysis.selection import Selection
+    from stiff_bench.results.selection import Selection
     from stiff_bench.submissions.export import ExportFormat
 
 
@@ -72,8 +72,8 @@ def compare(a: str, b: str, results: Path, selection: Selection, fmt: str, **que
     print_tables(_stored(results, selection).compare(a, b, **question), fmt)
 
 
-def _stored(folder: Path, selection: Selection) -> api.stored_results.Results:
-    return api.stored_results.Results(folder, command=command_line(), selection=selection)
+def _stored(folder: Path, selection: Selection) -> api.pictures.Results:
+    return api.pictures.Results(folder, command=command_line(), selection=selection)
 
 
 @command(epilog="bench table 10")
@@ -102,7 +102,7 @@ def table(number: str, results: Path | None, fmt: str) -> None:
             9   last epoch against best epoch
             10  VJM, FT-MLP and DT-CNN, scored in three ways
     """  # noqa: D301  # click keeps the lines below \b
-    print_tables(api.stored_results.paper_table(number, results, command=command_line()), fmt)
+    print_tables(api.pictures.paper_table(number, results, command=command_line()), fmt)
 
 
 @command(epilog="bench report --output report.html")
@@ -180,7 +180,7 @@ def figure(
         raise ConfigError("--data: drawn by the figure robot only, and without --results")
     stored = _stored(results or RESULTS, selection) if selection.options else results
     with warnings_on_stderr():
-        prepared = api.stored_results.figure(name, dataset or stored, model=model, row=row)
+        prepared = api.pictures.figure(name, dataset or stored, model=model, row=row)
     target = output or Path(f"figure-{name}.png")
     prepared.save(target)
     print_prose(f"{target}: {prepared.title}. {prepared.caption}")
@@ -205,7 +205,7 @@ def merge(folders: tuple[Path, ...], output: Path) -> None:
 
     Folders with different numbers for the same fit are refused. The given folders do not change.
     """
-    for line in api.stored_results.merge(folders, output).report:
+    for line in api.pictures.merge(folders, output).report:
         say(line)
 
 

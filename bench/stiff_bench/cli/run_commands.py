@@ -176,13 +176,13 @@ def execute(
     return 0 if all(result.status == "ok" for result in results.cells) else 1
 
 
-def say_summary(results: api.stored_results.Results) -> None:
+def say_summary(results: api.pictures.Results) -> None:
     """Print on standard error how the fits ended, and where results are stored."""
     for line in summary(results):
         say(line)
 
 
-def summary(results: api.stored_results.Results) -> list[str]:
+def summary(results: api.pictures.Results) -> list[str]:
     """Return how the fits ended, where results are stored, and how to repeat old failures."""
     finished = results.finished
     assert finished is not None

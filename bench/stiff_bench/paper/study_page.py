@@ -4,58 +4,87 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
-from stiff_bench.analysis.collected import StoredResults, newest_results
-from stiff_bench.analysis.leaderboard import build_leaderboard
-from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
-from stiff_bench.analysis.sort_key import sort_key
 from stiff_bench.figures.board_figures import score_against_cost, score_against_poses
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.study_board import StudyResults
 from stiff_bench.paper.study_file import Study
+from stiff_bench.results.leaderboard import build_leaderboard
+from stiff_bench.results.leaderboard_tables import StudyLeaderboard, leaderboard_tables
+from stiff_bench.results.load import StoredResults
+from stiff_bench.results.metric_tables import metric_tables
+from stiff_bench.results.notes import sources
+from stiff_bench.results.scored_task import sort_key
 from stiff_bench.store.database import FILE
-from stiff_bench.store.versions import sources
-from stiff_bench.tables.metric_table import build_tables
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import counted
 from stiff_bench.tables.writers import markdown_code, markdown_text, render
 from stiff_models.model_catalog import MODELS
-from stiff_protocols.contract.errors import StiffBenchError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
 from stiff_protocols.contract.files import make_folder, written_whole
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.scoring.metrics import metric
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
 PICTURE_FILES = ("png", "pdf")
-Makers = Mapping[str, Callable[[StudyResults, PaperResults], Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResults:
+    """A study with its results, and the status of each model."""
+
+    study: Study
+    stored: PaperResults
+    statuses: Mapping[str, str]
+
+    @cached_property
+    def leaderboard(self) -> StudyLeaderboard:
+        """Return the study's leaderboard; ConfigError if its file has no key `board`."""
+        return study_leaderboard(self.study, self.stored, self.statuses)
+
+
+Makers = Mapping[str, Callable[[StudyResults], Any]]
 """Name in a study's file -> function of the stored results; numbers are the source paper's."""
 
 
-def _leaderboard(results: StudyResults, stored: PaperResults) -> list[Table]:
+def study_leaderboard(
+    study: Study, stored: StoredResults, statuses: Mapping[str, str] = MappingProxyType({})
+) -> StudyLeaderboard:
+    """Return the leaderboard of a study.
+
+    Raises:
+        ConfigError: the study's file has no key `board`.
+    """
+    if study.board is None:
+        raise ConfigError(f"{study.file}: [board] is missing: it names the protocol of the board")
+    return StudyLeaderboard(stored, study.board, study.groups, statuses)
+
+
+def _leaderboard(results: StudyResults) -> list[Table]:
     if results.study.board is not None:
-        return results.board_tables
-    return leaderboard_tables(build_leaderboard(stored, key=sort_key("norm", None)))
+        return results.leaderboard.tables
+    return leaderboard_tables(build_leaderboard(results.stored, sort_key()))
 
 
-def _scores(results: StudyResults, stored: PaperResults) -> list[Table]:
-    return build_tables(newest_results(stored), [metric(key) for key in results.study.metrics])
+def _scores(results: StudyResults) -> list[Table]:
+    metrics = [metric(key) for key in results.study.metrics]
+    return metric_tables(results.stored.newest_results(), metrics)
 
 
-def _of_paper(make: Callable[[PaperResults], Any], _: StudyResults, stored: PaperResults) -> Any:
-    return make(stored)
+def _of_paper(make: Callable[[PaperResults], Any], results: StudyResults) -> Any:
+    return make(results.stored)
 
 
-def _general(
-    make: Callable[[FigureSource], Prepared], _: StudyResults, stored: PaperResults
-) -> Prepared:
-    return make(FigureSource(stored.folder, stored.cases))
+def _general(make: Callable[[FigureSource], Prepared], results: StudyResults) -> Prepared:
+    return make(FigureSource(results.stored.folder, results.stored.tasks))
 
 
 TABLES: Makers = {
@@ -64,8 +93,8 @@ TABLES: Makers = {
     **{number: partial(_of_paper, make) for number, make in paper_tables.TABLES.items()},
 }
 PICTURES: Makers = {
-    "board-cost": lambda results, _: score_against_cost(results.board),
-    "board-poses": lambda results, _: score_against_poses(results.board),
+    "board-cost": lambda results: score_against_cost(results.leaderboard),
+    "board-poses": lambda results: score_against_poses(results.leaderboard),
     **{number: partial(_of_paper, make) for number, make in paper_figures.FIGURES.items()},
     **{name: partial(_general, make) for name, make in FIGURES.items()},
 }
@@ -109,7 +138,7 @@ def write_page(
     def made(kind: str, names: Iterable[str], makers: Makers) -> Iterator[tuple[str, Any]]:
         for name in names:
             try:
-                yield name, makers[name](results, stored)
+                yield name, makers[name](results)
             except StiffBenchError as error:
                 missing[f"{kind} {name}"] = str(error)
 
@@ -139,7 +168,7 @@ def write_page(
 
 def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator[str]:
     """Yield lines of markdown: the command, the versions, and each machine."""
-    results = [result for case in stored.cases for result in case.every]
+    results = [result for task in stored.tasks for result in task.every]
     yield f"made by {markdown_code(command)}"
     if n_missing:
         yield f"not finished: {counted(n_missing, 'fit')} not computed"

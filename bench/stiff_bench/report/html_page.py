@@ -21,8 +21,8 @@ from stiff_bench.console import printable
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.report.first_screen import FIRST_MODELS, WIDTH, FirstScreen
 from stiff_bench.store.names import OPTION_MARK, natural_key
-from stiff_bench.tables.writers import html_text
 from stiff_bench.tables.table import Column, Entry, Table, quantity
+from stiff_bench.tables.writers import html_text
 
 
 class Picture(NamedTuple):

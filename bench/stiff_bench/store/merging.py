@@ -55,22 +55,27 @@ class Merged:
         return "\n".join(self.report)
 
 
-def merge(folders: Sequence[Path], output: Path, keys: Collection[str] | None = None) -> Merged:
+def merge(
+    folders: Sequence[Path | str], output: Path | str, keys: Collection[str] | None = None
+) -> Merged:
     """Join the results of folders in `output`, which may exist and hold some, or be one of them.
 
     A cell's key holds all that shapes its numbers. So a cell that is stored already is left out;
     only a result replaces a failure. The merge is one transaction: all of it, or nothing.
 
     Args:
-        folders: with results.
-        output: that takes them.
-        keys: of the cells to take, with their runs and data; None: all.
+        folders: folders with results, for example from several machines; they are not changed.
+        output: new folder, or a folder with results.
+        keys: keys of the fits to take, with their runs and data; None: all.
 
     Raises:
         ConfigError: two folders have different numbers of one cell.
         StoreError: a folder holds no results, or `output` cannot be written.
     """
-    inputs = {folder: read_results(folder, keys) for folder in _inputs(folders, output)}
+    output = Path(output)
+    inputs = {
+        folder: read_results(folder, keys) for folder in _inputs([*map(Path, folders)], output)
+    }
     ResultStore(output)
     with writing(output) as db:
         # the transaction keeps other writers out, so what is read here stays as it is

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from stiff_bench.analysis.collected import Case, competitor_names
+from stiff_bench.results.load import Task, model_names
 from stiff_bench.store.names import OPTION_MARK, Variant
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.record import Cell
@@ -39,45 +39,45 @@ class Selection:
         """Return True if a model is selected."""
         return not self.models or any(matches_key(word, model) for word in self.models)
 
-    def models_of(self, cases: Iterable[Case]) -> list[str]:
-        """Return the names of the selected models of cases.
+    def models_of(self, tasks: Iterable[Task]) -> list[str]:
+        """Return the names of the selected models of tasks.
 
         Raises:
             ConfigError: a name has no results.
         """
-        model_names = competitor_names(cases)
+        names = model_names(tasks)
         for word in self.models:
-            if not any(matches_key(word, name) for name in model_names):
-                raise unknown_name("model with results", word, model_names)
-        return [name for name in model_names if self.takes(name)]
+            if not any(matches_key(word, name) for name in names):
+                raise unknown_name("model with results", word, names)
+        return [name for name in names if self.takes(name)]
 
-    def cases_of(self, cases: Sequence[Case]) -> list[Case]:
-        """Return the cases of the selected data sets, protocols and conditions.
+    def tasks_of(self, tasks: Sequence[Task]) -> list[Task]:
+        """Return the tasks of the selected data sets, protocols and conditions.
 
         Raises:
             ConfigError: a name has no results.
         """
-        chosen = list(cases)
+        chosen = list(tasks)
         for kind in ("dataset", "protocol", "condition"):
             words = getattr(self, f"{kind}s")
             for word in words:
-                if not any(_is_of(case, kind, word) for case in cases):
-                    valid_words = {getattr(case.name, kind) for case in cases} - {""}
+                if not any(_is_of(task, kind, word) for task in tasks):
+                    valid_words = {getattr(task.name, kind) for task in tasks} - {""}
                     raise unknown_name(f"{kind} with results", word, valid_words)
             if words:
-                chosen = [case for case in chosen if any(_is_of(case, kind, w) for w in words)]
+                chosen = [task for task in chosen if any(_is_of(task, kind, w) for w in words)]
         return chosen
 
 
 EVERYTHING = Selection()
 
 
-def _is_of(case: Case, kind: str, word: str) -> bool:
-    """Return True if a word selects a case's data set, protocol or condition."""
+def _is_of(task: Task, kind: str, word: str) -> bool:
+    """Return True if a word selects a task's data set, protocol or condition."""
     if kind == "condition":
-        return word == case.name.condition
-    key, options = getattr(case.cell, kind), getattr(case.cell, f"{kind}_params")
-    return matches_key(word, getattr(case.name, kind)) or _spells_out(
+        return word == task.name.condition
+    key, options = getattr(task.cell, kind), getattr(task.cell, f"{kind}_params")
+    return matches_key(word, getattr(task.name, kind)) or _spells_out(
         Variant.of_word(word), key, options
     )
 
@@ -87,7 +87,7 @@ def matches_key(word: str, name: str) -> bool:
     return name == word or name.startswith(f"{word}{OPTION_MARK}")
 
 
-def resolve_model_name(word: str, cases: Sequence[Case]) -> str:
+def resolve_model_name(word: str, tasks: Sequence[Task]) -> str:
     """Return the stored name of a model that a user named.
 
     Defaults may be written out, as for `bench run`: "knn@neighbours=5" is stored as "knn". The
@@ -96,19 +96,19 @@ def resolve_model_name(word: str, cases: Sequence[Case]) -> str:
     Raises:
         ConfigError: the model has no results.
     """
-    cells = _cells_of(cases)
-    name = word if word in cells else find_model(Variant.of_word(word), cases)
+    cells = _cells_of(tasks)
+    name = word if word in cells else find_model(Variant.of_word(word), tasks)
     if name is None:
         raise unknown_name("model with results", word, cells)
     return name
 
 
-def find_model(variant: Variant, cases: Sequence[Case]) -> str | None:
+def find_model(variant: Variant, tasks: Sequence[Task]) -> str | None:
     """Return the stored name of the model with these options; None: no results.
 
     The options may include defaults, as in `resolve_model_name`.
     """
-    for name, cell in sorted(_cells_of(cases).items()):
+    for name, cell in sorted(_cells_of(tasks).items()):
         option_names = Variant.of_stored_name("", name, cell.model_params).options.keys()
         if option_names <= variant.options.keys() and _spells_out(
             variant, cell.model, cell.model_params
@@ -117,11 +117,9 @@ def find_model(variant: Variant, cases: Sequence[Case]) -> str | None:
     return None
 
 
-def _cells_of(cases: Sequence[Case]) -> dict[str, Cell]:
+def _cells_of(tasks: Sequence[Task]) -> dict[str, Cell]:
     """Return a cell per model with results or failures, by model name."""
-    return {
-        name: competitor.cell for case in cases for name, competitor in case.competitors.items()
-    }
+    return {name: stored.cell for task in tasks for name, stored in task.models.items()}
 
 
 def _spells_out(variant: Variant, key: str, options: Mapping[str, Any]) -> bool:

@@ -1,7 +1,7 @@
-"""Is A better than B? `decide` is the rule of compare, leaderboard and report.
+"""Decide whether model A is better than B: the rule of compare, leaderboard and report.
 
-Its inputs come from `estimates`. The rate of wrong winners between equal models is counted in
-tests/protocols/scoring/test_false_positives.py.
+`decide` is the rule; its inputs come from `estimates`. The rate of wrong winners between equal
+models is counted in tests/protocols/scoring/test_false_positives.py.
 """
 
 from __future__ import annotations
@@ -82,25 +82,12 @@ def decide(results: Sequence[Estimate], confidence: float) -> Verdict:
     return "b" if all(result.low > 0.0 for result in results) else "open"
 
 
-DISAGREEMENTS: dict[str, str] = {
-    "": "",
-    "splits": "The splits agree on it, but a few poses could turn it: measure more poses.",
-    "poses": "The poses agree on it, but it changes from split to split: use more --splits.",
-}
-
-
 def disagreement(splits: Estimate, poses: Estimate) -> Literal["", "splits", "poses"]:
     """Return the only one of two intervals that excludes zero; else ""."""
     is_sure = [splits.excludes_zero, poses.excludes_zero]
     if is_sure == [True, False]:
         return "splits"
     return "poses" if is_sure == [False, True] else ""
-
-
-def corrected(results: Sequence[Estimate]) -> list[Estimate]:
-    """Correct the p-values of results for each other (Holm)."""
-    p_values = holm([result.p_value for result in results]).tolist()
-    return [replace(result, p_value=p) for result, p in zip(results, p_values, strict=True)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,48 +1,40 @@
-"""`bench compare A B`: the difference of two models per axis, and its uncertainty."""
+"""Compare two models: the difference of their errors per axis, and its uncertainty."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from stiff_bench.analysis.collected import (
-    Case,
-    StoredResults,
+from stiff_bench.results.load import StoredResults, Task
+from stiff_bench.results.notes import (
+    TRAINING_MARK,
+    differing_libraries,
     left_out_notes,
     same_name_other_data,
+    sources,
 )
-from stiff_bench.analysis.scored_case import scored_case, shared_errors, with_reference
-from stiff_bench.analysis.selection import EVERYTHING, Selection, resolve_model_name
-from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.analysis.verdict import (
-    Estimate,
-    Question,
-    Verdict,
-    corrected,
-    decide,
-    estimates,
-)
-from stiff_bench.analysis.where import Place, where_better
-from stiff_bench.store.names import CaseName, labels, natural_key
+from stiff_bench.results.scored_task import score_task, shared_errors, sort_key
+from stiff_bench.results.selection import EVERYTHING, Selection, resolve_model_name
+from stiff_bench.results.significance import Estimate, Question, Verdict, decide, estimates
+from stiff_bench.store.names import TaskName, labels, natural_key
 from stiff_bench.store.samples import StoredData
-from stiff_bench.store.versions import differing_libraries, sources
-from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.units import first_few
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import AXES
+from stiff_protocols.scoring.paired import holm
 
 NORM = "norm"
-ERRORS = {**{axis: sort_key("mae", axis) for axis in AXES}, NORM: sort_key(NORM, None)}
+ERRORS = {**{axis: sort_key("mae", axis) for axis in AXES}, NORM: sort_key(NORM)}
 """Compared errors: the absolute error along each axis, and the length of the error vector."""
 
 
 @dataclass(frozen=True)
-class Row:
+class Difference:
     """One kind of error of A and of B.
 
     Attributes:
@@ -79,45 +71,47 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A and B in one case.
+    """A and B in one task.
 
     Attributes:
+        task: task with both models.
         a, b: labels and warnings that are printed with their numbers.
         results: results of A and of B on their common splits.
         n_poses: number of tested poses.
-        rows: one row per entry of `ERRORS`.
+        differences: kind of error -> difference.
         missing: lines about requested splits without a result of A or B.
         among_all: verdict on leaderboard and report page, with p corrected for all pairs of models.
             None without other models, or if A or B is not ranked.
     """
 
-    case: Case
+    task: Task
     a: Presentation
     b: Presentation
     results: tuple[Sequence[CellResult], Sequence[CellResult]]
     n_poses: int
-    rows: tuple[Row, ...]
+    differences: dict[str, Difference]
     missing: tuple[str, ...]
     among_all: Verdict | None
 
     @property
-    def name(self) -> CaseName:
-        """Return the name of the case."""
-        return self.case.name
+    def name(self) -> TaskName:
+        """Return the name of the task."""
+        return self.task.name
+
+    @property
+    def norm(self) -> Difference:
+        """Return the difference of the 3-D errors."""
+        return self.differences[NORM]
 
     @property
     def n_splits(self) -> int:
         """Return the number of common splits."""
         return len(self.results[0])
 
-    def row(self, error: str) -> Row:
-        """Return the row of one kind of error."""
-        return self.rows[[*ERRORS].index(error)]
-
     @property
     def over_splits(self) -> bool:
         """Return True if the spread over splits is known."""
-        return self.rows[0].over_splits is not None
+        return self.norm.over_splits is not None
 
     @property
     def selects_on_test(self) -> bool:
@@ -125,49 +119,38 @@ class Comparison:
         return self.a.selects_on_test or self.b.selects_on_test
 
 
-def paired_results(case: Case, a: str, b: str) -> tuple[list[CellResult], list[CellResult]]:
-    """Return the results of two models on their common splits of a case.
-
-    Raises:
-        DataError: a model has no results there, or they share no split.
-    """
-    for name in (a, b):
-        if not case.competitors[name].done:
-            first = next(iter(case.competitors[name].failures.values()))
-            raise DataError(f"{name} has no result ({first.why_none})")
-    slots = case.shared_slots([a, b])
-    if not slots:
-        raise DataError(f"{a} and {b} have no result on the same split")
-    return case.results(a, slots), case.results(b, slots)
-
-
-def compare(case: Case, a: str, b: str, data: StoredData, question: Question) -> Comparison:
-    """Compare two models on their common splits of a case.
+def compare(task: Task, a: str, b: str, data: StoredData, question: Question) -> Comparison:
+    """Compare two models on their common splits of a task.
 
     Raises:
         DataError: a model has no results there, they share no split, or only one pose was tested.
     """
-    results = paired_results(case, a, b)
+    for name in (a, b):
+        if not task.models[name].done:
+            first = next(iter(task.models[name].failures.values()))
+            raise DataError(f"{name} has no result ({first.why_none})")
+    if not (splits := task.shared_splits([a, b])):
+        raise DataError(f"{a} and {b} have no result on the same split")
+    results = task.results(a, splits), task.results(b, splits)
     rows = np.concatenate([result.prediction.rows for result in results[0] if result.prediction])
     n_poses = len(np.unique(data.samples.pose_id[rows]))
     if n_poses < 2:
         raise DataError("a bootstrap over poses needs at least 2 poses, there is 1")
     return Comparison(
-        case=case,
-        a=case.competitors[a].presentation,
-        b=case.competitors[b].presentation,
+        task=task,
+        a=task.models[a].presentation,
+        b=task.models[b].presentation,
         results=results,
         n_poses=n_poses,
-        rows=tuple(_rows(results, data, question)),
-        missing=tuple(_missing(case, a, b)),
-        among_all=_among_all(case, a, b, data, question),
+        differences={of.error: of for of in _differences(results, data, question)},
+        missing=tuple(_missing(task, a, b)),
+        among_all=_among_all(task, a, b, data, question),
     )
 
 
-def _among_all(case: Case, a: str, b: str, data: StoredData, question: Question) -> Verdict | None:
+def _among_all(task: Task, a: str, b: str, data: StoredData, question: Question) -> Verdict | None:
     try:
-        every = [*case.competitors]
-        scored = with_reference(scored_case(case, every, ERRORS[NORM], data, question.seed))
+        scored = score_task(task, [*task.models], ERRORS[NORM], data, question.seed)
     except StoreError:  # two other models share no split
         return None
     if len(scored.scores) < 3 or not {a, b} <= scored.scores.keys():
@@ -176,11 +159,11 @@ def _among_all(case: Case, a: str, b: str, data: StoredData, question: Question)
     return verdicts[0] if verdicts else None
 
 
-def _rows(
+def _differences(
     results: Sequence[Sequence[CellResult]], data: StoredData, question: Question
-) -> Iterator[Row]:
-    """Yield the rows with their verdicts; with several splits also over splits."""
-    means, row_estimates = [], []
+) -> Iterator[Difference]:
+    """Yield each kind of error with its verdict; with several splits also over splits."""
+    means, of_errors = [], []
     for key in ERRORS.values():
         a, b = (key.of_splits(of_model) for of_model in results)
         if a is None or b is None:
@@ -188,41 +171,48 @@ def _rows(
         means.append((float(a.mean()), float(b.mean())))
         errors = shared_errors(key, results, [a, b], data, question.seed)
         of_methods = estimates(errors, [(0, 1)], question, all_p_values=True)
-        row_estimates.append([estimate for (estimate,) in of_methods])
+        of_errors.append([estimate for (estimate,) in of_methods])
     # the axes are corrected for each other (Holm); the length is a separate question
     by_method = [
-        [*corrected(of_axes), length] for *of_axes, length in zip(*row_estimates, strict=True)
+        [*_corrected(of_axes), length] for *of_axes, length in zip(*of_errors, strict=True)
     ]
-    for error, of_both, *of_row in zip(ERRORS, means, *by_method, strict=True):
-        over_splits = of_row[0] if len(of_row) > 1 else None
-        yield Row(error, of_both, over_splits, of_row[-1], decide(of_row, question.confidence))
+    for error, of_both, *of_error in zip(ERRORS, means, *by_method, strict=True):
+        over_splits = of_error[0] if len(of_error) > 1 else None
+        verdict = decide(of_error, question.confidence)
+        yield Difference(error, of_both, over_splits, of_error[-1], verdict)
 
 
-def _missing(case: Case, a: str, b: str) -> Iterator[str]:
+def _corrected(results: Sequence[Estimate]) -> list[Estimate]:
+    """Correct the p-values of results for each other (Holm)."""
+    p_values = holm([result.p_value for result in results]).tolist()
+    return [replace(result, p_value=p) for result, p in zip(results, p_values, strict=True)]
+
+
+def _missing(task: Task, a: str, b: str) -> Iterator[str]:
     """Yield lines about splits without a result of A or B, with the reasons."""
-    competitors = [case.competitors[name] for name in (a, b)]
-    run = {slot for competitor in competitors for slot in (*competitor.done, *competitor.failures)}
-    n_requested = max(competitor.n_requested for competitor in competitors)
+    models = [task.models[name] for name in (a, b)]
+    run = {split for model in models for split in (*model.done, *model.failures)}
+    n_requested = max(model.n_requested for model in models)
     if len(run) < n_requested:
         yield f"{len(run)} of {n_requested} requested splits were run"
-    for competitor in competitors:
-        missing_slots = sorted(run - competitor.done.keys())
-        failures = [competitor.failures.get(slot) for slot in missing_slots]
+    for model in models:
+        missing_splits = sorted(run - model.done.keys())
+        failures = [model.failures.get(split) for split in missing_splits]
         reasons = dict.fromkeys(failure.why_none if failure else "not run" for failure in failures)
-        if missing_slots:
-            n_missing = f"{len(missing_slots)} of {len(run)} splits"
-            yield f"{competitor.name} has no result on {n_missing} ({'; '.join(reasons)})"
+        if missing_splits:
+            n_missing = f"{len(missing_splits)} of {len(run)} splits"
+            yield f"{model.name} has no result on {n_missing} ({'; '.join(reasons)})"
 
 
 @dataclass(frozen=True)
 class ModelComparison:
-    """Two models in all cases in which both were run.
+    """Two models in all tasks in which both were run.
 
     Attributes:
         a, b: names.
-        comparisons: one per case; at least one.
-        where: all subgroups with the better model, if there is only one case.
-        notes: cases that were not compared, and results that do not count.
+        question: settings of the tests.
+        comparisons: one per task; at least one.
+        notes: tasks that were not compared, and results that do not count.
         provenance: versions of stiffbench that made the results.
     """
 
@@ -230,7 +220,6 @@ class ModelComparison:
     b: str
     question: Question
     comparisons: tuple[Comparison, ...]
-    where: tuple[Place, ...]
     notes: tuple[str, ...]
     provenance: tuple[str, ...]
 
@@ -242,50 +231,45 @@ def compare_folder(
     question: Question,
     selection: Selection = EVERYTHING,
 ) -> ModelComparison:
-    """Compare two models in every selected case with common splits.
+    """Compare two models in every selected task with common splits.
 
     Raises:
-        ConfigError: a name is unknown, A is B, or they have no case in common.
+        ConfigError: a name is unknown, A is B, or they have no task in common.
         StoreError: the folder holds no results, or corrupt ones.
     """
     stored = StoredResults.read(folder)
-    a, b = (resolve_model_name(word, stored.cases) for word in (a, b))
+    a, b = (resolve_model_name(word, stored.tasks) for word in (a, b))
     if a == b:
         raise ConfigError(f"both models are {a!r}; give two different models")
-    chosen = selection.cases_of(stored.cases)
-    chosen.sort(key=lambda case: (natural_key(case.name.text), case.name))
-    case_labels = labels(case.name for case in chosen)
+    chosen = selection.tasks_of(stored.tasks)
+    chosen.sort(key=lambda task: (natural_key(task.name.text), task.name))
+    task_labels = labels(task.name for task in chosen)
     run = {
-        name: [case_labels[case.name] for case in chosen if name in case.competitors]
-        for name in (a, b)
+        name: [task_labels[task.name] for task in chosen if name in task.models] for name in (a, b)
     }
     data_of = stored.data_of
     comparisons, notes = list[Comparison](), list[str]()
-    for case in chosen:
-        if not {a, b} <= case.competitors.keys():
+    for task in chosen:
+        if not {a, b} <= task.models.keys():
             continue
-        if case.competitors[a].presentation.reports_training:
-            notes.append(f"not compared: {case_labels[case.name]}: {TRAINING_MARK}.")
+        if task.models[a].presentation.reports_training:
+            notes.append(f"not compared: {task_labels[task.name]}: {TRAINING_MARK}.")
             continue
-        data = data_of(case.name.data_sha256)
+        data = data_of(task.name.data_sha256)
         try:
-            comparisons.append(compare(case, a, b, data, question))
+            comparisons.append(compare(task, a, b, data, question))
         except DataError as error:
-            notes.append(f"not compared: {case_labels[case.name]}: {error}.")
+            notes.append(f"not compared: {task_labels[task.name]}: {error}.")
     if not comparisons:
-        where_run = "; ".join(f"{name} was run in {_named(places)}" for name, places in run.items())
+        places = "; ".join(f"{name} was run in {_named(tasks)}" for name, tasks in run.items())
         data_notes = "".join(f"; {line}" for line in same_name_other_data(chosen, data_of))
         raise ConfigError(
-            " ".join(notes) or f"{a} and {b} have no comparison in common: {where_run}{data_notes}"
+            " ".join(notes) or f"{a} and {b} have no comparison in common: {places}{data_notes}"
         )
     for name, other_name in ((a, b), (b, a)):
-        if places := [place for place in run[name] if place not in run[other_name]]:
-            notes.append(f"only {name} was run in {_named(places)}.")
-    where = []
-    if len(comparisons) == 1:
-        (comparison,) = comparisons
-        where = where_better(*comparison.results, data_of(comparison.name.data_sha256), question)
-    shared = [comparison.case for comparison in comparisons]
+        if only := [place for place in run[name] if place not in run[other_name]]:
+            notes.append(f"only {name} was run in {_named(only)}.")
+    shared = [comparison.task for comparison in comparisons]
     counts = {
         name: Counter(
             result.run_id for comparison in comparisons for result in comparison.results[number]
@@ -297,7 +281,6 @@ def compare_folder(
         b=b,
         question=question,
         comparisons=tuple(comparisons),
-        where=tuple(where),
         notes=(
             *notes,
             *same_name_other_data(shared, data_of),
