@@ -19,6 +19,7 @@ import pytest
 from helpers.compared_results import made_data
 from helpers.made_results import MadeResults, change
 from helpers.stored_cells import CELL, MANIFEST, failure, result
+from stiff_bench.results.notes import LIBRARIES, differing_libraries
 from stiff_bench.store.database import (
     FILE,
     FORMAT,
@@ -32,7 +33,6 @@ from stiff_bench.store.database import (
     writing,
 )
 from stiff_bench.store.samples import data_content, stored_data, what_differs
-from stiff_bench.store.versions import LIBRARIES, differing_libraries
 from stiff_datasets.robots.shipped_robots import shipped_robot, shipped_robots
 from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
 from stiff_protocols.contract.record import CellResult

@@ -13,10 +13,10 @@ from helpers.made_results import TWINS, MadeResults, made_data
 from stiff_bench.analysis.answer import FEWEST_ROBOTS, Answer, ModelAnswer
 from stiff_bench.analysis.answer_text import headline, matrix_table, model_table, sentences
 from stiff_bench.analysis.board import Board
-from stiff_bench.analysis.case_text import verdict_sentence
-from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.leaderboard import build_leaderboard
-from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.analysis.task_text import verdict_sentence
+from stiff_bench.results.load import StoredResults
+from stiff_bench.results.leaderboard import build_leaderboard
+from stiff_bench.results.scored_task import sort_key
 from stiff_bench.tables.table import Quantity
 
 RATIOS = (0.5, 0.6, 0.4, 0.55, 0.7)
@@ -63,7 +63,7 @@ def test_specimens_of_one_robot_are_one_robot(made):
     answer = answer_of(made)
     assert len(answer.robots) == 1 and len(TWINS) >= FEWEST_ROBOTS
     assert model_of(answer, "net").low is None and not answer.claim_robots
-    assert len(answer.columns) == 1 and len(answer.columns[0].cases) == len(TWINS)
+    assert len(answer.columns) == 1 and len(answer.columns[0].tasks) == len(TWINS)
 
 
 def test_a_robot_with_many_comparisons_counts_once(made):
@@ -111,11 +111,11 @@ def test_a_model_with_less_error_than_the_significant_one_is_named(made):
     made.add("steady", [0.8 * error for error in VJM_MM])
     made.add("unsteady", [0.02, 0.17, 0.18])
     answer = answer_of(made)
-    (case,) = answer.cases
-    verdicts = {name: answer.verdict(name, case) for name in ("steady", "unsteady")}
+    (task,) = answer.tasks
+    verdicts = {name: answer.verdict(name, task) for name in ("steady", "unsteady")}
     assert verdicts == {"steady": "a", "unsteady": "open"}
-    assert case.mean("unsteady") < case.mean("steady")
-    text = verdict_sentence(answer, case)
+    assert task.mean("unsteady") < task.mean("steady")
+    text = verdict_sentence(answer, task)
     assert text.startswith("steady is better") and "unsteady has less error" in text
 
 
@@ -132,15 +132,15 @@ def test_the_vjm_of_each_cell_is_the_reference_if_it_was_not_run(made):
     made.add("net", [0.5, 0.5, 0.5])
     answer = answer_of(made)
     assert {model.name for model in answer.models} == {"net", "vjm"}
-    (case,) = answer.cases
-    assert answer.error("vjm", case) == pytest.approx(np.sqrt(3.0) * 1e-3)  # 1 mm along each axis
+    (task,) = answer.tasks
+    assert answer.error("vjm", task) == pytest.approx(np.sqrt(3.0) * 1e-3)  # 1 mm along each axis
 
 
 def test_protocols_that_select_on_the_test_part_do_not_count_with_others(made):
     add_robot(made, 0, 0.5)
     add_robot(made, 0, 0.1, protocol="paper", selects_on_test=True, warning="selects")
     answer = answer_of(made)
-    assert [case.name.protocol for case in answer.cases] == ["holdout"]
+    assert [task.name.protocol for task in answer.tasks] == ["holdout"]
     assert len(answer.left_out) == 1
 
 
@@ -206,10 +206,10 @@ def test_comparisons_that_a_leaderboard_scored_give_the_same_answer(made, models
         add_robot(made, number, ratio)
     stored, key = StoredResults.read(made.folder), sort_key("norm", None)
     board = build_leaderboard(stored, key)
-    scored = [case for section in board.sections for case in section.cases]
+    scored = [task for section in board.sections for task in section.tasks]
     again = Answer.of(stored, key, models=models, scored=scored)
     assert again.models == Answer.of(stored, key, models=models).models
-    assert {id(case) for case in again.cases} == {id(case) for case in scored}
+    assert {id(task) for task in again.tasks} == {id(task) for task in scored}
 
 
 def test_a_range_of_one_number_is_that_number(made):

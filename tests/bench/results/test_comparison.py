@@ -12,11 +12,11 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
-from helpers.compared_results import case_in, made_data, spread, steady, store_results
-from stiff_bench.analysis.comparison import compare, compare_folder
-from stiff_bench.analysis.comparison_text import comparison_tables, sentence
-from stiff_bench.analysis.selection import Selection
-from stiff_bench.analysis.verdict import Question
+from helpers.compared_results import task_in, made_data, spread, steady, store_results
+from stiff_bench.results.comparison import compare, compare_folder
+from stiff_bench.results.comparison_tables import comparison_tables, sentence
+from stiff_bench.results.selection import Selection
+from stiff_bench.results.significance import Question
 from stiff_bench.cli.result_commands import compare as compare_command
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.writers import render
@@ -30,8 +30,8 @@ PAIR = {"a": steady(*A_SPLITS), "b": steady(*B_SPLITS)}
 
 
 def compared(folder, a="a", b="b", **question):
-    case, data = case_in(folder)
-    return compare(case, a, b, data, Question(**question))
+    task, data = task_in(folder)
+    return compare(task, a, b, data, Question(**question))
 
 
 def report_on(folder, a="a", b="b", question=None, **words):
@@ -262,7 +262,7 @@ def test_what_reports_training_rows_is_not_compared_and_the_reason_is_named(tmp_
     assert any(TRAINING_MARK in note for note in report.notes)
 
 
-def test_cases_with_one_text_are_named_by_what_differs_and_seeds_are_in_order(tmp_path):
+def test_tasks_with_one_text_are_named_by_what_differs_and_seeds_are_in_order(tmp_path):
     for seed in (10, 3):
         store_results(tmp_path, PAIR, seed=seed)
     hashes = [made_data(number).sha256 for number in (1, 2)]

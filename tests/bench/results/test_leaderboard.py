@@ -12,11 +12,11 @@ import pytest
 
 from helpers.figure_results import with_fields
 from helpers.made_results import TWINS, MadeResults, forget
-from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.leaderboard import Leaderboard, build_leaderboard
-from stiff_bench.analysis.leaderboard_tables import leaderboard_tables
-from stiff_bench.analysis.selection import Selection
-from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.results.load import StoredResults
+from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard
+from stiff_bench.results.leaderboard_tables import leaderboard_tables
+from stiff_bench.results.selection import Selection
+from stiff_bench.results.scored_task import sort_key
 from stiff_bench.tables.metric_table import TRAINING_MARK
 from stiff_bench.tables.writers import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -88,7 +88,7 @@ def test_the_intervals_are_those_of_the_verdicts_over_splits_and_over_poses(made
     made.add("net", list(0.5 * base))
     board = board_of(made)
     answer = board.sections[0].answer
-    over_splits, over_poses = answer.estimates("net", answer.cases[0])
+    over_splits, over_poses = answer.estimates("net", answer.tasks[0])
     _error, change, splits, poses, verdict = cells(board, "twin")["net"]
     assert splits == f"{1e3 * over_splits.low:.4f} to {1e3 * over_splits.high:.4f}"
     assert poses == f"{1e3 * over_poses.low:.4f} to {1e3 * over_poses.high:.4f}"
@@ -137,11 +137,11 @@ def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
 def test_the_metric_decides_what_is_sorted_and_in_which_direction(made):
     made.add_each({"a": [3.0], "b": [1.0]})
     of_z, of_all = (board_of(made, metric="mae", axis=axis) for axis in ("z", None))
-    assert of_z.sections[0].cases[0].mean("a") == pytest.approx(3e-3)
-    assert of_all.sections[0].cases[0].mean("a") == pytest.approx(1e-3)
+    assert of_z.sections[0].tasks[0].mean("a") == pytest.approx(3e-3)
+    assert of_all.sections[0].tasks[0].mean("a") == pytest.approx(1e-3)
     assert order(of_z) == order(board_of(made, metric="skill")) == ["b", "a"]
     made.add_each({"a": [1.0, 3.0], "b": [4.0, 4.0]}, protocol="leave-one-out", pooled=True)
-    (pooled,) = board_of(made, metric="me", axis="z", protocols=["leave-one-out"]).sections[0].cases
+    (pooled,) = board_of(made, metric="me", axis="z", protocols=["leave-one-out"]).sections[0].tasks
     assert pooled.scores["a"].tolist() == pytest.approx([3e-3])
 
 
@@ -175,7 +175,7 @@ def test_csv_has_a_line_per_number_and_json_every_score_with_the_reason_of_a_mis
 def test_splits_that_all_models_have_count_and_there_must_be_one(made):
     made.add_each({"a": [1.0, 5.0, 9.0], "b": [2.0, 2.0]})
     board = board_of(made)
-    assert board.sections[0].cases[0].mean("a") == pytest.approx(3e-3)
+    assert board.sections[0].tasks[0].mean("a") == pytest.approx(3e-3)
     assert "only the 2 of 3 splits" in text_of(board)
     first, *_ = made.add("b", [2.0, 2.0])
     forget(made.folder, first, *made.add("a", [1.0, 5.0, 9.0])[1:])
@@ -195,7 +195,7 @@ def test_the_newest_runs_data_count_if_data_of_one_name_changed(made, older, new
         made.add_each({"a": [error], "b": [2.0]}, run_id=run_id, **about)
     board = board_of(made)
     assert order(board) == ["b", "a"]
-    assert len(board.sections[0].cases) == 1
+    assert len(board.sections[0].tasks) == 1
     assert message in text_of(board)
 
 
@@ -221,7 +221,7 @@ def test_what_cannot_be_compared_moves_no_model_and_is_reported(
         made.add(model, [error, error], dataset, **about)
     board = board_of(made)
     (section,) = board.sections
-    assert order(board) == before and len(section.cases) == 3
+    assert order(board) == before and len(section.tasks) == 3
     assert message in text_of(board)
     with pytest.raises(ConfigError, match="nothing to compare"):
         board_of(made, datasets=(dataset,))
@@ -233,8 +233,8 @@ def test_a_model_without_the_metric_takes_no_splits_from_the_others(made):
         with_fields(made, model, cost=Cost(1.0, 0.1, 1e-3, 1e3, None))
     with_fields(made, "c", cost=None)
     board = board_of(made, metric="fit-time")
-    (scored,) = board.sections[0].cases
-    assert len(scored.slots) == 3 and set(scored.scores) - {"vjm"} == {"a", "b"}
+    (scored,) = board.sections[0].tasks
+    assert len(scored.splits) == 3 and set(scored.scores) - {"vjm"} == {"a", "b"}
     assert scored.missing["c"] == "no value of fit time [ms]"
     assert not scored.left_out
 
@@ -257,8 +257,8 @@ def test_an_interrupted_run_is_included_if_it_takes_no_split_from_the_finished(
     for model, n_done, n_requested in zip("abc", done_counts, requested_counts, strict=True):
         made.add(model, [1.0] * n_done)
         with_fields(made, model, n_splits=n_requested)
-    (scored,) = board_of(made).sections[0].cases
-    assert set(scored.scores) - {"vjm"} == set(ranked) and len(scored.slots) == n_slots
+    (scored,) = board_of(made).sections[0].tasks
+    assert set(scored.scores) - {"vjm"} == set(ranked) and len(scored.splits) == n_slots
 
 
 def test_a_table_shows_only_the_caveats_of_its_own_data_sets(made):

@@ -15,8 +15,8 @@ from helpers.made_results import MadeResults, made_data
 from stiff_bench.analysis.answer import Answer
 from stiff_bench.analysis.board import Board, BoardRow, without_seeds
 from stiff_bench.analysis.board_tables import board_headline, board_sentences, board_tables
-from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.results.load import StoredResults
+from stiff_bench.results.scored_task import sort_key
 from stiff_bench.report.board_pages import dataset_table
 from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.scoring.paired import holm
