@@ -155,12 +155,11 @@ def _lead_certainty(lead: Row, rows: Sequence[Row]) -> str:
 
 def _lead_exceptions(scores: Scores, lead: Row, rows: Sequence[Row]) -> Iterator[str]:
     """Yield robots and groups of data sets with a clearly better model."""
-    ratios = robot_ratios(scores)
     ahead = [
         f"{best} on {robot} ({of_robot[best]:{CLOSE_FORMAT}} against "
         f"{of_robot[lead['model']]:{CLOSE_FORMAT}})"
-        for robot, of_robot in ratios.iterrows()
-        for best in [of_robot.idxmin()]
+        for robot, of_robot in robot_ratios(scores).to_dict("index").items()
+        for best in [min(of_robot, key=lambda name: of_robot[name])]
         if _is_ahead(of_robot[best], of_robot[lead["model"]])
     ]
     if ahead:
