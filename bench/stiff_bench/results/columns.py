@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import astuple, fields
 from functools import partial
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -271,7 +272,7 @@ def model_table(scores: Scores, table: DataFrame, title: str, notes: Sequence[st
                 value=lambda row: number(row, "median", scores.key.factor),
             ),
             *(CHANGE, *([over_robots] if scores.claim else [])),
-            *(Column(name, value=lambda row, name=name: row[name]) for name in _COUNTS),
+            *(Column(name, value=itemgetter(name)) for name in _COUNTS),
             FIT,
         ],
         with_verdict_counts(table, scores).to_dict("records"),
@@ -303,7 +304,7 @@ def error_matrix(scores: Scores, models: Sequence[str]) -> DataFrame:
 def matrix_table(scores: Scores, models: Sequence[str]) -> Table:
     """Return mean scores by model, data set and protocol; the best ones are marked."""
     key, errors = scores.key, error_matrix(scores, models)
-    best = (key.sign * errors).idxmin()
+    best = (key.sign * errors).idxmin().to_dict()
     written = SCREEN_FORMAT if key.unit == "mm" else number_format(key.metric)
 
     def cell(error: float, is_best: bool = False) -> Entry:
@@ -321,9 +322,9 @@ def matrix_table(scores: Scores, models: Sequence[str]) -> Table:
     rows: list[list[Entry]] = [
         [
             Name(str(model), scores.mark(str(model))),
-            *(cell(row[heading], best[heading] == model) for heading in errors),
+            *(cell(error, best[heading] == model) for heading, error in row.items()),
         ]
-        for model, row in errors.iterrows()
+        for model, row in errors.to_dict("index").items()
     ]
     floors = [scores.noise(tasks) for tasks in scores.columns.values()]
     if not all(map(math.isnan, floors)):
@@ -344,7 +345,7 @@ def task_table(task: ScoredTask, title: str = "") -> Table:
     The best model comes first. Models without a result and the noise floor come last.
     """
 
-    def row(name: str, mark: str = "", results: Sequence[CellResult] = ()) -> Row:
+    def row(name: str, mark: str = "", results: Sequence[CellResult] = ()) -> dict[Any, Any]:
         values = metric_values(results, _TASK_METRICS) if results else {}
         return {"model": name, "mark": mark, **values}
 
@@ -421,7 +422,7 @@ def dataset_table(scores: Scores, models: Sequence[str], notes: Sequence[str]) -
         Column(
             f"over {name}",
             *("number", key.unit, number_format(key.metric), "difference from the VJM"),
-            value=lambda row, name=name: row[name],
+            value=itemgetter(name),
         )
         for name in ("splits", "poses")
         if any(row[name] is not None for row in rows)

@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from pandas import DataFrame, Index, Series
@@ -53,20 +54,21 @@ def robot_logs(rows: DataFrame, value: str, *, partial: bool = False) -> DataFra
         value: column of the ratio.
         partial: True to average the plans that a model has; else its mean is then NaN.
     """
-    mean = np.nanmean if partial else np.mean
     logs = rows.assign(log=np.log(rows[value].where(rows[value] > 0.0)))
-    if partial:
-        logs = logs.dropna(subset="log")
-    by_plan = logs.groupby([*PLAN, "model"], sort=False)["log"].agg(_agg(np.mean))
+    votes = logs.groupby([*PLAN, "model"], sort=False)["log"]
+    means = votes.agg(_mean)
+    by_plan = means if partial else means.where(votes.count() == votes.size())
     plans = rows.set_index(PLAN).index.unique()
     table = by_plan.unstack("model").reindex(index=plans, columns=rows["model"].unique())
-    by_robot = table.groupby("robot", sort=False)
-    return by_robot.agg(lambda column: math.nan if column.isna().all() else _agg(mean)(column))
+    robots = table.groupby("robot", sort=False)
+    by_robot = robots.agg(_mean)
+    return by_robot if partial else by_robot.where(robots.count().eq(robots.size(), axis="index"))
 
 
-def _agg(function: object) -> object:
-    """Return a function of a column: NumPy's, whose rounding does not depend on pandas."""
-    return lambda column: float(function(column.to_numpy()))  # type: ignore[operator]
+def _mean(values: Any) -> float:
+    """Return the mean without NaN; its rounding does not depend on the version of pandas."""
+    present = values.dropna().to_numpy()
+    return float(np.mean(present)) if len(present) else math.nan
 
 
 def model_frame(
@@ -100,7 +102,7 @@ def model_frame(
     ratios = by_model["error ratio"]
     table["smallest"], table["largest"] = ratios.min(), ratios.max()
     logs = robot_logs(rows, "error ratio", partial=True)
-    table["ratio"] = logs.apply(lambda column: math.exp(np.mean(column.dropna().to_numpy())))
+    table["ratio"] = logs.apply(_mean).map(math.exp)
     table["complete"] = table["n tasks"] == len(scores.tasks)
     table["fit_s"] = [
         scores.fit_s(name, scores.tasks if claim is None else rows["task"].unique())
@@ -145,15 +147,17 @@ def _with_robots(
     )
     better = np.where(table["ratio"] < 1.0, "better", "worse")
     table["verdict"] = np.where(table["p"] < LEVEL, better, "open")
-    further = {name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path")}
+    further: dict[Any, DataFrame] = {
+        name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path")
+    }
     for heading, of_few in few.items():
         few_rows = of_few.frame if of_few.claim is None else of_few.claim[1]
         further["few", heading] = robot_logs(few_rows, "error ratio")
     for group, datasets in groups.items():
         of_group = rows[rows["dataset"].isin(datasets)]
         further["group", group] = robot_logs(of_group, "error ratio")
-    for column, values in further.items():
-        table[column] = values.mean(skipna=False).map(math.exp)
+    for key, of_robots in further.items():
+        table[key] = of_robots.mean(skipna=False).map(math.exp)
     for dataset, tasks in scores.measured.items() if kind != "measured" else ():
         of_data = scores.frame[scores.frame["task"].isin(tasks)]
         complete = of_data.groupby("model").size() == len(tasks)
@@ -189,7 +193,8 @@ def robot_ratios(scores: Scores) -> DataFrame:
     """Return (robots, models) ratios to the VJM's error, for models with every score."""
     if scores.claim is None:
         return DataFrame()
-    return np.exp(robot_logs(scores.claim[1], "error ratio").dropna(axis="columns"))
+    logs = robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")
+    return logs.map(math.exp)
 
 
 def control_frame(scores: Scores, pairs: Mapping[str, str]) -> DataFrame:

@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
-from typing import Protocol
 
 from pandas import DataFrame
 
@@ -21,6 +20,7 @@ from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import caveats_of
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.results.scores import Scores
+from stiff_bench.results.selection import BoardSettings
 from stiff_bench.results.summary import (
     Summary,
     dataset_notes,
@@ -97,34 +97,6 @@ def plan_tables(
 
 
 # the leaderboard of a study
-
-
-class BoardSettings(Protocol):
-    """Settings of a study's leaderboard; see `study_file.StudyBoard`."""
-
-    @property
-    def protocol(self) -> str:
-        """Word of the protocol whose errors count."""
-
-    @property
-    def few(self) -> Mapping[str, str]:
-        """Words of protocols with fewer poses, by heading."""
-
-    @property
-    def controls(self) -> Mapping[str, str]:
-        """Model -> its physics, teacher or variant."""
-
-    @property
-    def extras(self) -> Collection[str]:
-        """Models that need more packages, in a separate table."""
-
-    @property
-    def variants(self) -> Collection[str]:
-        """Models in a separate table, over the data on which they ran."""
-
-    @property
-    def withdrawn(self) -> str:
-        """Sentence in place of the headline; "": the headline is printed."""
 
 
 NOT_RUN = "not run here"

@@ -1,15 +1,42 @@
-"""Select stored results by the names of models, data sets, protocols and conditions."""
+"""Select stored results by the names of models, data sets, protocols and conditions.
+
+`BoardSettings` selects the results of a study's leaderboard.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
+
+from pydantic import ConfigDict
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from stiff_bench.results.load import Task, model_names
 from stiff_bench.store.names import OPTION_MARK, Variant
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.record import Cell
+
+
+@pydantic_dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class BoardSettings:
+    """Settings of a study's leaderboard.
+
+    Attributes:
+        protocol: word of the protocol whose errors count.
+        few: heading -> word of a protocol with fewer poses.
+        controls: model -> the physics, teacher or variant that it is compared with.
+        extras: models that need more packages, in a separate table.
+        variants: models in a separate table, over the data on which they ran.
+        withdrawn: sentence in place of the headline; "": the headline is printed.
+    """
+
+    protocol: str
+    few: Mapping[str, str] = field(default_factory=dict)
+    controls: Mapping[str, str] = field(default_factory=dict)
+    extras: tuple[str, ...] = ()
+    variants: tuple[str, ...] = ()
+    withdrawn: str = ""
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ def summarize(scores: Scores, table: DataFrame) -> Summary:
         return Summary(which, data=_data_text(scores))
     if "won" in table:
         return _over_robots(scores, table, rivals)
-    return _per_dataset(scores, table, rivals[0])
+    return _per_dataset(scores, rivals, [*table["model"]])
 
 
 # over robots
@@ -155,12 +155,11 @@ def _lead_certainty(lead: Row, rows: Sequence[Row]) -> str:
 
 def _lead_exceptions(scores: Scores, lead: Row, rows: Sequence[Row]) -> Iterator[str]:
     """Yield robots and groups of data sets with a clearly better model."""
-    ratios = robot_ratios(scores)
     ahead = [
         f"{best} on {robot} ({of_robot[best]:{CLOSE_FORMAT}} against "
         f"{of_robot[lead['model']]:{CLOSE_FORMAT}})"
-        for robot, of_robot in ratios.iterrows()
-        for best in [of_robot.idxmin()]
+        for robot, of_robot in robot_ratios(scores).to_dict("index").items()
+        for best in [min(of_robot, key=lambda name: of_robot[name])]
         if _is_ahead(of_robot[best], of_robot[lead["model"]])
     ]
     if ahead:
@@ -248,85 +247,47 @@ def model_summary(scores: Scores, row: Row) -> Summary:
 # with few robots: per data set
 
 
-@dataclass(frozen=True)
-class _DatasetBest:
-    """The best model of one data set, preferably one that beats the VJM."""
-
-    dataset: str
-    model: str
-    ratio: float
-    n_better: int
-    n_worse: int
-    n_tasks: int
-
-    @property
-    def is_better(self) -> bool:
-        """Return True if the model wins more tasks against the VJM than it loses."""
-        return self.ratio < 1.0 and self.n_better > self.n_worse
-
-    @property
-    def won(self) -> str:
-        """Return the share of the tasks in which the model is better."""
-        return f"{self.n_better} of {counted(self.n_tasks, 'comparison')}"
-
-
-def _dataset_bests(scores: Scores) -> Iterator[_DatasetBest]:
-    for dataset, tasks in scores.datasets.items():
-        rows = scores.frame[scores.frame["task"].isin(tasks)]
-        by_model = rows.groupby("model")["error ratio"]
-        counts = by_model.count()
-        models = []
-        for name in (name for name in scores.models if counts.get(name) == len(tasks)):
-            of_model = rows[rows["model"] == name]
-            logs = of_model.groupby(["family", "protocol"])["error ratio"].agg(
-                lambda ratios: sum(map(math.log, ratios)) / len(ratios)
-            )
-            verdicts = Counter(task.verdict(name) for task in tasks)
-            models.append(
-                _DatasetBest(
-                    *(dataset, name, math.exp(logs.mean())),
-                    *(verdicts["a"], verdicts["b"], len(tasks)),
-                )
-            )
-        if models:
-            winners = [model for model in models if model.is_better]
-            yield min(winners or models, key=lambda model: model.ratio)
-
-
-def _dataset_headline(scores: Scores) -> tuple[str, str]:
-    """Return the best models by data set and their gains."""
-    bests = [*_dataset_bests(scores)]
-    if len(bests) == 1:
-        (best,) = bests
-        if not best.is_better:
-            return f"No model is reliably better than the VJM on {best.dataset}", ""
-        won = f" (better in {best.won})" if best.n_tasks > 1 else ""
-        gain = f"{change_text(best.ratio)} error than the VJM{won}"
-        return f"Use {best.model} on {best.dataset}", gain
-    sure = [best for best in bests if best.is_better]
-    if not sure:
-        return "No model is reliably better than the VJM on any of these data sets", ""
-    by_model = grouped(sure, lambda best: best.model)
-    parts = [
-        f"{model} on {first_few([f'{best.dataset} ({best.won})' for best in of_model], 2)}"
-        for model, of_model in sorted(by_model.items(), key=lambda item: -len(item[1]))
+def _per_dataset(scores: Scores, rivals: Sequence[Row], models: Sequence[str]) -> Summary:
+    """Return the best of the models that win more tasks against the VJM than they lose."""
+    verdicts = {
+        row["model"]: Counter(v for task in scores.tasks if (v := task.verdict(row["model"])))
+        for row in rivals
+    }
+    winners = [
+        row
+        for row in rivals
+        if row["ratio"] < 1.0 and verdicts[row["model"]]["a"] > verdicts[row["model"]]["b"]
     ]
-    none_on = [best.dataset for best in bests if best not in sure]
-    none = f"; none on {first_few(none_on, 2)}" if none_on else ""
-    return "Better than the VJM", f"{first_few(parts, 3)}{none}"
-
-
-def _per_dataset(scores: Scores, table: DataFrame, best: Row) -> Summary:
-    name = best["model"]
-    verdicts = Counter(v for task in scores.tasks if (v := task.verdict(name)) is not None)
+    best = (winners or rivals)[0]
+    name, counts, n_tasks = best["model"], verdicts[best["model"]], len(scores.tasks)
+    data = f"on {next(iter(scores.datasets))}"
+    which, how_much = f"No model is reliably better than the VJM {data}", ""
+    if len(scores.datasets) > 1:
+        which, data = "No model is reliably better than the VJM on these data sets", "here"
+    if winners:
+        won = f" (better in {counts['a']} of {counted(n_tasks, 'comparison')})" * (n_tasks > 1)
+        which = f"Use {name} {data}"
+        how_much = f"{change_text(best['ratio'])} error than the VJM{won}"
     sure = (
-        f"{name} is better than the VJM in {verdicts['a']} of "
-        f"{counted(verdicts.total(), 'comparison')}, worse in {verdicts['b']}; "
-        f"{verdicts['open'] + verdicts['equivalent']} show no significant difference."
+        f"{name} is better than the VJM in {counts['a']} of "
+        f"{counted(counts.total(), 'comparison')}, worse in {counts['b']}; "
+        f"{counts['open'] + counts['equivalent']} show no significant difference."
     )
-    if not verdicts:
+    if not counts:
         sure = "No test applies: there is one split, and poses cannot be resampled."
-    of_model = scores.frame[scores.frame["model"] == name]
+    return Summary(
+        which,
+        how_much,
+        how_sure=sure,
+        gain=_gain_text(scores, best),
+        but=_dataset_exceptions(scores, models, name),
+        data=_data_text(scores),
+    )
+
+
+def _gain_text(scores: Scores, best: Row) -> str:
+    """Return the range of a model's gain over tasks, and of the error that remains."""
+    of_model = scores.frame[scores.frame["model"] == best["model"]]
     errors = sorted(scores.key.factor * of_model["error"])
     span = change_text(best["ratio"])
     most, least = change_text(best["smallest"]), change_text(best["largest"])
@@ -335,20 +296,12 @@ def _per_dataset(scores: Scores, table: DataFrame, best: Row) -> Summary:
         nearer, farther = (least, most) if best["largest"] <= 1.0 else (most, least)
         span = f"{nearer.split()[0]} to {farther}" if same else f"{most} to {least}"
     remaining = " to ".join(dict.fromkeys(f"{error:.2f}" for error in (errors[0], errors[-1])))
-    which, how_much = _dataset_headline(scores)
-    return Summary(
-        which,
-        how_much,
-        how_sure=sure,
-        gain=f"{span} error than the VJM; {remaining} {scores.key.unit} of error remain.",
-        but=_dataset_exceptions(scores, table, name),
-        data=_data_text(scores),
-    )
+    return f"{span} error than the VJM; {remaining} {scores.key.unit} of error remain."
 
 
-def _dataset_exceptions(scores: Scores, table: DataFrame, model: str) -> str:
+def _dataset_exceptions(scores: Scores, models: Sequence[str], model: str) -> str:
     """Return the headings under which another model is significantly better; "" for none."""
-    key, errors = scores.key, error_matrix(scores, [*table["model"]])
+    key, errors = scores.key, error_matrix(scores, models)
     plans = {heading[1:] for heading in scores.columns}
     parts = []
     for heading, tasks in scores.columns.items():
