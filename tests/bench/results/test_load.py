@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from helpers.made_results import MadeResults, forget
-from stiff_bench.results.load import Task, StoredResults, left_out_notes
+from helpers.stored_cells import MANIFEST
+from stiff_bench.results.load import StoredResults, Task
+from stiff_bench.results.notes import LIBRARIES, differing_libraries, left_out_notes
 from stiff_bench.store.database import ResultStore
-from stiff_bench.store.names import Variant, without_options
-
-
-@pytest.fixture()
-def made(tmp_path: Path) -> MadeResults:
-    return MadeResults(tmp_path)
 
 
 def only(made: MadeResults) -> Task:
@@ -146,9 +141,20 @@ def test_results_with_intervals_have_a_version_of_their_own(made, newer):
     assert "older results of a by another version of it" in note
 
 
-def test_a_mark_in_an_options_value_stays_doubled():
-    variant = Variant("p", {"source": "a@b=1", "seed": 1, "specimen": 2})
-    assert variant.name == "p@seed=1@source=a@@b=1@specimen=2"
-    assert without_options(variant.name, "seed") == "p@source=a@@b=1@specimen=2"
-    every = {"source": "a@b=1", "seed": 1, "specimen": 2, "b": 1, "other": 0}
-    assert Variant.of_stored_name("p", variant.name, every) == variant
+@pytest.mark.parametrize(
+    ("runs", "parts"),
+    [
+        ({"a": ["r1"], "b": ["r1"]}, None),
+        ({"a": ["r1", "r2"], "b": ["r2", "r1"]}, None),
+        ({"a": ["r1"], "b": ["r1", "r2"]}, ("numpy", "a: 2.3.0", "b: 2.3.0, 2.4.0")),
+        ({"a": ["r1"], "b": ["lost"]}, ("numpy", "a: 2.3.0", "b: unknown")),
+    ],
+)
+def test_a_library_is_named_whose_versions_differ_between_two_models(runs, parts):
+    manifests = [
+        replace(MANIFEST, run_id=name, environment={library: version for library in LIBRARIES})
+        for name, version in (("r1", "2.3.0"), ("r2", "2.4.0"))
+    ]
+    lines = list(differing_libraries(manifests, runs))
+    assert len(lines) == (len(LIBRARIES) if parts else 0)
+    assert not lines or all(part in lines[0] for part in parts)
