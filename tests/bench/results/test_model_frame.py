@@ -176,6 +176,8 @@ def test_errors_on_paths_and_with_fewer_poses_are_over_those_of_the_vjm(made):
 
 def test_controls_compare_a_model_with_its_own_beginning(made):
     add_all(made)
-    (control,) = control_frame(scores_of(made), {"good": "fair", "absent": "vjm"}).to_dict("records")
+    (control,) = control_frame(scores_of(made), {"good": "fair", "absent": "vjm"}).to_dict(
+        "records"
+    )
     assert control["ratio"] == pytest.approx(stats.gmean(np.array(GOOD) / np.array(FAIR)))
     assert (control["model"], control["control"], control["equal"]) == ("good", "fair", False)

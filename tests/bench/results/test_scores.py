@@ -60,7 +60,9 @@ def test_measured_data_come_first_and_others_in_the_order_of_requests(made):
         made.add_robot(number, {"net": 0.5}, kind=kind)
     keys = [
         task.models["net"].cell.key
-        for task in sorted(StoredResults.read(made.folder).tasks, key=lambda t: t.name, reverse=True)
+        for task in sorted(
+            StoredResults.read(made.folder).tasks, key=lambda t: t.name, reverse=True
+        )
     ]
     made.add_run("run-1", keys)
     assert [task.name.dataset for task in scores_of(made).tasks] == ["arm-3", "arm-2", "arm-1"]
