@@ -311,19 +311,11 @@ class Results:
         """Return a line with the next commands, or a line each if they are long."""
         folder = "" if self.folder == RESULTS else f" --results {shlex.quote(str(self.folder))}"
         options, model = one_line(folder), shlex.quote(one_line(best))
-        commands = [
-            *(
-                [f"bench compare {model} {REFERENCE_MODEL}{options}"]
-                if best != REFERENCE_MODEL
-                else []
-            ),
-            f"bench report{options} --output report.html",
-            "more metrics: --metric stde",
-        ]
+        commands = [f"bench report{options} --output report.html", "more metrics: --metric stde"]
+        if best not in ("", REFERENCE_MODEL):
+            commands.insert(0, f"bench compare {model} {REFERENCE_MODEL}{options}")
         line = f"Next: {' · '.join(commands)}"
-        return (
-            line if len(line) <= width else "\n      ".join([f"Next: {commands[0]}", *commands[1:]])
-        )
+        return line if len(line) <= width else "Next: " + "\n      ".join(commands)
 
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
