@@ -322,7 +322,7 @@ def _dataset_exceptions(scores: Scores, models: Sequence[str], model: str) -> st
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
-KINDS = {"measured": "measured", "simulated": "simulated", "unknown": "of unknown origin"}
+KINDS = {"unknown": "of unknown origin", "user's file": "of unknown origin"}
 """Kinds of data in sentences."""
 
 
