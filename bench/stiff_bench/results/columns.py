@@ -1,4 +1,4 @@
-"""Columns of tables about models, and the tables that they make.
+"""Columns of tables about models, and the tables of these columns.
 
 A column has a heading, a unit, a format and the value of a row. Rows are those of
 `leaderboard.model_frame` and of the functions below. To add a column, add it here and to the list
