@@ -173,7 +173,7 @@ def execute(
     else:
         print_tables(results.table(verbose=verbose), fmt)
         say_summary(results)
-    return 0 if all(result.status == "ok" for result in results.cells) else 1
+    return 0 if all(result.status == "ok" for result in results.every) else 1
 
 
 def say_summary(results: api.pictures.Results) -> None:
@@ -249,7 +249,7 @@ def reproduce(
         results = study_run.compute()
         say_summary(results)
         say("writing tables and figures")
-        status = int(any(result.status == "failed" for result in results.cells))
+        status = int(any(result.status == "failed" for result in results.every))
     for path in study_run.write():
         print_text(str(path))
     if site is not None:

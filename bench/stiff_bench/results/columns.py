@@ -1,4 +1,4 @@
-"""Columns of tables about models, and the tables that they make.
+"""Columns of tables about models, and the tables of these columns.
 
 A column has a heading, a unit, a format and the value of a row. Rows are those of
 `leaderboard.model_frame` and of the functions below. To add a column, add it here and to the list
@@ -212,8 +212,8 @@ def board_tables(
 
 def _further_table(table: DataFrame, rows: Sequence[Row]) -> Table:
     single = {"p95": "95th percentile", "path": "tool paths", "noise": "noise"}
-    shown = {key: name for key, name in single.items() if any(number(r, key) for r in rows)}
-    keys: dict[Any, str] = {**shown}
+    known_names = {key: name for key, name in single.items() if any(number(r, key) for r in rows)}
+    keys: dict[Any, str] = {**known_names}
     for kind in ("few", "group"):
         keys |= {key: key[1] for key in table if isinstance(key, tuple) and key[0] == kind}
     notes = []
@@ -550,8 +550,8 @@ def _cost_spread(key: str, row: Row) -> Quantity | None:
 def _cost_text(cost: Quantity, unit: str, text: Callable[[float], str]) -> str:
     """Return "2 ms (1 to 3)", or "2 ms" if all are equal."""
     median, low, high = (text(value or 0.0) for value in (cost.value, cost.low, cost.high))
-    shown = f"{median} {unit}".rstrip()
-    return shown if low == high else f"{shown} ({low} to {high})"
+    median_text = f"{median} {unit}".rstrip()
+    return median_text if low == high else f"{median_text} ({low} to {high})"
 
 
 def _time_text(cost: Quantity) -> str:

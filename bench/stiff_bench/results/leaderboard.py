@@ -172,8 +172,8 @@ def _with_robots(
 
 def _p_values(logs: DataFrame, rival: object) -> Series[float]:
     """Return sign-flip p-values against a model, corrected (Holm) for all models."""
-    others = {str(name): logs[name] - logs[rival] for name in logs if name != rival}
-    return Series(corrected_p_values(others), dtype=float)
+    differences = {str(name): logs[name] - logs[rival] for name in logs if name != rival}
+    return Series(corrected_p_values(differences), dtype=float)
 
 
 def with_verdict_counts(table: DataFrame, scores: Scores) -> DataFrame:

@@ -113,11 +113,11 @@ def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -
 def _bounds(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[CellResult]]:
     """Return results of the VJM and of known bounds, which every fit stores."""
     names = [name for name in (REFERENCE_MODEL, *BOUND_NAMES.values()) if name not in by_model]
-    found = {
+    bounds = {
         name: next(filter(None, (bound_results(of, name) for of in by_model.values())), [])
         for name in names
     }
-    return {name: results for name, results in found.items() if results}
+    return {name: results for name, results in bounds.items() if results}
 
 
 def _model_values(

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,9 +31,8 @@ from stiff_bench.results.summary import (
     task_title,
 )
 from stiff_bench.store.database import read_results
-from stiff_bench.tables.table import SCREEN, Table
+from stiff_bench.tables.table import SCREEN, Name
 from stiff_bench.tables.terminal import (
-    WORSE,
     print_lines,
     print_table,
     screen_console,
@@ -266,15 +264,16 @@ class Results:
         """
         scores = self.scores(metric, axis, seed=seed)
         failures = failure_lines(self.fits)
+        caveats = dict.fromkeys(note for task in scores.tasks for note in task_notes(task))
         if len(scores.tasks) == 1 and metric == "norm":
             (task,) = scores.tasks
-            notes = [task_facts(task), *failures, *task_notes(task)]
+            notes = [task_facts(task), *failures, *caveats]
             table = replace(task_table(task, task_title(task)), notes=notes, brief=True)
             return Tables([table], self.command, task_summary(task).headline)
         models = model_frame(scores)
         summary, matrix = summarize(scores, models), matrix_table(scores, [*models["model"]])
         title = f"{scores.key.text} against the VJM's on {first_few(matrix.headings()[1:])}"
-        table = model_table(scores, models, title, [*summary.lines, *failures])
+        table = model_table(scores, models, title, [*summary.lines, *failures, *caveats])
         return Tables([table, matrix], self.command, summary.headline)
 
     def screen(self, *facts: str, verbose: bool = False) -> str:
@@ -288,51 +287,35 @@ class Results:
             verbose: True to add a table per task and all notes.
         """
         try:
-            scores = self.scores()
+            view = self.summary()
         except ConfigError:
             return "\n".join([self.table(verbose=verbose).text_as(SCREEN), *facts])
-        models, single = model_frame(scores), len(scores.tasks) == 1
+        first, *_, matrix = (*view.tables, view.tables[-1])
+        tables = [replace(matrix, notes=[])]
+        if verbose and len(view.tables) > 1:
+            tables += [task_table(task, task_title(task)) for task in self.scores().tasks]
         console = screen_console()
-        if not single:
-            matrix = matrix_table(scores, [*models["model"]])
-            print_table(console, replace(matrix, notes=[]))
+        for table in tables:
+            print_table(console, table)
             console.print()
-        for task in scores.tasks if single or verbose else ():
-            print_table(console, task_table(task, task_title(task)))
-            console.print()
-        fact_text = ". ".join([*facts, ""]).strip()
-        if single:
-            print_lines(console, task_summary(scores.tasks[0]).headline, style="bold")
-            fact_text = f"{task_facts(scores.tasks[0])} {fact_text}"
-        else:
-            summary = summarize(scores, models)
-            print_lines(console, f"{summary.headline}.", style="bold")
-            for _, text in summary.sentences:
-                print_lines(console, text)
-        print_lines(console, fact_text)
-        for line in failure_lines(self.fits):
-            print_lines(console, line, style=WORSE)
-        listed = list(chain(*map(task_notes, scores.tasks)))
-        for note in Table("", (), (), listed, brief=not verbose).visible_table().notes:
-            print_lines(console, note, style="dim")
-        line = self._next_commands([*models["model"]], console.width)
+        print_lines(console, f"{view.text.removesuffix('.')}.", style="bold")
+        for note in replace(first, brief=not verbose).visible_table().notes:
+            print_lines(console, note)
+        print_lines(console, ". ".join([*facts, ""]).strip(), style="dim")
+        best = first.rows[0][0]
+        line = self._next_commands(best.text if isinstance(best, Name) else "", console.width)
         console.print(line, style="dim", soft_wrap=True)
         return screen_of(console)
 
-    def _next_commands(self, models: Sequence[str], width: int) -> str:
+    def _next_commands(self, best: str, width: int) -> str:
         """Return a line with the next commands, or a line each if they are long."""
         folder = "" if self.folder == RESULTS else f" --results {shlex.quote(str(self.folder))}"
-        options = one_line(folder)
-        best = next((shlex.quote(one_line(name)) for name in models if name != REFERENCE_MODEL), "")
-        commands = [
-            *([f"bench compare {best} {REFERENCE_MODEL}{options}"] if best else []),
-            f"bench report{options} --output report.html",
-            "more metrics: --metric stde",
-        ]
+        options, model = one_line(folder), shlex.quote(one_line(best))
+        commands = [f"bench report{options} --output report.html", "more metrics: --metric stde"]
+        if best not in ("", REFERENCE_MODEL):
+            commands.insert(0, f"bench compare {model} {REFERENCE_MODEL}{options}")
         line = f"Next: {' · '.join(commands)}"
-        return (
-            line if len(line) <= width else "\n      ".join([f"Next: {commands[0]}", *commands[1:]])
-        )
+        return line if len(line) <= width else "Next: " + "\n      ".join(commands)
 
     def leaderboard(
         self, metric: str = "norm", axis: str | None = None, *, seed: int = 0

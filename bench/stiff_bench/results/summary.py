@@ -263,7 +263,8 @@ def _per_dataset(scores: Scores, rivals: Sequence[Row], models: Sequence[str]) -
     data = f"on {next(iter(scores.datasets))}"
     which, how_much = f"No model is reliably better than the VJM {data}", ""
     if len(scores.datasets) > 1:
-        which, data = "No model is reliably better than the VJM on these data sets", "here"
+        data = "on these data sets"
+        which = f"No model is reliably better than the VJM {data}"
     if winners:
         won = f" (better in {counts['a']} of {counted(n_tasks, 'comparison')})" * (n_tasks > 1)
         which = f"Use {name} {data}"
@@ -321,7 +322,7 @@ def _dataset_exceptions(scores: Scores, models: Sequence[str], model: str) -> st
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
-KINDS = {"measured": "measured", "simulated": "simulated", "unknown": "of unknown origin"}
+KINDS = {"unknown": "of unknown origin", "user's file": "of unknown origin"}
 """Kinds of data in sentences."""
 
 
