@@ -1,4 +1,4 @@
-"""Tables: numbers by hand, published rows typed right, formats that parse."""
+"""Tables of metrics: numbers by hand, published rows, and what is never in one table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiff_bench.tables.metric_table import build_tables
+from stiff_bench.results.metric_tables import metric_tables
 from stiff_bench.tables.table import Quantity, Table
 from stiff_bench.tables.writers import render
 from stiff_protocols.contract.record import CellResult, Cost
@@ -34,7 +34,7 @@ def result(task, error_m, *, interval_m=None, reference_m=None, known_m=(), **ch
     return CellResult(cell=task.cell, run_id="r", **(fields | changes))
 
 
-def with_intervals(tasks, calibration_samples):
+def with_intervals(tasks):
     """Return results with 90 % intervals of 0.5 mm that miss the first n rows of split n."""
     tasks = [replace(task, cell=replace(task.cell, coverage=0.9)) for task in tasks]
     results = []
@@ -42,8 +42,7 @@ def with_intervals(tasks, calibration_samples):
         lower = np.full((len(task.split.test), 3), -1e-4)
         lower[:number] += 1.0
         ends = np.stack([lower, lower + 5e-4])
-        count = calibration_samples[number % len(calibration_samples)]
-        results.append(result(task, 1e-4, interval_m=ends, calibration_samples=count))
+        results.append(result(task, 1e-4, interval_m=ends, calibration_samples=11))
     return results
 
 
@@ -62,18 +61,12 @@ def facts(table: Table, name: str) -> list[object]:
     return [texts[name] for texts, _ in table.records()]
 
 
-def has_numbers(table: Table, row: int) -> bool:
-    return any(isinstance(cell, Quantity) for cell in table.rows[row])
-
-
 def test_a_row_is_the_mean_and_the_sample_deviation_over_the_splits_in_mm(tasks_of):
-    tasks = tasks_of(splits=3)
     errors = [1e-4, 2e-4, 6e-4]
-    results = [result(task, e) for task, e in zip(tasks, errors, strict=True)]
-    (table,) = build_tables(results, METRICS)
+    results = [result(task, e) for task, e in zip(tasks_of(splits=3), errors, strict=True)]
+    (table,) = metric_tables(results, METRICS)
     value = value_of(table, "mae", "y")
-    assert value.value == pytest.approx(0.3)
-    assert value.n == 3
+    assert (value.value, value.n) == (pytest.approx(0.3), 3)
     assert value.spread == pytest.approx(statistics.stdev([0.1, 0.2, 0.6]))
 
 
@@ -81,14 +74,14 @@ def test_leave_one_out_scores_all_poses_together(tasks_of):
     tasks = tasks_of(dataset="fanuc-r2000ic", protocol="leave-one-out", splits=None)
     errors = np.linspace(1e-5, 5e-4, len(tasks))
     results = [result(task, e) for task, e in zip(tasks, errors, strict=True)]
-    (table,) = build_tables(results, METRICS)
+    (table,) = metric_tables(results, METRICS)
     assert value_of(table, "mae", "z").value == pytest.approx(errors.mean() * 1000)
     of_all = errors.std() * 1000  # 0 split by split
     assert value_of(table, "stde", "z").value == pytest.approx(of_all)
     assert value_of(table, "me", "z").value == pytest.approx(0.5)
-    (costs,) = build_tables(results, [metric("fit-time")])
+    (costs,) = metric_tables(results, [metric("fit-time")])
     assert value_of(costs, "fit-time", "").value == pytest.approx(1500.0)  # a mean over the splits
-    (covered,) = build_tables(with_intervals(tasks, [11]), WITH_INTERVALS)
+    (covered,) = metric_tables(with_intervals(tasks), WITH_INTERVALS)
     assert value_of(covered, "coverage", "x").value == pytest.approx(100 / 43)  # the first is right
     assert value_of(covered, "width", "z").value == pytest.approx(0.5)
 
@@ -106,16 +99,17 @@ def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(
         (failed, "| vjm [FAILED in 1 of 2 splits]", "- vjm: FAILED (1 of 2 splits): it broke"),
         (skipped, "| vjm [SKIPPED]", "- vjm: SKIPPED (2 of 2 splits): no a|b here"),
     ):
-        (table,) = build_tables([*bad, *good_results], METRICS)
+        (table,) = metric_tables([*bad, *good_results], METRICS)
         text = render([table], "github", "bench run")
         assert mark in text and reason in text
-        assert not has_numbers(table, 0) and has_numbers(table, 1)
+        has_numbers = [any(isinstance(cell, Quantity) for cell in row) for row in table.rows]
+        assert has_numbers[:2] == [False, True]
 
 
 def test_rows_of_different_splits_are_never_in_one_table(tasks_of):
     vjm_tasks, zero_tasks = tasks_of(models=("vjm",)), tasks_of(models=("zero",))
     moved = [replace(t, cell=replace(t.cell, split_sha256="another")) for t in zero_tasks]
-    tables = build_tables([result(task, 1e-4) for task in [*vjm_tasks, *moved]], METRICS)
+    tables = metric_tables([result(task, 1e-4) for task in [*vjm_tasks, *moved]], METRICS)
     models = [{"vjm", "zero"} & {*facts(table, "model")} for table in tables]
     assert {"zero"} in models and len(models) == 2
 
@@ -123,13 +117,13 @@ def test_rows_of_different_splits_are_never_in_one_table(tasks_of):
 def test_the_published_rows_are_below_the_kr10_and_nowhere_else(tasks_of):
     kr10, fanuc = tasks_of(splits=1), tasks_of(dataset="fanuc-r2000ic", splits=1)
     with_rows, without = (
-        build_tables([result(tasks[0], 1e-4)], METRICS)[0] for tasks in (kr10, fanuc)
+        metric_tables([result(tasks[0], 1e-4)], METRICS)[0] for tasks in (kr10, fanuc)
     )
     assert facts(with_rows, "source") == ["ours", *["published"] * 3]
     assert "source paper, measured KR10, not comparable in absolute terms" in with_rows.notes[-1]
     assert facts(without, "source") == ["ours"]
     (task,) = tasks_of(splits=1)
-    (none,) = build_tables([result(task, 1e-4)], [metric("norm")])  # no published value of it
+    (none,) = metric_tables([result(task, 1e-4)], [metric("norm")])  # no published value of it
     assert facts(none, "source") == ["ours"] and "published" not in " ".join(none.notes)
 
 
@@ -139,16 +133,16 @@ def test_a_mean_with_an_infinite_number_is_shown_as_infinite(tasks_of):
         result(task, 1e-4, diagnostics={"stiffness [Nm/rad]": value})
         for task, value in zip(tasks, (2e4, float("inf")), strict=True)
     ]
-    (table,) = build_tables(results, METRICS)
+    (table,) = metric_tables(results, METRICS)
     assert "stiffness [Nm/rad] 2e+04 (and infinite in 1 of 2)" in " ".join(table.details)
     assert not any("stiffness" in note for note in table.notes)
 
 
 def test_coverage_is_a_percentage_next_to_errors_in_mm(tasks_of):
-    tables = build_tables(with_intervals(tasks_of(splits=2), [11]), WITH_INTERVALS)
+    tables = metric_tables(with_intervals(tasks_of(splits=2)), WITH_INTERVALS)
     covered = value_of(tables[0], "coverage", "x")  # of 31 test rows per split
-    assert covered.value == pytest.approx(100 * (1 - 0.5 / 31))
-    assert covered.spread == pytest.approx(100 / 31 / math.sqrt(2))
+    expected = 100 * (1 - 0.5 / 31), 100 / 31 / math.sqrt(2)
+    assert (covered.value, covered.spread) == pytest.approx(expected)
     (table_record,) = json.loads(render(tables, "json", "bench run"))["tables"]
     assert table_record["nominal_coverage"] == 0.9
     units = {value["metric"]: value["unit"] for value in table_record["rows"][0]["values"]}
@@ -157,7 +151,7 @@ def test_coverage_is_a_percentage_next_to_errors_in_mm(tasks_of):
 
 def test_each_condition_of_a_protocol_has_a_table_of_its_own_without_published_rows(tasks_of):
     tasks = tasks_of(protocol="space-transfer", splits=2)
-    tables = build_tables([result(task, 1e-4) for task in tasks], METRICS)
+    tables = metric_tables([result(task, 1e-4) for task in tasks], METRICS)
     assert [facts(table, "condition")[0] for table in tables] == [
         "joint-space -> cartesian",
         "cartesian -> joint-space",
@@ -171,7 +165,7 @@ def test_a_value_missing_in_one_split_is_a_dash_and_not_a_mean_of_the_others(tas
     metrics = [metric("mae"), metric("skill")]
     first, second = tasks_of(splits=2)
     results = [result(first, 1e-4), result(second, 1e-4, reference_m=1e-3)]
-    (table,) = build_tables(results, metrics)
+    (table,) = metric_tables(results, metrics)
     assert value_of(table, "skill", "") is None and value_of(table, "mae", "x") is not None
     assert "| - |" in " ".join(render([table], "github", "bench run").split())
 
@@ -180,7 +174,9 @@ def test_rows_of_reference_predictions_have_no_source_domain(tasks_of):
     (task,) = tasks_of(splits=1)
     presentation = replace(task.presentation, model="ft-mlp", source="vjm on Sobol poses")
     predictions = {"reference_m": 2e-4, "known_m": {"oracle": 0.0, "noise": 1e-5}}
-    (table,) = build_tables([result(task, 1e-4, presentation=presentation, **predictions)], METRICS)
+    (table,) = metric_tables(
+        [result(task, 1e-4, presentation=presentation, **predictions)], METRICS
+    )
     names = [str(row[0]) for row in table.rows]
     assert all(name in " ".join(names) for name in ("vjm", "oracle", "instrument noise"))
     assert [note for note in table.notes if "source domain" in note] == [
