@@ -8,45 +8,29 @@ from pandas import DataFrame
 from scipy import stats
 
 from helpers.figure_results import with_fields
-from helpers.made_results import MadeResults
+from helpers.made_results import FAIR, GOOD, MadeResults
 from stiff_bench.results.columns import board_tables
-from stiff_bench.results.leaderboard import control_frame, merge_training_seeds, model_frame
-from stiff_bench.results.load import StoredResults
-from stiff_bench.results.scored_task import sort_key
-from stiff_bench.results.scores import Scores
+from stiff_bench.results.leaderboard import control_frame, model_frame
 from stiff_bench.results.summary import split_notes, summarize
 from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.scoring.paired import holm
 
-N_ROBOTS = 7
-GOOD = (0.30, 0.35, 0.32, 0.40, 0.28, 0.33, 0.45)
-FAIR = (0.70, 0.80, 0.75, 0.66, 0.90, 0.72, 0.40)
-"""Error over the VJM's by robot; `FAIR` has the smaller error on the last robot."""
-
-
-def add_all(made: MadeResults, **how) -> None:
-    for number, (good, fair) in enumerate(zip(GOOD, FAIR, strict=True)):
-        made.add_robot(number, {"good": good, "fair": fair}, **how)
-
-
-def scores_of(made: MadeResults, protocol: str = "holdout") -> Scores:
-    stored = merge_training_seeds(StoredResults.read(made.folder))
-    tasks = [task for task in stored.tasks if task.name.protocol == protocol]
-    return Scores.of(stored, sort_key(), tasks)
+N_ROBOTS = len(GOOD)
 
 
 def frame_of(made: MadeResults, groups=None, few=None) -> DataFrame:
-    few_scores = {heading: scores_of(made, protocol) for heading, protocol in (few or {}).items()}
-    return model_frame(scores_of(made), few_scores, groups).set_index("model")
+    few_scores = {name: made.scores(protocol=word) for name, word in (few or {}).items()}
+    scores = made.scores(protocol="holdout")
+    return model_frame(scores, few_scores, groups).set_index("model")
 
 
 def data_text(made: MadeResults) -> str:
-    scores = scores_of(made)
+    scores = made.scores()
     return summarize(scores, model_frame(scores)).data
 
 
 def test_a_model_is_ranked_by_its_geometric_mean_over_robots_with_students_interval(made):
-    add_all(made)
+    made.add_robots()
     frame = frame_of(made)
     assert [*frame.index] == ["good", "fair", "vjm"] and frame["complete"].all()
     good, logs = frame.loc["good"], np.log(GOOD)
@@ -95,7 +79,7 @@ def test_p_values_are_sign_flips_over_robots_corrected_for_all_models(made):
         good = frame_of(made).loc["good"]
         assert good["p"] == pytest.approx(2 / 2**n_robots)
         assert good["verdict"] == ("better" if n_robots == 6 else "open")
-    add_all(made)
+    made.add_robots()
     frame = frame_of(made)
     assert frame.loc["good", "p"] == pytest.approx(holm([2 / 128, 2 / 128])[0])
     assert np.isnan(frame.loc["good", "p best"]) and frame.loc["fair", "like best"] is False
@@ -108,7 +92,7 @@ def test_a_model_within_five_percent_of_the_best_is_like_it(made):
 
 
 def test_measured_robots_have_their_own_columns_and_are_not_averaged(made):
-    add_all(made)
+    made.add_robots()
     made.add_robot(9, {"good": 3.0, "fair": 0.5}, kind="measured")
     good = frame_of(made).loc["good"]
     assert good["ratio"] == pytest.approx(stats.gmean(GOOD)) and good["n robots"] == N_ROBOTS
@@ -119,7 +103,7 @@ def test_measured_robots_have_their_own_columns_and_are_not_averaged(made):
 
 
 def test_enough_measured_robots_are_the_board_and_have_no_columns_of_their_own(made):
-    add_all(made, kind="measured")
+    made.add_robots(kind="measured")
     made.add_robot(20, {"good": 5.0, "fair": 5.0})
     frame = frame_of(made)
     assert frame.loc["good", "ratio"] == pytest.approx(stats.gmean(GOOD))
@@ -128,11 +112,11 @@ def test_enough_measured_robots_are_the_board_and_have_no_columns_of_their_own(m
 
 
 def test_a_model_without_every_score_is_not_on_the_board_and_is_named(made):
-    add_all(made)
+    made.add_robots()
     made.add_robot(20, {"good": 0.3, "fair": 0.7})
     for number in (0, 1):
         made.add_robot(number, {"some": 0.1})
-    scores = scores_of(made)
+    scores = made.scores()
     table = model_frame(scores)
     assert table.set_index("model")["complete"].to_dict() == {
         **{"good": True, "fair": True, "vjm": True, "some": False}
@@ -147,7 +131,7 @@ def test_one_split_of_each_data_set_is_enough_and_the_vjm_of_that_split_counts(m
     for number, ratio in enumerate(GOOD):
         made.add_robot(number, {"good": ratio, "net": 2.0 * ratio})
         made.add_robot(number, {"good": ratio}, seed=1)
-    scores = scores_of(made)
+    scores = made.scores()
     table = model_frame(scores)
     net = table.set_index("model").loc["net"]
     assert net["complete"] and net["ratio"] == pytest.approx(2.0 * stats.gmean(GOOD))
@@ -163,7 +147,7 @@ def test_seeds_of_a_pre_training_are_one_model(made):
 
 
 def test_errors_on_paths_and_with_fewer_poses_are_over_those_of_the_vjm(made):
-    add_all(made)
+    made.add_robots()
     for number, ratio in enumerate(FAIR):
         made.add_robot(number, {"good": ratio}, protocol="few")
     for model, error in (("vjm", 0.2), ("good", 0.05), ("fair", 0.1)):
@@ -175,9 +159,7 @@ def test_errors_on_paths_and_with_fewer_poses_are_over_those_of_the_vjm(made):
 
 
 def test_controls_compare_a_model_with_its_own_beginning(made):
-    add_all(made)
-    (control,) = control_frame(scores_of(made), {"good": "fair", "absent": "vjm"}).to_dict(
-        "records"
-    )
+    made.add_robots()
+    (control,) = control_frame(made.scores(), {"good": "fair", "absent": "vjm"}).to_dict("records")
     assert control["ratio"] == pytest.approx(stats.gmean(np.array(GOOD) / np.array(FAIR)))
     assert (control["model"], control["control"], control["equal"]) == ("good", "fair", False)

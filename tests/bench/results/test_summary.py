@@ -4,34 +4,19 @@ from __future__ import annotations
 
 import pytest
 
-from helpers.made_results import VJM_MM, MadeResults
+from helpers.made_results import GOOD, VJM_MM, MadeResults
 from stiff_bench.results.leaderboard import model_frame
-from stiff_bench.results.load import StoredResults
-from stiff_bench.results.scored_task import sort_key
-from stiff_bench.results.scores import Scores
 from stiff_bench.results.summary import Summary, model_summary, summarize, task_summary
-
-GOOD = (0.30, 0.35, 0.32, 0.40, 0.28, 0.33, 0.45)
-FAIR = (0.70, 0.80, 0.75, 0.66, 0.90, 0.72, 0.40)
-
-
-def scores_of(made: MadeResults) -> Scores:
-    return Scores.of(StoredResults.read(made.folder), sort_key())
 
 
 def summary_of(made: MadeResults, groups=None) -> Summary:
-    scores = scores_of(made)
+    scores = made.scores()
     return summarize(scores, model_frame(scores, groups=groups))
 
 
-def add_all(made: MadeResults) -> None:
-    for number, (good, fair) in enumerate(zip(GOOD, FAIR, strict=True)):
-        made.add_robot(number, {"good": good, "fair": fair})
-
-
 def test_over_robots_the_headline_has_the_best_model_its_interval_and_its_robots(made):
-    add_all(made)
-    scores = scores_of(made)
+    made.add_robots()
+    scores = made.scores()
     table = model_frame(scores)
     good = table.iloc[0]
     headline = summarize(scores, table).headline
@@ -52,7 +37,7 @@ def test_the_headline_claims_nothing_that_chance_explains(made, ratios):
 
 
 def test_exceptions_name_robots_and_groups_where_another_model_is_ahead(made):
-    add_all(made)
+    made.add_robots()
     but = summary_of(made, groups={"the last": ["arm-6"], "the first": ["arm-0"]}).but
     assert "fair on robot-6 (0.400 against 0.450)" in but
     assert "'the last' fair is ahead" in but and "'the first'" not in but
@@ -97,7 +82,7 @@ def test_a_model_with_less_error_than_the_significant_one_is_named(made):
     made.add("vjm", VJM_MM)
     made.add("steady", [0.8 * error for error in VJM_MM])
     made.add("unsteady", [0.02, 0.17, 0.18])
-    (task,) = scores_of(made).tasks
+    (task,) = made.scores().tasks
     assert (task.verdict("steady"), task.verdict("unsteady")) == ("a", "open")
     assert task.mean("unsteady") < task.mean("steady")
     headline = task_summary(task).headline
@@ -106,7 +91,7 @@ def test_a_model_with_less_error_than_the_significant_one_is_named(made):
 
 def test_the_gain_in_one_task_is_that_of_the_numbers_with_their_wider_interval(made):
     made.add_robot(0, {"net": 0.5})
-    (task,) = scores_of(made).tasks
+    (task,) = made.scores().tasks
     widest = max(task.estimates("net"), key=lambda estimate: estimate.high - estimate.low)
     interval = f"{-1e3 * widest.high:.3f} to {-1e3 * widest.low:.3f}"
     assert f"0.100 mm less error (95 % interval {interval})" in task_summary(task).headline
