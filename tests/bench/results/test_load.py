@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from helpers.figure_results import with_fields
 from helpers.made_results import MadeResults, forget
 from helpers.stored_cells import MANIFEST
 from stiff_bench.results.load import StoredResults, Task
 from stiff_bench.results.notes import LIBRARIES, differing_libraries, left_out_notes
-from stiff_bench.store.database import ResultStore
 
 
 def only(made: MadeResults) -> Task:
@@ -55,24 +55,18 @@ def test_splits_that_an_older_run_finished_later_go_with_it(made):
     assert {split[1] for split in only(made).splits} == {"split-new-0", "split-new-1"}
 
 
-def test_a_resumed_run_includes_the_results_that_it_resumed_from(made):
-    """The second run was killed after two splits; the third did the rest."""
-    made.add("a", [9.0] * 5, run_id="1", splits_named="old-")
+def test_a_resumed_run_includes_the_results_that_it_resumed_from_or_requested_again(made):
+    """The second run was killed after two splits; the third did the rest; the fourth found all."""
+    old = made.add("a", [9.0] * 5, run_id="1", splits_named="old-")
     made.add_run("3", made.add("a", [1.0] * 5, run_id="3", splits_named="new-"))
     made.add("a", [1.0] * 2, run_id="2", splits_named="new-")
     task = only(made)
     assert [split[1] for split in task.splits] == [f"split-new-{index}" for index in range(5)]
     assert [result.run_id for result in task.results("a")] == ["2", "2", "3", "3", "3"]
     assert task.newest_run == "3"
-
-
-def test_results_that_a_later_run_requested_again_are_the_newest(made):
-    """The data were split again, and then as before: all results of that run existed already."""
-    old = made.add("a", [1.0] * 3, run_id="1", splits_named="old-")
-    made.add("a", [2.0] * 3, run_id="2", splits_named="new-")
-    made.add_run("3", old)
-    task = only(made)
-    assert {result.run_id for result in task.results("a")} == {"1"} and task.newest_run == "3"
+    made.add_run("4", old)
+    assert {result.run_id for result in only(made).results("a")} == {"1"}
+    assert only(made).newest_run == "4"
 
 
 def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
@@ -84,10 +78,8 @@ def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
 
 @pytest.mark.parametrize(("newest", "n_requested"), [(slice(0, 2), 2), (slice(2, 3), 5)])
 def test_the_newest_run_has_the_number_of_requested_splits(made, newest, n_requested):
-    keys = made.add("a", [1.0] * 3)
-    store = ResultStore(made.folder)
-    for index, key in enumerate(keys):
-        store.write_cells([replace(store.result(key), n_splits=2 if index < 2 else 5)])
+    keys = made.add("a", [1.0] * 3, n_splits=2)
+    with_fields(made, "a", split=2, n_splits=5)
     made.add_run("run-2", keys[newest])
     assert only(made).models["a"].n_requested == n_requested
 
@@ -116,15 +108,12 @@ def test_a_model_that_fails_now_has_failed_and_an_older_failure_is_none(made):
     assert len(b.done) == 1 and not b.failures
 
 
-@pytest.mark.parametrize(
-    ("coverages", "counts"),
-    [((None, 0.9), 0.9), ((0.9, None), 0.9), ((0.8, 0.9), 0.9), ((0.9, 0.8), 0.8)],
-)
-def test_the_newest_of_two_coverages_counts_and_any_before_none(made, coverages, counts):
+@pytest.mark.parametrize("coverages", [(None, 0.9), (0.9, None), (0.8, 0.9), (0.9, 0.8)])
+def test_the_newest_of_two_coverages_counts_and_any_before_none(made, coverages):
+    older, newer = coverages
     for run_id, coverage in zip("12", coverages, strict=True):
         made.add("a", [1.0], run_id=run_id, coverage=coverage)
     (result,) = only(made).results("a")
-    older, newer = coverages
     assert result.cell.coverage == (newer or older)
 
 
