@@ -102,6 +102,7 @@ def test_the_headline_is_printed_once_and_tables_have_few_notes_and_json_all(tmp
         assert headline.startswith("a is better than b on made (kfold, 5 splits)")
         assert "0.106 mm smaller" in headline and "over splits" in headline
         assert text.startswith(headline) and text.count(headline) == 1
+    assert "made (measured)" in text
     notes = [line for line in text.split("**")[-1].splitlines() if line[:2] == "- "]
     assert len(notes) == 5 and "--format json" in notes[3] and "made by" in notes[4]
     assert all(caveat in notes_of(report) for caveat in caveats)
@@ -121,24 +122,27 @@ def test_one_split_and_pooled_splits_are_judged_over_poses_and_the_verdict_names
     assert {line["verdict"] for line in csv_lines(report)} <= verdicts
 
 
-def test_verdicts_of_one_training_and_of_unfair_protocols_are_counted_apart(tmp_path):
+def test_verdicts_of_one_training_and_of_unfair_protocols_are_counted_apart_with_marks(tmp_path):
     store_results(tmp_path, PAIR, condition="n = 5")
     for size in (10, 20):
         store_results(tmp_path, ONE_FIT, condition=f"n = {size}", tests=[np.arange(40)])
-    unfair = {"selects_on_test": True, "warning": "beware."}
-    picked = {"b": {"picked_on_test": True}}
-    store_results(tmp_path, PAIR, condition="paper", model_fields=picked, **unfair)
+    regime = "trained on simulated deflections only"
+    fields = {"a": {"regime": regime}, "b": {"picked_on_test": True}}
+    unfair = {"selects_on_test": True, "warning": "beware.", "caveats": ("made by hand.",)}
+    store_results(tmp_path, PAIR, condition="paper", model_fields=fields, **unfair)
     report = report_on(tmp_path)
     over_splits, of_fits, not_counted = comparison_text(report).split(". ")
     assert over_splits.startswith("Of 1 comparison over several splits: a better in 1")
     assert of_fits.startswith("Of 2 comparisons") and "these fits" in of_fits
     assert not_counted.startswith("Not counted: 1 comparison")
     rows = {str(row[0]): row[-1] for row in table_of(report, "cases")}
-    mark = "[selects on the test part; B: epoch picked on test part]"
+    mark = f"[selects on the test part; A: {regime}; B: epoch picked on test part]"
     assert f"made, kfold, paper {mark}" in rows
     assert [*rows.values()].count("A better (these fits)") == 2
     unfair_lines = [line for line in csv_lines(report) if line["selects_on_test"] == "True"]
     assert {line["condition"] for line in unfair_lines} == {"paper"}
+    for note in ("Different training data", "only b picked", "beware.", "made by hand."):
+        assert note in notes_of(report)
 
 
 def test_a_winner_on_the_poses_that_every_split_tests_needs_other_poses_too(tmp_path):
@@ -180,18 +184,6 @@ def test_specimens_count_as_data_sets_and_splits_do_not(tmp_path):
     assert row[6:] == pytest.approx([-0.106, 2 * 0.5**5])
     four = report_on(tmp_path, datasets=("made@specimen=0", *names[1:4]))
     assert len(four.comparisons) == 4 and table_of(four, "over datasets")[0][-1] is None
-
-
-def test_names_are_printed_with_their_marks(tmp_path):
-    regime = "trained on simulated deflections only"
-    fields = {"a": {"regime": regime}, "b": {"picked_on_test": True}}
-    about = {"selects_on_test": True, "warning": "the test part picks the epoch."}
-    caveats = ("made by hand.",)
-    report = report_on(store_results(tmp_path, PAIR, caveats=caveats, model_fields=fields, **about))
-    assert f"**A = a [{regime}], B = b [epoch picked on test part]" in rendered(report)
-    assert "made (measured)" in rendered(report)
-    for note in ("Different training data", "only b picked", "the test part picks", "by hand."):
-        assert note in notes_of(report)
 
 
 def test_a_model_may_spell_out_the_defaults_that_its_results_were_made_with(tmp_path):

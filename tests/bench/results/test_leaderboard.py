@@ -16,6 +16,7 @@ from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import TRAINING_MARK
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.results.selection import Selection
+from stiff_bench.store.names import grouped
 from stiff_bench.tables.writers import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost
@@ -139,11 +140,13 @@ def test_csv_has_a_line_per_number_and_json_every_score_with_the_reason_of_a_mis
     assert len({(row["dataset"], row["model"], row["column"]) for row in rows}) == len(rows)
     tables = json.loads(text_of(board, "json"))["tables"]
     (scores_table,) = (table for table in tables if table["table"] == "scores")
-    values = {model: [] for model in ("a", "b", "c", "d", "vjm")}
-    for row in scores_table["rows"]:
-        values[row["model"]].append(row["values"][0])
-    assert [score["value"] for score in values["a"]] == pytest.approx([1.0, 1.0, 3.0])
-    assert [score.get("status") for score in values["d"]] == [None, "not run", "not run"]
+    values = grouped(scores_table["rows"], lambda row: row["model"])
+    numbers, reasons = (
+        [row["values"][0].get(key) for row in values[model]]
+        for model, key in (("a", "value"), ("d", "status"))
+    )
+    assert numbers == pytest.approx([1.0, 1.0, 3.0])
+    assert reasons == [None, "not run", "not run"]
 
 
 def test_splits_that_all_models_have_count_and_there_must_be_one(made):
@@ -158,46 +161,36 @@ def test_splits_that_all_models_have_count_and_there_must_be_one(made):
 
 
 @pytest.mark.parametrize(
-    ("older", "newer", "message"),
+    ("field", "values", "message"),
     [
-        ({"version": 1}, {"version": 0}, "twin is the name of different data here: samples ("),
-        ({"source": "old"}, {"source": "new"}, "different pre-training data here (new, old)"),
+        ("version", (1, 0), "twin is the name of different data here: samples ("),
+        ("source", ("old", "new"), "different pre-training data here (new, old)"),
     ],
 )
-def test_the_newest_runs_data_count_if_data_of_one_name_changed(made, older, newer, message):
-    for run_id, about, error in (("20260101T", older, 1.0), ("20270101T", newer, 3.0)):
-        made.add_each({"a": [error], "b": [2.0]}, run_id=run_id, **about)
+def test_the_newest_runs_data_count_if_data_of_one_name_changed(made, field, values, message):
+    for value, run_id, error in zip(values, ("20260101T", "20270101T"), (1.0, 3.0), strict=True):
+        made.add_each({"a": [error], "b": [2.0]}, run_id=run_id, **{field: value})
     board = board_of(made)
     assert order(board) == ["b", "a"] and len(board.sections[0].tasks) == 1
     assert message in text_of(board)
 
 
-@pytest.mark.parametrize(
-    ("models", "dataset", "about", "message"),
-    [
-        (
-            *("ab", "own", {"protocol": "paper-holdout@read_on=all", "reports_training": True}),
-            f"paper-holdout@read_on=all is left out: {TRAINING_MARK}.",
-        ),
-        (
-            *("a", "lonely", {}),
-            "lonely | holdout is left out: none of the other models was run there.",
-        ),
-    ],
-)
-def test_what_cannot_be_compared_moves_no_model_and_is_reported(
-    made, models, dataset, about, message
-):
+def test_what_cannot_be_compared_moves_no_model_and_is_reported(made):
     add_three(made)
     before = order(board_of(made))
-    for model, error in zip(models, (9.0, 1.0), strict=False):
-        made.add(model, [error, error], dataset, **about)
+    training = {"protocol": "paper-holdout@read_on=all", "reports_training": True}
+    made.add_each({"a": [9.0] * 2, "b": [1.0] * 2}, "own", **training)
+    made.add("a", [9.0] * 2, "lonely")
     board = board_of(made)
-    (section,) = board.sections
-    assert order(board) == before and len(section.tasks) == 3
-    assert message in text_of(board)
-    with pytest.raises(ConfigError, match="nothing to compare"):
-        board_of(made, datasets=(dataset,))
+    assert order(board) == before and len(board.sections[0].tasks) == 3
+    assert {*board.notes} == {
+        f"paper-holdout@read_on=all is left out: {TRAINING_MARK}.",
+        "lonely | holdout is left out: none of the other models was run there.",
+    }
+    assert "left out" in text_of(board)
+    for dataset in ("own", "lonely"):
+        with pytest.raises(ConfigError, match="nothing to compare"):
+            board_of(made, datasets=(dataset,))
 
 
 @pytest.mark.parametrize(
