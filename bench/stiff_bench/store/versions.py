@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from stiff_bench.store.names import SHORT
-from stiff_protocols.contract.record import RunManifest
+from stiff_models.model_catalog import MODELS
+from stiff_protocols.contract.record import CellResult, RunManifest
 
 NO_MANIFEST = "a run without a manifest"
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "pin")
@@ -55,3 +56,14 @@ def version_of_run(run: RunManifest) -> str:
     changed = " with uncommitted changes" if facts.get("dirty") == "true" else ""
     at = f" at {commit}{changed}" if commit else ""
     return f"stiffbench {facts.get('stiffbench', 'of an unknown version')}{at}"
+
+
+def outdated_models(results: Iterable[CellResult]) -> list[str]:
+    """Return the shipped models with results of an earlier version.
+
+    Third-party models are omitted: their versions are not plain numbers.
+    """
+    today = {info.key: str(info.version) for info in MODELS}
+    of_cells = {(result.cell.model, result.cell.model_version) for result in results}
+    numbered = {(key, version) for key, version in of_cells if version.isdecimal()}
+    return sorted({key for key, version in numbered if today.get(key, version) != version})

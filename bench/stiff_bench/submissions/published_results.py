@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from stiff_bench.paper.study_file import Study, shipped_folder
-from stiff_bench.paper.study_page import outdated_models
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.store.database import FILE, has_results, read_results, why_no_results
 from stiff_bench.store.names import SHORT, grouped
+from stiff_bench.store.versions import outdated_models
 from stiff_bench.tables.units import counted, first_few
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import Cell, CellResult, Presentation
