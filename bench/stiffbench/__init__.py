@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from stiff_bench.api.model import Model as Model
     from stiff_bench.api.model import load_model as load_model
     from stiff_bench.api.model import make_model as make_model
+    from stiff_bench.api.pictures import figure as figure
+    from stiff_bench.api.pictures import paper_table as paper_table
     from stiff_bench.api.postures import rank_postures as rank_postures
     from stiff_bench.api.records import export_results as export_results
     from stiff_bench.api.registered import check as check
@@ -43,13 +45,11 @@ if TYPE_CHECKING:
     from stiff_bench.api.robots import read_robot as read_robot
     from stiff_bench.api.stiffness_maps import StiffnessMap as StiffnessMap
     from stiff_bench.api.stiffness_maps import stiffness_map as stiffness_map
-    from stiff_bench.results.results import Results as Results
-    from stiff_bench.api.pictures import figure as figure
-    from stiff_bench.store.merging import merge as merge
-    from stiff_bench.results.results import open_results as open_results
-    from stiff_bench.api.pictures import paper_table as paper_table
     from stiff_bench.api.tool_paths import compensate_path as compensate_path
     from stiff_bench.api.tool_paths import example_path as example_path
+    from stiff_bench.results.results import Results as Results
+    from stiff_bench.results.results import open_results as open_results
+    from stiff_bench.store.merging import merge as merge
     from stiff_bench.tables.writers import Tables as Tables
     from stiff_protocols.contract.types import Robot as Robot
     from stiff_protocols.contract.types import Samples as Samples

@@ -21,16 +21,14 @@ from stiff_bench.results.leaderboard import build_leaderboard
 from stiff_bench.results.leaderboard_tables import StudyLeaderboard, leaderboard_tables
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.metric_tables import metric_tables
-from stiff_bench.results.notes import sources
+from stiff_bench.results.notes import outdated_models, sources
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.store.database import FILE
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import counted
 from stiff_bench.tables.writers import markdown_code, markdown_text, render
-from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
 from stiff_protocols.contract.files import make_folder, written_whole
-from stiff_protocols.contract.record import CellResult
 from stiff_protocols.scoring.metrics import metric
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
@@ -185,17 +183,6 @@ def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator
     machines = Counter(about.format_map(unknown | dict(run.environment)) for run in stored.runs)
     for machine, n_runs in machines.items():
         yield f"{markdown_text(machine)}: {counted(n_runs, 'run')} (`{stored.folder.name}/{FILE}`)"
-
-
-def outdated_models(results: Iterable[CellResult]) -> list[str]:
-    """Return the shipped models with results of an earlier version.
-
-    Third-party models are omitted: their versions are not plain numbers.
-    """
-    today = {info.key: str(info.version) for info in MODELS}
-    of_cells = {(result.cell.model, result.cell.model_version) for result in results}
-    numbered = {(key, version) for key, version in of_cells if version.isdecimal()}
-    return sorted({key for key, version in numbered if today.get(key, version) != version})
 
 
 def _figures_and_missing(

@@ -16,6 +16,7 @@ from stiff_bench.run.provenance import LIBRARIES
 from stiff_bench.store.names import SHORT, grouped, labels
 from stiff_bench.store.samples import StoredData, what_differs
 from stiff_bench.tables.units import counted, first_few, percent
+from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.plugin import in_words
 from stiff_protocols.contract.record import CellResult, Presentation, RunManifest
@@ -125,6 +126,17 @@ def differing_libraries(
                 f"{model}: {', '.join(versions)}" for model, versions in used.items()
             )
             yield f"Computed with different versions of {library}: {models_text}."
+
+
+def outdated_models(results: Iterable[CellResult]) -> list[str]:
+    """Return the shipped models with results of an earlier version.
+
+    Third-party models are omitted: their versions are not plain numbers.
+    """
+    today = {info.key: str(info.version) for info in MODELS}
+    of_cells = {(result.cell.model, result.cell.model_version) for result in results}
+    numbered = {(key, version) for key, version in of_cells if version.isdecimal()}
+    return sorted({key for key, version in numbered if today.get(key, version) != version})
 
 
 # fits

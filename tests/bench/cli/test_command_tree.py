@@ -1,32 +1,61 @@
-"""Nonsense for any option or argument of any command is refused in one line.
-
-The commands come from click's own tree, so that new commands are covered at once.
-"""
+"""The command line as users see it: commands, options, exit statuses and refusals."""
 
 from __future__ import annotations
 
-import functools
+import re
 from collections.abc import Iterator
+from decimal import Decimal
+from pathlib import Path
 
-import click
 import matplotlib.font_manager  # noqa: F401  # it writes its cache where it is first imported
 import pytest
 
-from helpers.command_line import LEAVES, Leaf, assert_refused, bench_here
-from stiff_bench.cli.main import bench
+from helpers.command_line import assert_refused, bench_here
+from helpers.command_tree import COMMANDS, GROUPS, PARAMETERS
 
+COMMAND_LINE = re.compile(r"^[ │]{1,4}([a-z][a-z-]*) {2,}\S", re.MULTILINE)
+"""Line of a command in the help of its group."""
+OPTION = r"--[a-z][a-z-]*"
+OPTION_LINE = re.compile(rf"^\W{{0,4}}((?:-\w[,/ ]+)?{OPTION}(?:[,/ ]+{OPTION})*)", re.MULTILINE)
+"""Beginning of the lines of an option in the help of its command."""
 WRITTEN = {"--output", "--figure"}
 """Options that name an output; a path that does not exist yet is valid."""
-SENSE = {("data validate", "FILE")}
+SENSE = {("bench data validate", "FILE")}
 """(command, parameter) for which every text is valid; the report lists its errors."""
-NEW_NAMES = {("new model", "NAME")}
+NEW_NAMES = {("bench new model", "NAME")}
 """(command, parameter) that take a new name, so that an unknown word is valid."""
+MAY_BE_EMPTY = {"--against", "--dask"}
 NEEDED = {"--model": "vjm", "--dataset": "kr10-twin", "A": "vjm", "B": "mean"}
 """Valid values of required parameters; every other value is nonsense."""
 WORDS = ("no-such-thing", "", "=", "../..", "é\udcff", "x" * 5000)
 """Nonsense values of a text parameter."""
 NUMBERS = ("nonsense", "", "nan", "1,5")
 """Nonsense values of a number parameter."""
+
+
+def help_page(command: str, cwd: Path) -> str:
+    """Return the help of a command, "" if there is no such command."""
+    done = bench_here(*command.split()[1:], "--help", cwd=cwd, env={"COLUMNS": "100"})
+    assert done.returncode in (0, 2), done.stderr
+    return "" if done.returncode else str(done.stdout)
+
+
+def printed_tree(command: str, page: str, cwd: Path) -> Iterator[tuple[str, set[str]]]:
+    """Yield each command below a command, and the options that its help prints."""
+    lines = OPTION_LINE.findall(page)
+    yield command, {option for line in lines for option in re.findall(OPTION, line)}
+    for name in COMMAND_LINE.findall(page):
+        below = help_page(f"{command} {name}", cwd)
+        if below and below != page:  # else a line of text
+            yield from printed_tree(f"{command} {name}", below, cwd)
+
+
+def test_help_prints_the_commands_and_options_of_the_table(tmp_path):
+    printed = dict(printed_tree("bench", help_page("bench", tmp_path), tmp_path))
+    assert printed == {
+        command: {name for name in parameters if name.startswith("--")}
+        for command, parameters in PARAMETERS.items()
+    }
 
 
 @pytest.fixture()
@@ -38,108 +67,91 @@ def refused(tmp_path, monkeypatch, capfd):
         monkeypatch.setenv(variable, str(tmp_path / "home"))
     files_before = sorted(tmp_path.rglob("*"))
 
-    def check(words: list[str]) -> str:
-        done = bench_here(*words, cwd=tmp_path)
+    def check(command: str, *words: str) -> str:
+        done = bench_here(*command.split()[1:], *words, cwd=tmp_path)
         assert_refused(done)
         assert capfd.readouterr() == ("", ""), words  # no library prints anything
         assert sorted(tmp_path.rglob("*")) == files_before, words
-        return done.stderr
+        return str(done.stderr)
 
     return check
 
 
-def is_number(parameter: click.Parameter) -> bool:
-    return isinstance(parameter.type, click.types.IntParamType | click.types.FloatParamType)
-
-
-def nonsense(leaf: Leaf, parameter: click.Parameter) -> list[str]:
-    """Return invalid words for a parameter, by its type."""
-    kind, name = parameter.type, spelled(parameter)
-    if (leaf.name, name) in SENSE:
+def bounds(kind: str) -> list[str]:
+    """Return a number below the lower bound, and one above the upper bound."""
+    if " " not in kind:
         return []
-    if isinstance(kind, click.Choice):
-        return ["no-such-thing", ""]
-    if is_number(parameter):
-        is_integer = isinstance(kind, click.types.IntParamType)
-        bounds = ((getattr(kind, "min", None), -1), (getattr(kind, "max", None), 1))
-        beyond = [str(bound + step) for bound, step in bounds if bound is not None]
-        return [*NUMBERS, *(["1.5"] if is_integer else ["inf", "1e999"]), *beyond]
-    if isinstance(kind, click.Path):
+    low, _, high = kind.split()[1].partition("..")
+    return [str(Decimal(bound) + step) for bound, step in ((low, -1), (high, 1)) if bound]
+
+
+def nonsense(command: str, name: str, kind: str) -> list[str]:
+    """Return invalid words for a parameter, by its kind."""
+    if (command, name) in SENSE:
+        return []
+    if kind == "flag":
+        return ["nonsense"]
+    if kind == "path":
         missing = [] if name in WRITTEN else ["none.csv", "none\udcff.toml", "folder"]
         return ["", "file.txt/below", "x" * 5000, *missing, "file.txt"]
-    words = WORDS[1:] if (leaf.name, name) in NEW_NAMES else WORDS
-    return [word for word in words if word or parameter.default != ""]
+    if kind == "text":
+        words = WORDS[1:] if (command, name) in NEW_NAMES else WORDS
+        return [word for word in words if word or name not in MAY_BE_EMPTY]
+    if kind.startswith("integer"):
+        return [*NUMBERS, "1.5", *bounds(kind)]
+    if kind.startswith("number"):
+        return [*NUMBERS, "inf", "1e999", *bounds(kind)]
+    return ["no-such-thing", ""]
 
 
-def spelled(parameter: click.Parameter) -> str:
-    is_option = isinstance(parameter, click.Option)
-    return parameter.opts[-1] if is_option else parameter.human_readable_name
-
-
-def needed(
-    leaf: Leaf, skipped_parameter: click.Parameter | None = None, word: str | None = None
-) -> list[str]:
+def needed(command: str, skipped: str = "", word: str | None = None) -> list[str]:
     """Return the words that a command requires, except for one parameter.
 
     `word` takes the place of that parameter if it is an argument.
     """
     options: list[str] = []
     arguments: list[str] = []
-    for parameter in leaf.command.params:
-        name, kind = spelled(parameter), parameter.type
-        usual = kind.choices[0] if isinstance(kind, click.Choice) else "no-such-thing"
-        usual = "new.csv" if name in WRITTEN else NEEDED.get(name, usual)
-        if parameter is skipped_parameter:
+    for name, kind in PARAMETERS[command].items():
+        first_choice = kind.partition("|")[0] if "|" in kind else "no-such-thing"
+        usual = "new.csv" if name in WRITTEN else NEEDED.get(name, first_choice)
+        if name == skipped:
             arguments += [] if word is None else [word]
-        elif isinstance(parameter, click.Argument):
-            arguments += [usual] * (parameter.required or word is not None)
-        elif parameter.required or name == "--model":
+        elif not name.startswith("--"):
+            arguments.append(usual)
+        elif kind.endswith(" required") or name == "--model":
             options += [name, usual]
     return [*options, "--", *arguments] if arguments else options
 
 
-@pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: leaf.name)
-def test_nonsense_for_any_parameter_is_refused_in_one_line(leaf, refused):
-    for parameter in leaf.command.params:
-        name = spelled(parameter)
-        if not isinstance(parameter, click.Option):
-            for word in nonsense(leaf, parameter):
-                refused([*leaf.words, *needed(leaf, parameter, word)])
-            continue
-        for word in ["nonsense"] if parameter.is_flag else nonsense(leaf, parameter):
-            message = refused([*leaf.words, f"{name}={word}", *needed(leaf, parameter)])
-            if is_number(parameter):
+@pytest.mark.parametrize("command", COMMANDS)
+def test_nonsense_for_any_parameter_is_refused_in_one_line(command, refused):
+    for name, kind_and_need in PARAMETERS[command].items():
+        kind = kind_and_need.removesuffix(" required")
+        for word in [] if name == "--help" else nonsense(command, name, kind):
+            if not name.startswith("--"):
+                refused(command, *needed(command, name, word))
+                continue
+            message = refused(command, f"{name}={word}", *needed(command, name))
+            if kind.startswith(("integer", "number")):
                 assert name.strip("-") in message and "(valid: " in message, word
+            if "|" in kind and word:
+                assert word in message
 
 
-@pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: leaf.name)
-def test_unknown_missing_and_superfluous_words_are_refused_in_one_line(leaf, refused):
-    words = needed(leaf)
-    message = refused([*leaf.words, "--no-such-option", *words])
-    assert "no-such-option" in message
-    options = [
-        parameter for parameter in leaf.command.params if isinstance(parameter, click.Option)
-    ]
-    assert all(spelled(option) in message for option in options)
-    for parameter in leaf.command.params:
-        if parameter.required:
-            assert spelled(parameter) in refused([*leaf.words, *needed(leaf, parameter)])
-    if all(parameter.nargs == 1 for parameter in leaf.command.params):
-        refused([*leaf.words, *words, "superfluous"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_unknown_missing_and_superfluous_words_are_refused_in_one_line(command, refused):
+    words = needed(command)
+    assert "no-such-option" in refused(command, "--no-such-option", *words)
+    for name, kind in PARAMETERS[command].items():
+        if kind.endswith(" required"):
+            assert name.removesuffix("...") in refused(command, *needed(command, name))
+    if not any(name.endswith("...") for name in PARAMETERS[command]):
+        refused(command, *words, "superfluous")
 
 
-def groups(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    if isinstance(command, click.Group):
-        yield words
-        for name, below in command.commands.items():
-            yield from groups(below, (*words, name))
-
-
-@pytest.mark.parametrize(
-    "words", list(groups(bench)), ids=lambda words: " ".join(("bench", *words))
-)
-def test_an_unknown_command_is_refused_in_one_line(words, refused):
-    group = functools.reduce(lambda above, word: above.commands[word], words, bench)
-    message = refused([*words, "no-such-command"])
-    assert all(name in message for name in ("no-such-command", *group.commands))
-    assert "--no-such-option" in refused([*words, "--no-such-option"])
+@pytest.mark.parametrize("group", GROUPS)
+def test_an_unknown_command_is_refused_in_one_line(group, refused):
+    message = refused(group, "no-such-command")
+    names = [name.removeprefix(f"{group} ") for name in PARAMETERS if name.startswith(f"{group} ")]
+    assert all(name in message for name in ("no-such-command", *names) if " " not in name)
+    assert "--no-such-option" in refused(group, "--no-such-option")
