@@ -20,6 +20,8 @@ from stiff_protocols.contract.types import BenchmarkData, IntArray, Interval, Pr
 
 N_POSES, N_TEST = 12, 4
 TWINS = tuple(f"twin@specimen={number}" for number in range(5))
+VJM_MM = (0.2, 0.21, 0.19)
+"""Errors of the VJM on the splits of `MadeResults.add_robot`."""
 ROBOT = shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.08))
 
 
@@ -64,6 +66,7 @@ class MadeResults:
         n_train: int | None = None,
         n_splits: int = 0,
         seed: int = 0,
+        model_version: str = "",
         interval_version: int = 0,
         **fields,
     ) -> list[str]:
@@ -90,6 +93,7 @@ class MadeResults:
                 protocol_params={},
                 split_index=index,
                 split_sha256=f"split-{splits_named}{index}",
+                model_version=model_version,
                 interval_version=interval_version,
                 seed=seed,
                 condition=condition,
@@ -110,6 +114,16 @@ class MadeResults:
         """Write the cells of several models: model -> its errors."""
         for model, errors in errors_mm.items():
             self.add(model, errors, *where, **how)
+
+    def add_robot(
+        self, number: int, ratios: Mapping[str, float], *, words: str = "", **how
+    ) -> None:
+        """Write three splits of the VJM, and of models with these ratios to it, on a robot."""
+        data = made_data(number)
+        data = replace(data, robot=replace(data.robot, name=f"robot-{number}"))
+        for model, ratio in {"vjm": 1.0, **ratios}.items():
+            errors = [ratio * error for error in VJM_MM]
+            self.add(model, errors, f"arm-{number}{words}", data=data, **how)
 
     def _done(self, cell, presentation, run_id, data, rows, error_mm) -> CellResult:
         measured = data.samples.deflection[rows]

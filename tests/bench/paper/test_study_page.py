@@ -10,8 +10,8 @@ import pytest
 from helpers.made_results import MadeResults
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.paper.study_page import check_names, write_page
-from stiff_bench.store.database import read_results
 from stiff_bench.results.notes import outdated_models
+from stiff_bench.store.database import read_results
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError, StoreError
 

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from stiff_bench.analysis.verdict import (
+from stiff_bench.results.significance import (
     Estimate,
     Question,
     SharedErrors,

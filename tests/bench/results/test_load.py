@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from helpers.made_results import MadeResults, forget
-from stiff_bench.analysis.collected import Case, StoredResults, left_out_notes
+from helpers.stored_cells import MANIFEST
+from stiff_bench.results.load import StoredResults, Task
+from stiff_bench.results.notes import LIBRARIES, differing_libraries, left_out_notes
 from stiff_bench.store.database import ResultStore
-from stiff_bench.store.names import Variant, without_options
 
 
-@pytest.fixture()
-def made(tmp_path: Path) -> MadeResults:
-    return MadeResults(tmp_path)
-
-
-def only(made: MadeResults) -> Case:
-    (case,) = StoredResults.read(made.folder).cases
-    return case
+def only(made: MadeResults) -> Task:
+    (task,) = StoredResults.read(made.folder).tasks
+    return task
 
 
 @pytest.mark.parametrize(
@@ -39,10 +34,10 @@ def only(made: MadeResults) -> Case:
 def test_older_results_on_other_splits_are_left_out_with_a_note(made, runs, splits, models):
     for number, (model, n_splits, named) in enumerate(runs):
         made.add(model, [1.0] * n_splits, run_id=str(number), splits_named=named)
-    case = only(made)
-    assert case.slots == tuple((index, f"split-{name}") for index, name in enumerate(splits))
-    assert [*case.competitors] == [*models]
-    notes = [*left_out_notes([case])]
+    task = only(made)
+    assert task.splits == tuple((index, f"split-{name}") for index, name in enumerate(splits))
+    assert [*task.models] == [*models]
+    notes = [*left_out_notes([task])]
     model_names = " (all of c)" if "c" in {model for model, *_ in runs} else ""
     note_text = (
         f"older results on other splits than those of the newest run{model_names} are left out."
@@ -57,7 +52,7 @@ def test_splits_that_an_older_run_finished_later_go_with_it(made):
     for key in first:
         forget(made.folder, key)
     made.add("a", [2.0] * 2, run_id="3", splits_named="new-")
-    assert {slot[1] for slot in only(made).slots} == {"split-new-0", "split-new-1"}
+    assert {split[1] for split in only(made).splits} == {"split-new-0", "split-new-1"}
 
 
 def test_a_resumed_run_includes_the_results_that_it_resumed_from(made):
@@ -65,10 +60,10 @@ def test_a_resumed_run_includes_the_results_that_it_resumed_from(made):
     made.add("a", [9.0] * 5, run_id="1", splits_named="old-")
     made.add_run("3", made.add("a", [1.0] * 5, run_id="3", splits_named="new-"))
     made.add("a", [1.0] * 2, run_id="2", splits_named="new-")
-    case = only(made)
-    assert [slot[1] for slot in case.slots] == [f"split-new-{index}" for index in range(5)]
-    assert [result.run_id for result in case.results("a")] == ["2", "2", "3", "3", "3"]
-    assert case.newest_run == "3"
+    task = only(made)
+    assert [split[1] for split in task.splits] == [f"split-new-{index}" for index in range(5)]
+    assert [result.run_id for result in task.results("a")] == ["2", "2", "3", "3", "3"]
+    assert task.newest_run == "3"
 
 
 def test_results_that_a_later_run_requested_again_are_the_newest(made):
@@ -76,15 +71,15 @@ def test_results_that_a_later_run_requested_again_are_the_newest(made):
     old = made.add("a", [1.0] * 3, run_id="1", splits_named="old-")
     made.add("a", [2.0] * 3, run_id="2", splits_named="new-")
     made.add_run("3", old)
-    case = only(made)
-    assert {result.run_id for result in case.results("a")} == {"1"} and case.newest_run == "3"
+    task = only(made)
+    assert {result.run_id for result in task.results("a")} == {"1"} and task.newest_run == "3"
 
 
 def test_a_cell_that_fails_when_it_is_computed_again_keeps_its_result(made):
     made.add("a", [1.0, 1.0], run_id="1")
     made.add_run("2", made.add("a", failed=[0], run_id="2"))
-    competitor = only(made).competitors["a"]
-    assert {slot[0] for slot in competitor.done} == {0, 1} and not competitor.failures
+    stored = only(made).models["a"]
+    assert {split[0] for split in stored.done} == {0, 1} and not stored.failures
 
 
 @pytest.mark.parametrize(("newest", "n_requested"), [(slice(0, 2), 2), (slice(2, 3), 5)])
@@ -94,7 +89,7 @@ def test_the_newest_run_has_the_number_of_requested_splits(made, newest, n_reque
     for index, key in enumerate(keys):
         store.write_cells([replace(store.result(key), n_splits=2 if index < 2 else 5)])
     made.add_run("run-2", keys[newest])
-    assert only(made).competitors["a"].n_requested == n_requested
+    assert only(made).models["a"].n_requested == n_requested
 
 
 def test_older_results_of_a_name_with_other_options_are_left_out_with_a_note(made):
@@ -103,10 +98,10 @@ def test_older_results_of_a_name_with_other_options_are_left_out_with_a_note(mad
         options = {"neighbours": neighbours}
         made.add("nested", [error, error], run_id=run_id, options=options)
     made.add("other", [2.0, 2.0], run_id="1")
-    case = only(made)
-    assert {result.run_id for result in case.results("nested")} == {"2"}
-    assert len(case.results("other")) == 2
-    (note,) = left_out_notes([case])
+    task = only(made)
+    assert {result.run_id for result in task.results("nested")} == {"2"}
+    assert len(task.results("other")) == 2
+    (note,) = left_out_notes([task])
     assert "older results of nested with other options (neighbours) are left out" in note
 
 
@@ -115,8 +110,8 @@ def test_a_model_that_fails_now_has_failed_and_an_older_failure_is_none(made):
     made.add("a", [1.0], failed=[0], run_id="2", coverage=0.9)
     made.add("b", failed=[0], run_id="1", coverage=0.9)
     made.add("b", [1.0], run_id="2")
-    a, b = only(made).competitors.values()
-    assert [slot[0] for slot in a.done] == [1]
+    a, b = only(made).models.values()
+    assert [split[0] for split in a.done] == [1]
     assert [failure.why_none for failure in a.failures.values()] == ["failed: it broke"]
     assert len(b.done) == 1 and not b.failures
 
@@ -140,15 +135,26 @@ def test_results_with_intervals_have_a_version_of_their_own(made, newer):
     made.add("a", [1.0, 1.0, 1.0], run_id=plain)
     made.add("a", [1.0], run_id=with_intervals, coverage=0.9, interval_version=3)
     made.add("a", [1.0, 1.0], run_id="0", coverage=0.8, interval_version=2)
-    case = only(made)
-    assert [result.cell.coverage for result in case.results("a")] == [0.9, None, None]
-    (note,) = left_out_notes([case])
+    task = only(made)
+    assert [result.cell.coverage for result in task.results("a")] == [0.9, None, None]
+    (note,) = left_out_notes([task])
     assert "older results of a by another version of it" in note
 
 
-def test_a_mark_in_an_options_value_stays_doubled():
-    variant = Variant("p", {"source": "a@b=1", "seed": 1, "specimen": 2})
-    assert variant.name == "p@seed=1@source=a@@b=1@specimen=2"
-    assert without_options(variant.name, "seed") == "p@source=a@@b=1@specimen=2"
-    every = {"source": "a@b=1", "seed": 1, "specimen": 2, "b": 1, "other": 0}
-    assert Variant.of_stored_name("p", variant.name, every) == variant
+@pytest.mark.parametrize(
+    ("runs", "parts"),
+    [
+        ({"a": ["r1"], "b": ["r1"]}, None),
+        ({"a": ["r1", "r2"], "b": ["r2", "r1"]}, None),
+        ({"a": ["r1"], "b": ["r1", "r2"]}, ("numpy", "a: 2.3.0", "b: 2.3.0, 2.4.0")),
+        ({"a": ["r1"], "b": ["lost"]}, ("numpy", "a: 2.3.0", "b: unknown")),
+    ],
+)
+def test_a_library_is_named_whose_versions_differ_between_two_models(runs, parts):
+    manifests = [
+        replace(MANIFEST, run_id=name, environment={library: version for library in LIBRARIES})
+        for name, version in (("r1", "2.3.0"), ("r2", "2.4.0"))
+    ]
+    lines = list(differing_libraries(manifests, runs))
+    assert len(lines) == (len(LIBRARIES) if parts else 0)
+    assert not lines or all(part in lines[0] for part in parts)
