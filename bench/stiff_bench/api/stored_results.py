@@ -324,7 +324,7 @@ class Results:
             ConfigError: the file's extension is not supported, or a name has no results.
             StoreError: a folder has no results, or corrupt ones, or the file cannot be written.
         """
-        from stiff_bench.report.report_content import PageOptions, write_report
+        from stiff_bench.page.report import PageOptions, write_report
 
         folders = [results.folder for results in (self, *other_results)]
         write_report(

@@ -17,7 +17,6 @@ from stiff_bench.analysis.board import Board, BoardRow, without_seeds
 from stiff_bench.analysis.board_tables import board_headline, board_sentences, board_tables
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.report.board_pages import dataset_table
 from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.scoring.paired import holm
 
@@ -140,11 +139,6 @@ def test_one_split_of_each_data_set_is_enough_and_the_vjm_of_that_split_counts(m
     assert row_of(board, "net").mean.ratio == pytest.approx(2.0 * stats.gmean(GOOD))
     (note,) = [text for text in board_tables(board, {})[0].notes if "net (" in text]
     assert f"{len(GOOD)} of {2 * len(GOOD)}" in note and "fewer" in note
-    table = dataset_table(board, "arm-0")
-    rows = [[entry and getattr(entry, "value", entry) for entry in row] for row in table.rows]
-    assert [str(row[0]) for row in rows] == ["good", "net", "vjm"]
-    assert [row[2] for row in rows] == pytest.approx([GOOD[0], 2.0 * GOOD[0], 1.0])
-    assert table.notes and "net" in table.notes[0]
 
 
 def test_seeds_of_a_pre_training_are_one_model(made):
