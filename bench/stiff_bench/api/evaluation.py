@@ -155,7 +155,7 @@ class RunAgainst(Run):
 
     def board(self, results: Results) -> Tables | None:
         """Return the study's board of these results; None: no board, or too few robots."""
-        from stiff_bench.paper.study_page import study_leaderboard
+        from stiff_bench.page.study_page import study_leaderboard
 
         try:
             tables = study_leaderboard(self.study, results.stored).tables
@@ -306,7 +306,7 @@ class Reproduction(Run):
 
     def write(self) -> Iterator[Path]:
         """Write the page and files for the available results, and yield each file."""
-        from stiff_bench.paper.study_page import write_page
+        from stiff_bench.page.study_page import write_page
 
         stored = stored_statuses(self.plans[0].output)
         missing = [task.model.info for task in self.tasks if task.cell.key not in stored]
@@ -327,11 +327,14 @@ class Reproduction(Run):
         Raises:
             ConfigError: the study has no board, or too few results.
         """
-        from stiff_bench.api.leaderboard_site import LeaderboardSite
+        from stiff_bench.api.data_sets import load_dataset
+        from stiff_bench.page.site import LeaderboardSite
 
         plan = self.plans[0]
         command = f"{plan.command} --site {shlex.quote(str(folder))}"
-        site = LeaderboardSite(self.study, plan.output, command, self.model_statuses)
+        site = LeaderboardSite(
+            self.study, plan.output, command, registry(), load_dataset, self.model_statuses
+        )
         return site.write(folder)
 
 
@@ -394,8 +397,8 @@ def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reprod
         command: command of the run, stored with the results.
         how: options of `chosen_execution`; by default one job per core.
     """
+    from stiff_bench.page.study_page import check_names
     from stiff_bench.paper.study_file import find_study
-    from stiff_bench.paper.study_page import check_names
 
     study = find_study(name)
     check_names(study)

@@ -91,7 +91,7 @@ def sources(folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, i
 
     `n_results` maps a run's id to the number of its results that are shown.
     """
-    versions = {run.run_id: _version_of_run(run) for run in runs}
+    versions = {run.run_id: version_of_run(run) for run in runs}
     counts = Counter[str]()
     for run_id, count in n_results.items():
         counts[versions.get(run_id, NO_MANIFEST)] += count
@@ -100,7 +100,8 @@ def sources(folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, i
     return f"{counts.total()} results of {folder}, made by {made}."
 
 
-def _version_of_run(run: RunManifest) -> str:
+def version_of_run(run: RunManifest) -> str:
+    """Return version and commit of stiffbench."""
     facts = run.environment
     commit = facts.get("commit", "")[:SHORT]
     changed = " with uncommitted changes" if facts.get("dirty") == "true" else ""

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from helpers.made_results import MadeResults
+from stiff_bench.page.study_page import check_names, write_page
 from stiff_bench.paper.study_file import find_study
-from stiff_bench.paper.study_page import check_names, write_page
 from stiff_bench.results.notes import outdated_models
 from stiff_bench.store.database import read_results
 from stiff_models.model_catalog import MODELS
@@ -48,6 +48,16 @@ def test_a_page_has_its_notes_tables_and_figures_and_says_what_was_not_computed(
         assert part in text
     assert "not finished: 7 fits not computed" in text
     assert re.search(r"## Not made\n\n- Figure losses: .*training curve", text)
+
+
+def test_title_and_notes_of_a_study_are_never_markup(study, tmp_path):
+    hostile = "<script>alert(1)</script>\n# [a](b) \x1b[2J"
+    MadeResults(tmp_path / study.name / "runs").add("vjm", [0.1])
+    study = replace(study, title=hostile, notes=(hostile,), tables=(), figures=())
+    *_, page = write_page(study, tmp_path, "bench", 0)
+    title, _, note, *_ = page.read_text().split("\n")
+    escaped = r"\<script>alert(1)\</script> # [a]\(b) \x1b[2J"
+    assert (title, note) == (f"# {escaped}", f"- {escaped}")
 
 
 def test_a_study_without_results_has_no_page(study, tmp_path):

@@ -14,6 +14,8 @@ from stiff_bench.figures.board_figures import score_against_cost, score_against_
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.page.markdown import markdown_page
+from stiff_bench.page.page import Figure, Page, Section, write_text
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.study_file import Study
@@ -26,9 +28,9 @@ from stiff_bench.results.scored_task import sort_key
 from stiff_bench.store.database import FILE
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import counted
-from stiff_bench.tables.writers import markdown_code, markdown_text, render
+from stiff_bench.tables.writers import markdown_code, render
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
-from stiff_protocols.contract.files import make_folder, written_whole
+from stiff_protocols.contract.files import make_folder
 from stiff_protocols.scoring.metrics import metric
 
 TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
@@ -131,41 +133,44 @@ def write_page(
     folder = output / study.name
     stored = PaperResults.of(folder / "runs")
     results = StudyResults(study, stored, statuses or {})
-    missing = dict[str, str]()
+    sections, figures, missing = list[Section](), list[Section](), list[str]()
 
     def made(kind: str, names: Iterable[str], makers: Makers) -> Iterator[tuple[str, Any]]:
         for name in names:
             try:
                 yield name, makers[name](results)
             except StiffBenchError as error:
-                missing[f"{kind} {name}"] = str(error)
+                missing.append(f"{kind} {name}: {error}")
 
-    texts, figures = list[str](), dict[str, Prepared]()
     for name, tables in made("Table", study.tables, TABLES):
         for fmt, suffix in TABLE_FILES.items():
-            made_by = f"bench table {name} --format {fmt}" if name.isdecimal() else command
-            text = render(tables, fmt, made_by)
-            yield _written(folder / "tables" / f"{_stem('table', name)}.{suffix}", text)
+            line = f"bench table {name} --format {fmt}" if name.isdecimal() else command
+            file = folder / "tables" / f"{_stem('table', name)}.{suffix}"
+            yield write_text(file, f"{render(tables, fmt, line)}\n")
             if fmt == "github":
-                texts.append(text)
+                sections.append(Section("", tables=tables, command=line))
     for name, figure in made("Figure", study.figures, PICTURES):
-        figures[name] = figure
         make_folder(folder / "figures")
+        address = f"figures/{_stem('figure', name)}"
         for suffix in PICTURE_FILES:
-            picture = folder / "figures" / f"{_stem('figure', name)}.{suffix}"
+            picture = folder / f"{address}.{suffix}"
             figure.save(picture)
             yield picture
-    page = [
-        f"# {study.title}",
-        _listed(*study.notes, *_provenance(stored, command, n_missing)),
-        *texts,
-        *_figures_and_missing(figures, missing),
+        number = f"Figure {name}: " if name.isdecimal() else ""
+        shown = Figure(figure.title, figure.caption, f"{address}.png")
+        figures.append(Section(f"{number}{figure.title}", figures=[shown]))
+    notes = [*study.notes, *_provenance(stored, command, n_missing)]
+    sections = [
+        Section("", notes=notes),
+        *sections,
+        *([Section("Figures", sections=figures)] if figures else []),
+        *([Section("Not made", notes=missing)] if missing else []),
     ]
-    yield _written(folder / "README.md", "\n\n".join(page))
+    yield write_text(folder / "README.md", f"{markdown_page(Page(study.title, sections))}\n")
 
 
 def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator[str]:
-    """Yield lines of markdown: the command, the versions, and each machine."""
+    """Yield notes: the command, the versions, and each machine."""
     results = [result for task in stored.tasks for result in task.every]
     yield f"made by {markdown_code(command)}"
     if n_missing:
@@ -176,44 +181,14 @@ def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator
             "`bench show MODEL` has their version)"
         )
     counts = Counter(result.run_id for result in results)
-    yield markdown_text(sources(stored.folder, stored.runs, counts))
+    yield sources(stored.folder, stored.runs, counts)
     unknown = {"processor": "unknown processor", "platform": "unknown platform"}
     unknown |= dict.fromkeys(("cores", "python", "torch"), "?")
     about = "{processor}, {cores} cores, {platform}, Python {python}, torch {torch}"
     machines = Counter(about.format_map(unknown | dict(run.environment)) for run in stored.runs)
     for machine, n_runs in machines.items():
-        yield f"{markdown_text(machine)}: {counted(n_runs, 'run')} (`{stored.folder.name}/{FILE}`)"
-
-
-def _figures_and_missing(
-    figures: Mapping[str, Prepared], missing: Mapping[str, str]
-) -> Iterator[str]:
-    """Yield the figures of a page, then a list of failed tables and figures."""
-    if figures:
-        yield "## Figures"
-    for name, figure in figures.items():
-        picture = f"figures/{_stem('figure', name)}"
-        number = f"Figure {name}: " if name.isdecimal() else ""
-        yield f"### {number}{figure.title}"
-        yield f"![{figure.title}]({picture}.png)"
-        yield f"{markdown_text(figure.caption)} ([PDF]({picture}.pdf))"
-    if missing:
-        yield "## Not made"
-        yield _listed(*(f"{item}: {markdown_text(reason)}" for item, reason in missing.items()))
-
-
-def _listed(*lines: str) -> str:
-    """Return lines of markdown as a list."""
-    return "\n".join(f"- {line}" for line in lines)
+        yield f"{machine}: {counted(n_runs, 'run')} (`{stored.folder.name}/{FILE}`)"
 
 
 def _stem(kind: str, name: str) -> str:
     return f"{kind}_{name.replace('-', '_')}"
-
-
-def _written(path: Path, text: str) -> Path:
-    """Write a text atomically and return its path."""
-    make_folder(path.parent)
-    with written_whole(path) as temporary:
-        temporary.write_text(f"{text}\n", encoding="utf-8")
-    return path
