@@ -12,10 +12,10 @@ import pytest
 
 import stiffbench as sb
 from helpers.command_line import bench_here
+from stiff_bench.page.study_page import study_leaderboard
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, TABLES
 from stiff_bench.paper.study_file import find_study
-from stiff_bench.page.study_page import study_leaderboard
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.store.database import PACKED, read_results

@@ -10,12 +10,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.api.registered import registry
 from stiff_bench.console import say
+from stiff_bench.parameter_types import Bounds, Device, Fraction, Seed, Setting
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
@@ -199,10 +200,20 @@ def model_and_data(
     models: Sequence[str],
     datasets: Sequence[str | Dataset],
     *,
-    settings: Sequence[str] = (),
-    device: str = "auto",
+    settings: Setting = (),
+    device: Device = "auto",
 ) -> tuple[Model, Dataset]:
-    """Return the model and the data set of `bench fit`, checked like a run."""
+    """Fit a model to all samples of a data set and save it.
+
+    As in `bench run`, a network chooses its number of epochs by cross-validation, then learns from
+    every sample. With `training=best`, a fifth of the poses chooses the epoch instead.
+
+    Args:
+        models: model to fit; NAME@OPTION=VALUE sets its options.
+        datasets: data set to fit it to.
+        settings: option of the model or the data set; may be repeated.
+        device: device that networks run on.
+    """
     if len(datasets) != 1:
         raise ConfigError("give either --dataset KEY or --data FILE.csv")
     chosen = _chosen(models, datasets, (), settings)
@@ -217,28 +228,30 @@ def evaluate(
     datasets: str | Dataset | Sequence[str | Dataset] = DEFAULT_DATASET,
     *,
     protocol: str | Sequence[str] = "holdout",
-    splits: int | None = None,
-    seed: int = 0,
+    splits: Annotated[int, Bounds(at_least=1, at_most=10_000)] | None = None,
+    seed: Seed = 0,
     metrics: Sequence[str] = (),
-    coverage: float | None = None,
+    coverage: Fraction | None = None,
     jobs: int = 1,
-    device: str = "auto",
+    device: Device = "auto",
     output: Path | str | None = None,
 ) -> Results:
     """Fit and test models on data sets under protocols.
 
     Args:
-        models: names, models of `make_model` (each cell fits a new one), or classes.
-        datasets: names, or data sets of `load_dataset` and `read_samples`.
-        protocol: names with options, such as "kfold@folds=10".
-        splits: number of splits; None: the protocol's number.
+        models: models, such as vjm or ft-mlp@freeze=full, and all for every model; in Python also
+            models of `make_model` (each fit makes a new one) and classes. May be repeated.
+        datasets: data sets, such as kr10-twin@specimen=3; in Python also data sets of
+            `load_dataset` and `read_samples`. By default kr10-twin; may be repeated.
+        protocol: protocol, such as kfold@folds=10; may be repeated.
+        splits: number of splits; by default the protocol's.
         seed: seed of splits and models.
-        metrics: keys of the metrics in tables; empty: mae, stde and me, and for tool paths norm,
-            norm-p95, norm-max and removed. All metrics are computed.
-        coverage: nominal coverage of intervals, if a metric needs them; None: 0.9.
+        metrics: metric of the tables, see `bench list metrics`; by default mae, stde and me, and
+            for tool paths norm, norm-p95, norm-max and removed; may be repeated.
+        coverage: coverage (0..1) of prediction intervals, per axis; by default 0.9.
         jobs: number of fits at the same time, each in a separate process. Classes defined in a
             script or notebook are fitted in this process.
-        device: device of networks, "auto", "cpu" or "cuda".
+        device: device that networks run on.
         output: folder to store the results; stored results are not computed again. None: the
             results are deleted with the `Results` object.
 
@@ -381,6 +394,17 @@ def run_of_study(
     run = RunAgainst(plans, execution, study, published)
     run.published_results  # noqa: B018  # raise errors before computing
     return run
+
+
+def run_facts(results: Results) -> list[str]:
+    """Return how the fits ended, where results are stored, and how to repeat old failures."""
+    finished = results.finished
+    assert finished is not None
+    lines = [f"{finished.summary}; {finished.wall_s:.1f} s; stored in {results.folder}"]
+    failed = [result.cell.key for result in finished.results if result.status == "failed"]
+    if old := len(finished.cached.intersection(failed)):
+        lines.append(f"{old} of the failures are of earlier runs; --rerun failed repeats them")
+    return lines
 
 
 def with_reference_word(models: Sequence[str]) -> list[str]:

@@ -16,6 +16,7 @@ from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.page.html import FEW_ROWS, html_page
 from stiff_bench.page.page import Figure, Page, Section, drawn_figures, write_text
+from stiff_bench.parameter_types import AxisName, FilePath, Seed
 from stiff_bench.results.columns import matrix_table, metric_columns, model_table
 from stiff_bench.results.fit_values import mean_over, metric_values
 from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard, model_frame
@@ -32,6 +33,7 @@ from stiff_bench.results.notes import (
     same_name_other_data,
     version_of_run,
 )
+from stiff_bench.results.results import Results
 from stiff_bench.results.scored_task import SortKey, sort_key
 from stiff_bench.results.scores import Scores
 from stiff_bench.results.selection import EVERYTHING, Selection
@@ -47,7 +49,7 @@ from stiff_protocols.scoring.metrics import METRICS
 from stiff_protocols.springs.identification import spring_key
 
 SUFFIXES = (".html", ".htm")
-Results = Sequence[CellResult]
+Fits = Sequence[CellResult]
 DataOf = Callable[[str], StoredData]
 """Function that reads the samples with a hash; StoreError if they are not stored."""
 
@@ -78,22 +80,45 @@ class PageOptions:
         return shlex.join(["bench", *words])
 
 
-def write_report(folders: Sequence[Path], choice: PageOptions, output: Path, command: str) -> None:
-    """Write the page of some folders of results, completely or not at all.
+def report(
+    output: FilePath,
+    results: Results | Sequence[Results],
+    *,
+    metric: str = "norm",
+    axis: AxisName | None = None,
+    seed: Seed = 0,
+) -> Path:
+    """Write results as one HTML page that needs no network.
+
+    Verdict, robots and stiffnesses, ranking, pairwise comparisons, scores, figures, failures and
+    provenance.
+
+    Args:
+        output: file to write; an existing one is replaced.
+        results: folder of results; may be repeated: each folder is a section of its own.
+        metric: metric to rank by.
+        axis: axis of the metric; by default the mean over the axes.
+        seed: seed of the resampling of poses.
 
     Raises:
         ConfigError: the file's extension is not supported, a folder is given twice, a name has no
             results in a folder, or the metric cannot rank.
         StoreError: a folder has no results or corrupt results, or the file cannot be written.
     """
+    output = Path(output)
     if output.suffix.lower() not in SUFFIXES:
         raise unsupported_extension(output, SUFFIXES, "output")
+    parts = [results] if isinstance(results, Results) else [*results]
+    folders = [part.folder for part in parts]
     for number, folder in enumerate(folders):
         if folder.resolve() in {earlier_folder.resolve() for earlier_folder in folders[:number]}:
             raise ConfigError(f"{folder}: given twice; give each folder once", "results")
-    key = sort_key(choice.metric, choice.axis)
-    sections = [folder_section(StoredResults.read(path), choice, key) for path in folders]
-    write_text(output, html_page(Page("stiffbench report", sections, command)))
+    key = sort_key(metric, axis)
+    sections = [
+        folder_section(part.stored, PageOptions(part.selection, metric, axis, seed), key)
+        for part in parts
+    ]
+    return write_text(output, html_page(Page("stiffbench report", sections, parts[0].command)))
 
 
 def folder_section(stored: StoredResults, choice: PageOptions, key: SortKey) -> Section:
@@ -164,7 +189,7 @@ def _has_content(section: Section) -> bool:
     return bool(section.tables or section.notes or section.sections)
 
 
-def _facts(folder: Path, runs: Sequence[RunManifest], results: Results, key: SortKey) -> str:
+def _facts(folder: Path, runs: Sequence[RunManifest], results: Fits, key: SortKey) -> str:
     """Return folder, date of the newest run, counts, and metric, in one line."""
     statuses = Counter(result.status for result in results)
     shown = [result.presentation for result in results]
@@ -226,7 +251,7 @@ def _figures(source: FigureSource, scores: Scores | None, choice: PageOptions) -
         yield Section("Figures", figures=figures, notes=notes * is_cut, sections=parts)
 
 
-def failure_sections(results: Results) -> list[Section]:
+def failure_sections(results: Fits) -> list[Section]:
     """Return the failures with their logs, equal failures in one row; [] if nothing failed.
 
     Skipped fits have one line per reason, such as a package that is not installed.
@@ -326,7 +351,7 @@ def _won_and_lost(difference: Quantity) -> str:
     return " : ".join(map(str, difference.share or ()))
 
 
-def data_table(results: Results, data_of: DataOf) -> Table:
+def data_table(results: Fits, data_of: DataOf) -> Table:
     """Return kind, robot, TCP, size and hash of each data set."""
 
     def row(sha256: str, result: CellResult) -> list[Entry]:
@@ -350,7 +375,7 @@ def data_table(results: Results, data_of: DataOf) -> Table:
     return Table("Data sets", columns, [row(*item) for item in fits.items()])
 
 
-def stiffness_table(results: Results, data_of: DataOf) -> Table:
+def stiffness_table(results: Fits, data_of: DataOf) -> Table:
     """Return the joint stiffnesses that the VJM identified, a row per data set and joint."""
     fits = [fit for fit in results if fit.presentation.model == REFERENCE_MODEL]
     rows: list[list[Entry]] = []
@@ -376,7 +401,7 @@ def stiffness_table(results: Results, data_of: DataOf) -> Table:
     )
 
 
-def scores_section(results: Results, ranked_by: str) -> Section:
+def scores_section(results: Fits, ranked_by: str) -> Section:
     """Return the scores of all models, the ranking metric first, and the notes of their fits."""
     metrics = [METRICS[key] for key in dict.fromkeys((ranked_by, "norm", "mae", "stde", "me"))]
     rows: list[dict[Any, Entry]] = []
@@ -411,9 +436,7 @@ def scores_section(results: Results, ranked_by: str) -> Section:
     return Section("Scores", tables=[table], sections=folds, is_folded=True)
 
 
-def runs_section(
-    runs: Sequence[RunManifest], results: Results, provenance: Sequence[str]
-) -> Section:
+def runs_section(runs: Sequence[RunManifest], results: Fits, provenance: Sequence[str]) -> Section:
     """Return the runs of a folder, newest first, with their commands and machines."""
     counts = Counter(result.run_id for result in results if result.status == "ok")
     newest = sorted(runs, key=lambda run: run.run_id, reverse=True)

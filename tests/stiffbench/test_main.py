@@ -10,9 +10,9 @@ import sys
 import pytest
 
 from helpers.command_line import BENCH, bench_here
-from stiff_bench.cli.click_options import command_line
 from stiff_bench.store.database import ResultStore, read_manifests, read_results
 from stiff_protocols.contract.errors import ConfigError
+from stiffbench.options import command_line
 
 
 def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
@@ -58,7 +58,7 @@ def test_list_and_show_answer(tmp_path):
 
 
 IMPORTS = (
-    "import sys, stiff_bench.cli.main as cli\n"
+    "import sys, stiffbench.main as cli\n"
     "try: cli.main(sys.argv[2:])\n"
     "except SystemExit: pass\n"
     "print([name for name in sys.argv[1].split() if name in sys.modules])"

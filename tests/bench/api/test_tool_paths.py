@@ -46,7 +46,7 @@ def vjm(twin):
 @pytest.fixture(scope="module")
 def square(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("paths") / "square.csv"
-    example_path("square", path, points=13, load=(0.0, 20.0, -60.0, 0.0, 0.0, 1.0))
+    example_path(path, points=13, load=(0.0, 20.0, -60.0, 0.0, 0.0, 1.0))
     return path
 
 
@@ -227,7 +227,7 @@ def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, c
 def test_every_shipped_robot_has_examples_that_it_can_drive(robot, tmp_path):
     arm, load = shipped_robots()[robot].robot(), (0.0, 0.0, -9.0, 0.0, 0.0, 0.0)
     for shape in ("square", "iso9283"):  # the others lie inside of these
-        example_path(shape, tmp_path / f"{shape}.csv", robot=robot, load=load)
+        example_path(tmp_path / f"{shape}.csv", shape=shape, robot=robot, load=load)
         path_file = read_path(tmp_path / f"{shape}.csv", arm, tool_of(arm, None))
         assert (path_file.path.wrench[:, 2] == -9.0).all()
         assert follow(arm, path_file.path.position, path_file.path.rotation).ok.all()
@@ -291,7 +291,10 @@ def test_a_bad_path_is_refused_with_its_row_and_what_is_valid(rows, parts, corre
 
 
 def test_invalid_arguments_and_existing_files_are_refused(vjm, square, tmp_path):
-    for use in (lambda: compensate_path(vjm, square, square), lambda: example_path("line", square)):
+    for use in (
+        lambda: compensate_path(vjm, square, square),
+        lambda: example_path(square, shape="line"),
+    ):
         with pytest.raises(StoreError, match="exists"):
             use()
     with pytest.raises(NotFittedError):

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from helpers.command_line import assert_refused, bench_here
 from helpers.figure_results import CURVE, compared, with_fields
 from helpers.made_results import MadeResults
-from stiff_bench.cli.result_commands import figure
 from stiff_bench.paper.paper_figures import FIGURES
 from stiff_bench.paper.paper_models import DT_CNN, FT_MLP, pretrained, unfrozen
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_protocols.contract.errors import StoreError
 
 PAPER = {"dataset": "kr10-twin", "protocol": "paper-holdout", "selects_on_test": True}
-
-
-def run(*words: object):
-    return CliRunner().invoke(figure, [str(word) for word in words])
 
 
 @pytest.fixture(scope="module")
@@ -47,17 +42,18 @@ def paper(tmp_path_factory) -> PaperResults:
 
 def test_a_figure_is_written_to_the_requested_path_and_its_caption_printed(tmp_path):
     compared(tmp_path / "runs")
-    done = run("regression", "--results", tmp_path / "runs", "--output", tmp_path / "a.svg")
-    assert done.exit_code == 0, done.exception
+    words = ["regression", "--results", "runs", "--output", "a.svg"]
+    done = bench_here("figure", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
     assert "deflection dx [mm]" in (tmp_path / "a.svg").read_text()
-    assert done.output.startswith(f"{tmp_path / 'a.svg'}: Error over true deflection.")
-    assert "seed 0" in done.output
+    assert done.stdout.startswith("a.svg: Error over true deflection.")
+    assert "seed 0" in done.stdout
 
 
 @pytest.mark.slow
 def test_figure_4_needs_no_results(tmp_path):
-    done = run("4", "--output", tmp_path / "a.svg")
-    assert done.exit_code == 0, done.exception
+    done = bench_here("figure", "4", "--output", "a.svg", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
     text = (tmp_path / "a.svg").read_text()
     assert "(paper 0.074)" in text and "(paper 0.062)" in text
 
@@ -108,17 +104,17 @@ def test_the_papers_figures_name_the_data_set_and_its_kind(paper):
 
 @pytest.mark.parametrize("name", ["scores", "robot", "9", "nobody"])
 def test_a_suffix_that_names_no_format_is_refused_before_results_are_read(name, tmp_path):
-    done = run(name, "--results", tmp_path / "none", "--output", tmp_path / "a.txt")
-    assert "extension .txt" in str(done.exception) + done.output
+    done = bench_here("figure", name, "--results", "none", "--output", "a.txt", cwd=tmp_path)
+    assert_refused(done, "extension .txt")
     assert not (tmp_path / "a.txt").exists()
 
 
 def test_the_robot_of_a_data_set_needs_no_results(tmp_path):
-    done = run("robot", "--dataset", "kr10-twin", "--row", 3, "--output", tmp_path / "a.svg")
-    assert done.exit_code == 0, done.exception
+    words = ["figure", "robot", "--dataset", "kr10-twin"]
+    done = bench_here(*words, "--row", "3", "--output", "a.svg", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
     assert "kr10-twin (simulated), pose " in (tmp_path / "a.svg").read_text()
-    done = run("robot", "--dataset", "kr10-twin", "--dataset", "ur5-twin")
-    assert done.exit_code != 0 and "one --dataset" in str(done.exception) + done.output
+    assert_refused(bench_here(*words, "--dataset", "ur5-twin", cwd=tmp_path), "one --dataset")
 
 
 def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_path):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from unittest import mock
 
-import click
-import click.testing
 import pytest
 
-from helpers.command_line import bench_here
+from helpers.command_line import Stream, bench_here
 
 COMMANDS = (
     "data simulate --twin ur5 --samples 20 --output my.csv",
@@ -36,14 +35,12 @@ COMMANDS = (
 @pytest.mark.usefixtures("empty_pictures")
 @pytest.mark.parametrize(("width", "commands"), [(80, COMMANDS), (100, COMMANDS[-2:])])
 def test_no_line_is_wider_than_the_terminal(tmp_path, width, commands):
-    terminal = mock.patch.object(
-        click.testing._NamedTextIOWrapper, "isatty", lambda _: True, create=True
-    )
+    terminal = mock.patch.object(Stream, "isatty", lambda _: True)
     env = {"COLUMNS": str(width), "TERM": "dumb"}
     for command in commands:
         with terminal:
             done = bench_here(*command.split(), cwd=tmp_path, env=env)
         assert done.returncode in (0, 1, 2), done.stderr
         assert "internal error" not in done.stderr, done.stderr
-        lines = click.unstyle(done.stdout + done.stderr).splitlines()
+        lines = re.sub(r"\x1b\[[\d;]*m", "", done.stdout + done.stderr).splitlines()
         assert [line.rstrip() for line in lines if len(line.rstrip()) > width] == [], command
