@@ -19,6 +19,7 @@ import pytest
 
 from helpers.quick_models import twin_data
 from helpers.run_requests import planned
+from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.plan import cells
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.store import database as store
@@ -88,7 +89,17 @@ def small_source(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture()
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out a report's figures, which take seconds; the browser test draws them."""
-    monkeypatch.setattr("stiff_bench.report.report_content.FIGURES", {})
+    monkeypatch.setattr("stiff_bench.page.report.FIGURES", {})
+
+
+@pytest.fixture()
+def empty_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write pictures as empty files: drawing takes seconds, and other tests draw them."""
+
+    def save(self: Prepared, path: Path | str) -> None:
+        Path(path).touch(exist_ok=False)
+
+    monkeypatch.setattr(Prepared, "save", save)
 
 
 @pytest.fixture()

@@ -11,10 +11,11 @@ import pandas as pd
 import pytest
 
 import stiffbench as sb
+from helpers.command_line import bench_here
+from stiff_bench.page.study_page import study_leaderboard
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, TABLES
 from stiff_bench.paper.study_file import find_study
-from stiff_bench.paper.study_page import study_leaderboard
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.store.database import PACKED, read_results
@@ -126,3 +127,30 @@ def test_every_picture_of_the_committed_pages_is_there():
         names = [picture.split("](")[1] for picture in pictures]
         assert names
         assert all((page.parent / name).is_file() for name in names)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("study", ["paper", "intervals", "leaderboard"])
+def test_a_study_written_again_gives_its_committed_files(study, tmp_path):
+    """Compare bytes, except for numbers in CSV: the last of their 17 digits is the processor's."""
+    committed, written = RESULTS / study, tmp_path / "results" / study
+    packed = committed / "runs" / "results.sqlite.xz"
+    stored = packed if packed.exists() else packed.with_suffix("")
+    (written / "runs").mkdir(parents=True)
+    shutil.copy(stored, written / "runs")
+    done = bench_here("reproduce", study, "--write-only", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert page_files(written) == page_files(committed)
+    for name in page_files(committed):
+        new, old = written / name, committed / name
+        if name.suffix == ".csv":
+            frames = pd.read_csv(new), pd.read_csv(old)
+            pd.testing.assert_frame_equal(*frames, rtol=1e-9, atol=0.0, obj=str(name))
+        else:
+            assert new.read_bytes() == old.read_bytes(), name
+
+
+def page_files(folder: Path) -> set[Path]:
+    """Return the files of a study's page, relative to its folder."""
+    files = [path for path in folder.rglob("*") if path.is_file() and path.parent.name != "runs"]
+    return {path.relative_to(folder) for path in files}

@@ -12,13 +12,12 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-import click
 import pytest
 
 from helpers.command_line import bench_here
+from helpers.command_tree import GROUPS, PARAMETERS
 from helpers.run_requests import planned
 from stiff_bench.api.registered import list_figures
-from stiff_bench.cli.main import bench
 from stiff_bench.model_tools.plugins import checklist
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
@@ -146,16 +145,13 @@ def test_every_command_of_the_docs_has_its_options():
 
 def _unknown(line: str) -> str:
     """Return the first word of a command line that bench does not know, "" where there is none."""
-    words = shlex.split(line, comments=True)[1:]
-    command: click.Command = bench
-    while isinstance(command, click.Group) and words and not words[0].startswith("-"):
+    command, *words = shlex.split(line, comments=True)
+    while command in GROUPS and words and not words[0].startswith("-"):
         name, *words = words
-        if name not in command.commands:
+        command = f"{command} {name}"
+        if command not in PARAMETERS:
             return name
-        command = command.commands[name]
-    options = {"-h", "--help"}.union(
-        *((*option.opts, *option.secondary_opts) for option in command.params)
-    )
+    options = {"-h", "--debug", *PARAMETERS[command]}
     given = [word.partition("=")[0] for word in words if word.startswith("-")]
     return next((option for option in given if option not in options), "")
 

@@ -11,8 +11,6 @@ import textwrap
 import warnings
 from collections.abc import Iterator
 
-import click
-
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.screen import one_line as one_line
 from stiff_protocols.contract.screen import printable as printable
@@ -27,7 +25,7 @@ _BULLET_AND_SENTENCE = re.compile(r"(\s*(?:\W )?)(.*)")
 def say(message: str) -> None:
     """Print a message on standard error, as one line except on a terminal."""
     line = f"bench: {one_line(message)}"
-    click.echo(wrapped(line, indent="  ") if sys.stderr.isatty() else line, err=True)
+    print(wrapped(line, indent="  ") if sys.stderr.isatty() else line, file=sys.stderr, flush=True)
 
 
 def text_width() -> int:
@@ -79,7 +77,7 @@ def print_text(text: str, *, laid_out: bool = False) -> None:
         StoreError: standard output cannot be written, as on a full disk.
     """
     try:
-        click.echo(text if laid_out else printable(text))
+        print(text if laid_out else printable(text), flush=True)
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # flushed again at exit
         if not isinstance(error, BrokenPipeError):
@@ -100,22 +98,6 @@ def print_markdown(text: str) -> None:
     from rich.markdown import Markdown
 
     Console(width=text_width()).print(Markdown(printable(text), hyperlinks=False))
-
-
-def replace_closed_streams() -> None:
-    """Open the null device in place of standard streams that the caller has closed.
-
-    Otherwise the next file that is opened gets the descriptor, and a library that prints would
-    write into it. Messages are dropped; a result on standard output is an error.
-    """
-    for descriptor in range(3):
-        try:
-            os.fstat(descriptor)
-        except OSError:  # the lowest free descriptor is this one
-            os.open(os.devnull, os.O_WRONLY if descriptor == 2 else os.O_RDONLY)
-    for descriptor, name in ((1, "stdout"), (2, "stderr")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(descriptor, "w", encoding="utf-8", closefd=False))
 
 
 @contextlib.contextmanager

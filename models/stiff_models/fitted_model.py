@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from sklearn.base import BaseEstimator
 
 from stiff_models.io import model_file
 from stiff_protocols.contract.errors import ModelError, NotFittedError
@@ -42,7 +41,7 @@ def left_out_fifths(samples: Samples, seed: int) -> Iterator[tuple[Samples, Samp
         yield samples.take(learned), samples.take(left_out)
 
 
-class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
+class FittedModel(StiffnessModel):
     """Base of the built-in families: checks inputs and predictions, and writes model files.
 
     A family implements `_fit` and `_predict`. It keeps everything that a prediction needs in

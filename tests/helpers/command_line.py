@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import io
 import os
 import signal
 import subprocess
@@ -10,20 +11,17 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, chdir, contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, chdir, contextmanager, redirect_stderr, redirect_stdout
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import click
-from click.testing import CliRunner
 from threadpoolctl import ThreadpoolController
 
 from stiff_bench.api.registered import registry
-from stiff_bench.cli import main as cli
 from stiff_bench.store.database import stored_statuses
+from stiffbench.main import main
 
 BENCH = Path(sys.executable).with_name("bench")
 SIGNALS = (signal.SIGTERM, signal.SIGHUP)
@@ -45,21 +43,36 @@ def bench_here(
         env: environment variables to add to this process's.
     """
     arguments = [str(word) for word in words]
-    with CliRunner().isolation(env=env) as (out, err, _), chdir(cwd), _all_put_back(arguments):
+    status: Any = None
+    out, err = Stream(), Stream()
+    with (
+        redirect_stdout(out),
+        redirect_stderr(err),
+        chdir(cwd),
+        _all_put_back(arguments, env or {}),
+    ):
         try:
-            cli.main(arguments)
+            main(arguments)
         except SystemExit as exit_error:
-            status: Any = exit_error.code
-        output = [stream.getvalue().decode() for stream in (out, err)]
+            status = exit_error.code
+    output = [stream.bytes.getvalue().decode() for stream in (out, err)]
     return subprocess.CompletedProcess(arguments, status, *output)
 
 
+class Stream(io.TextIOWrapper):
+    """A text stream in memory; what cannot be encoded is escaped, as on standard error."""
+
+    def __init__(self) -> None:
+        self.bytes = io.BytesIO()
+        super().__init__(self.bytes, "utf-8", "backslashreplace", write_through=True)
+
+
 @contextmanager
-def _all_put_back(arguments: list[str]) -> Iterator[None]:
+def _all_put_back(arguments: list[str], env: Mapping[str, str]) -> Iterator[None]:
     """Undo what a command changes in its process."""
     with ExitStack() as stack:
         stack.enter_context(mock.patch.object(sys, "argv", ["bench", *arguments]))
-        stack.enter_context(mock.patch.dict(os.environ))
+        stack.enter_context(mock.patch.dict(os.environ, env))
         stack.enter_context(mock.patch("stiff_bench.plan.registry.entry_points", _installed))
         stack.enter_context(_warnings_as_in_a_command())
         for number in SIGNALS:
@@ -163,26 +176,3 @@ def assert_refused(done: subprocess.CompletedProcess[str], *parts: str) -> None:
     assert lines[0].startswith("bench: error: ")
     for part in parts:
         assert part in lines[0]
-
-
-@dataclass(frozen=True)
-class Leaf:
-    """A command without subcommands, and the words that call it."""
-
-    words: tuple[str, ...]
-    command: click.Command
-
-    @property
-    def name(self) -> str:
-        return " ".join(self.words)
-
-
-def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[Leaf]:
-    if not isinstance(command, click.Group):
-        yield Leaf(words, command)
-        return
-    for name, below in command.commands.items():
-        yield from leaves(below, (*words, name))
-
-
-LEAVES = list(leaves(cli.bench))

@@ -21,7 +21,6 @@ from helpers.perf_case import figure, ours_or_peer
 from helpers.run_requests import planned
 from stiff_bench.api.data_sets import Dataset
 from stiff_bench.api.evaluation import Run
-from stiff_bench.cli.run_commands import execute
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.cell import Execution
@@ -33,6 +32,7 @@ from stiff_datasets.twin.twin import TwinExperiment
 from stiff_protocols.contract.record import CellResult, Cost, RunManifest
 from stiff_protocols.contract.types import Prediction
 from stiff_protocols.scoring.metrics import METRICS
+from stiffbench.commands import execute
 
 N_CELLS = 1000
 
@@ -57,15 +57,15 @@ def seconds(benchmark) -> float:
 
 
 AT_MOST_S = {"bench --help": 0.3, "bench list models": 0.5}
-CLICK = "python -c 'import click'"
+CYCLOPTS = "python -c 'import cyclopts'"
 
 
 @pytest.mark.benchmark(group="start-up")
-@pytest.mark.parametrize("who", [*AT_MOST_S, CLICK])
+@pytest.mark.parametrize("who", [*AT_MOST_S, CYCLOPTS])
 def test_start(benchmark, who):
     ours_or_peer(benchmark, who)
-    python = (sys.executable, "-c", "import click")
-    words = python if who == CLICK else (BENCH, *who.split()[1:])
+    python = (sys.executable, "-c", "import cyclopts")
+    words = python if who == CYCLOPTS else (BENCH, *who.split()[1:])
     benchmark.pedantic(command, words, rounds=5)
     if who in AT_MOST_S:
         figure(benchmark, f"{who}, wall", seconds(benchmark), "s", at_most=AT_MOST_S[who])

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Annotated, Literal
 
 from stiff_bench.api.robots import load_robot, read_robot, robot_words, shipped_name
+from stiff_bench.parameter_types import Form, Point
 from stiff_bench.plan.options import Choice
 from stiff_bench.tables.dataset_facts import card_text
 from stiff_bench.tables.units import counted
@@ -48,37 +50,44 @@ LONGEST_STEM = 120
 
 
 def register(
-    csv: Path,
+    file: Path,
     *,
-    dataset: str | None = None,
+    options: FileOptions,
+    dataset: Literal["kr10-measured"] | None = None,
     robot: str | None = None,
     urdf: Path | None = None,
     tip: str | None = None,
-    tcp: Sequence[float] | None = None,
-    options: FileOptions,
-    facts: Mapping[str, str],
+    tcp: Point | None = None,
+    licence: Annotated[str, Form("TEXT")] | None = None,
+    citation: Annotated[str, Form("TEXT")] | None = None,
+    source: Annotated[str, Form("URL")] | None = None,
 ) -> Text:
-    """Describe a user's file of samples, and return a text on missing facts.
+    """Describe your own CSV file for others.
 
-    Two descriptors are written next to the file, and a data card if it has none.
+    Writes a Croissant and a Frictionless descriptor next to the file, from its data card. A file
+    without a card gets one to fill in. The returned text names missing facts.
 
     Args:
-        csv: file of samples.
-        dataset: "kr10-measured" to register the file under this name, too; None: no name.
-        robot: name of the shipped robot that was measured; None: `urdf`, or the KR10 with
-            `dataset`.
-        urdf: description of the robot; None: a shipped one.
-        tip: last link of the chain in the URDF; None: the end of the longest chain.
-        tcp: (3,) tool centre point in the frame of the last link, m; None: the shipped robot's, or
-            the link's origin.
+        file: your measurement.
         options: statements about the file.
-        facts: "Licence", "Citation" and "Source" for a new card.
+        dataset: name that the file gets in other commands.
+        robot: shipped robot that was measured; by default the KR10 with `dataset`.
+        urdf: URDF of your own robot, in place of `robot`.
+        tip: last link of the robot in the URDF; by default the end of the longest chain, without
+            fingers.
+        tcp: (3,) tool centre point in the frame of the last link, in m; by default the shipped
+            robot's, or 0,0,0 with `urdf`.
+        licence: SPDX identifier or URL, for a new card.
+        citation: reference to cite, for a new card.
+        source: place of publication, for a new card.
 
     Raises:
-        ConfigError: no robot is named, or the card states one of `facts` already.
+        ConfigError: no robot is named, or the card states a licence, citation or source already.
         DataError: the file or its card cannot be read, or it is not plain CSV and gets no name.
         StoreError: a descriptor of another program is there, or a file cannot be written.
     """
+    csv, given = file, {"Licence": licence, "Citation": citation, "Source": source}
+    facts = {row: text for row, text in given.items() if text}
     measured_robot = _robot_of(csv, dataset, robot, urdf, tip, tcp)
     samples = read_samples(csv, measured_robot, options)
     data = BenchmarkData(samples, measured_robot)

@@ -151,8 +151,11 @@ class Dataset(ShownObject):
 
         return Text(card_text(self.choice.info.key, self.choice.info.card))
 
-    def describe(self, folder: Path | str) -> Text:
-        """Draw the data set's picture in a folder, and return its facts.
+    def describe(self, output: Path | str) -> Text:
+        """Draw an overview of a data set, and return its facts.
+
+        Args:
+            output: folder for the picture, KEY.png.
 
         Raises:
             StoreError: the picture cannot be written.
@@ -161,13 +164,16 @@ class Dataset(ShownObject):
 
         data, info, options = self.data, self.choice.info, self.choice.options_text
         name = f"{info.key} {options}".strip().replace("/", "_").replace(", ", "_")
-        picture = Path(folder) / f"{name.replace(' ', '_')}.png"
+        picture = Path(output) / f"{name.replace(' ', '_')}.png"
         make_folder(picture.parent)
         self.plot().save(picture)
         return Text(dataset_info(info, data, picture, options))
 
-    def export(self, folder: Path | str) -> Text:
-        """Write CSV, URDF, data card and descriptors into a folder; return a summary.
+    def export(self, output: Path | str) -> Text:
+        """Write a data set as CSV, URDF, data card and descriptors.
+
+        Args:
+            output: folder for the files; existing files are not overwritten.
 
         Raises:
             DataError: a file cannot represent the data; see `read_samples`.
@@ -175,7 +181,7 @@ class Dataset(ShownObject):
         """
         from stiff_bench.api.data_files import export_dataset
 
-        return export_dataset(self.choice, self.data, Path(folder))
+        return export_dataset(self.choice, self.data, Path(output))
 
     def __getitem__(self, rows: slice | int | Sequence[int] | Sequence[bool] | Any) -> Dataset:
         """Return the data set of some samples: a slice, row numbers or a mask, as in NumPy.

@@ -10,22 +10,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from stiff_bench.analysis.forecast import (
-    LONGEST_FIT_S,
-    LONGEST_S,
-    forecast,
-    forecast_line,
-    forecast_table,
-    time_fits,
-    untimed_fits,
-)
 from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.api.registered import registry
 from stiff_bench.console import say
-from stiff_bench.paper.study_file import Study, find_study
+from stiff_bench.parameter_types import Bounds, Device, Fraction, Seed, Setting
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
@@ -35,20 +26,15 @@ from stiff_bench.run.machine import pinned, usable_cores
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore, stored_statuses
-from stiff_bench.store.merging import merge
-from stiff_bench.submissions.published_results import (
-    OPTION,
-    find_published,
-    missing_places,
-    published_folder,
-)
-from stiff_bench.submissions.statuses import SUBMISSIONS, board_statuses
 from stiff_bench.tables.units import counted, first_few
 from stiff_bench.tables.writers import Tables
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import CellResult
+
+if TYPE_CHECKING:
+    from stiff_bench.paper.study_file import Study
 
 DEFAULT_DATASET = "kr10-twin"
 
@@ -75,6 +61,16 @@ class Run:
 
         For models without a stored fit, one fit per data set is timed, except on a cluster.
         """
+        from stiff_bench.analysis.forecast import (
+            LONGEST_FIT_S,
+            LONGEST_S,
+            forecast,
+            forecast_line,
+            forecast_table,
+            time_fits,
+            untimed_fits,
+        )
+
         plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
         untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
         facts, timed = self.execution.facts, list[CellResult]()
@@ -129,10 +125,15 @@ class RunAgainst(Run):
         Raises:
             ConfigError: the published models have other data, splits or versions.
         """
+        from stiff_bench.submissions.published_results import find_published
+
         return find_published(self.published, self.tasks)
 
     def compute(self) -> Results:
         """Copy the published results, compute missing fits, and return all results."""
+        from stiff_bench.store.merging import merge
+        from stiff_bench.submissions.published_results import missing_places
+
         output, published = self.plans[0].output, self.published_results
         ResultStore(output)
         keys = {result.cell.key for result in published} | {task.cell.key for task in self.tasks}
@@ -155,7 +156,7 @@ class RunAgainst(Run):
 
     def board(self, results: Results) -> Tables | None:
         """Return the study's board of these results; None: no board, or too few robots."""
-        from stiff_bench.paper.study_page import study_leaderboard
+        from stiff_bench.page.study_page import study_leaderboard
 
         try:
             tables = study_leaderboard(self.study, results.stored).tables
@@ -199,10 +200,20 @@ def model_and_data(
     models: Sequence[str],
     datasets: Sequence[str | Dataset],
     *,
-    settings: Sequence[str] = (),
-    device: str = "auto",
+    settings: Setting = (),
+    device: Device = "auto",
 ) -> tuple[Model, Dataset]:
-    """Return the model and the data set of `bench fit`, checked like a run."""
+    """Fit a model to all samples of a data set and save it.
+
+    As in `bench run`, a network chooses its number of epochs by cross-validation, then learns from
+    every sample. With `training=best`, a fifth of the poses chooses the epoch instead.
+
+    Args:
+        models: model to fit; NAME@OPTION=VALUE sets its options.
+        datasets: data set to fit it to.
+        settings: option of the model or the data set; may be repeated.
+        device: device that networks run on.
+    """
     if len(datasets) != 1:
         raise ConfigError("give either --dataset KEY or --data FILE.csv")
     chosen = _chosen(models, datasets, (), settings)
@@ -217,28 +228,30 @@ def evaluate(
     datasets: str | Dataset | Sequence[str | Dataset] = DEFAULT_DATASET,
     *,
     protocol: str | Sequence[str] = "holdout",
-    splits: int | None = None,
-    seed: int = 0,
+    splits: Annotated[int, Bounds(at_least=1, at_most=10_000)] | None = None,
+    seed: Seed = 0,
     metrics: Sequence[str] = (),
-    coverage: float | None = None,
+    coverage: Fraction | None = None,
     jobs: int = 1,
-    device: str = "auto",
+    device: Device = "auto",
     output: Path | str | None = None,
 ) -> Results:
     """Fit and test models on data sets under protocols.
 
     Args:
-        models: names, models of `make_model` (each cell fits a new one), or classes.
-        datasets: names, or data sets of `load_dataset` and `read_samples`.
-        protocol: names with options, such as "kfold@folds=10".
-        splits: number of splits; None: the protocol's number.
+        models: models, such as vjm or ft-mlp@freeze=full, and all for every model; in Python also
+            models of `make_model` (each fit makes a new one) and classes. May be repeated.
+        datasets: data sets, such as kr10-twin@specimen=3; in Python also data sets of
+            `load_dataset` and `read_samples`. By default kr10-twin; may be repeated.
+        protocol: protocol, such as kfold@folds=10; may be repeated.
+        splits: number of splits; by default the protocol's.
         seed: seed of splits and models.
-        metrics: keys of the metrics in tables; empty: mae, stde and me, and for tool paths norm,
-            norm-p95, norm-max and removed. All metrics are computed.
-        coverage: nominal coverage of intervals, if a metric needs them; None: 0.9.
+        metrics: metric of the tables, see `bench list metrics`; by default mae, stde and me, and
+            for tool paths norm, norm-p95, norm-max and removed; may be repeated.
+        coverage: coverage (0..1) of prediction intervals, per axis; by default 0.9.
         jobs: number of fits at the same time, each in a separate process. Classes defined in a
             script or notebook are fitted in this process.
-        device: device of networks, "auto", "cpu" or "cuda".
+        device: device that networks run on.
         output: folder to store the results; stored results are not computed again. None: the
             results are deleted with the `Results` object.
 
@@ -306,7 +319,7 @@ class Reproduction(Run):
 
     def write(self) -> Iterator[Path]:
         """Write the page and files for the available results, and yield each file."""
-        from stiff_bench.paper.study_page import write_page
+        from stiff_bench.page.study_page import write_page
 
         stored = stored_statuses(self.plans[0].output)
         missing = [task.model.info for task in self.tasks if task.cell.key not in stored]
@@ -317,6 +330,8 @@ class Reproduction(Run):
     @property
     def model_statuses(self) -> dict[str, str]:
         """Return "verified" or "reported" by model; empty without submissions."""
+        from stiff_bench.submissions.statuses import SUBMISSIONS, board_statuses
+
         return board_statuses(self.plans[0].output, self.output / SUBMISSIONS.name)
 
     def write_site(self, folder: Path) -> Iterator[Path]:
@@ -325,11 +340,14 @@ class Reproduction(Run):
         Raises:
             ConfigError: the study has no board, or too few results.
         """
-        from stiff_bench.api.leaderboard_site import LeaderboardSite
+        from stiff_bench.api.data_sets import load_dataset
+        from stiff_bench.page.site import LeaderboardSite
 
         plan = self.plans[0]
         command = f"{plan.command} --site {shlex.quote(str(folder))}"
-        site = LeaderboardSite(self.study, plan.output, command, self.model_statuses)
+        site = LeaderboardSite(
+            self.study, plan.output, command, registry(), load_dataset, self.model_statuses
+        )
         return site.write(folder)
 
 
@@ -358,6 +376,9 @@ def run_of_study(
         ConfigError: the study, a model or the folder is unknown, or the published results have
             other data, splits or versions.
     """
+    from stiff_bench.paper.study_file import find_study
+    from stiff_bench.submissions.published_results import OPTION, published_folder
+
     study = find_study(name)
     if against and not models:
         raise ConfigError(f"{against} requires --model", OPTION)
@@ -375,6 +396,17 @@ def run_of_study(
     return run
 
 
+def run_facts(results: Results) -> list[str]:
+    """Return how the fits ended, where results are stored, and how to repeat old failures."""
+    finished = results.finished
+    assert finished is not None
+    lines = [f"{finished.summary}; {finished.wall_s:.1f} s; stored in {results.folder}"]
+    failed = [result.cell.key for result in finished.results if result.status == "failed"]
+    if old := len(finished.cached.intersection(failed)):
+        lines.append(f"{old} of the failures are of earlier runs; --rerun failed repeats them")
+    return lines
+
+
 def with_reference_word(models: Sequence[str]) -> list[str]:
     """Return names of models with the reference model first."""
     return [*dict.fromkeys([REFERENCE_MODEL, *models])]
@@ -389,7 +421,8 @@ def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reprod
         command: command of the run, stored with the results.
         how: options of `chosen_execution`; by default one job per core.
     """
-    from stiff_bench.paper.study_page import check_names
+    from stiff_bench.page.study_page import check_names
+    from stiff_bench.paper.study_file import find_study
 
     study = find_study(name)
     check_names(study)

@@ -6,7 +6,7 @@ import time
 import warnings
 from dataclasses import asdict
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from stiff_bench.analysis import pose_plans
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.robots import as_robot, payload_of, robot_words, shipped_name
 from stiff_bench.console import say
+from stiff_bench.parameter_types import Bounds, Count, FilePath, Form, PoseTolerance, Seed
 from stiff_bench.plan.options import measured_file
 from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
@@ -39,45 +40,47 @@ from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 
 def plan_poses(
-    output: Path | str,
+    output: FilePath,
     *,
-    poses: int | None = None,
+    poses: Annotated[int, Bounds(at_least=1, at_most=10_000)] | None = None,
     criterion: Criterion | None = None,
-    candidates: int | None = None,
-    payload: float | None = None,
-    clearance: float = 0.2,
-    seed: int = 0,
+    candidates: Annotated[int, Bounds(at_least=1, at_most=100_000)] | None = None,
+    payload: Annotated[float, Form("KG"), Bounds(above=0.0)] | None = None,
+    clearance: Annotated[float, Form("M"), Bounds(at_least=0.0)] = 0.2,
+    seed: Seed = 0,
     robot: str | Robot | None = None,
-    after: Path | str | None = None,
+    after: FilePath | None = None,
     model: str | None = None,
-    workspace: Path | str | None = None,
+    workspace: FilePath | None = None,
     no_torque: bool = False,
     sheet: str | None = None,
-    pose_tolerance: float = POSE_TOLERANCE,
+    pose_tolerance: PoseTolerance = POSE_TOLERANCE,
 ) -> Text:
-    """Write a measurement plan to fill in, and return its gain over random plans.
+    """Write a measurement plan to fill in.
+
+    Without a robot, the plan is for the KR10. With `after`, it continues a measurement and
+    estimates what more poses gain. The returned text has the gain over random plans.
 
     Args:
-        output: new FILE.csv.
-        poses: number of poses to choose; None: the paper's 151 poses of the KR10, or 151 chosen
-            poses; 10 with `after`.
-        criterion: criterion of the choice: "d-optimal" (joint compliances; the default) or
-            "i-optimal" (predictions; the default with `after`).
-        candidates: number of random poses to choose from; None: 2000, or ten per pose.
-        payload: payload, kg; None: the shipped robot's payload.
-        clearance: smallest distance of the arm from the base column, m.
+        output: new .csv file.
+        poses: number of poses; by default 151, for the KR10 the poses of the paper, and 10 with
+            `after`.
+        criterion: criterion of the choice: joint compliances (d-optimal) or predictions
+            (i-optimal); by default d-optimal, and i-optimal with `after`.
+        candidates: number of random poses to choose from; by default 2000, or ten per pose.
+        payload: rated payload in kg, which sets the forces; by default the shipped robot's.
+        clearance: smallest distance between arm and base column, in m.
         seed: seed of all random numbers.
-        robot: robot to measure: a shipped name or a `Robot`; None: the KR10.
-        after: file of measured poses; the plan continues them, and their learning curve predicts
-            the gain of more poses. None: nothing is measured.
-        model: model to fit to all poses, with `after`; None: "vjm". The poses are chosen for the
-            predictions of a Gaussian process, otherwise for predictions of joint springs.
-        workspace: file of poses and wrenches at which predictions should be accurate, with `after`;
-            None: the reachable workspace.
-        no_torque: True if torques were not measured in `after`.
-        sheet: sheet of `after`, an Excel file; None: the only sheet with a table.
-        pose_tolerance: largest difference of joint positions within a pose, for rows of `after`
-            without `pose_id`, deg and mm.
+        robot: robot to measure: a shipped name or a `Robot`; by default the KR10.
+        after: measurement so far (.csv, .xlsx or .parquet); the plan has the next poses.
+        model: model to choose poses for, with `after`; by default vjm. gp-springs, gp, vjm-gp and
+            mf-gp use their own intervals, the others predictions of joint springs.
+        workspace: .csv file of poses and wrenches that predictions are needed for, with `after`; by
+            default all that the robot can reach.
+        no_torque: torques were not measured: their columns may be missing, or zero.
+        sheet: sheet of an Excel file; by default the only one with a table.
+        pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at
+            most this, in deg (prismatic joints: mm).
 
     Raises:
         ConfigError: an argument is wrong, or the payload is unknown.
@@ -115,22 +118,25 @@ def plan_poses(
 
 
 def validate(
-    file: Path | str,
+    file: FilePath,
     *,
     robot: str | Robot | None = None,
     no_torque: bool = False,
     sheet: str | None = None,
-    pose_tolerance: float = POSE_TOLERANCE,
+    pose_tolerance: PoseTolerance = POSE_TOLERANCE,
 ) -> validation.ValidationReport:
-    """Check a measured file and name its most likely mistake.
+    """Check a measured file and name the likeliest mistake in it.
+
+    Exit status of the command: 0 ok; 1 suspicious, see the report; 2 invalid, other commands refuse
+    the file.
 
     Args:
-        file: CSV, Excel or Parquet file.
-        robot: measured robot: a shipped name or a `Robot`; None: the KR10.
-        no_torque: True if torques were not measured: their columns may be missing, or zero.
-        sheet: sheet of an Excel file; None: the only sheet with a table.
-        pose_tolerance: largest difference of joint positions within a pose, for rows without
-            `pose_id`, deg and mm; poses of two names within this difference are suspicious.
+        file: your measurement (.csv, .xlsx or .parquet).
+        robot: measured robot: a shipped name or a `Robot`; by default the KR10.
+        no_torque: torques were not measured: their columns may be missing, or zero.
+        sheet: sheet of an Excel file; by default the only one with a table.
+        pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at
+            most this, in deg (prismatic joints: mm); two poses this near are suspicious.
 
     Returns:
         A printable report; its `verdict` is "ok", "suspicious" or "invalid".
@@ -154,30 +160,31 @@ def _left_out_errors(samples: Samples, robot: Robot) -> FloatArray:
 
 
 def simulate(
-    output: Path | str,
+    output: FilePath,
     *,
     twin: str = "kr10-r1100-2",
-    samples: int = 10_000,
+    samples: Count = 10_000,
     loads: Literal["line", "line-hook", "omni"] = "omni",
-    loads_per_pose: int = 1,
-    specimen: int = 0,
-    seed: int = 0,
-    effects: str = "none",
+    loads_per_pose: Annotated[int, Bounds(at_least=1, at_most=1000)] = 1,
+    specimen: Annotated[int, Bounds(at_least=0, at_most=9)] = 0,
+    seed: Seed = 0,
+    effects: Annotated[str, Form("LIST")] = "none",
     physics: TwinPhysics = "tilting",
 ) -> Text:
-    """Write a simulated data set of any size, and return its size and speed.
+    """Write a simulated data set of any size.
 
     Args:
-        output: new FILE.csv or FILE.parquet.
-        twin: key such as "kr10-r1100-2" or "ur5", or FILE.toml with your own constants.
+        output: new .csv or .parquet file.
+        twin: simulated robot: kr10-r1100-2, kr10-rough, kr10-beam, ur5, an arm such as gp12, or a
+            .toml file with your own constants.
         samples: number of samples.
-        loads: loads of the paper, its forces at a hook, or all directions at a hook.
+        loads: the paper's wrenches (line), its forces at a hook (line-hook), or forces in all
+            directions at a hook (omni).
         loads_per_pose: number of loads per pose.
-        specimen: number of the specimen, one of ten robots of the type.
+        specimen: number of the simulated robot, 0 to 9.
         seed: seed of poses, loads and noise.
-        effects: "hysteresis", "links", "kinematics" and "sensor", separated by commas, or "none".
-        physics: "tilting": bearings tilt as in the twin's file; "rigid": bearings do not tilt, and
-            the links bend.
+        effects: effects separated by commas: hysteresis, links, kinematics, sensor; or none.
+        physics: tilting bearings as in the twin's file, or rigid bearings and links that bend.
 
     Raises:
         DataError: bending links need sections, which the twin's file does not have.

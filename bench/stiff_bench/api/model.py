@@ -13,6 +13,7 @@ import numpy as np
 from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of
 from stiff_bench.api.registered import registry
 from stiff_bench.console import say
+from stiff_bench.parameter_types import FilePath, Fraction
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
@@ -268,23 +269,24 @@ class Model(ShownObject):
 
     def predict_file(
         self,
-        loads: Path | str,
-        output: Path | str,
+        input: FilePath,
+        output: FilePath,
         *,
-        coverage: float | None = None,
+        coverage: Fraction | None = None,
         sheet: str | None = None,
     ) -> int:
-        """Predict and write the deflections of a file's rows; return the number of rows.
+        """Predict the deflections of a file of poses and wrenches.
 
-        The column ``extrapolates`` names the quantities beyond the training range: ``joints`` or
-        ``pose-gap``, ``load`` or ``load-gap``, as defined in `TrainingRange.extrapolates`. It is
-        empty for all other rows. One warning gives the numbers.
+        The column ``extrapolates`` names what is unlike the training samples: joints, pose-gap,
+        load or load-gap. Such a prediction is a guess; a warning gives the numbers. Returns the
+        number of rows.
 
         Args:
-            loads: file of poses and wrenches, in the columns of a measurement.
-            output: new file with the same rows and ``dx_mm, dy_mm, dz_mm``.
-            coverage: coverage (0..1) of written intervals; None: no intervals.
-            sheet: sheet of an Excel file of loads; None: the only sheet with a table.
+            input: poses and wrenches, in the columns of a measurement; deflections are ignored.
+            output: new file: the same rows with dx_mm, dy_mm, dz_mm; on the command line `-` is
+                standard output.
+            coverage: add prediction intervals of this coverage (0..1), per axis.
+            sheet: sheet of an Excel file; by default the only one with a table.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -299,7 +301,7 @@ class Model(ShownObject):
         model, interval = self.fitted, None
         self.check_coverage(coverage)
         with wrap_model_errors(self.file, but=StiffBenchError):  # an error of the loads
-            table = read_loads(Path(loads), model.robot_, sheet)
+            table = read_loads(Path(input), model.robot_, sheet)
         for oddity in table.oddities:
             say(f"warning: {oddity}")
         with wrap_model_errors(self.file):
@@ -318,7 +320,10 @@ class Model(ShownObject):
         return len(extrapolates)
 
     def export(self, file: Path | str) -> Text:
-        """Write a network as ONNX, and return a text on its inputs and output.
+        """Write a saved network as ONNX.
+
+        Args:
+            file: new .onnx file.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -434,7 +439,7 @@ class Model(ShownObject):
         )
 
     def save(self, file: Path | str, *, cross_validate: bool = True) -> None:
-        """Write the fitted model to a file for `load_model` and `bench predict`.
+        """Save a fitted model to a file for `load_model` and `bench predict`.
 
         An existing file is replaced. After `fit`, further fits compute the errors at left-out poses
         for intervals and `cross_validated_error`; the file stores these errors.
@@ -443,7 +448,8 @@ class Model(ShownObject):
 
         Args:
             file: path of the file.
-            cross_validate: False avoids five fits and stores no `cross_validated_error`.
+            cross_validate: store the error at left-out poses, from one more fit for each fifth of
+                the poses.
 
         Raises:
             NotFittedError: `fit` was not called.

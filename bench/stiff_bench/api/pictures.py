@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from stiff_bench.results.results import RESULTS, Results, open_results  # noqa: F401
-from stiff_bench.results.selection import EVERYTHING, Selection  # noqa: F401
-from stiff_bench.store.merging import merge  # noqa: F401
+from stiff_bench.parameter_types import Bounds
+from stiff_bench.results.results import RESULTS, Results
+from stiff_bench.results.selection import EVERYTHING
 from stiff_bench.tables.writers import Tables
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 
@@ -22,7 +22,7 @@ def figure(
     results: Results | Dataset | Path | str | None = None,
     *,
     model: Model | None = None,
-    row: int | None = None,
+    row: Annotated[int, Bounds(at_least=0)] | None = None,
 ) -> Prepared:
     """Return a figure with its caption; `save("my.png")` writes it.
 
@@ -35,7 +35,7 @@ def figure(
             data set.
         model: fitted model for the figure "robot", which draws its prediction; without `results`
             at a training pose.
-        row: row of the data set, from 0, for the figure "robot"; None: the largest deflection.
+        row: sample of the figure robot, from 0; by default the one with the largest deflection.
 
     Raises:
         ConfigError: the figure is unknown, or a name has no results.
@@ -87,11 +87,24 @@ def _robot_figure(
 def paper_table(
     number: int | str, results: Results | Path | str | None = None, *, command: str = ""
 ) -> Tables:
-    """Return a table of the source paper, next to stiffbench's results if there are any.
+    """Print a table of the source paper with our numbers.
+
+    The tables are:
+
+        1   measured poses
+        2   errors of the VJM on the samples it was fitted to
+        3   identified joint stiffnesses
+        4   poses of the simulated pre-training data
+        5   wrenches of the simulated pre-training data
+        6   errors on these data by depth
+        7   errors on these data by activation
+        8   unfrozen layers
+        9   last epoch against best epoch
+        10  VJM, FT-MLP and DT-CNN, scored in three ways
 
     Args:
         number: number of the table in the paper, 1 to 10.
-        results: results of `bench reproduce`, or their folder; None: its default folder.
+        results: results of `bench reproduce`, or their folder; by default results/paper/runs.
         command: command that made the table.
 
     Raises:

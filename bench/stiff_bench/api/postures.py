@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -14,6 +14,19 @@ from stiff_bench.api.posture_search import FULL_TURN_DEG, PostureSearch, Posture
 from stiff_bench.api.ranked_postures import RankedPostures
 from stiff_bench.api.tool_paths import given_positions, held_positions
 from stiff_bench.console import say
+from stiff_bench.parameter_types import (
+    Axis,
+    Bounds,
+    Box,
+    FilePath,
+    Form,
+    Fraction,
+    Frame,
+    HeldJoints,
+    JointPositions,
+    Load,
+    Picture,
+)
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_datasets.measured.path_file import (
@@ -59,54 +72,58 @@ def axial_compliance(
 def rank_postures(
     model: Model,
     *,
-    point: Sequence[float] | None = None,
-    path: Path | str | None = None,
-    load: Sequence[float] | None = None,
+    point: Frame | None = None,
+    path: FilePath | None = None,
+    load: Load | None = None,
     frame: LoadFrame = "base",
-    tool: Sequence[float] | None = None,
-    tool_axis: Sequence[float] = (0.0, 0.0, 1.0),
+    tool: Frame | None = None,
+    tool_axis: Axis = (0.0, 0.0, 1.0),
     direction: Direction = "along",
-    given: Sequence[float] | None = None,
-    turns: int = TURNS,
+    given: JointPositions | None = None,
+    turns: Annotated[int, Bounds(at_least=1, at_most=3600)] = TURNS,
     turn: Literal["one", "smooth"] = "one",
-    turn_step: float | None = None,
-    place: Sequence[float] | None = None,
-    workpiece: Sequence[float] | None = None,
-    hold: Mapping[str, float | None] | None = None,
-    coverage: float | None = None,
+    turn_step: Annotated[float, Form("DEG"), Bounds(above=0.0, at_most=180.0)] | None = None,
+    place: Box | None = None,
+    workpiece: Frame | None = None,
+    hold: HeldJoints | None = None,
+    coverage: Fraction | None = None,
     sheet: str | None = None,
-    output: Path | str | None = None,
-    figure: Path | str | None = None,
+    output: FilePath | None = None,
+    figure: Picture | None = None,
 ) -> RankedPostures:
     """Rank the postures of an arm at a point, or along a path, by the predicted deflection.
 
     The turn of the tool about its axis and the branch of the arm (shoulder, elbow, wrist) are free.
-    Postures beyond joint limits or near singularities are left out; collisions are not checked.
+    Postures beyond joint limits or near singularities are left out. Collisions are not checked.
 
     Args:
         model: fitted model of an arm with six revolute joints, apart from held joints.
-        point: x, y, z [mm], a, b, c [deg] of the tool; None with `given` or `path`.
-        path: file of the points, see "Correct a tool path" in the docs.
-        load: (3,) or (6,) process load, N and N m; a path may have its own loads.
-        frame: frame of the loads, "base" or "tool"; a load in the tool frame turns with the tool.
-        tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
-            link; None: the model's TCP with the orientation of that link.
-        tool_axis: (3,) axis about which the tool may turn, in the tool frame.
-        direction: component of the deflection to rank by, "along" or "across" the axis.
-        given: (n_joints,) posture to compare with, at the (first) point, deg or mm; None: the
-            point's orientation, in the configuration nearest to the training poses.
-        turns: number of turns, evenly spaced over 360 deg, counted from the given posture.
-        turn: turn along a path: "one" for all points, or "smooth" for a changing turn.
-        turn_step: largest change of a smooth turn between two points, deg; None: one turn's step.
-        place: x0, x1, y0, y1, z0, z1 [mm] of a box, base frame: the workpiece may be moved so that
-            its (first) point is inside.
-        workpiece: x, y, z [mm], a, b, c [deg] of the frame of the point or path in the base frame.
-        hold: see `compensate_path`.
-        coverage: coverage (0..1) of the deflections' intervals, which give the uncertainty; None:
-            no uncertainty.
-        sheet: sheet of an Excel file of a path.
-        output: new file with all postures at a point, or with the best one along the path.
-        figure: new picture.
+        point: pose of the tool at the task point: x, y, z in mm and a, b, c in deg; by default that
+            of `given`.
+        path: task of several points: a tool path.
+        load: (3,) or (6,) process load on the tool, in N and N m; a path may have its own loads.
+        frame: frame that loads are expressed in; a load in the tool frame turns with the tool.
+        tool: tool frame in the frame of the last link: x, y, z in mm and a, b, c in deg; by default
+            the model's TCP with the axes of the last link.
+        tool_axis: (3,) axis that the tool may turn about, in the tool frame.
+        direction: part of the deflection to rank by: along or across the axis.
+        given: (n_joints,) joint positions to compare with, at the (first) point, in deg or mm; by
+            default the orientation of the point, in the configuration nearest to the training
+            poses.
+        turns: number of turns over 360 deg, counted from the given posture.
+        turn: along a path: one turn for all points, or a smooth turn that changes along it.
+        turn_step: largest change of a smooth turn between two points, in deg; by default one turn.
+        place: x0, x1, y0, y1, z0, z1 in mm of a box in the base frame: the workpiece may be moved
+            so that its (first) point lies inside.
+        workpiece: frame of the point or path in the base frame: x, y, z in mm and a, b, c in deg;
+            by default the base frame.
+        hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
+            name or number (rail, J3, 3); without a value at that of `given` or of the path. May be
+            repeated.
+        coverage: add the model's uncertainty: prediction intervals of this coverage (0..1).
+        sheet: sheet of an Excel file; by default the only one with a table.
+        output: new .csv file: all postures at a point, or the best one along the path.
+        figure: new picture: the deflection over the turn.
 
     Raises:
         NotFittedError: the model is not fitted.

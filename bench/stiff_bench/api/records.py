@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from stiff_bench.parameter_types import FilePath
 from stiff_bench.results.results import Results
 from stiff_bench.store.database import has_results, read_manifests, why_no_results
 from stiff_bench.submissions.export import ExportFormat, export_records
@@ -19,14 +20,16 @@ def records_of(folder: Path, results: Iterable[CellResult]) -> list[Record]:
     return [Record.of(result, environments.get(result.run_id, {})) for result in results]
 
 
-def export_results(results: Results, file: Path | str, fmt: ExportFormat) -> int:
-    """Write one record per fit, including failed fits, and return their number.
+def export_results(results: Results, output: FilePath, fmt: ExportFormat = "jsonl") -> int:
+    """Write one record per fit: identity, hashes, metrics, predictions and cost.
+
+    Failed fits have a record, too. Lengths are in mm. The fields are described in
+    results/schema/record.json, a JSON Schema. Returns the number of records.
 
     Args:
         results: results, such as `open_results("results/runs")`.
-        file: file to write; an existing file is replaced.
-        fmt: "jsonl", "csv" or "parquet". Each line of "jsonl" follows the JSON Schema in
-            results/schema/record.json.
+        output: file to write; an existing one is replaced.
+        fmt: format of the file.
 
     Raises:
         ConfigError: nothing is selected, or the package for Parquet is not installed.
@@ -37,5 +40,5 @@ def export_results(results: Results, file: Path | str, fmt: ExportFormat) -> int
     fits: Sequence[CellResult] = results.every
     if not fits:
         raise ConfigError(f"{results.folder}: no results to export; select other models or data")
-    export_records(records_of(results.folder, fits), Path(file), fmt)
+    export_records(records_of(results.folder, fits), Path(output), fmt)
     return len(fits)

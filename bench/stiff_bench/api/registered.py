@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiff_bench.console import wrapped
+from stiff_bench.parameter_types import Folder, Setting
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.tables.table import Column, Entry, Name, Table
 from stiff_bench.tables.units import PRINTED
@@ -120,9 +121,12 @@ def _table(headers: Sequence[str], rows: Sequence[Sequence[Entry]], title: str =
 
 
 def show(key: str) -> Text:
-    """Return the description and options of a model, data set or protocol.
+    """Explain a model, data set or protocol, with its options.
 
-    For "fanuc-drilling", which is not used for fits, it returns the data card.
+    For fanuc-drilling, which is not used for fits, it returns the data card.
+
+    Args:
+        key: model, data set or protocol.
 
     Raises:
         ConfigError: the key is unknown.
@@ -184,18 +188,18 @@ def _default(option: Option) -> str:
     return f"default: {word}" if word != "" else "no default"
 
 
-def check(
-    key: str, *, dataset: str = "fanuc-r2000ic", settings: Sequence[str] = ()
-) -> CheckResults:
+def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Setting = ()) -> CheckResults:
     """Check the interface of a model, data set or protocol.
 
+    Exit status of the command: 0 no check failed; 1 a check failed; 2 it cannot be checked.
+
     Args:
-        key: key of a model, data set or protocol; call `use_plugin` first for a plugin file.
-        dataset: data set for the check of a model or a protocol.
-        settings: options of both, such as "knn.neighbours=3".
+        key: model, data set or protocol; one of a plugin file needs the plugin.
+        dataset: data set to check a model or protocol on.
+        settings: option of the model, protocol or data set; may be repeated.
 
     Returns:
-        Printable outcomes of the checks; `kept` is True if nothing failed.
+        Printable outcomes of the checks; `passed` is True if nothing failed.
 
     Raises:
         ConfigError: a key, option or value is wrong, or the plugin cannot be used here.
@@ -206,8 +210,13 @@ def check(
     return checklist(key, dataset, settings, registry())
 
 
-def new_model(name: str, folder: Path) -> str:
-    """Write a plugin's model and its test, and return the next commands."""
+def new_model(name: str, output: Folder = Path()) -> str:
+    """Write a small working model and its test, and return the next commands.
+
+    Args:
+        name: name of the model.
+        output: folder to write to.
+    """
     from stiff_bench.model_tools import plugins
 
-    return plugins.new_model(name, folder, registry())
+    return plugins.new_model(name, Path(output), registry())

@@ -12,6 +12,16 @@ import numpy as np
 from stiff_bench.api.model import Model
 from stiff_bench.api.remaining_error import expected_error
 from stiff_bench.api.tool_paths import CorrectedPath, given_positions
+from stiff_bench.parameter_types import (
+    FilePath,
+    Fraction,
+    Frame,
+    Iterations,
+    JointPositions,
+    Load,
+    Picture,
+    Tolerance,
+)
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
@@ -127,21 +137,21 @@ class CorrectedProgram:
 
 def compensate_program(
     model: Model,
-    program: Path | str,
-    output: Path | str,
+    program: FilePath,
+    output: FilePath,
     *,
-    load: Sequence[float] | None = None,
-    loads: Path | str | None = None,
+    load: Load | None = None,
+    loads: FilePath | None = None,
     frame: LoadFrame = "base",
-    tool: Sequence[float] | None = None,
-    workpiece: Sequence[float] | None = None,
-    start: Sequence[float] | None = None,
+    tool: Frame | None = None,
+    workpiece: Frame | None = None,
+    start: JointPositions | None = None,
     every: float | None = None,
     strict: bool = False,
-    tolerance: float = MM_PER_M * TOLERANCE_M,
-    iterations: int = MAX_ITERATIONS,
-    coverage: float | None = None,
-    figure: Path | str | None = None,
+    tolerance: Tolerance = MM_PER_M * TOLERANCE_M,
+    iterations: Iterations = MAX_ITERATIONS,
+    coverage: Fraction | None = None,
+    figure: Picture | None = None,
 ) -> CorrectedProgram:
     """Correct the motion targets of a robot program, and write it back in place.
 
@@ -149,10 +159,13 @@ def compensate_program(
 
     Args:
         model: fitted model.
-        program: KUKA .src (with its .dat), ABB .mod, FANUC .ls or URScript .script.
+        program: robot program, in place of a path: KUKA .src (with its .dat), ABB .mod, FANUC .ls
+            or URScript .script. It is written back with corrected targets; every other character
+            stays as it was.
         output: new file with the same suffix; a .dat is written next to it.
         load: (3,) or (6,) process load at every target, N and N m.
-        loads: file of loads by line of the program, instead of `load`.
+        loads: loads of a program by line: columns line, fx_N, fy_N, fz_N and torques; in place of
+            `load`.
         frame: frame of the loads: "base" (the controller's base frame) or "tool" (the tool frame of
             each target).
         tool: x, y, z [mm], a, b, c [deg] of the tool in the controller's flange frame, for a
@@ -162,7 +175,7 @@ def compensate_program(
         start: (n_joints,) joint positions of the model's robot near the first target, deg or mm;
             None: the middle of the training poses.
         every: largest distance of points inserted between the targets of straight motions, mm.
-        strict: True to raise an error for a target that cannot be corrected.
+        strict: stop if a motion of a program cannot be corrected.
         tolerance: remaining predicted error at which the iteration of a target ends, mm.
         iterations: largest number of predictions per target.
         coverage: coverage (0..1) of the interval that gives the remaining error; None: the

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
 from stiff_bench.api.model import Model
 from stiff_bench.api.tool_paths import held_positions
+from stiff_bench.parameter_types import (
+    Angles,
+    Bounds,
+    Box,
+    FilePath,
+    Frame,
+    HeldJoints,
+    Levels,
+    Load,
+    Picture,
+)
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import METADATA, check_suffix
 from stiff_bench.tables.units import MM
@@ -237,6 +248,16 @@ class StiffnessMap(ShownObject):
         return text
 
     @property
+    def report(self) -> str:
+        """Return the answer, the mapped quantity and the number of blank points in words."""
+        lines = [
+            self.answer,
+            f"{self.model_name}, robot {self.robot.name}: {self.quantity_text}",
+            f"{self.place_text}; blank: {self.blank_text}",
+        ]
+        return "\n".join(lines)
+
+    @property
     def load_text(self) -> str:
         """Return the load with its units and, if it is not the base, its frame."""
         force, torque = self.load[:3], self.load[3:]
@@ -366,50 +387,50 @@ class StiffnessMap(ShownObject):
 def stiffness_map(
     model: Model,
     *,
-    load: Sequence[float] | None = None,
+    load: Load | None = None,
     quantity: Quantity = "deflection",
-    axis: str | None = None,
-    plane: str = "xz",
-    at: float | Sequence[float] | None = None,
-    box: Sequence[float] | None = None,
-    grid: int = 100,
-    orientation: Sequence[float] | str = DOWN,
+    axis: Literal["x", "y", "z", "tool"] | None = None,
+    plane: Literal["xy", "xz", "yz"] = "xz",
+    at: Levels | None = None,
+    box: Box | None = None,
+    grid: Annotated[int, Bounds(at_least=2, at_most=500)] = 100,
+    orientation: Angles = DOWN,
     turn: Turn = "fixed",
-    tool: Sequence[float] | None = None,
+    tool: Frame | None = None,
     frame: LoadFrame = "base",
-    hold: Mapping[str, float | None] | None = None,
-    output: Path | str | None = None,
-    figure: Path | str | None = None,
+    hold: HeldJoints | None = None,
+    output: FilePath | None = None,
+    figure: Picture | None = None,
 ) -> StiffnessMap:
-    """Map deflection under a load, or compliance, over planes of the workspace.
+    """Map the predicted deflection or compliance over the workspace.
 
-    Each point has the arm's configuration whose joints are nearest to a training pose, inside the
-    joint limits. Points out of reach, beyond the limits or at a singularity are blank.
+    Each point has the configuration of the arm that is nearest to the model's training poses.
+    Points out of reach, beyond joint limits or at a singularity are blank; points far from the
+    training poses are hatched.
 
     Args:
         model: fitted model.
-        load: (3,) force or (6,) force and torque at the TCP, N and N m; None for a compliance: zero
-            load.
-        quantity: "deflection" under the load, m; or "compliance" of the TCP, m/N: by the formula of
-            joint springs for `vjm`, else by central differences of the model's predictions.
-        axis: "x", "y", "z" or "tool" of a component; None: the length of the deflection, or the
-            largest principal compliance.
-        plane: "xy", "xz" or "yz", base frame.
-        at: position of one or more planes on their normal, mm; None: the two ends and the middle of
-            a box, or the middle of the training poses.
-        box: ends x0, x1, y0, y1, z0, z1 of the region, mm; None: the reachable workspace.
+        load: (3,) or (6,) process load at the TCP, in N and N m; by default none, for a compliance.
+        quantity: deflection under `load`, or compliance of the TCP: by the formula of joint springs
+            for vjm, else by central differences of the predictions.
+        axis: component along an axis of the base frame or the tool's z axis; by default the length
+            of the deflection, or the largest principal compliance.
+        plane: plane of the map in the base frame.
+        at: place of the plane, or of several planes, on the third axis, in mm; by default with
+            `box` its two ends and the middle, else the middle of the training poses.
+        box: ends x0, x1, y0, y1, z0, z1 of the region, in mm; by default all that the robot
+            reaches.
         grid: number of points along the longer edge of a plane.
-        orientation: a, b, c [deg] of the tool frame in the base frame; "down": its z axis down, its
-            x axis along the base's axis that is nearest to the training poses.
-        turn: "fixed", or "best": the turn about the tool axis with the smallest value, in steps of
-            30 deg.
-        tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
-            link; None: the model's TCP with the orientation of that link.
-        frame: frame of the load, "base" or "tool".
-        hold: positions of the held joints of a robot with more than six joints: name or number ->
-            deg or mm.
-        output: new file: .csv or .parquet for a row per point, .png, .svg or .pdf for the picture.
-        figure: new picture.
+        orientation: orientation of the tool in the base frame: a, b, c in deg; down: its z axis
+            down, its x axis along the base's axis that is nearest to the training poses.
+        turn: turn about the tool's z axis: fixed, or per point the best in steps of 30 deg.
+        tool: tool frame in the frame of the last link: x, y, z in mm and a, b, c in deg; by default
+            the model's TCP with the axes of the last link.
+        frame: frame that the load is expressed in.
+        hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
+            name or number (rail, J3, 3); may be repeated.
+        output: new file: a row per point (.csv, .parquet) or the picture (.png, .svg, .pdf).
+        figure: new picture, with `output` for the table.
 
     Raises:
         NotFittedError: the model is not fitted.

@@ -43,23 +43,26 @@ STUDY = "leaderboard"
 
 
 def submit(
-    card_file: Path,
+    card: Path,
     output: Path,
     *,
-    scope: Scope,
+    lite: bool,
     results: Path,
     study: str = STUDY,
     command: str = "",
     **how: Any,
 ) -> Submission:
-    """Compute the missing fits of a model, and write its submission.
+    """Write a submission to the leaderboard.
+
+    The missing fits are computed first. The folder holds the card, the code, a record per fit with
+    its predictions, the environment, and a manifest with hashes.
 
     Args:
-        card_file: card that names the model and the plugin file next to it.
-        output: new folder of the submission.
-        scope: "lite" or "full".
-        results: folder of the results.
-        study: name or file of the study.
+        card: card of the model: plugin file next to it, authors, licence, reference ...
+        output: new folder for the submission.
+        lite: fits of the short version of the study (four robots), or of all of it; required.
+        results: folder of results: fits that it holds are not computed again.
+        study: study, or a file such as my_study.toml.
         command: command of the run, stored with the results.
         how: options of `chosen_execution`.
 
@@ -67,21 +70,21 @@ def submit(
         ConfigError: the card is wrong, or a fit failed.
         StoreError: the folder exists or cannot be written.
     """
-    card = read_card(card_file)
+    read = read_card(card)
+    scope: Scope = "lite" if lite else "full"
     check_output(output)
-    plugin = card_file.parent / card.plugin
+    plugin = card.parent / read.plugin
     if (plugin.parent / "__init__.py").exists():
         raise ConfigError(f"{plugin}: is part of a package; give a file outside of packages")
     use_only([plugin])
-    lite = scope == "lite"
     study_run = run_of_study(
-        study, models=[card.model], lite=lite, output=results, command=command, **how
+        study, models=[read.model], lite=lite, output=results, command=command, **how
     )
     names = {
         task.presentation.model for task in study_run.tasks if task.model.info.key not in SHIPPED
     }
     if len(names) != 1:
-        raise ConfigError(f"{card_file}: {card.model!r} is a model of stiffbench; name your own")
+        raise ConfigError(f"{card}: {read.model!r} is a model of stiffbench; name your own")
     (name,) = names
     fits = [fit for fit in study_run.compute().fits if fit.presentation.model == name]
     if failed := [
@@ -105,7 +108,7 @@ def submit(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         files={},
     )
-    return write_submission(output, card_file, records_of(results, fits), environments, manifest)
+    return write_submission(output, card, records_of(results, fits), environments, manifest)
 
 
 @dataclass
@@ -158,7 +161,7 @@ def add_submission(folder: Path, results: Path) -> int:
 
     Args:
         folder: folder of a submission that `bench verify` has verified or reported.
-        results: folder with the results of the VJM in the same study.
+        results: folder of results to add to, with the VJM on the same splits.
 
     Raises:
         ConfigError: the submission was changed or not verified (`bench verify --write`), or the

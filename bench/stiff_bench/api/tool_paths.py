@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
@@ -13,6 +13,19 @@ from stiff_bench.api.model import Model, wrap_model_errors
 from stiff_bench.api.remaining_error import ExpectedError, expected_error
 from stiff_bench.api.robots import as_robot, payload_of
 from stiff_bench.console import say
+from stiff_bench.parameter_types import (
+    Bounds,
+    FilePath,
+    Form,
+    Fraction,
+    Frame,
+    HeldJoints,
+    Iterations,
+    JointPositions,
+    Load,
+    Picture,
+    Tolerance,
+)
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.writers import Text
@@ -121,33 +134,34 @@ class CorrectedPath:
 
 
 def example_path(
-    shape: str,
-    output: Path | str,
+    output: FilePath,
     *,
-    size: float = 200.0,
-    points: int = 401,
-    load: Sequence[float] | None = None,
+    shape: Literal["square", "circle", "line", "iso9283"] = "square",
+    size: Annotated[float, Form("MM"), Bounds(at_least=1.0, at_most=1e4)] = 200.0,
+    points: Annotated[int, Bounds(at_least=2, at_most=1_000_000)] = 401,
+    load: Load | None = None,
     robot: str | Robot | None = None,
     model: Model | None = None,
-    hold: Mapping[str, float | None] | None = None,
+    hold: HeldJoints | None = None,
 ) -> Text:
-    """Write a path that a robot can drive, and return a description of it.
+    """Write an example path for `bench path compensate`.
 
-    The path is in front of the robot. With a model it is near a training pose, and inside the
-    training range if the robot can drive such a path.
+    The path is horizontal and in front of the robot. With a model it is for the model's robot,
+    near a training pose, and inside the training range if the robot can drive such a path.
 
     Args:
-        shape: "square", "circle", "line" or "iso9283", horizontal.
-        output: new file.
-        size: edge, diameter or length; of iso9283 the edge of the cube, mm.
+        output: new .csv file.
+        shape: shape of the path; iso9283 passes through the five test points of ISO 9283.
+        size: edge, diameter or length of the shape; for iso9283 the edge of the cube, in mm.
         points: number of points.
-        load: (3,) or (6,) process load, N and N m, base frame; None: a quarter of the payload
-            downwards; or with a model half of the training load that pulls downwards most.
-        robot: robot that drives the path: a shipped name or a `Robot`; None: the model's robot, or
-            the KR10.
+        load: (3,) or (6,) process load on the tool at every point, in N and N m, base frame; by
+            default a quarter of the payload downwards, and with a model half of the training load
+            that pulls downwards most.
+        robot: robot that drives the path: a shipped name or a `Robot`; by default the model's
+            robot, or the KR10.
         model: fitted model; its robot drives the path.
-        hold: positions of the held joints of a robot with more than six joints: name or number ->
-            deg or mm.
+        hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
+            name or number (rail, J3, 3); may be repeated.
 
     Raises:
         NotFittedError: the model is not fitted.
@@ -192,48 +206,52 @@ def example_path(
 
 def compensate_path(
     model: Model,
-    path: Path | str,
-    output: Path | str,
+    path: FilePath,
+    output: FilePath,
     *,
-    tool: Sequence[float] | None = None,
-    workpiece: Sequence[float] | None = None,
-    load: Sequence[float] | None = None,
+    tool: Frame | None = None,
+    workpiece: Frame | None = None,
+    load: Load | None = None,
     frame: LoadFrame = "base",
-    start: Sequence[float] | None = None,
-    hold: Mapping[str, float | None] | None = None,
-    tolerance: float = MM_PER_M * TOLERANCE_M,
-    iterations: int = MAX_ITERATIONS,
+    start: JointPositions | None = None,
+    hold: HeldJoints | None = None,
+    tolerance: Tolerance = MM_PER_M * TOLERANCE_M,
+    iterations: Iterations = MAX_ITERATIONS,
     on_failure: Literal["stop", "keep"] = "stop",
-    coverage: float | None = None,
+    coverage: Fraction | None = None,
     sheet: str | None = None,
-    figure: Path | str | None = None,
+    figure: Picture | None = None,
 ) -> CorrectedPath:
-    """Correct a path for the deflection that a model predicts, and write the commands.
+    """Write the commands that put the loaded tool on a path.
 
-    The command p_cmd is the fixed point of p_cmd = p - d(q(p_cmd), w): with this command the loaded
-    tool is predicted to be at p. Orientation and configuration of the arm do not change.
+    The command p_cmd is the fixed point of p_cmd = p - d(q(p_cmd), w): the predicted deflection at
+    the commanded pose is subtracted. Orientation and configuration of the arm do not change. The
+    output says what is removed, and what error may remain on the robot.
 
     Args:
         model: fitted model.
-        path: file of the points, see "Correct a tool path" in the docs.
-        output: new file.
-        tool: x, y, z [mm], a, b, c [deg] of the tool in the frame of the robot description's last
-            link; None: the model's TCP with the orientation of that link.
-        workpiece: x, y, z [mm], a, b, c [deg] of the path's frame in the base frame; None: the
-            base frame.
-        load: (3,) or (6,) process load at every point, N and N m, for a file without loads.
-        frame: frame of the loads, "base" or "tool".
-        start: (n_joints,) joint positions near the first point, deg or mm, that choose the
-            configuration; None: the configuration nearest to the training poses.
-        hold: positions of the held joints of a robot with more than six joints: name or number ->
-            deg or mm; None: the value from `start` or from the path's joint angles.
-        tolerance: largest last step of the iteration, mm.
+        path: tool path: a file of points.
+        output: new file: the commands of the path, or the corrected program with the suffix of
+            `program`.
+        tool: tool frame in the frame of the last link: x, y, z in mm and a, b, c in deg; by default
+            the model's TCP with the axes of the last link. For a program without tool data it is
+            in the controller's flange frame.
+        workpiece: frame of the path or program in the base frame: x, y, z in mm and a, b, c in deg;
+            by default the base frame, or the program's own.
+        load: (3,) or (6,) process load on the tool at every point, in N and N m.
+        frame: frame that loads are expressed in.
+        start: (n_joints,) joint positions near the first point, in deg or mm; they choose the
+            configuration. By default the one nearest to the training poses.
+        hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
+            name or number (rail, J3, 3); without a value at that of `start` or of the path. May be
+            repeated.
+        tolerance: largest last step of the iteration, in mm.
         iterations: largest number of predictions per point.
-        on_failure: "stop" with an error at a point that cannot be corrected, or "keep" it
-            uncorrected and warn.
-        coverage: coverage (0..1) of written intervals, which give the expected remaining error;
-            None: no intervals, see `expected_error`.
-        sheet: sheet of an Excel file; None: the only sheet with a table.
+        on_failure: if a point of a path cannot be corrected: stop, or keep it uncorrected and name
+            it.
+        coverage: coverage (0..1) of prediction intervals, per axis, that give the expected
+            remaining error; by default the error at left-out poses gives it.
+        sheet: sheet of an Excel file; by default the only one with a table.
         figure: new picture of the path, with removed and remaining errors.
 
     Raises:

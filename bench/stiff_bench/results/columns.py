@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 from functools import partial
 from operator import itemgetter
 from typing import Any
@@ -63,9 +63,10 @@ def number(row: Row, key: Any, factor: float = 1.0) -> float | None:
 
 
 def interval(row: Row, low: str = "low", high: str = "high") -> Quantity | None:
-    """Return two numbers of a row as an interval; None if they are missing."""
+    """Return two numbers of a row as an interval about its ratio; None if they are missing."""
     bounds = number(row, low), number(row, high)
-    return None if None in bounds else Quantity(low=bounds[0], high=bounds[1])
+    ratio = number(row, "ratio")
+    return None if None in bounds else Quantity(low=bounds[0], high=bounds[1], ratio=ratio)
 
 
 def change(ratio: float | None) -> float | None:
@@ -75,6 +76,16 @@ def change(ratio: float | None) -> float | None:
 
 def _number_column(name: str, key: Any, spec: str = RATIO_FORMAT) -> Column:
     return Column(name, format=spec, value=lambda row: number(row, key))
+
+
+def _ratio_column(name: str, key: Any) -> Column:
+    """Return a column of ratios to the VJM's error, in colours on a page; noise has none."""
+
+    def value(row: Row) -> Entry:
+        ratio = number(row, key)
+        return None if ratio is None else Quantity(ratio, ratio=None if key == "noise" else ratio)
+
+    return Column(name, format=RATIO_FORMAT, value=value)
 
 
 def _interval_column(name: str = INTERVAL, low: str = "low", high: str = "high") -> Column:
@@ -87,7 +98,7 @@ def _interval_column(name: str = INTERVAL, low: str = "low", high: str = "high")
 MODEL = Column("model", "text", value=lambda row: Name(row["model"], row["mark"]))
 MODEL_KEY = Column("model", "text", value=lambda row: row["model"])
 RATIO = _number_column("error / VJM's", "ratio")
-RATIO_INTERVAL = _interval_column()
+RATIO_INTERVAL = replace(_interval_column(), is_chart=True)
 VERDICT = Column(
     "verdict",
     "text",
@@ -126,7 +137,7 @@ def measured_column(dataset: str) -> Column:
     def value(row: Row) -> Entry:
         ratio = number(row, ("measured", dataset))
         verdict = VERDICT_TEXTS.get(row["measured verdict", dataset], "")
-        return None if ratio is None else Quantity(ratio, status=verdict)
+        return None if ratio is None else Quantity(ratio, status=verdict, ratio=ratio)
 
     return Column(f"{dataset} (measured)", format=RATIO_FORMAT, value=value)
 
@@ -225,7 +236,7 @@ def _further_table(table: DataFrame, rows: Sequence[Row]) -> Table:
         notes.append("noise: over the error of the instrument's noise.")
     return Table.of(
         "Other numbers of the same models, geometric means over robots",
-        [MODEL_KEY, *(_number_column(name, key) for key, name in keys.items())],
+        [MODEL_KEY, *(_ratio_column(name, key) for key, name in keys.items())],
         rows,
         notes,
         about={"table": "more"},
@@ -255,11 +266,14 @@ def _control_table(pairs: DataFrame) -> Table:
 
 def model_table(scores: Scores, table: DataFrame, title: str, notes: Sequence[str]) -> Table:
     """Return a row per model of a `model_frame`: median error, change, verdicts and fit time."""
-    over_robots = Column(
-        f"{INTERVAL} over robots",
-        unit="%",
-        format="+.0f",
-        value=_change_interval,
+    ends = ("low", "high") if scores.claim else ("smallest", "largest")
+    kind = INTERVAL if scores.claim else "range"
+    over = scores.scope or counted(len(scores.tasks), "comparison")
+    chart = Column(
+        f"error / VJM's: {kind} over {over}",
+        format=RATIO_FORMAT,
+        is_chart=True,
+        value=lambda row: interval(row, *ends),
     )
     return Table.of(
         title,
@@ -271,18 +285,13 @@ def model_table(scores: Scores, table: DataFrame, title: str, notes: Sequence[st
                 format=number_format(scores.key.metric),
                 value=lambda row: number(row, "median", scores.key.factor),
             ),
-            *(CHANGE, *([over_robots] if scores.claim else [])),
+            *(CHANGE, chart),
             *(Column(name, value=itemgetter(name)) for name in _COUNTS),
             FIT,
         ],
         with_verdict_counts(table, scores).to_dict("records"),
         notes,
     )
-
-
-def _change_interval(row: Row) -> Quantity | None:
-    bounds = interval(row)
-    return bounds and Quantity(low=change(bounds.low), high=change(bounds.high))
 
 
 _COUNTS = ("better", "worse", "open")
@@ -307,8 +316,14 @@ def matrix_table(scores: Scores, models: Sequence[str]) -> Table:
     best = (key.sign * errors).idxmin().to_dict()
     written = SCREEN_FORMAT if key.unit == "mm" else number_format(key.metric)
 
-    def cell(error: float, is_best: bool = False) -> Entry:
-        return None if math.isnan(error) else Quantity(key.factor * error, mark=BEST_MARK * is_best)
+    has_ratios = REFERENCE_MODEL in errors.index and key.sign > 0.0
+    vjm = errors.loc[REFERENCE_MODEL].to_dict() if has_ratios else {}
+
+    def cell(error: float, heading: object, is_best: bool = False) -> Entry:
+        if math.isnan(error):
+            return None
+        ratio = error / vjm[heading] if vjm.get(heading) else None
+        return Quantity(key.factor * error, mark=BEST_MARK * is_best, ratio=ratio)
 
     columns = [
         Column(
@@ -322,13 +337,13 @@ def matrix_table(scores: Scores, models: Sequence[str]) -> Table:
     rows: list[list[Entry]] = [
         [
             Name(str(model), scores.mark(str(model))),
-            *(cell(error, best[heading] == model) for heading, error in row.items()),
+            *(cell(error, heading, best[heading] == model) for heading, error in row.items()),
         ]
         for model, row in errors.to_dict("index").items()
     ]
     floors = [scores.noise(tasks) for tasks in scores.columns.values()]
     if not all(map(math.isnan, floors)):
-        rows.append([NOISE_FLOOR, *map(cell, floors)])
+        rows.append([NOISE_FLOOR, *(cell(floor, None) for floor in floors)])
     title = f"{key.text}, mean over splits; {BEST_MARK}: best of the column"
     return Table(title, [*texts("model"), *columns], rows, unit=key.unit)
 

@@ -16,6 +16,7 @@ from stiff_bench.run.provenance import LIBRARIES
 from stiff_bench.store.names import SHORT, grouped, labels
 from stiff_bench.store.samples import StoredData, what_differs
 from stiff_bench.tables.units import counted, first_few, percent
+from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.plugin import in_words
 from stiff_protocols.contract.record import CellResult, Presentation, RunManifest
@@ -90,7 +91,7 @@ def sources(folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, i
 
     `n_results` maps a run's id to the number of its results that are shown.
     """
-    versions = {run.run_id: _version_of_run(run) for run in runs}
+    versions = {run.run_id: version_of_run(run) for run in runs}
     counts = Counter[str]()
     for run_id, count in n_results.items():
         counts[versions.get(run_id, NO_MANIFEST)] += count
@@ -99,7 +100,8 @@ def sources(folder: Path, runs: Sequence[RunManifest], n_results: Mapping[str, i
     return f"{counts.total()} results of {folder}, made by {made}."
 
 
-def _version_of_run(run: RunManifest) -> str:
+def version_of_run(run: RunManifest) -> str:
+    """Return version and commit of stiffbench."""
     facts = run.environment
     commit = facts.get("commit", "")[:SHORT]
     changed = " with uncommitted changes" if facts.get("dirty") == "true" else ""
@@ -125,6 +127,17 @@ def differing_libraries(
                 f"{model}: {', '.join(versions)}" for model, versions in used.items()
             )
             yield f"Computed with different versions of {library}: {models_text}."
+
+
+def outdated_models(results: Iterable[CellResult]) -> list[str]:
+    """Return the shipped models with results of an earlier version.
+
+    Third-party models are omitted: their versions are not plain numbers.
+    """
+    today = {info.key: str(info.version) for info in MODELS}
+    of_cells = {(result.cell.model, result.cell.model_version) for result in results}
+    numbered = {(key, version) for key, version in of_cells if version.isdecimal()}
+    return sorted({key for key, version in numbered if today.get(key, version) != version})
 
 
 # fits

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from stiff_bench.console import one_line
+from stiff_bench.parameter_types import AxisName, Bounds, Form, Fraction, Seed
 from stiff_bench.results.columns import matrix_table, model_table, task_table
 from stiff_bench.results.comparison import compare_folder
 from stiff_bench.results.comparison_tables import comparison_tables, comparison_text
@@ -216,17 +217,17 @@ class Results:
         a: str,
         b: str,
         *,
-        equivalence_mm: float = 0.01,
-        confidence: float = 0.95,
-        seed: int = 0,
+        equivalence_mm: Annotated[float, Form("MM"), Bounds(at_least=0.0)] = 0.01,
+        confidence: Fraction = 0.95,
+        seed: Seed = 0,
     ) -> Tables:
-        """Compare two models: difference, intervals and verdict.
+        """Test whether model A is better than B, and by how much.
 
         Args:
-            a: name of a model, with its options.
-            b: name of another model.
-            equivalence_mm: largest difference in mean error that is negligible in practice, mm.
-            confidence: confidence of intervals and verdicts (0..1).
+            a: model with its options, as `bench run` names it: vjm, ft-mlp@freeze=full.
+            b: another model.
+            equivalence_mm: largest difference in mean error that is negligible in practice, in mm.
+            confidence: level (0..1) of intervals and verdicts.
             seed: seed of the resampling of poses.
 
         Raises:
@@ -286,9 +287,7 @@ class Results:
             facts: facts about the run, such as its time.
             verbose: True to add a table per task and all notes.
         """
-        try:
-            view = self.summary()
-        except ConfigError:
+        if (view := self.view()) is None:
             return "\n".join([self.table(verbose=verbose).text_as(SCREEN), *facts])
         first, *_, matrix = (*view.tables, view.tables[-1])
         tables = [replace(matrix, notes=[])]
@@ -318,17 +317,17 @@ class Results:
         return line if len(line) <= width else "Next: " + "\n      ".join(commands)
 
     def leaderboard(
-        self, metric: str = "norm", axis: str | None = None, *, seed: int = 0
+        self, metric: str = "norm", axis: AxisName | None = None, *, seed: Seed = 0
     ) -> Tables:
-        """Return the models over robots with one vote per robot, or per data set.
+        """Rank models over data sets and protocols, with intervals.
 
         With five or more robots of one kind (simulated or measured), models are sorted by their
         error over the VJM's. With fewer robots there is a table per data set, with intervals over
         splits and poses.
 
         Args:
-            metric: key of the metric to sort by.
-            axis: "x", "y" or "z" for a metric with axes; None: the mean over the axes.
+            metric: metric to rank by.
+            axis: axis of the metric; by default the mean over the axes.
             seed: seed of the resampling of poses.
 
         Raises:
@@ -358,20 +357,20 @@ class Results:
     __iter__ = None
     """Results are not a sequence; `fits` has them."""
 
-    def _view(self) -> Tables:
-        """Return the result, or the tables if no model has a score."""
+    def view(self) -> Tables | None:
+        """Return the summary; None: no model has a score."""
         try:
             return self.summary()
         except ConfigError:
-            return self.table()
+            return None
 
     def __repr__(self) -> str:
         """Return the result for a screen, with its first table."""
-        view = self._view()
+        view = self.view() or self.table()
         return repr(replace(view, tables=view.tables[:1]))
 
     def _repr_html_(self) -> str:
-        return self._view()._repr_html_()
+        return (self.view() or self.table())._repr_html_()
 
 
 def open_results(folder: Path | str) -> Results:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from stiff_bench.parameter_types import Folder, Form
 from stiff_bench.store.cell_rows import write_row
 from stiff_bench.store.database import (
     ResultStore,
@@ -56,16 +58,18 @@ class Merged:
 
 
 def merge(
-    folders: Sequence[Path | str], output: Path | str, keys: Collection[str] | None = None
+    folders: Annotated[Sequence[Path | str], Form("DIR...")],
+    output: Folder,
+    keys: Collection[str] | None = None,
 ) -> Merged:
-    """Join the results of folders in `output`, which may exist and hold some, or be one of them.
+    """Merge the results of several machines into one folder.
 
     A cell's key holds all that shapes its numbers. So a cell that is stored already is left out;
     only a result replaces a failure. The merge is one transaction: all of it, or nothing.
 
     Args:
-        folders: folders with results, for example from several machines; they are not changed.
-        output: new folder, or a folder with results.
+        folders: folders of results; they are not changed.
+        output: folder to merge into: new, or with results; it may be one of the folders.
         keys: keys of the fits to take, with their runs and data; None: all.
 
     Raises:

@@ -38,7 +38,8 @@ class Quantity:
         share: count and total, such as 3 of 5 data sets.
         mark: text after the number, such as "*".
         status: text after the number or instead of it, such as "FAILED".
-        ratio: ratio to the VJM's error, only for an HTML page (see `Column.ratios`); None: `value`.
+        ratio: ratio to the VJM's error: on an HTML page the colour of the cell, or the dot of a
+            chart; None: no colour.
     """
 
     value: float | None = None
@@ -99,8 +100,8 @@ class Column:
         hidden: True if only csv and json have the column, because the title has its value.
         marks_shown: False if only csv and json have the marks of its cells.
         by_sign: 1: cells above zero are coloured as better, below as worse; -1: the reverse.
-        ratios: form of the cells' ratios to the VJM's error on an HTML page: "colors" of the cells,
-            or a "chart" of ratio and interval; other formats print the cells as text.
+        is_chart: True if an HTML page shows ratio and interval of the cells as a chart; other
+            formats print them as text.
         value: function that makes the cell from the record of a row, such as a model; None: the
             record has the cell under the column's name. See `Table.of`.
     """
@@ -114,7 +115,7 @@ class Column:
     hidden: bool = False
     marks_shown: bool = True
     by_sign: int = 0
-    ratios: Literal["", "colors", "chart"] = ""
+    is_chart: bool = False
     value: Callable[[Any], Entry] | None = None
 
     def text(self, cell: Entry) -> str:

@@ -16,10 +16,10 @@ class FileOptions:
     """Options that a user gives for a file of samples.
 
     Attributes:
-        no_torque: true if torques were not measured; their columns may be missing.
-        sheet: name of the Excel file's sheet; None: the only sheet with a table.
-        pose_tolerance: deg, and mm of prismatic joints; rows with smaller differences in joint
-            positions have the same pose.
+        no_torque: torques were not measured: their columns may be missing, or zero.
+        sheet: sheet of an Excel file; by default the only one with a table.
+        pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at
+            most this, in deg (prismatic joints: mm).
     """
 
     no_torque: bool = False

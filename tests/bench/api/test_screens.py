@@ -34,7 +34,7 @@ def made(folder):
     data[::4].frame().to_csv(folder / "my.csv", index=False)
     model = sb.make_model("vjm").fit(data)
     results = sb.evaluate(["vjm", "knn"], data, splits=2, output=folder / "runs")
-    sb.example_path("square", folder / "square.csv", points=40)
+    sb.example_path(folder / "square.csv", points=40)
     with pytest.warns(match="beyond the training range"):
         path = sb.compensate_path(model, folder / "square.csv", folder / "out.csv")
     with pytest.warns(match="extrapolation"):

@@ -122,7 +122,7 @@ def installed(tmp_path_factory) -> dict[str, str]:
 
 def bench_with(installed, folder, *words):
     return subprocess.run(
-        [sys.executable, "-m", "stiff_bench.cli.main", *words],
+        [sys.executable, "-m", "stiffbench.main", *words],
         env=installed,
         cwd=folder,
         capture_output=True,

@@ -21,8 +21,8 @@ import pytest
 import stiff_models
 from helpers import hostile_models
 from helpers.command_line import assert_refused, bench, bench_here, n_stored, started, wait_until
-from stiff_bench.cli.main import INTERRUPTION
 from stiff_bench.store.database import read_manifests, read_results
+from stiffbench.main import INTERRUPTION
 
 pytest.importorskip("distributed", reason="needs the extra 'cluster'")
 pytestmark = pytest.mark.xdist_group("dask")  # one cluster

@@ -19,7 +19,7 @@ def promised_and_found(
     """Return the mean expected error, m, and the mean distance of the twin from the path, m."""
     model = sb.make_model(model_name).fit(data)
     path = folder / "path.csv"
-    assert "0 of 41 points are beyond" in sb.example_path("square", path, points=41, model=model)
+    assert "0 of 41 points are beyond" in sb.example_path(path, points=41, model=model)
     corrected = sb.compensate_path(model, path, folder / "new.csv", coverage=coverage)
     wrench = pd.read_csv(path)[LOADS].to_numpy()
     commands = corrected.compensation.q

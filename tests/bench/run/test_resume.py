@@ -16,8 +16,6 @@ from helpers.command_line import bench, bench_here, n_stored, started, wait_unti
 from helpers.made_results import damage
 from helpers.run_requests import planned
 from stiff_bench.api.evaluation import Run
-from stiff_bench.cli.main import INTERRUPTION
-from stiff_bench.cli.run_commands import execute
 from stiff_bench.results.load import StoredResults
 from stiff_bench.run.cell import Execution
 from stiff_bench.store.database import (
@@ -28,6 +26,8 @@ from stiff_bench.store.database import (
     stored_statuses,
 )
 from stiff_protocols.contract.errors import StoreError
+from stiffbench.commands import execute
+from stiffbench.main import INTERRUPTION
 
 PLUGIN = Path(hostile_models.__file__)
 N_SPLITS = 8

@@ -142,7 +142,7 @@ def run_in_terminal(words: list[str], width: int, folder) -> str:
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
     environment = {**os.environ, "TERM": "xterm", "PYTHONIOENCODING": "utf-8"}
     environment.pop("COLUMNS", None)
-    command = [sys.executable, "-m", "stiff_bench.cli.main", *words]
+    command = [sys.executable, "-m", "stiffbench.main", *words]
     process = subprocess.Popen(
         command, stdout=theirs, stderr=subprocess.DEVNULL, cwd=folder, env=environment
     )
@@ -175,7 +175,7 @@ def test_commands_fit_a_real_terminal_and_pipes_get_markdown(made, tmp_path, wid
         text = run_in_terminal(words, width, tmp_path)
         assert text.strip() and max(map(cell_len, text.splitlines())) <= width, words
         assert "|--" not in text and "**" not in text
-    words = [sys.executable, "-m", "stiff_bench.cli.main", "compare", "net", "vjm"]
+    words = [sys.executable, "-m", "stiffbench.main", "compare", "net", "vjm"]
     piped = subprocess.run(
         [*words, "--results", "runs"], cwd=tmp_path, capture_output=True, text=True, check=True
     )

@@ -1,1 +1,0 @@
-"""Commands: words of the command line in, one call, the result printed."""

@@ -1,0 +1,157 @@
+"""The command line as users see it: commands, options, exit statuses and refusals."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from decimal import Decimal
+from pathlib import Path
+
+import matplotlib.font_manager  # noqa: F401  # it writes its cache where it is first imported
+import pytest
+
+from helpers.command_line import assert_refused, bench_here
+from helpers.command_tree import COMMANDS, GROUPS, PARAMETERS
+
+COMMAND_LINE = re.compile(r"^[ │]{1,4}([a-z][a-z-]*) {2,}\S", re.MULTILINE)
+"""Line of a command in the help of its group."""
+OPTION = r"--[a-z][a-z-]*"
+OPTION_LINE = re.compile(rf"^\W{{0,4}}((?:-\w[,/ ]+)?{OPTION}(?:[,/ ]+{OPTION})*)", re.MULTILINE)
+"""Beginning of the lines of an option in the help of its command."""
+WRITTEN = {"--output", "--figure"}
+"""Options that name an output; a path that does not exist yet is valid."""
+SENSE = {("bench data validate", "FILE")}
+"""(command, parameter) for which every text is valid; the report lists its errors."""
+NEW_NAMES = {("bench new model", "NAME")}
+"""(command, parameter) that take a new name, so that an unknown word is valid."""
+MAY_BE_EMPTY = {"--against", "--dask"}
+NEEDED = {"--model": "vjm", "--dataset": "kr10-twin", "A": "vjm", "B": "mean"}
+"""Valid values of required parameters; every other value is nonsense."""
+WORDS = ("no-such-thing", "", "=", "../..", "é\udcff", "x" * 5000)
+"""Nonsense values of a text parameter."""
+NUMBERS = ("nonsense", "", "nan", "1,5")
+"""Nonsense values of a number parameter."""
+
+
+def help_page(command: str, cwd: Path) -> str:
+    """Return the help of a command, "" if there is no such command."""
+    done = bench_here(*command.split()[1:], "--help", cwd=cwd, env={"COLUMNS": "100"})
+    assert done.returncode in (0, 2), done.stderr
+    return "" if done.returncode else str(done.stdout)
+
+
+def printed_tree(command: str, page: str, cwd: Path) -> Iterator[tuple[str, set[str]]]:
+    """Yield each command below a command, and the options that its help prints."""
+    lines = OPTION_LINE.findall(page)
+    yield command, {option for line in lines for option in re.findall(OPTION, line)}
+    for name in COMMAND_LINE.findall(page):
+        below = help_page(f"{command} {name}", cwd)
+        if below and below != page:  # else a line of text
+            yield from printed_tree(f"{command} {name}", below, cwd)
+
+
+def test_help_prints_the_commands_and_options_of_the_table(tmp_path):
+    printed = dict(printed_tree("bench", help_page("bench", tmp_path), tmp_path))
+    assert printed == {
+        command: {name for name in parameters if name.startswith("--")}
+        for command, parameters in PARAMETERS.items()
+    }
+
+
+@pytest.fixture()
+def refused(tmp_path, monkeypatch, capfd):
+    """A function that runs a command line and checks its refusal."""
+    (tmp_path / "file.txt").write_bytes(b"\x00\xff\xfe no table, no model, no Python \x80")
+    (tmp_path / "folder").mkdir()
+    for variable in ("STIFFBENCH_HOME", "STIFFBENCH_CACHE"):
+        monkeypatch.setenv(variable, str(tmp_path / "home"))
+    files_before = sorted(tmp_path.rglob("*"))
+
+    def check(command: str, *words: str) -> str:
+        done = bench_here(*command.split()[1:], *words, cwd=tmp_path)
+        assert_refused(done)
+        assert capfd.readouterr() == ("", ""), words  # no library prints anything
+        assert sorted(tmp_path.rglob("*")) == files_before, words
+        return str(done.stderr)
+
+    return check
+
+
+def bounds(kind: str) -> list[str]:
+    """Return a number below the lower bound, and one above the upper bound."""
+    if " " not in kind:
+        return []
+    low, _, high = kind.split()[1].partition("..")
+    return [str(Decimal(bound) + step) for bound, step in ((low, -1), (high, 1)) if bound]
+
+
+def nonsense(command: str, name: str, kind: str) -> list[str]:
+    """Return invalid words for a parameter, by its kind."""
+    if (command, name) in SENSE:
+        return []
+    if kind == "flag":
+        return ["nonsense"]
+    if kind == "path":
+        missing = [] if name in WRITTEN else ["none.csv", "none\udcff.toml", "folder"]
+        return ["", "file.txt/below", "x" * 5000, *missing, "file.txt"]
+    if kind == "text":
+        words = WORDS[1:] if (command, name) in NEW_NAMES else WORDS
+        return [word for word in words if word or name not in MAY_BE_EMPTY]
+    if kind.startswith("integer"):
+        return [*NUMBERS, "1.5", *bounds(kind)]
+    if kind.startswith("number"):
+        return [*NUMBERS, "inf", "1e999", *bounds(kind)]
+    return ["no-such-thing", ""]
+
+
+def needed(command: str, skipped: str = "", word: str | None = None) -> list[str]:
+    """Return the words that a command requires, except for one parameter.
+
+    `word` takes the place of that parameter if it is an argument.
+    """
+    options: list[str] = []
+    arguments: list[str] = []
+    for name, kind in PARAMETERS[command].items():
+        first_choice = kind.partition("|")[0] if "|" in kind else "no-such-thing"
+        usual = "new.csv" if name in WRITTEN else NEEDED.get(name, first_choice)
+        if name == skipped:
+            arguments += [] if word is None else [word]
+        elif not name.startswith("--"):
+            arguments.append(usual)
+        elif kind.endswith(" required") or name == "--model":
+            options += [name, usual]
+    return [*options, "--", *arguments] if arguments else options
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_nonsense_for_any_parameter_is_refused_in_one_line(command, refused):
+    for name, kind_and_need in PARAMETERS[command].items():
+        kind = kind_and_need.removesuffix(" required")
+        for word in [] if name == "--help" else nonsense(command, name, kind):
+            if not name.startswith("--"):
+                refused(command, *needed(command, name, word))
+                continue
+            message = refused(command, f"{name}={word}", *needed(command, name))
+            if kind.startswith(("integer", "number")):
+                assert name.strip("-") in message and "(valid: " in message, word
+            if "|" in kind and word:
+                assert word in message
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_unknown_missing_and_superfluous_words_are_refused_in_one_line(command, refused):
+    words = needed(command)
+    assert "no-such-option" in refused(command, "--no-such-option", *words)
+    for name, kind in PARAMETERS[command].items():
+        if kind.endswith(" required"):
+            assert name.removesuffix("...") in refused(command, *needed(command, name))
+    if not any(name.endswith("...") for name in PARAMETERS[command]):
+        refused(command, *words, "superfluous")
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_an_unknown_command_is_refused_in_one_line(group, refused):
+    message = refused(group, "no-such-command")
+    names = [name.removeprefix(f"{group} ") for name in PARAMETERS if name.startswith(f"{group} ")]
+    assert all(name in message for name in ("no-such-command", *names) if " " not in name)
+    assert "--no-such-option" in refused(group, "--no-such-option")

@@ -1,0 +1,81 @@
+"""Help pages fit a terminal, list commands and options in groups, and show a valid example."""
+
+from __future__ import annotations
+
+import re
+import shlex
+
+import pytest
+
+from helpers.command_line import bench_here
+from helpers.command_tree import COMMANDS, GROUPS, PARAMETERS
+from stiff_bench import api
+from stiffbench.commands import COMMANDS as COMMAND_GROUPS
+from stiffbench.main import bench_app
+from stiffbench.signatures import OPTION_GROUPS
+
+BROKEN = re.compile(r"\w-\n|^(?!Usage).*\.\.\.\n", re.MULTILINE)
+"""A name broken between lines, or a description cut off."""
+HEADING = re.compile(r"^(\S.*):$", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def help_page(tmp_path_factory):
+    """A function that returns the help of a command in a terminal of some width."""
+    folder = tmp_path_factory.mktemp("help")
+
+    def printed(command: str, width: int = 100) -> str:
+        words = [*command.split()[1:], "--help"]
+        done = bench_here(*words, cwd=folder, env={"COLUMNS": str(width)})
+        assert (done.returncode, done.stderr) == (0, "")
+        return done.stdout
+
+    return printed
+
+
+@pytest.mark.parametrize("command", PARAMETERS)
+def test_a_page_fits_the_terminal_and_breaks_no_name(command, help_page):
+    for width in (80, 100):
+        page = help_page(command, width)
+        assert [line for line in page.splitlines() if len(line) > width] == []
+        assert all(line.isprintable() for line in page.splitlines())
+        assert BROKEN.search(page) is None
+
+
+def test_every_option_and_argument_has_a_description(help_page):
+    for command in COMMANDS:
+        page = help_page(command)
+        for name in PARAMETERS[command]:
+            assert re.search(rf"{re.escape(name)}\b[^\n]*(?:  |\n {{4,}})\w", page), (command, name)
+
+
+def test_commands_and_options_are_in_groups(help_page):
+    page = help_page("bench")
+    assert HEADING.findall(page) == [*COMMAND_GROUPS, "Options", "Example"]
+    headings = HEADING.findall(help_page("bench run"))
+    assert headings == [*OPTION_GROUPS, "Example"]
+
+
+def test_the_summary_of_a_command_is_the_first_line_of_its_function(help_page):
+    for group in COMMAND_GROUPS.values():
+        for command in group:
+            assert command.summary in " ".join(help_page(f"bench {command.words}").split())
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, *GROUPS])
+def test_every_command_has_an_example_that_is_accepted(command, help_page, monkeypatch):
+    monkeypatch.setattr(api.registered, "use_only", lambda _: None)  # the plugin is not there yet
+    example = help_page(command).partition("Example:\n")[2]
+    assert command in example
+    for line in example.splitlines():
+        _, *words = shlex.split(line)
+        if "--help" not in words:
+            app = bench_app(words)
+            app.parse_args(words, print_error=False, exit_on_error=False)
+
+
+def test_a_group_without_a_command_prints_its_help_and_ends_with_2(tmp_path):
+    for words in ((), ("data",)):
+        done = bench_here(*words, cwd=tmp_path)
+        assert done.returncode == 2 and done.stdout == ""
+        assert done.stderr.startswith(" ".join(["Usage: bench", *words]))

@@ -1,0 +1,111 @@
+"""The real command: its output, its stored results, and how it stops."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from helpers.command_line import BENCH, bench_here
+from stiff_bench.store.database import ResultStore, read_manifests, read_results
+from stiff_protocols.contract.errors import ConfigError
+from stiffbench.options import command_line
+
+
+def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
+    words = ["--model", "vjm", "--model", "knn", "--splits", "2", "--metric", "me"]
+    done = bench_here("run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for part in ("kr10-twin (simulated)", "2 splits, seed 0", "| vjm ", "| knn ", "Z ME"):
+        assert part in done.stdout
+    assert "X MAE" not in done.stdout and "bench: 4 ok; " in done.stderr
+    store = ResultStore(tmp_path / "results" / "runs")
+    (manifest,) = read_manifests(store.folder)
+    assert manifest.status == "finished" and len(manifest.cells) == 4
+    assert manifest.command.startswith("bench run --model vjm")
+    assert manifest.environment["numpy"] and manifest.peak_memory_bytes > 0
+    cells = [store.result(key) for key in manifest.cells]
+    assert {cell.cell.model for cell in cells} == {"vjm", "knn"}
+    assert all(cell.prediction is not None and cell.run_id == manifest.run_id for cell in cells)
+
+
+def test_vjm_under_leave_one_out_gives_the_independent_figures_of_the_fanuc(tmp_path):
+    words = ["--dataset", "fanuc-r2000ic", "--protocol", "leave-one-out", "--format", "json"]
+    done = bench_here("run", "--model", "vjm", *words, cwd=tmp_path)
+    (table,) = json.loads(done.stdout)["tables"]
+    mae = [v["value"] for v in table["rows"][0]["values"] if v["metric"] == "mae"]
+    assert mae == pytest.approx([0.211, 0.161, 0.130], abs=0.002)
+    assert any("drill tip" in note for note in table["notes"])
+
+
+def test_the_reference_model_is_stored_once_with_the_requested_models(tmp_path):
+    words = ["run", "--model", "zero", "--model", "vjm@tcp=fit", "--dataset", "fanuc-r2000ic"]
+    done = bench_here(*words, "--splits", "1", "--output", "out", cwd=tmp_path)
+    stored = sorted(result.presentation.model for result in read_results(tmp_path / "out"))
+    assert stored == ["vjm", "vjm@tcp=fit", "zero"]
+    assert done.stdout.count("| vjm ") == 1
+
+
+def test_list_and_show_answer(tmp_path):
+    for kind, part in (("models", "ft-mlp"), ("datasets", "simulated"), ("protocols", "leave-one")):
+        assert part in bench_here("list", kind, cwd=tmp_path).stdout
+    model_page = bench_here("show", "ft-mlp", cwd=tmp_path).stdout
+    assert "ft-mlp.OPTION=VALUE" in model_page and "layers:1,2" in model_page
+    assert "caveat" in bench_here("show", "fanuc-r2000ic", cwd=tmp_path).stdout
+
+
+IMPORTS = (
+    "import sys, stiffbench.main as cli\n"
+    "try: cli.main(sys.argv[2:])\n"
+    "except SystemExit: pass\n"
+    "print([name for name in sys.argv[1].split() if name in sys.modules])"
+)
+"""Program that runs a command, and prints which of some modules it has loaded."""
+STORED_RUN = ["run", "--model", "vjm", "--splits", "1"]
+
+
+@pytest.mark.parametrize(
+    ("words", "heavy"),
+    [
+        (["--help"], "torch numpy pinocchio pandas sklearn"),
+        (
+            STORED_RUN,
+            "torch sklearn scipy.stats matplotlib seaborn stiff_bench.paper stiff_bench.figures",
+        ),
+    ],
+)
+def test_a_command_loads_nothing_heavy_that_it_does_not_need(words, heavy, tmp_path):
+    bench_here(*words, cwd=tmp_path)
+    command = [sys.executable, "-c", IMPORTS, heavy, *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("[]")
+
+
+def test_debug_shows_the_traceback(tmp_path):
+    with pytest.raises(ConfigError, match="nothing"):
+        bench_here("run", "--model", "nothing", "--debug", cwd=tmp_path)
+
+
+@pytest.mark.slow
+def test_a_closed_pipe_is_not_a_failure(tmp_path):
+    read, write = os.pipe()
+    os.close(read)
+    command = [BENCH, "list", "models"]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, timeout=120, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize("words", [["--site", "a b"], ["--site=a b"]])
+def test_the_command_for_the_record_is_without_the_folder_of_web_pages(words, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["bench", "reproduce", *words, "leaderboard"])
+    assert command_line(without="--site") == "bench reproduce leaderboard"
+    assert "a b" in command_line()
+
+
+def test_the_command_for_the_record_has_an_empty_word_and_what_follows(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["bench", "run", "--plugin", "", "--splits", "2"])
+    assert command_line() == "bench run --plugin '' --splits 2"

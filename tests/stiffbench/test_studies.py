@@ -1,0 +1,72 @@
+"""`bench table N`; `bench run --study` and `bench reproduce` with a quick study."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import pytest
+
+from helpers.command_line import assert_refused, bench_here
+from helpers.made_results import MadeResults
+from stiff_bench.paper.paper_results import PAPER_RESULTS
+
+
+def printed(folder, *words: object) -> str:
+    """Return the output of `bench table`."""
+    done = bench_here("table", *map(str, words), cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_it_reads_the_named_folder_and_prints_the_requested_format(tmp_path):
+    MadeResults(tmp_path).add("vjm", [0.125], "kr10-twin", "paper-holdout")
+    assert printed(tmp_path, "10", "--results", tmp_path).startswith("**Table 10.")
+    text = printed(tmp_path, "10", "--results", tmp_path, "--format", "csv")
+    (line,) = (
+        line
+        for line in csv.DictReader(io.StringIO(text))
+        if (line["axis"], line["error"], line["column"]) == ("Z", "MAE", "VJM")
+        and line["protocol"] == "paper-holdout"
+    )
+    assert float(line["value"]) == pytest.approx(0.125)
+
+
+def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results(monkeypatch, tmp_path):
+    monkeypatch.setattr("stiff_bench.paper.paper_tables.SPECIMENS", range(1))  # to save time
+    assert "| A6 " in printed(tmp_path, "3")
+    for folder in ("some", PAPER_RESULTS):
+        done = bench_here("table", "3", "--results", folder, cwd=tmp_path)
+        assert_refused(done, "table 3 is fitted here and reads none")
+
+
+@pytest.fixture
+def small(monkeypatch, tmp_path):
+    """Write the file of a quick study."""
+    monkeypatch.setattr("stiff_bench.analysis.forecast.LONGEST_S", 0.0)  # a plan times no fit
+    file = tmp_path / "small.toml"
+    file.write_text(
+        'title = "small"\nmodels = ["vjm", "zero"]\ndatasets = ["fanuc-r2000ic"]\nsplits = 2\n'
+        '[[run]]\n[[run]]\nmodels = ["vjm"]\nprotocols = ["paper-holdout"]\n'
+    )
+    return str(file)
+
+
+def test_a_plan_lists_the_fits_to_compute_and_writes_nothing(small, tmp_path):
+    done = bench_here("reproduce", small, "--plan", "--output", "out", cwd=tmp_path)
+    assert done.returncode == 0 and "| all " in done.stdout
+    assert "bench: 6 fits, 0 cached, 6 to compute; time unknown" in done.stderr
+    assert not (tmp_path / "out").exists()
+    in_csv = bench_here("reproduce", small, "--plan", "--format", "csv", cwd=tmp_path).stdout
+    assert "all" in {row["model"] for row in csv.DictReader(in_csv.splitlines())}
+
+
+def test_a_study_is_run_once_and_its_page_written_of_what_is_stored(small, plugin_file, tmp_path):
+    words = ["--study", small, "--plugin", plugin_file("mine"), "--output", "small/runs"]
+    done = bench_here("run", *words, cwd=tmp_path)
+    assert done.returncode == 0 and "bench: 6 ok; " in done.stderr
+    assert "warning: paper-holdout" in done.stderr
+    assert "| zero " in done.stdout and "paper-holdout, 2 splits" in done.stdout
+    done = bench_here("reproduce", small, "--no-isolate", "--output", ".", cwd=tmp_path)
+    assert done.returncode == 0 and "bench: 6 cached; " in done.stderr
+    assert done.stdout.splitlines()[-1] == "small/README.md"
