@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pandas import DataFrame
 
-from stiff_bench.analysis.board import Board, BoardRow, p95_error, path_error
+from stiff_bench.analysis.board import Board, p95_error, path_error
 from stiff_bench.analysis.board_tables import RATIO_FORMAT, board_headline, board_sentences
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.figures import robot_picture, springs, workspace
@@ -24,16 +24,13 @@ from stiff_bench.page.html import html_page, table_script
 from stiff_bench.page.page import Link, Page, Section, drawn_figures, write_text
 from stiff_bench.paper.study_board import StudyResults
 from stiff_bench.paper.study_file import Study
-from stiff_bench.plan.options import options_of
-from stiff_bench.plan.registry import Registry
 from stiff_bench.store.names import split_word
 from stiff_bench.store.versions import sources
-from stiff_bench.tables.table import Column, Entry, Quantity, Table, quantity, text_columns
-from stiff_bench.tables.units import MM, counted, duration
+from stiff_bench.tables.table import Column, Quantity, Table, quantity, text_columns
+from stiff_bench.tables.units import MM
 from stiff_bench.tables.writers import render
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.files import make_folder
-from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.errors import ConfigError
 
 INDEX, MODELS, DATASETS = "index.html", "models", "data"
 FILES = "files"
@@ -60,16 +57,16 @@ class LeaderboardSite:
         study: study with a board.
         results: folder of its results.
         command: command that writes the pages.
-        registry: models with their descriptions.
         load_dataset: function that returns a data set by its name.
+        show_model: function that returns the description of a model by its key.
         statuses: "verified" or "reported" by model; empty: the board has no such column.
     """
 
     study: Study
     results: Path
     command: str
-    registry: Registry
     load_dataset: Callable[[str], Any]
+    show_model: Callable[[str], str]
     statuses: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
@@ -87,6 +84,13 @@ class LeaderboardSite:
         """Return the mean errors of each model on each data set."""
         return errors_frame(self.board)
 
+    @cached_property
+    def first_tables(self) -> list[Table]:
+        """Return the models with a chart of their ratios, and their other numbers."""
+        ratios, *others = self.content.board_tables
+        more = [table for table in others if table.about.get("table") == "more"]
+        return [with_charts(colored(ratios), self.board), *map(colored, more)]
+
     def write(self, folder: Path) -> Iterator[Path]:
         """Write all pages into a folder, and yield each file.
 
@@ -94,121 +98,109 @@ class LeaderboardSite:
             ConfigError: the study has no board, or too few results.
             StoreError: nothing is stored, or a file cannot be written.
         """
-        rows = {row.name: row for row in self.board.rows}
-        models = {name: f"{MODELS}/{file_stem(name)}.html" for name in rows}
-        names = dict.fromkeys(case.name.dataset for case in self.board.answer.cases)
+        names = [row.name for row in self.board.rows]
+        models = {name: f"{MODELS}/{file_stem(name)}.html" for name in names}
+        names = [*dict.fromkeys(case.name.dataset for case in self.board.answer.cases)]
         datasets = {name: f"{DATASETS}/{file_stem(name)}.html" for name in names}
+        pages = {**models, **datasets}
+        from_below = {name: f"../{address}" for name, address in pages.items()}
+        up = Link(TITLE, f"../{INDEX}")
+        for name, address in pages.items():
+            if name in models:
+                section = self._model_section(name)
+            else:
+                files = folder / DATASETS / FILES / file_stem(name)
+                section = self._dataset_section(name, files)
+                yield from sorted(files.iterdir())
+            page = Page(name, [section], self.command, from_below, up)
+            yield write_text(folder / address, html_page(page, f"../{SCRIPT}"))
+        page = Page(TITLE, [self._first_section(models, datasets)], self.command, pages)
+        yield write_text(folder / INDEX, html_page(page, SCRIPT))
         yield write_text(folder / SCRIPT, table_script())
-        addresses = {name: f"../{address}" for name, address in {**models, **datasets}.items()}
-
-        def page(name: str, section: Section) -> str:
-            up = Link(TITLE, f"../{INDEX}")
-            return html_page(Page(name, [section], self.command, addresses, up), f"../{SCRIPT}")
-
-        for name, address in models.items():
-            yield write_text(folder / address, page(name, self._model_section(rows[name])))
-        for name, address in datasets.items():
-            files = folder / DATASETS / FILES / file_stem(name)
-            shutil.rmtree(files, ignore_errors=True)
-            make_folder(files.parent)
-            dataset = self.load_dataset(name)
-            dataset.export(files)
-            yield from sorted(files.iterdir())
-            yield write_text(folder / address, page(name, self._dataset_section(dataset, files)))
-        tables = self.content.board_tables
-        yield write_text(folder / SCORES, f"{render(tables, 'csv', self.command)}\n")
-        first = Page(
-            TITLE, [self._first_section(models, datasets)], self.command, {**models, **datasets}
-        )
-        yield write_text(folder / INDEX, html_page(first, SCRIPT))
+        scores = render(self.content.board_tables, "csv", self.command)
+        yield write_text(folder / SCORES, f"{scores}\n")
 
     def _first_section(self, models: Mapping[str, str], datasets: Mapping[str, str]) -> Section:
         board, stored = self.board, self.content.merged
-        ratios, numbers, *tables = self.content.board_tables
-        dates = [run.started[:10] for run in stored.runs if run.started]
+        ratios, *others = self.content.board_tables
         counts = Counter(result.run_id for case in stored.cases for result in case.every)
         makers = (score_against_cost, score_against_poses)
-        figures = drawn_figures((partial(make, board), self.command) for make in makers)
         sentences = board_sentences(board)
-        told = [f"{label}: {text}" for label, text in sentences]
-        notes = [*self.study.notes, *(note for note in ratios.notes if note not in told)]
-        parts = [
-            Section("Notes", notes=notes, is_folded=True),
-            Section("Cost and number of poses", figures=figures),
-            Section("How sure, and other numbers", tables=tables, is_folded=True),
-            Section("Pages of models", links=[Link(*item) for item in models.items()]),
-            Section("Pages of data sets", links=[Link(*item) for item in datasets.items()]),
-            Section("Downloads", links=[Link(f"{SCORES}: all numbers of this page", SCORES)]),
-            Section("Provenance", notes=[sources(self.results, stored.runs, counts)]),
-        ]
+        shown = [f"{label}: {text}" for label, text in sentences]
+        notes = [*self.study.notes, *(note for note in ratios.notes if note not in shown)]
         return Section(
             board_headline(board),
-            " · ".join([self.study.title, *dates[-1:], f"{counts.total()} fits"]),
+            f"{self.study.title} · {counts.total()} fits",
             texts=sentences,
-            tables=[colored(with_charts(ratios, board)), colored(numbers)],
-            sections=parts,
-        )
-
-    def _model_section(self, row: BoardRow) -> Section:
-        info = self.registry.models.get(split_word(row.name)[0])
-        facts = {"status": self.statuses.get(row.name, ""), "fit": duration(row.fit_s)}
-        options = []
-        if info is None:
-            facts["model"] = "of a submission, see results/submissions"
-        else:
-            facts |= {"model": info.summary, "equation": info.equation}
-            facts |= {"reference": info.reference, "version": str(info.version)}
-            facts |= {"command": f"bench run --model {row.name} --dataset kr10-twin"}
-            options = [Section("Options", tables=[options_table(info)], is_folded=True)]
-        frame = self.errors[self.errors["model"] == row.name]
-        case = next(c.case for c in self.board.answer.cases if row.name in c.case.competitors)
-        pair = {name: case.competitors[name] for name in dict.fromkeys((row.name, REFERENCE_MODEL))}
-        sources_of = {
-            make: FigureSource(self.results, (replace(case, competitors=names),), (row.name,))
-            for make, names in (
-                (workspace.workspace, {row.name: pair[row.name]}),
-                (springs.springs, pair),
-            )
-        }
-        figures = drawn_figures(
-            (partial(make, source), self.command) for make, source in sources_of.items()
-        )
-        return Section(
-            row.name,
-            texts=[("Over robots", ratio_text(row, self.board))],
-            tables=[
-                facts_table(facts),
-                errors_table("Errors on each data set, best ratio first", "data set", frame),
+            tables=self.first_tables,
+            sections=[
+                Section("Notes", notes=notes, is_folded=True),
+                Section(
+                    "Cost and number of poses",
+                    figures=drawn_figures((partial(make, board), self.command) for make in makers),
+                ),
+                Section("How sure, and other numbers", tables=others, is_folded=True),
+                Section("Pages of models", links=[Link(*item) for item in models.items()]),
+                Section("Pages of data sets", links=[Link(*item) for item in datasets.items()]),
+                Section("Downloads", links=[Link(f"{SCORES}: all numbers of this page", SCORES)]),
+                Section("Provenance", notes=[sources(self.results, stored.runs, counts)]),
             ],
-            figures=figures,
-            sections=options,
         )
 
-    def _dataset_section(self, dataset: Any, files: Path) -> Section:
-        info, name = dataset.choice.info, dataset.name
+    def _model_section(self, name: str) -> Section:
+        number = [row.name for row in self.board.rows].index(name)
+        case = next(c.case for c in self.board.answer.cases if name in c.case.competitors)
+        pair = {key: case.competitors[key] for key in dict.fromkeys((name, REFERENCE_MODEL))}
+
+        def source(models: Mapping[str, Any]) -> FigureSource:
+            return FigureSource(self.results, (replace(case, competitors=models),), (name,))
+
+        makers = [
+            partial(workspace.workspace, source({name: pair[name]})),
+            partial(springs.springs, source(pair)),
+        ]
+        scores = [
+            replace(table, rows=table.rows[number : number + 1]) for table in self.first_tables
+        ]
+        frame = self.errors[self.errors["model"] == name]
+        errors = errors_table("Errors on each data set, best ratio first", "data set", frame)
+        try:
+            about = self.show_model(split_word(name)[0])
+        except ConfigError:
+            about = f"{name}: model of a submission, see results/submissions"
+        return Section(
+            name,
+            tables=[*scores, errors],
+            figures=drawn_figures((make, self.command) for make in makers),
+            sections=[Section("Model and its options", log=about, is_folded=True)],
+        )
+
+    def _dataset_section(self, name: str, files: Path) -> Section:
+        """Return the content of a data set's page, and write its files."""
+        dataset = self.load_dataset(name)
+        shutil.rmtree(files, ignore_errors=True)
+        dataset.export(files)
+        info = dataset.choice.info
         picture = partial(
             robot_picture.robot_picture, dataset.samples, dataset.robot, name, info.kind
         )
         command = f"bench figure robot --dataset {name}"
         title = "Models on this data set, smallest ratio first"
         frame = self.errors[self.errors["data set"] == name]
+        links = [
+            Link(file.name, f"{FILES}/{files.name}/{file.name}") for file in sorted(files.iterdir())
+        ]
         export = f"bench data export {name} --output {file_stem(name)}"
+        caveats = [("caveat", caveat) for caveat in info.caveats]
         return Section(
             name,
-            f"{info.kind} · {counted(len(dataset), 'sample')}",
-            texts=[("Data", info.summary), *(("Caveat", text) for text in info.caveats)],
-            tables=[errors_table(title, "model", frame), facts_table(dict(dataset.data.facts))],
+            info.kind,
+            texts=[("what it is", info.summary), *dataset.data.facts, *caveats],
+            tables=[errors_table(title, "model", frame)],
             figures=drawn_figures([(picture, command), (dataset.plot, command)]),
             sections=[
-                Section(
-                    "Files",
-                    links=[
-                        Link(file.name, f"{FILES}/{files.name}/{file.name}")
-                        for file in sorted(files.iterdir())
-                    ],
-                    command=export,
-                ),
-                *([Section("Data card", log=dataset.card, is_folded=True)] if dataset.card else []),
+                Section("Files", links=links, command=export),
+                Section("Data card", log=dataset.card or "none", is_folded=True),
             ],
         )
 
@@ -226,15 +218,16 @@ def with_charts(table: Table, board: Board) -> Table:
 
 def colored(table: Table) -> Table:
     """Return a table with its ratios in colours."""
-
-    def cell(column: Column, entry: Entry) -> Entry:
-        number = quantity(entry)
-        is_ratio = column.format == RATIO_FORMAT and column.name != "noise"
-        if number is None or not is_ratio or number.value is None:
-            return entry
-        return replace(number, ratio=number.value)
-
-    rows = [[*map(cell, table.columns, row)] for row in table.rows]
+    is_ratio = [c.format == RATIO_FORMAT and c.name != "noise" for c in table.columns]
+    rows = [
+        [
+            replace(number, ratio=number.value)
+            if is_colored and (number := quantity(cell))
+            else cell
+            for cell, is_colored in zip(row, is_ratio, strict=True)
+        ]
+        for row in table.rows
+    ]
     return replace(table, rows=rows)
 
 
@@ -281,30 +274,3 @@ def errors_table(title: str, first: str, frame: DataFrame) -> Table:
         Column("error / noise", format=RATIO_FORMAT),
     ]
     return Table.of(title, columns, frame)
-
-
-def ratio_text(row: BoardRow, board: Board) -> str:
-    """Return the score of a model in one sentence."""
-    if row.name == REFERENCE_MODEL:
-        return "the baseline: the errors of all models are divided by its errors."
-    mean = row.mean
-    return (
-        f"{mean.ratio:.2f} times the VJM's error ({mean.low:.2f} to {mean.high:.2f} over "
-        f"{board.answer.claim_scope}); {row.verdict}; worst on {row.worst_robot} ({row.worst:.2f})."
-    )
-
-
-def facts_table(facts: Mapping[str, Entry]) -> Table:
-    """Return facts in two columns."""
-    rows = [[name, str(value)] for name, value in facts.items() if value not in ("", None)]
-    return Table("Facts", text_columns("fact", "value"), rows)
-
-
-def options_table(info: ModelInfo) -> Table:
-    """Return the options of a model."""
-    columns = text_columns("option", "default", "valid", "meaning")
-    rows = [
-        [option.name, str(option.default), option.type_text, option.description]
-        for option in options_of(info.load()).values()
-    ]
-    return Table("Options", columns, rows)
