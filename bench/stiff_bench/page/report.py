@@ -133,7 +133,9 @@ def folder_section(stored: StoredResults, choice: PageOptions, key: SortKey) -> 
         *left_out_notes(cases),
     ]
     if answer:
-        notes += [f"Not in the answer: {name} ({why})." for name, why in answer.left_out.items()]
+        notes += [
+            f"Not in the answer: {name} ({reason})." for name, reason in answer.left_out.items()
+        ]
     ranked = choice.command("leaderboard", folder=folder, ranked=True)
     parts = [
         Section("Notes on the data", notes=notes, is_folded=True),
@@ -167,17 +169,22 @@ def _facts(
 ) -> str:
     """Return folder, date of the newest run, counts, and metric, in one line."""
     statuses = Counter(result.status for result in results)
-    shown = [result.presentation for result in results]
+    presentations = [result.presentation for result in results]
     things = {
-        "model": {presentation.model for presentation in shown},
-        "data set": {presentation.dataset for presentation in shown},
-        "protocol": {presentation.protocol for presentation in shown},
+        "model": {presentation.model for presentation in presentations},
+        "data set": {presentation.dataset for presentation in presentations},
+        "protocol": {presentation.protocol for presentation in presentations},
     }
     counts = [counted(len(names), thing) for thing, names in things.items()]
     counts += [counted(len(results) - statuses["skipped"], "fit"), f"{statuses['failed']} failed"]
     counts += [f"{statuses['skipped']} skipped"] if statuses["skipped"] else []
     dates = [run.started[: len("2026-01-01")] for run in runs if run.started]
-    kinds = Counter({(shown.dataset, shown.kind): shown.kind for shown in shown}.values())
+    kinds = Counter(
+        {
+            (presentation.dataset, presentation.kind): presentation.kind
+            for presentation in presentations
+        }.values()
+    )
     texts = [
         folder.name or str(folder),
         *([max(dates)] if dates else []),
@@ -264,8 +271,8 @@ def failure_sections(results: Results) -> list[Section]:
         return []
     alike = grouped(failed, lambda fit: (*_place(fit), fit.cause, fit.failure))
     rows = [
-        [*place, why, cause or None, ", ".join(str(fit.cell.split_index) for fit in fits)]
-        for (*place, cause, why), fits in alike.items()
+        [*place, reason, cause or None, ", ".join(str(fit.cell.split_index) for fit in fits)]
+        for (*place, cause, reason), fits in alike.items()
     ]
     headings = ("model", "data set", "protocol", "condition", "reason", "cause", "splits")
     title = f"{counted(len(failed), 'fit')} without a result"
@@ -288,8 +295,13 @@ def failure_sections(results: Results) -> list[Section]:
 
 def _place(result: CellResult) -> tuple[str, str, str, str | None]:
     """Return model, data set, protocol and condition of a fit."""
-    shown = result.presentation
-    return shown.model, shown.dataset, shown.protocol, result.cell.condition or None
+    presentation = result.presentation
+    return (
+        presentation.model,
+        presentation.dataset,
+        presentation.protocol,
+        result.cell.condition or None,
+    )
 
 
 def _ranking(board: Leaderboard, command: str) -> Iterator[Section]:
@@ -356,15 +368,15 @@ def data_table(results: Results, data_of: DataOf) -> Table:
     """Return kind, robot, TCP, size and hash of each data set."""
 
     def row(sha256: str, result: CellResult) -> list[Entry]:
-        shown = result.presentation
+        presentation = result.presentation
         try:
             data = data_of(result.cell.data_sha256)
         except StoreError:
-            return [shown.dataset, shown.kind, None, None, None, None, sha256]
+            return [presentation.dataset, presentation.kind, None, None, None, None, sha256]
         tcp = ", ".join(f"{length:g}" for length in data.robot.tcp_on_flange)
         n_poses = len(set(data.measured.pose_id))
         return [
-            *(shown.dataset, shown.kind, data.robot.name, tcp),
+            *(presentation.dataset, presentation.kind, data.robot.name, tcp),
             *(len(data.measured), n_poses, sha256),
         ]
 
@@ -470,7 +482,7 @@ def runs_section(
 
 
 def _environment(run: RunManifest) -> str:
-    """Return versions and machine of a run, then those of its other machines."""
+    """Return versions and machine of a run, then of its other machines."""
     environments = {"": run.environment}
     environments |= {f"machine {name}\n": facts for name, facts in sorted(run.machines.items())}
     return "\n\n".join(

@@ -87,8 +87,8 @@ class LeaderboardSite:
     @cached_property
     def first_tables(self) -> list[Table]:
         """Return the models with a chart of their ratios, and their other numbers."""
-        ratios, *others = self.content.board_tables
-        more = [table for table in others if table.about.get("table") == "more"]
+        ratios, *other_tables = self.content.board_tables
+        more = [table for table in other_tables if table.about.get("table") == "more"]
         return [with_charts(colored(ratios), self.board), *map(colored, more)]
 
     def write(self, folder: Path) -> Iterator[Path]:
@@ -122,12 +122,12 @@ class LeaderboardSite:
 
     def _first_section(self, models: Mapping[str, str], datasets: Mapping[str, str]) -> Section:
         board, stored = self.board, self.content.merged
-        ratios, *others = self.content.board_tables
+        ratios, *other_tables = self.content.board_tables
         counts = Counter(result.run_id for case in stored.cases for result in case.every)
         makers = (score_against_cost, score_against_poses)
         sentences = board_sentences(board)
-        shown = [f"{label}: {text}" for label, text in sentences]
-        notes = [*self.study.notes, *(note for note in ratios.notes if note not in shown)]
+        sentence_notes = [f"{label}: {text}" for label, text in sentences]
+        notes = [*self.study.notes, *(note for note in ratios.notes if note not in sentence_notes)]
         return Section(
             board_headline(board),
             f"{self.study.title} · {counts.total()} fits",
@@ -139,7 +139,7 @@ class LeaderboardSite:
                     "Cost and number of poses",
                     figures=drawn_figures((partial(make, board), self.command) for make in makers),
                 ),
-                Section("How sure, and other numbers", tables=others, is_folded=True),
+                Section("How sure, and other numbers", tables=other_tables, is_folded=True),
                 Section("Pages of models", links=[Link(*item) for item in models.items()]),
                 Section("Pages of data sets", links=[Link(*item) for item in datasets.items()]),
                 Section("Downloads", links=[Link(f"{SCORES}: all numbers of this page", SCORES)]),
@@ -211,8 +211,8 @@ def with_charts(table: Table, board: Board) -> Table:
         [*cells[:2], Quantity(low=mean.low, high=mean.high, ratio=mean.ratio), *cells[3:]]
         for cells, mean in zip(table.rows, (row.mean for row in board.rows), strict=True)
     ]
-    name, ratio, interval, *others = table.columns
-    columns = [name, ratio, replace(interval, is_chart=True), *others]
+    name, ratio, interval, *other_columns = table.columns
+    columns = [name, ratio, replace(interval, is_chart=True), *other_columns]
     return replace(table, title="Models", columns=columns, rows=rows, notes=[])
 
 
