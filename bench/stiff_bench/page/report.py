@@ -143,7 +143,11 @@ def folder_section(stored: StoredResults, choice: PageOptions, key: SortKey) -> 
         *failure_sections(results),
         Section(
             "Robots and data",
-            tables=[make(results, stored.data_of) for make in (data_table, stiffness_table)],
+            tables=[
+                table
+                for make in (data_table, stiffness_table)
+                if (table := make(results, stored.data_of)).rows
+            ],
             is_folded=True,
         ),
         *(_ranking(board, ranked) if board else ()),
