@@ -341,12 +341,13 @@ class Reproduction(Run):
             ConfigError: the study has no board, or too few results.
         """
         from stiff_bench.api.data_sets import load_dataset
+        from stiff_bench.api.registered import show
         from stiff_bench.page.site import LeaderboardSite
 
         plan = self.plans[0]
         command = f"{plan.command} --site {shlex.quote(str(folder))}"
         site = LeaderboardSite(
-            self.study, plan.output, command, registry(), load_dataset, self.model_statuses
+            self.study, plan.output, command, load_dataset, show, self.model_statuses
         )
         return site.write(folder)
 

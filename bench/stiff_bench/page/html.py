@@ -133,7 +133,7 @@ def table_view(table: Table) -> TableView:
 
 
 def _heads(table: Table) -> Iterator[list[Head]]:
-    """Yield the headings of groups of columns, then those of the columns."""
+    """Yield the headings of groups of columns, then the headings of columns."""
     has_groups = any(column.group for column in table.columns)
     first, second = list[Head](), list[Head]()
     for group, members in groupby(table.columns, lambda column: column.group):

@@ -168,7 +168,11 @@ def folder_section(stored: StoredResults, choice: PageOptions, key: SortKey) -> 
         *failure_sections(results),
         Section(
             "Robots and data",
-            tables=[make(results, stored.data_of) for make in (data_table, stiffness_table)],
+            tables=[
+                table
+                for make in (data_table, stiffness_table)
+                if (table := make(results, stored.data_of)).rows
+            ],
             is_folded=True,
         ),
         *(_ranking(board, ranked) if board else ()),
@@ -192,17 +196,22 @@ def _has_content(section: Section) -> bool:
 def _facts(folder: Path, runs: Sequence[RunManifest], results: Fits, key: SortKey) -> str:
     """Return folder, date of the newest run, counts, and metric, in one line."""
     statuses = Counter(result.status for result in results)
-    shown = [result.presentation for result in results]
+    presentations = [result.presentation for result in results]
     things = {
-        "model": {presentation.model for presentation in shown},
-        "data set": {presentation.dataset for presentation in shown},
-        "protocol": {presentation.protocol for presentation in shown},
+        "model": {presentation.model for presentation in presentations},
+        "data set": {presentation.dataset for presentation in presentations},
+        "protocol": {presentation.protocol for presentation in presentations},
     }
     counts = [counted(len(names), thing) for thing, names in things.items()]
     counts += [counted(len(results) - statuses["skipped"], "fit"), f"{statuses['failed']} failed"]
     counts += [f"{statuses['skipped']} skipped"] if statuses["skipped"] else []
     dates = [run.started[: len("2026-01-01")] for run in runs if run.started]
-    kinds = Counter({(shown.dataset, shown.kind): shown.kind for shown in shown}.values())
+    kinds = Counter(
+        {
+            (presentation.dataset, presentation.kind): presentation.kind
+            for presentation in presentations
+        }.values()
+    )
     texts = [
         folder.name or str(folder),
         *([max(dates)] if dates else []),
@@ -262,8 +271,8 @@ def failure_sections(results: Fits) -> list[Section]:
         return []
     alike = grouped(failed, lambda fit: (*_place(fit), fit.cause, fit.failure))
     rows = [
-        [*place, why, cause or None, ", ".join(str(fit.cell.split_index) for fit in fits)]
-        for (*place, cause, why), fits in alike.items()
+        [*place, reason, cause or None, ", ".join(str(fit.cell.split_index) for fit in fits)]
+        for (*place, cause, reason), fits in alike.items()
     ]
     headings = ("model", "data set", "protocol", "condition", "reason", "cause", "splits")
     title = f"{counted(len(failed), 'fit')} without a result"
@@ -286,8 +295,13 @@ def failure_sections(results: Fits) -> list[Section]:
 
 def _place(result: CellResult) -> tuple[str, str, str, str | None]:
     """Return model, data set, protocol and condition of a fit."""
-    shown = result.presentation
-    return shown.model, shown.dataset, shown.protocol, result.cell.condition or None
+    presentation = result.presentation
+    return (
+        presentation.model,
+        presentation.dataset,
+        presentation.protocol,
+        result.cell.condition or None,
+    )
 
 
 def _ranking(board: Leaderboard, command: str) -> Iterator[Section]:
@@ -355,15 +369,15 @@ def data_table(results: Fits, data_of: DataOf) -> Table:
     """Return kind, robot, TCP, size and hash of each data set."""
 
     def row(sha256: str, result: CellResult) -> list[Entry]:
-        shown = result.presentation
+        presentation = result.presentation
         try:
             data = data_of(result.cell.data_sha256)
         except StoreError:
-            return [shown.dataset, shown.kind, None, None, None, None, sha256]
+            return [presentation.dataset, presentation.kind, None, None, None, None, sha256]
         tcp = ", ".join(f"{length:g}" for length in data.robot.tcp_on_flange)
         n_poses = len(set(data.measured.pose_id))
         return [
-            *(shown.dataset, shown.kind, data.robot.name, tcp),
+            *(presentation.dataset, presentation.kind, data.robot.name, tcp),
             *(len(data.measured), n_poses, sha256),
         ]
 
@@ -467,7 +481,7 @@ def runs_section(runs: Sequence[RunManifest], results: Fits, provenance: Sequenc
 
 
 def _environment(run: RunManifest) -> str:
-    """Return versions and machine of a run, then those of its other machines."""
+    """Return versions and machine of a run, then of its other machines."""
     environments = {"": run.environment}
     environments |= {f"machine {name}\n": facts for name, facts in sorted(run.machines.items())}
     return "\n\n".join(

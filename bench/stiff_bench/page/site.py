@@ -21,20 +21,16 @@ from stiff_bench.page.html import html_page, table_script
 from stiff_bench.page.page import Link, Page, Section, drawn_figures, write_text
 from stiff_bench.page.study_page import study_leaderboard
 from stiff_bench.paper.study_file import Study
-from stiff_bench.plan.options import options_of
-from stiff_bench.plan.registry import Registry
 from stiff_bench.results.columns import RATIO_FORMAT
 from stiff_bench.results.leaderboard_tables import StudyLeaderboard
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import sources
-from stiff_bench.results.summary import model_summary
 from stiff_bench.store.names import split_word
-from stiff_bench.tables.table import Column, Entry, Quantity, Table, text_columns
-from stiff_bench.tables.units import MM, counted, duration
+from stiff_bench.tables.table import Column, Quantity, Table, text_columns
+from stiff_bench.tables.units import MM
 from stiff_bench.tables.writers import render
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.files import make_folder
-from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.errors import ConfigError
 
 INDEX, MODELS, DATASETS = "index.html", "models", "data"
 FILES = "files"
@@ -61,16 +57,16 @@ class LeaderboardSite:
         study: study with a board.
         results: folder of its results.
         command: command that writes the pages.
-        registry: models with their descriptions.
         load_dataset: function that returns a data set by its name.
+        show_model: function that returns the description of a model by its key.
         statuses: "verified" or "reported" by model; empty: the board has no such column.
     """
 
     study: Study
     results: Path
     command: str
-    registry: Registry
     load_dataset: Callable[[str], Any]
+    show_model: Callable[[str], str]
     statuses: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
@@ -83,6 +79,13 @@ class LeaderboardSite:
         """Return the mean errors of each model on each data set."""
         return errors_frame(self.board.scores.frame)
 
+    @cached_property
+    def first_tables(self) -> list[Table]:
+        """Return the models with a chart of their ratios, and their other numbers."""
+        ratios, *other_tables = self.board.tables
+        more = [table for table in other_tables if table.about.get("table") == "more"]
+        return [replace(ratios, title="Models", notes=[]), *more]
+
     def write(self, folder: Path) -> Iterator[Path]:
         """Write all pages into a folder, and yield each file.
 
@@ -90,121 +93,107 @@ class LeaderboardSite:
             ConfigError: the study has no board, or too few results.
             StoreError: nothing is stored, or a file cannot be written.
         """
-        rows = {row["model"]: row for row in self.board.board_frame.to_dict("records")}
-        models = {name: f"{MODELS}/{file_stem(name)}.html" for name in rows}
-        names = dict.fromkeys(task.name.dataset for task in self.board.scores.tasks)
+        names = [*self.board.board_frame["model"]]
+        models = {name: f"{MODELS}/{file_stem(name)}.html" for name in names}
+        names = [*dict.fromkeys(task.name.dataset for task in self.board.scores.tasks)]
         datasets = {name: f"{DATASETS}/{file_stem(name)}.html" for name in names}
+        pages = {**models, **datasets}
+        from_below = {name: f"../{address}" for name, address in pages.items()}
+        up = Link(TITLE, f"../{INDEX}")
+        for name, address in pages.items():
+            if name in models:
+                section = self._model_section(name)
+            else:
+                files = folder / DATASETS / FILES / file_stem(name)
+                section = self._dataset_section(name, files)
+                yield from sorted(files.iterdir())
+            page = Page(name, [section], self.command, from_below, up)
+            yield write_text(folder / address, html_page(page, f"../{SCRIPT}"))
+        page = Page(TITLE, [self._first_section(models, datasets)], self.command, pages)
+        yield write_text(folder / INDEX, html_page(page, SCRIPT))
         yield write_text(folder / SCRIPT, table_script())
-        addresses = {name: f"../{address}" for name, address in {**models, **datasets}.items()}
-
-        def page(name: str, section: Section) -> str:
-            up = Link(TITLE, f"../{INDEX}")
-            return html_page(Page(name, [section], self.command, addresses, up), f"../{SCRIPT}")
-
-        for name, address in models.items():
-            yield write_text(folder / address, page(name, self._model_section(rows[name])))
-        for name, address in datasets.items():
-            files = folder / DATASETS / FILES / file_stem(name)
-            shutil.rmtree(files, ignore_errors=True)
-            make_folder(files.parent)
-            dataset = self.load_dataset(name)
-            dataset.export(files)
-            yield from sorted(files.iterdir())
-            yield write_text(folder / address, page(name, self._dataset_section(dataset, files)))
-        tables = self.board.tables
-        yield write_text(folder / SCORES, f"{render(tables, 'csv', self.command)}\n")
-        first = Page(
-            TITLE, [self._first_section(models, datasets)], self.command, {**models, **datasets}
-        )
-        yield write_text(folder / INDEX, html_page(first, SCRIPT))
+        scores = render(self.board.tables, "csv", self.command)
+        yield write_text(folder / SCORES, f"{scores}\n")
 
     def _first_section(self, models: Mapping[str, str], datasets: Mapping[str, str]) -> Section:
-        board, stored = self.board, self.board.stored
-        ratios, *tables = board.tables
-        dates = [run.started[:10] for run in stored.runs if run.started]
+        board, stored, summary = self.board, self.board.stored, self.board.summary
+        ratios, *other_tables = board.tables
         counts = Counter(result.run_id for task in stored.tasks for result in task.every)
         makers = (score_against_cost, score_against_poses)
-        figures = drawn_figures((partial(make, board), self.command) for make in makers)
-        summary = board.summary
         notes = [*self.study.notes, *(note for note in ratios.notes if note not in summary.lines)]
-        parts = [
-            Section("Notes", notes=notes, is_folded=True),
-            Section("Cost and number of poses", figures=figures),
-            Section("How sure, and other numbers", tables=tables[1:], is_folded=True),
-            Section("Pages of models", links=[Link(*item) for item in models.items()]),
-            Section("Pages of data sets", links=[Link(*item) for item in datasets.items()]),
-            Section("Downloads", links=[Link(f"{SCORES}: all numbers of this page", SCORES)]),
-            Section("Provenance", notes=[sources(self.results, stored.runs, counts)]),
-        ]
         return Section(
             summary.headline,
-            " · ".join([self.study.title, *dates[-1:], f"{counts.total()} fits"]),
+            f"{self.study.title} · {counts.total()} fits",
             texts=summary.sentences,
-            tables=[replace(ratios, title="Models", notes=[]), tables[0]],
-            sections=parts,
-        )
-
-    def _model_section(self, row: Mapping[Any, Any]) -> Section:
-        model = row["model"]
-        info = self.registry.models.get(split_word(model)[0])
-        facts = {"status": self.statuses.get(model, ""), "fit": duration(row["fit_s"])}
-        options = []
-        if info is None:
-            facts["model"] = "of a submission, see results/submissions"
-        else:
-            facts |= {"model": info.summary, "equation": info.equation}
-            facts |= {"reference": info.reference, "version": str(info.version)}
-            facts |= {"command": f"bench run --model {model} --dataset kr10-twin"}
-            options = [Section("Options", tables=[options_table(info)], is_folded=True)]
-        frame = self.errors[self.errors["model"] == model]
-        task = next(t.task for t in self.board.scores.tasks if model in t.scores)
-        pair = {name: task.models[name] for name in dict.fromkeys((model, REFERENCE_MODEL))}
-        sources_of = {
-            make: FigureSource(self.results, (replace(task, models=names),), (model,))
-            for make, names in (
-                (workspace.workspace, {model: pair[model]}),
-                (springs.springs, pair),
-            )
-        }
-        figures = drawn_figures(
-            (partial(make, source), self.command) for make, source in sources_of.items()
-        )
-        return Section(
-            model,
-            texts=model_summary(self.board.scores, row).sentences,
-            tables=[
-                facts_table(facts),
-                errors_table("Errors on each data set, best ratio first", "data set", frame),
+            tables=self.first_tables,
+            sections=[
+                Section("Notes", notes=notes, is_folded=True),
+                Section(
+                    "Cost and number of poses",
+                    figures=drawn_figures((partial(make, board), self.command) for make in makers),
+                ),
+                Section("How sure, and other numbers", tables=other_tables, is_folded=True),
+                Section("Pages of models", links=[Link(*item) for item in models.items()]),
+                Section("Pages of data sets", links=[Link(*item) for item in datasets.items()]),
+                Section("Downloads", links=[Link(f"{SCORES}: all numbers of this page", SCORES)]),
+                Section("Provenance", notes=[sources(self.results, stored.runs, counts)]),
             ],
-            figures=figures,
-            sections=options,
         )
 
-    def _dataset_section(self, dataset: Any, files: Path) -> Section:
-        info, name = dataset.choice.info, dataset.name
+    def _model_section(self, name: str) -> Section:
+        number = [*self.board.board_frame["model"]].index(name)
+        task = next(task.task for task in self.board.scores.tasks if name in task.scores)
+        pair = {key: task.models[key] for key in dict.fromkeys((name, REFERENCE_MODEL))}
+
+        def source(models: Mapping[str, Any]) -> FigureSource:
+            return FigureSource(self.results, (replace(task, models=models),), (name,))
+
+        makers = [
+            partial(workspace.workspace, source({name: pair[name]})),
+            partial(springs.springs, source(pair)),
+        ]
+        scores = [
+            replace(table, rows=table.rows[number : number + 1]) for table in self.first_tables
+        ]
+        frame = self.errors[self.errors["model"] == name]
+        errors = errors_table("Errors on each data set, best ratio first", "data set", frame)
+        try:
+            about = self.show_model(split_word(name)[0])
+        except ConfigError:
+            about = f"{name}: model of a submission, see results/submissions"
+        return Section(
+            name,
+            tables=[*scores, errors],
+            figures=drawn_figures((make, self.command) for make in makers),
+            sections=[Section("Model and its options", log=about, is_folded=True)],
+        )
+
+    def _dataset_section(self, name: str, files: Path) -> Section:
+        """Return the content of a data set's page, and write its files."""
+        dataset = self.load_dataset(name)
+        shutil.rmtree(files, ignore_errors=True)
+        dataset.export(files)
+        info = dataset.choice.info
         picture = partial(
             robot_picture.robot_picture, dataset.samples, dataset.robot, name, info.kind
         )
         command = f"bench figure robot --dataset {name}"
         title = "Models on this data set, smallest ratio first"
         frame = self.errors[self.errors["data set"] == name]
+        links = [
+            Link(file.name, f"{FILES}/{files.name}/{file.name}") for file in sorted(files.iterdir())
+        ]
         export = f"bench data export {name} --output {file_stem(name)}"
+        caveats = [("caveat", caveat) for caveat in info.caveats]
         return Section(
             name,
-            f"{info.kind} · {counted(len(dataset), 'sample')}",
-            texts=[("Data", info.summary), *(("Caveat", text) for text in info.caveats)],
-            tables=[errors_table(title, "model", frame), facts_table(dict(dataset.data.facts))],
+            info.kind,
+            texts=[("what it is", info.summary), *dataset.data.facts, *caveats],
+            tables=[errors_table(title, "model", frame)],
             figures=drawn_figures([(picture, command), (dataset.plot, command)]),
             sections=[
-                Section(
-                    "Files",
-                    links=[
-                        Link(file.name, f"{FILES}/{files.name}/{file.name}")
-                        for file in sorted(files.iterdir())
-                    ],
-                    command=export,
-                ),
-                *([Section("Data card", log=dataset.card, is_folded=True)] if dataset.card else []),
+                Section("Files", links=links, command=export),
+                Section("Data card", log=dataset.card or "none", is_folded=True),
             ],
         )
 
@@ -240,19 +229,3 @@ def errors_table(title: str, first: str, frame: DataFrame) -> Table:
         Column("error / noise", format=RATIO_FORMAT),
     ]
     return Table.of(title, columns, frame)
-
-
-def facts_table(facts: Mapping[str, Entry]) -> Table:
-    """Return facts in two columns."""
-    rows = [[name, str(value)] for name, value in facts.items() if value not in ("", None)]
-    return Table("Facts", text_columns("fact", "value"), rows)
-
-
-def options_table(info: ModelInfo) -> Table:
-    """Return the options of a model."""
-    columns = text_columns("option", "default", "valid", "meaning")
-    rows = [
-        [option.name, str(option.default), option.type_text, option.description]
-        for option in options_of(info.load()).values()
-    ]
-    return Table("Options", columns, rows)

@@ -157,8 +157,8 @@ def write_page(
             figure.save(picture)
             yield picture
         number = f"Figure {name}: " if name.isdecimal() else ""
-        shown = Figure(figure.title, figure.caption, f"{address}.png")
-        figures.append(Section(f"{number}{figure.title}", figures=[shown]))
+        placed_figure = Figure(figure.title, figure.caption, f"{address}.png")
+        figures.append(Section(f"{number}{figure.title}", figures=[placed_figure]))
     notes = [*study.notes, *_provenance(stored, command, n_missing)]
     sections = [
         Section("", notes=notes),

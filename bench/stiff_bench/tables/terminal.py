@@ -6,8 +6,6 @@ column. Texts of third parties are never interpreted as markup.
 
 from __future__ import annotations
 
-import io
-import os
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from textwrap import fill
@@ -30,7 +28,7 @@ BETTER, WORSE = "green", "red"
 
 
 def screen_console(width: int | None = None, *, colors: bool | None = None) -> Console:
-    """Return a console that writes into memory.
+    """Return a console that keeps its text for `screen_of`.
 
     Args:
         width: width in characters; None: width of the terminal.
@@ -38,23 +36,19 @@ def screen_console(width: int | None = None, *, colors: bool | None = None) -> C
     """
     from rich.console import Console
 
-    terminal = Console(soft_wrap=False)
-    has_colors = terminal.is_terminal and terminal.color_system is not None
-    if colors is None:
-        colors = has_colors and "NO_COLOR" not in os.environ
-    characters = width or (terminal.width if terminal.is_terminal else USUAL_WIDTH)
-    return Console(
-        file=io.StringIO(),
-        width=max(characters, SMALLEST_WIDTH),
-        force_terminal=colors,
-        color_system="standard" if colors else None,
-        no_color=not colors,
+    console = Console(
+        force_terminal=colors or None,
+        color_system="standard" if colors else "auto" if colors is None else None,
         highlight=False,
         markup=False,
         emoji=False,
         legacy_windows=False,
         force_jupyter=False,  # else a notebook shows each line as an output
     )
+    usual = console.width if console.is_terminal else USUAL_WIDTH
+    console.width = max(width or usual, SMALLEST_WIDTH)
+    console.begin_capture()
+    return console
 
 
 def screen_text(tables: Sequence[Table], *, text: str = "", console: Console | None = None) -> str:
@@ -72,8 +66,7 @@ def screen_text(tables: Sequence[Table], *, text: str = "", console: Console | N
 
 def screen_of(console: Console) -> str:
     """Return the text printed on a console of `screen_console`."""
-    assert isinstance(console.file, io.StringIO)
-    return "\n".join(line.rstrip() for line in console.file.getvalue().rstrip("\n").split("\n"))
+    return "\n".join(line.rstrip() for line in console.end_capture().rstrip("\n").split("\n"))
 
 
 def print_lines(console: Console, text: str, style: str = "") -> None:

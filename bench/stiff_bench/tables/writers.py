@@ -9,8 +9,9 @@ import html
 import json
 import math
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from tabulate import tabulate
@@ -73,6 +74,9 @@ def of_format(tables: Sequence[Table], fmt: str) -> list[Table]:
 
 def plain_text(table: Table) -> str:
     """Return headings and cells in columns, then the notes, without the title."""
+    if sys.stdout.isatty():  # fits its width
+        untitled = replace(table, title="")
+        return screen_text([untitled], console=screen_console(colors=False)).strip("\n")
     return "\n".join([_columns(table, "simple", one_line), *table.notes])
 
 

@@ -142,6 +142,24 @@ def test_frames_files_and_arrays_hold_the_same_samples(twin, tmp_path):
         sb.read_samples(file, robot="kr11")
 
 
+@pytest.mark.parametrize(
+    ("what", "kind"),
+    [
+        ("", "unknown"),
+        ("MEASURED: 43 samples", "measured"),
+        ("SIMULATED: never MEASURED", "simulated"),
+    ],
+)
+def test_a_users_file_is_of_the_kind_that_its_card_says(twin, tmp_path, what, kind):
+    file = tmp_path / "mine.csv"
+    data = sb.Dataset.from_samples(twin.samples, twin.robot)
+    data.frame().to_csv(file, index=False)
+    if what:
+        file.with_suffix(".md").write_text(f"| Fact | Value |\n|---|---|\n| What | {what} |\n")
+    of_file = sb.read_samples(file, robot=twin.robot)
+    assert (of_file.choice.info.kind, data.choice.info.kind) == (kind, "unknown")
+
+
 def test_two_data_sets_of_one_name_are_refused_and_one_given_twice_is_computed_once(twin):
     first = sb.Dataset.from_samples(twin.samples, twin.robot)
     second = sb.Dataset.from_samples(twin.samples, twin.robot)

@@ -177,7 +177,7 @@ def test_figures_are_of_all_results_or_of_one_comparison_and_broken_ones_are_lef
     results.add("vjm", [0.1, 0.2], "other")
     part = parts_of(results.folder)["Figures"]
     assert sorted(drawn, key=len) == [[TWINS[0]], ["other"], [*TWINS[:2], "other"]]
-    assert [shown.title for shown in part.figures] == ["drawn"]
+    assert [figure.title for figure in part.figures] == ["drawn"]
     assert "bench figure scores " in part.figures[0].command
     (_, of_other) = part.sections
     assert "--dataset other --protocol holdout" in of_other.figures[0].command
