@@ -89,7 +89,7 @@ def small_source(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture()
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out a report's figures, which take seconds; the browser test draws them."""
-    monkeypatch.setattr("stiff_bench.report.report_content.FIGURES", {})
+    monkeypatch.setattr("stiff_bench.page.report.FIGURES", {})
 
 
 @pytest.fixture()

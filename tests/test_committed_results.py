@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import io
+import math
 import shutil
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+import stiffbench as sb
 from helpers.command_line import bench_here
+from stiff_bench.page.study_page import study_leaderboard
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, TABLES
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.store.database import read_results
-from stiff_bench.tables.render import render
+from stiff_bench.store.database import PACKED, read_results
+from stiff_bench.tables.writers import render
 
 RESULTS = Path(__file__).parents[1] / "results"
 
@@ -50,6 +53,71 @@ def test_the_committed_leaderboard_is_of_cells_that_are_planned_today():
     assert stored_keys <= planned_keys
     missing_models = {task.cell.model for task in tasks if task.cell.key not in stored_keys}
     assert missing_models == not_here
+
+
+@pytest.fixture(scope="module")
+def leaderboard_results(tmp_path_factory):
+    """Return the committed results of the leaderboard, unpacked in another folder."""
+    folder = tmp_path_factory.mktemp("leaderboard")
+    shutil.copy(RESULTS / "leaderboard" / "runs" / PACKED, folder)
+    return sb.open_results(folder)
+
+
+def rows_of(text: str) -> dict[str, dict[str, str]]:
+    """Return the rows of the first table of a page, by model."""
+    lines = text[text.index("| model ") :].partition("\n\n")[0].splitlines()
+    heading, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+    return {row[0]: dict(zip(heading, row, strict=True)) for row in rows}
+
+
+@pytest.mark.slow
+def test_the_leaderboard_of_the_committed_results_has_the_rows_of_its_page(leaderboard_results):
+    page = rows_of((RESULTS / "leaderboard" / "README.md").read_text(encoding="utf-8"))
+    shown = rows_of(leaderboard_results.leaderboard().text_as("github"))
+    assert [name for name in shown if name in page] == [*page] and len(page) == 24
+    assert shown.keys() - page.keys() <= {"realmlp", "tabm"}
+    columns = ["error / VJM's", "95 % interval", "worst robot", "fit"]
+    for name, row in page.items():
+        assert [shown[name][column] for column in columns] == [row[column] for column in columns]
+
+
+KEYS = {
+    **{"error / VJM's": "ratio", "won": "won", "worst robot": "worst", "fit": "fit_s"},
+    **{"95th percentile": "p95", "tool paths": "path", "noise": "noise"},
+    **{"p against the VJM": "p", "p against the best": "p best"},
+    **{heading: ("few", heading) for heading in ("20 poses", "60 poses")},
+    **{
+        f"{kind}, {width}": ("group", f"{kind}, {width}")
+        for kind in ("tilting", "rigid")
+        for width in ("narrow", "wide")
+    },
+    "fanuc-r2000ic (measured)": ("measured", "fanuc-r2000ic"),
+}
+"""Column of the committed table -> column of a `model_frame`."""
+BOUNDS = {
+    "95 % interval": ("low", "high"),
+    "without any one robot": ("without low", "without high"),
+}
+
+
+@pytest.mark.slow
+def test_the_frame_of_models_has_the_numbers_of_the_committed_table(leaderboard_results):
+    board = study_leaderboard(find_study("leaderboard"), leaderboard_results.stored)
+    models = {row["model"]: row for row in board.board_frame.to_dict("records")}
+    committed = pd.read_csv(RESULTS / "leaderboard" / "tables" / "table_leaderboard.csv")
+    lines = committed[committed["table"].isin(["board", "more", "certainty"])]
+    assert {*lines["model"]} == {*models} and {*lines["column"]} == {*KEYS, *BOUNDS}
+    for line in lines.to_dict("records"):
+        row, column = models[line["model"]], line["column"]
+        expected = [line["low"], line["high"]] if column in BOUNDS else [line["value"]]
+        if column == "won":
+            expected = [line["part"]]
+        numbers = [row[key] for key in BOUNDS.get(column, [KEYS.get(column)])]
+        if line["model"] == "vjm" and column == "worst robot":
+            numbers = [math.nan]  # the baseline has no worst robot
+        assert numbers == pytest.approx(expected, rel=1e-9, nan_ok=True), (line["model"], column)
+        if column == "worst robot" and line["model"] != "vjm":
+            assert row["worst robot"] == line["mark"]
 
 
 def test_every_picture_of_the_committed_pages_is_there():

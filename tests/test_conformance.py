@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from helpers.quick_models import KEYS
+from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.model_file import load
-from stiff_models.io.training_cache import OFF, VARIABLE
 from stiff_models.model_catalog import model_info
 from stiff_protocols.conformance.model_checks import check_model
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -9,8 +10,9 @@ import pytest
 
 import stiffbench as sb
 from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.study_board import StudyResults
 from stiff_bench.paper.study_file import find_study
+from stiff_bench.paper.study_page import study_leaderboard
+from stiff_bench.results.leaderboard import robot_ratios
 
 TOP = Path(__file__).parents[1]
 README = (TOP / "README.md").read_text(encoding="utf-8")
@@ -47,9 +49,7 @@ def test_it_is_short_and_fits_a_terminal():
 def test_the_first_table_is_what_its_command_gives():
     rows = {model_of(row): row for row in table_after("Try it")}
     results = sb.evaluate([*rows], "kr10-twin", protocol="holdout", splits=5)
-    frame = results.frame()
-    lengths = frame[frame["metric"] == "norm"].groupby("model")["value"]
-    errors = {str(model): float(mean) for model, mean in lengths.mean().items()}
+    errors = results.frame().groupby("model")["norm_mm"].mean()
     for model, row in rows.items():
         assert float(row["3-D error, mm"]) == pytest.approx(errors[model], abs=0.0006)
         if row["against the VJM"]:
@@ -60,32 +60,35 @@ def test_the_first_table_is_what_its_command_gives():
 @pytest.fixture(scope="module")
 def board():
     stored = PaperResults.of(TOP / "results" / "leaderboard" / "runs")
-    return StudyResults(find_study("leaderboard"), stored).board
+    return study_leaderboard(find_study("leaderboard"), stored)
+
+
+@pytest.fixture(scope="module")
+def models(board):
+    """Return the rows of the committed leaderboard by model."""
+    return {row["model"]: row for row in board.board_frame.to_dict("records")}
 
 
 @pytest.mark.slow
-def test_the_matrix_of_robots_is_that_of_the_committed_leaderboard(board):
-    board_rows = {row.name: row for row in board.rows}
+def test_the_matrix_of_robots_is_that_of_the_committed_leaderboard(board, models):
+    ratios, measured = robot_ratios(board.scores), "fanuc-r2000ic"
     for row in table_after("Which model"):
         name = model_of(row)
         for heading, robot in ROBOTS.items():
-            assert row[heading] == f"{board.robot_ratio(robot, name):.2f}"
-        score, mean = board_rows[name].measured["fanuc-r2000ic"], board_rows[name].mean
-        suffix = " (not significant)" if score.verdict == "open" else ""
-        assert row["FANUC, measured"] == f"{score.ratio:.2f}{suffix}"
-        text = f"{mean.ratio:.2f} ({mean.low:.2f} to {mean.high:.2f})"
-        assert row[f"{mean.n_robots} simulated robots"] == text
+            assert row[heading] == f"{ratios.loc[robot, name]:.2f}"
+        numbers = models[name]
+        is_open = numbers["measured verdict", measured] == "open"
+        suffix = " (not significant)" if is_open else ""
+        assert row["FANUC, measured"] == f"{numbers['measured', measured]:.2f}{suffix}"
+        text = f"{numbers['ratio']:.2f} ({numbers['low']:.2f} to {numbers['high']:.2f})"
+        assert row[f"{len(ratios)} simulated robots"] == text
 
 
 @pytest.mark.slow
-def test_the_record_by_number_of_poses_is_that_of_the_committed_leaderboard(board):
+def test_the_record_by_number_of_poses_is_that_of_the_committed_leaderboard(models):
     (advice,) = re.findall(r"With 20, 60 and 120 poses.*?\n\n", README, re.DOTALL)
     ratios = re.findall(r"0\.\d\d", advice)
-    expected = [
-        f"{ratio:.2f}"
-        for name in ("gp-springs", "vjm-multisegment", "vjm-full", "ft-mlp")
-        for row in board.rows
-        if row.name == name
-        for ratio in (*(row.few[poses] for poses in POSES if poses in row.few), row.mean.ratio)
-    ]
-    assert ratios == expected
+    names = ("gp-springs", "vjm-multisegment", "vjm-full", "ft-mlp")
+    keys = [*(("few", poses) for poses in POSES), "ratio"]
+    numbers = [models[name][key] for name in names for key in keys]
+    assert ratios == [f"{ratio:.2f}" for ratio in numbers if not math.isnan(ratio)]

@@ -17,7 +17,7 @@ from stiff_bench.store.samples import data_content, stored_data
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_models import load
-from stiff_models.io.training_cache import usable_folder
+from stiff_models.io.cache_folder import usable_folder
 from stiff_protocols.contract.errors import DataError, StoreError
 
 ROOT = Path(__file__).parents[1]

@@ -11,9 +11,8 @@ Each name is imported at its first use, so that `import stiffbench` is fast.
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
-
-from stiff_bench import api
 
 if TYPE_CHECKING:
     __version__: str
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
     from stiff_bench.api.model import Model as Model
     from stiff_bench.api.model import load_model as load_model
     from stiff_bench.api.model import make_model as make_model
+    from stiff_bench.api.pictures import figure as figure
+    from stiff_bench.api.pictures import paper_table as paper_table
     from stiff_bench.api.postures import rank_postures as rank_postures
     from stiff_bench.api.records import export_results as export_results
     from stiff_bench.api.registered import check as check
@@ -43,34 +44,40 @@ if TYPE_CHECKING:
     from stiff_bench.api.robots import read_robot as read_robot
     from stiff_bench.api.stiffness_maps import StiffnessMap as StiffnessMap
     from stiff_bench.api.stiffness_maps import stiffness_map as stiffness_map
-    from stiff_bench.api.stored_results import Results as Results
-    from stiff_bench.api.stored_results import figure as figure
-    from stiff_bench.api.stored_results import merge as merge
-    from stiff_bench.api.stored_results import open_results as open_results
-    from stiff_bench.api.stored_results import paper_table as paper_table
-    from stiff_bench.api.tables import Tables as Tables
     from stiff_bench.api.tool_paths import compensate_path as compensate_path
     from stiff_bench.api.tool_paths import example_path as example_path
+    from stiff_bench.page.report import report as report
+    from stiff_bench.results.results import Results as Results
+    from stiff_bench.results.results import open_results as open_results
+    from stiff_bench.results.selection import Selection as Selection
+    from stiff_bench.store.merging import merge as merge
+    from stiff_bench.tables.writers import Tables as Tables
     from stiff_protocols.contract.types import Robot as Robot
     from stiff_protocols.contract.types import Samples as Samples
 
 _PLACES = {
-    "data_sets": ("Dataset", "Robot", "Samples", "drilled_holes", "load_dataset", "read_samples"),
-    "evaluation": ("evaluate",),
-    "measuring": ("plan_poses", "simulate", "validate"),
-    "model": ("Model", "load_model", "make_model"),
-    "postures": ("rank_postures",),
-    "records": ("export_results",),
-    "registered": (
+    "stiff_bench.api.data_sets": (
+        *("Dataset", "Robot", "Samples", "drilled_holes", "load_dataset", "read_samples"),
+    ),
+    "stiff_bench.api.evaluation": ("evaluate",),
+    "stiff_bench.api.measuring": ("plan_poses", "simulate", "validate"),
+    "stiff_bench.api.model": ("Model", "load_model", "make_model"),
+    "stiff_bench.api.pictures": ("figure", "paper_table"),
+    "stiff_bench.api.postures": ("rank_postures",),
+    "stiff_bench.api.records": ("export_results",),
+    "stiff_bench.api.registered": (
         *("check", "list_datasets", "list_figures", "list_metrics"),
         *("list_models", "list_protocols", "show", "use_plugin"),
     ),
-    "robot_programs": ("compensate_program",),
-    "robots": ("load_robot", "read_robot"),
-    "stiffness_maps": ("StiffnessMap", "stiffness_map"),
-    "stored_results": ("Results", "figure", "merge", "open_results", "paper_table"),
-    "tables": ("Tables",),
-    "tool_paths": ("compensate_path", "example_path"),
+    "stiff_bench.api.robot_programs": ("compensate_program",),
+    "stiff_bench.api.robots": ("load_robot", "read_robot"),
+    "stiff_bench.api.stiffness_maps": ("StiffnessMap", "stiffness_map"),
+    "stiff_bench.api.tool_paths": ("compensate_path", "example_path"),
+    "stiff_bench.page.report": ("report",),
+    "stiff_bench.results.results": ("Results", "open_results"),
+    "stiff_bench.results.selection": ("Selection",),
+    "stiff_bench.store.merging": ("merge",),
+    "stiff_bench.tables.writers": ("Tables",),
 }
 _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}
 __all__ = [*_PLACE_OF]
@@ -83,7 +90,7 @@ def __getattr__(name: str) -> Any:
         return version("stiffbench")
     if name not in _PLACE_OF:
         raise AttributeError(f"module 'stiffbench' has no attribute {name!r}")
-    return getattr(getattr(api, _PLACE_OF[name]), name)
+    return getattr(importlib.import_module(_PLACE_OF[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -5,6 +5,7 @@ The help of a command is the docstring of its function. What a command prints is
 
 from __future__ import annotations
 
+import importlib
 import operator
 import re
 import sys
@@ -14,10 +15,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import stiff_bench
 import stiffbench as sb
 from stiff_bench import api
 from stiff_bench.api import RESULTS
-from stiff_bench.api.parameter_types import Device, FilePath, Folder, Form, Picture, Seed, Setting
 from stiff_bench.console import (
     print_markdown,
     print_prose,
@@ -27,6 +28,7 @@ from stiff_bench.console import (
     warnings_on_stderr,
     wrapped,
 )
+from stiff_bench.parameter_types import Device, FilePath, Folder, Form, Picture, Seed, Setting
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import check_new_file
@@ -233,7 +235,8 @@ def execute(
 ) -> int:
     """Compute a run and print its tables; return 1 if a fit failed or was skipped, else 0.
 
-    With `answer`, a terminal shows the best model in place of the metrics.
+    With `answer`, a terminal shows the best model in place of the metrics; elsewhere both are
+    printed.
     """
     results = run.compute()
     facts = api.evaluation.run_facts(results)
@@ -244,10 +247,13 @@ def execute(
         print_text(results.screen(*facts, verbose=verbose), laid_out=True)
         facts = []
     else:
+        if answer and fmt == "github" and (view := results.view()) is not None:
+            _print_tables(replace(view, command=""), fmt)
+            print_text("")
         _print_tables(results.table(verbose=verbose), fmt)
     for line in facts:
         say(line)
-    return 0 if all(result.status == "ok" for result in results.cells) else 1
+    return 0 if all(result.status == "ok" for result in results.every) else 1
 
 
 def _print_plan(run: api.evaluation.Run, fmt: str) -> int:
@@ -297,7 +303,7 @@ def _reproduce(
         for line in api.evaluation.run_facts(results):
             say(line)
         say("writing tables and figures")
-        status = int(any(result.status == "failed" for result in results.cells))
+        status = int(any(result.status == "failed" for result in results.every))
     for path in run.write():
         print_text(str(path))
     if site is not None:
@@ -319,29 +325,20 @@ def _compare(
 
 def _report(
     output: Annotated[FilePath, Form("FILE.html")],
-    selection: Annotated[api.stored_results.Selection, select],
+    selection: Annotated[sb.Selection, select],
     results: Annotated[Sequence[Path], Form("DIR")] = (RESULTS,),
     **ranking: Any,
 ) -> None:
-    """Write results as one HTML page that needs no network.
-
-    Verdict, robots and stiffnesses, ranking, pairwise comparisons, scores, figures, failures and
-    provenance.
-
-    Args:
-        output: file to write; an existing one is replaced.
-        results: folder of results; may be repeated: each folder is a section of its own.
-    """
-    first, *others = (
+    folders = [
         sb.Results(folder, command=command_line(), selection=selection) for folder in results
-    )
-    first.report(output, other_results=others, **ranking)
+    ]
+    sb.report(output, folders, **ranking)
     say(f"{output}: written")
 
 
 def _figure(
     name: str,
-    selection: Annotated[api.stored_results.Selection, select],
+    selection: Annotated[sb.Selection, select],
     results: Folder | None = None,
     output: Picture | None = None,
     data: Annotated[Sequence[sb.Dataset], find_own_data] = (),
@@ -497,8 +494,9 @@ class Command:
         """Return the first line of the help, read from the source without an import."""
         if self.call is not None and self.call.__doc__:
             return self.call.__doc__.partition("\n")[0]
-        module, *_, name = self.public.split()[0].split(".")
-        source = Path(api.__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
+        module, _, place = self.public.split()[0].partition(":")
+        file = Path(stiff_bench.__file__).parent / f"{module.replace('.', '/')}.py"
+        source, name = file.read_text(encoding="utf-8"), place.rpartition(".")[2]
         found = re.search(rf'^ *def {name}\(.*?"""(.*?)(?:"""|$)', source, re.DOTALL | re.MULTILINE)
         assert found is not None
         return found[1]
@@ -508,7 +506,7 @@ class Command:
         from stiff_bench.run.machine import prepare
 
         prepare()  # before numpy is imported
-        public: list[Any] = [operator.attrgetter(name)(api) for name in self.public.split()]
+        public: list[Any] = [*map(_public_function, self.public.split())]
         body = CommandFunction(self.call or public[0], *public, without=self.without)
         plugins = CommandFunction(use_plugins)
         has_plugins = self.words in WITH_PLUGINS
@@ -530,6 +528,15 @@ class Command:
         docs = (function.__doc__ for function in (self.call, *public) if function is not None)
         call.__doc__ = spell_options(next(filter(None, docs)), options)
         return call
+
+
+def _public_function(place: str) -> Callable[..., Any]:
+    """Return the function of a place such as "results.results:Results.compare"."""
+    module, _, name = place.partition(":")
+    function: Callable[..., Any] = operator.attrgetter(name)(
+        importlib.import_module(f"stiff_bench.{module}")
+    )
+    return function
 
 
 GROUPS = {
@@ -557,33 +564,36 @@ WITH_PLUGINS = {
 COMMANDS = {
     "Your robot's data": [
         Command(
-            "data info", "data_sets.Dataset.describe", "bench data info fanuc-r2000ic", _data_info
+            "data info",
+            "api.data_sets:Dataset.describe",
+            "bench data info fanuc-r2000ic",
+            _data_info,
         ),
         Command(
             "data plan",
-            "measuring.plan_poses",
+            "api.measuring:plan_poses",
             "bench data plan --robot ur5 --poses 60 --output plan.csv",
         ),
         Command(
             "data validate",
-            "measuring.validate",
+            "api.measuring:validate",
             "bench data validate my.csv --robot ur5",
             _validate,
         ),
         Command(
             "data simulate",
-            "measuring.simulate",
+            "api.measuring:simulate",
             "bench data simulate --twin ur5 --samples 1000 --output simulated.csv",
         ),
         Command(
             "data register",
-            "data_files.register",
+            "api.data_files:register",
             "bench data register my.csv --robot ur5 --licence CC-BY-4.0\n"
             "bench data register my.csv --dataset kr10-measured",
         ),
         Command(
             "data export",
-            "data_sets.Dataset.export",
+            "api.data_sets:Dataset.export",
             "bench data export kr10-twin@plan=wide --output shared",
             _data_export,
         ),
@@ -591,7 +601,7 @@ COMMANDS = {
     "Fit and test models": [
         Command(
             "run",
-            "evaluation.evaluate",
+            "api.evaluation:evaluate",
             "bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5",
             _run,
         ),
@@ -600,36 +610,35 @@ COMMANDS = {
     "Read results": [
         Command(
             "leaderboard",
-            "stored_results.Results.leaderboard",
+            "results.results:Results.leaderboard",
             "bench leaderboard --results results/runs",
             _leaderboard,
         ),
         Command(
             "compare",
-            "stored_results.Results.compare",
+            "results.results:Results.compare",
             "bench compare vjm-gp vjm --dataset fanuc-r2000ic",
             _compare,
         ),
         Command(
             "report",
-            "stored_results.Results.report",
+            "page.report:report",
             "bench report --output report.html",
             _report,
-            without=("file", "other_results"),
         ),
         Command(
             "figure",
-            "stored_results.figure",
+            "api.pictures:figure",
             "bench figure regression --output regression.pdf",
             _figure,
             without=("model",),
         ),
         Command(
-            "table", "stored_results.paper_table", "bench table 10", _table, without=("command",)
+            "table", "api.pictures:paper_table", "bench table 10", _table, without=("command",)
         ),
         Command(
             "merge",
-            "stored_results.merge",
+            "store.merging:merge",
             "bench merge laptop/runs server/runs --output results/runs",
             show=_show_merge,
         ),
@@ -641,7 +650,7 @@ COMMANDS = {
         ),
         Command(
             "results export",
-            "records.export_results",
+            "api.records:export_results",
             "bench results export --format csv --output results.csv",
             _results_export,
         ),
@@ -649,64 +658,64 @@ COMMANDS = {
     "Use a model on your robot": [
         Command(
             "fit",
-            "evaluation.model_and_data model.Model.fit model.Model.save",
+            "api.evaluation:model_and_data api.model:Model.fit api.model:Model.save",
             "bench fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
             _fit,
             without=("data", "robot"),
         ),
         Command(
             "predict",
-            "model.Model.predict_file",
+            "api.model:Model.predict_file",
             "bench predict --model my.stiff --input poses.csv --output deflections.csv",
             _predict,
         ),
         Command(
             "path example",
-            "tool_paths.example_path",
+            "api.tool_paths:example_path",
             "bench path example --shape circle --size 300mm --output circle.csv\n"
             "bench path example --model my.stiff --output square.csv",
         ),
         Command(
             "path compensate",
-            "tool_paths.compensate_path robot_programs.compensate_program",
+            "api.tool_paths:compensate_path api.robot_programs:compensate_program",
             "bench path compensate --model my.stiff --path circle.csv --output new.csv",
             _compensate,
         ),
         Command(
             "map",
-            "stiffness_maps.stiffness_map",
+            "api.stiffness_maps:stiffness_map",
             "bench map --model my.stiff --load 0,0,-100 --plane xz --output map.png",
             _map,
         ),
         Command(
             "posture",
-            "postures.rank_postures",
+            "api.postures:rank_postures",
             "bench posture --model my.stiff --point 900,0,800,0,90,0 --load 0,0,-50,0,0,0\n"
             "bench posture --model my.stiff --path holes.csv --output postures.csv",
             show=_show_postures,
         ),
         Command(
             "export",
-            "model.Model.export",
+            "api.model:Model.export",
             "bench export --model mlp.stiff --output mlp.onnx",
             _export,
         ),
     ],
     "Look up and add names": [
         Command("list", "", "bench list models", _list),
-        Command("show", "registered.show", "bench show vjm-gp", show=_show_description),
+        Command("show", "api.registered:show", "bench show vjm-gp", show=_show_description),
         Command(
             "check",
-            "registered.check",
+            "api.registered:check",
             "bench check my-model --plugin my_model.py",
             show=_show_check,
         ),
-        Command("new model", "registered.new_model", "bench new model my-model"),
+        Command("new model", "api.registered:new_model", "bench new model my-model"),
     ],
     "Take part in the leaderboard": [
         Command(
             "submit",
-            "submissions.submit",
+            "api.submissions:submit",
             "bench submit --lite --card card.toml --output submission",
             _submit,
             without=("command",),

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import stiffbench as sb
 from stiff_bench import api
 from stiff_bench.api import RESULTS
-from stiff_bench.api.parameter_types import Bounds, Bytes, FilePath, Folder, Form, Point
+from stiff_bench.parameter_types import Bounds, Bytes, FilePath, Folder, Form, Point
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
 
@@ -99,7 +99,7 @@ def find_own_data(
 
 def select_cases(
     datasets: Sequence[str] = (), protocols: Sequence[str] = (), conditions: Sequence[str] = ()
-) -> api.stored_results.Selection:
+) -> sb.Selection:
     """Select data sets, protocols and conditions.
 
     Args:
@@ -107,12 +107,12 @@ def select_cases(
         protocols: only this protocol, or all variants of a key; may be repeated.
         conditions: only this condition of a protocol, such as "n = 40"; may be repeated.
     """
-    return api.stored_results.Selection((), (*datasets,), (*protocols,), (*conditions,))
+    return sb.Selection((), (*datasets,), (*protocols,), (*conditions,))
 
 
 def select(
-    cases: Annotated[api.stored_results.Selection, select_cases], models: Sequence[str] = ()
-) -> api.stored_results.Selection:
+    cases: Annotated[sb.Selection, select_cases], models: Sequence[str] = ()
+) -> sb.Selection:
     """Select models, data sets, protocols and conditions.
 
     Args:
@@ -122,7 +122,7 @@ def select(
 
 
 def open_cases(
-    cases: Annotated[api.stored_results.Selection, select_cases], results: Folder = RESULTS
+    cases: Annotated[sb.Selection, select_cases], results: Folder = RESULTS
 ) -> sb.Results:
     """Return the results of some data sets, protocols and conditions.
 
@@ -133,7 +133,7 @@ def open_cases(
 
 
 def open_selected(
-    selection: Annotated[api.stored_results.Selection, select], results: Folder = RESULTS
+    selection: Annotated[sb.Selection, select], results: Folder = RESULTS
 ) -> sb.Results:
     """Return the results of some models, data sets, protocols and conditions.
 

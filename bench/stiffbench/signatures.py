@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from cyclopts import Group, Parameter
 
-from stiff_bench.api.parameter_types import PICTURE, SIZE, Bounds, Form
+from stiff_bench.parameter_types import PICTURE, SIZE, Bounds, Form
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_protocols.contract.errors import ConfigError
 from stiffbench.options import MAKERS

@@ -100,7 +100,7 @@ DATASETS = (
     DatasetInfo(
         key="kr10-measured",
         target="stiff_datasets.measured.kr10_measured:Kr10Measured",
-        kind="measured",
+        kind="unknown",
         summary="your own KUKA KR10 measurement (stiffbench ships none)",
         caveats=("kr10-measured is a user's own file; how it was measured is not known here.",),
         published="table_10",
@@ -122,7 +122,7 @@ DRILLED_HOLES = DatasetInfo(
 MEASURED_FILE = DatasetInfo(
     key="file",
     target="stiff_datasets.measured.sample_file:MeasuredData",
-    kind="user's file",
+    kind="unknown",
     summary="a user's own CSV file and URDF (bench run --data FILE.csv --urdf FILE.urdf)",
 )
 """Represents the file of `--data`; the engine uses the file's name as its key."""

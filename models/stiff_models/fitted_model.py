@@ -3,46 +3,22 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from sklearn.base import BaseEstimator
 
 from stiff_models.io import model_file
 from stiff_protocols.contract.errors import ModelError, NotFittedError
 from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.training_range import TrainingRange
-from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot, Samples
+from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
 
 if TYPE_CHECKING:
     import torch
 
 
-FOLDS = 5
-"""Number of folds; each leaves out a part of the poses to estimate a model's error there."""
-
-
-def folds_of_poses(samples: Samples, seed: int) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield the training rows and the left-out rows of each fifth of the poses.
-
-    With fewer than `FOLDS` poses (at least two), each fold leaves out one pose.
-    """
-    from sklearn.model_selection import GroupKFold  # not every model needs it
-
-    n_folds = min(FOLDS, len(np.unique(samples.pose_id)))
-    folds = GroupKFold(n_folds, shuffle=True, random_state=seed)
-    yield from folds.split(samples.q, groups=samples.pose_id)
-
-
-def left_out_fifths(samples: Samples, seed: int) -> Iterator[tuple[Samples, Samples]]:
-    """Yield the samples of `folds_of_poses`."""
-    for learned, left_out in folds_of_poses(samples, seed):
-        yield samples.take(learned), samples.take(left_out)
-
-
-class FittedModel(BaseEstimator, StiffnessModel):  # type: ignore[misc]
+class FittedModel(StiffnessModel):
     """Base of the built-in families: checks inputs and predictions, and writes model files.
 
     A family implements `_fit` and `_predict`. It keeps everything that a prediction needs in

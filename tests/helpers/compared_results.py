@@ -11,7 +11,7 @@ import numpy as np
 
 from helpers import made_results
 from helpers.made_results import MadeResults
-from stiff_bench.analysis.collected import Case, StoredResults
+from stiff_bench.results.load import StoredResults, Task
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray
@@ -57,10 +57,10 @@ def store_results(
     return folder
 
 
-def case_in(folder: Path) -> tuple[Case, StoredData]:
-    """Return the only case of a folder, and its data."""
-    (case,) = StoredResults.read(folder).cases
-    return case, read_data(folder, case.name.data_sha256)
+def task_in(folder: Path) -> tuple[Task, StoredData]:
+    """Return the only task of a folder, and its data."""
+    (task,) = StoredResults.read(folder).tasks
+    return task, read_data(folder, task.name.data_sha256)
 
 
 def spread(mean: float, deviation: float, seed: int = 3) -> Errors:

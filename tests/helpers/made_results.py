@@ -12,6 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from helpers.made_samples import samples_with
+from stiff_bench.results.leaderboard import merge_training_seeds
+from stiff_bench.results.load import StoredResults
+from stiff_bench.results.scored_task import sort_key
+from stiff_bench.results.scores import Scores
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_bench.store.names import Variant
 from stiff_datasets.robots.shipped_robots import shipped_robot
@@ -20,6 +24,11 @@ from stiff_protocols.contract.types import BenchmarkData, IntArray, Interval, Pr
 
 N_POSES, N_TEST = 12, 4
 TWINS = tuple(f"twin@specimen={number}" for number in range(5))
+VJM_MM = (0.2, 0.21, 0.19)
+"""Errors of the VJM on the splits of `MadeResults.add_robot`."""
+GOOD = (0.30, 0.35, 0.32, 0.40, 0.28, 0.33, 0.45)
+FAIR = (0.70, 0.80, 0.75, 0.66, 0.90, 0.72, 0.40)
+"""Error over the VJM's by robot; `FAIR` has the smaller error on the last robot."""
 ROBOT = shipped_robot("kr10_r1100_2", tcp=(0.06, 0.0, 0.08))
 
 
@@ -64,6 +73,7 @@ class MadeResults:
         n_train: int | None = None,
         n_splits: int = 0,
         seed: int = 0,
+        model_version: str = "",
         interval_version: int = 0,
         **fields,
     ) -> list[str]:
@@ -90,6 +100,7 @@ class MadeResults:
                 protocol_params={},
                 split_index=index,
                 split_sha256=f"split-{splits_named}{index}",
+                model_version=model_version,
                 interval_version=interval_version,
                 seed=seed,
                 condition=condition,
@@ -110,6 +121,27 @@ class MadeResults:
         """Write the cells of several models: model -> its errors."""
         for model, errors in errors_mm.items():
             self.add(model, errors, *where, **how)
+
+    def add_robot(
+        self, number: int, ratios: Mapping[str, float], *, words: str = "", **how
+    ) -> None:
+        """Write three splits of the VJM, and of models with these ratios to it, on a robot."""
+        data = made_data(number)
+        data = replace(data, robot=replace(data.robot, name=f"robot-{number}"))
+        for model, ratio in {"vjm": 1.0, **ratios}.items():
+            errors = [ratio * error for error in VJM_MM]
+            self.add(model, errors, f"arm-{number}{words}", data=data, **how)
+
+    def add_robots(self, **how) -> None:
+        """Write results of the models `good` and `fair` on seven robots."""
+        for number, (good, fair) in enumerate(zip(GOOD, FAIR, strict=True)):
+            self.add_robot(number, {"good": good, "fair": fair}, **how)
+
+    def scores(self, metric: str = "norm", protocol: str = "", **chosen) -> Scores:
+        """Return the scores of all protocols, or of one."""
+        stored = merge_training_seeds(StoredResults.read(self.folder))
+        tasks = [task for task in stored.tasks if protocol in ("", task.name.protocol)]
+        return Scores.of(stored, sort_key(metric), tasks, **chosen)
 
     def _done(self, cell, presentation, run_id, data, rows, error_mm) -> CellResult:
         measured = data.samples.deflection[rows]

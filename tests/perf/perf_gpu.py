@@ -7,7 +7,7 @@ import torch
 
 from helpers.perf_case import ours_or_peer
 from helpers.quick_models import twin_data
-from stiff_models.io.training_cache import OFF, VARIABLE
+from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.pretrained_mlp import MlpPretrained
 from stiff_protocols.splits.random_splits import Holdout

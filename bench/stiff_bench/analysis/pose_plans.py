@@ -16,9 +16,9 @@ from stiff_bench.analysis.learning_curve import CONFIDENCE, CurveErrors, learnin
 from stiff_bench.plan.options import Choice
 from stiff_bench.run.whole_fit import whole_fit
 from stiff_bench.tables.published import published_stiffness
-from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Column, Entry, Table
 from stiff_bench.tables.units import MM, counted, percent
+from stiff_bench.tables.writers import plain_text
 from stiff_datasets.measured.identifiability import (
     DEFLECTION_NOISE,
     REFERENCE_COMPLIANCE,

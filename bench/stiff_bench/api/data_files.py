@@ -9,12 +9,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Literal
 
-from stiff_bench.api.parameter_types import Form, Point
 from stiff_bench.api.robots import load_robot, read_robot, robot_words, shipped_name
-from stiff_bench.api.tables import Text
+from stiff_bench.parameter_types import Form, Point
 from stiff_bench.plan.options import Choice
 from stiff_bench.tables.dataset_facts import card_text
 from stiff_bench.tables.units import counted
+from stiff_bench.tables.writers import Text
 from stiff_datasets.measured import kr10_measured
 from stiff_datasets.measured.card_text import (
     FILL_IN,

@@ -12,7 +12,6 @@ import numpy as np
 
 from stiff_bench.api.registered import registry
 from stiff_bench.api.robots import as_robot
-from stiff_bench.api.tables import Text
 from stiff_bench.plan.options import (
     Choice,
     chosen,
@@ -24,6 +23,7 @@ from stiff_bench.plan.options import (
 from stiff_bench.plan.registry import Kind
 from stiff_bench.plan.request import loaded
 from stiff_bench.tables.units import counted
+from stiff_bench.tables.writers import Text
 from stiff_datasets.measured.drilled_holes import drilled_holes as drilled_holes
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_protocols.contract.errors import ConfigError, warn

@@ -10,47 +10,31 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.forecast import (
-    LONGEST_FIT_S,
-    LONGEST_S,
-    forecast,
-    forecast_line,
-    forecast_table,
-    time_fits,
-    untimed_fits,
-)
 from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
-from stiff_bench.api.parameter_types import Bounds, Device, Fraction, Seed, Setting
 from stiff_bench.api.registered import registry
-from stiff_bench.api.stored_results import Results
-from stiff_bench.api.tables import Tables
 from stiff_bench.console import say
-from stiff_bench.paper.study_file import Study, find_study
+from stiff_bench.parameter_types import Bounds, Device, Fraction, Seed, Setting
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
+from stiff_bench.results.results import Results
 from stiff_bench.run.cell import Execution
 from stiff_bench.run.machine import pinned, usable_cores
 from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore, stored_statuses
-from stiff_bench.store.merging import merge
-from stiff_bench.submissions.published_results import (
-    OPTION,
-    find_published,
-    missing_places,
-    published_folder,
-)
-from stiff_bench.submissions.statuses import SUBMISSIONS, board_statuses
 from stiff_bench.tables.units import counted, first_few
+from stiff_bench.tables.writers import Tables
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import CellResult
+
+if TYPE_CHECKING:
+    from stiff_bench.paper.study_file import Study
 
 DEFAULT_DATASET = "kr10-twin"
 
@@ -77,6 +61,16 @@ class Run:
 
         For models without a stored fit, one fit per data set is timed, except on a cluster.
         """
+        from stiff_bench.analysis.forecast import (
+            LONGEST_FIT_S,
+            LONGEST_S,
+            forecast,
+            forecast_line,
+            forecast_table,
+            time_fits,
+            untimed_fits,
+        )
+
         plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
         untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
         facts, timed = self.execution.facts, list[CellResult]()
@@ -131,10 +125,15 @@ class RunAgainst(Run):
         Raises:
             ConfigError: the published models have other data, splits or versions.
         """
+        from stiff_bench.submissions.published_results import find_published
+
         return find_published(self.published, self.tasks)
 
     def compute(self) -> Results:
         """Copy the published results, compute missing fits, and return all results."""
+        from stiff_bench.store.merging import merge
+        from stiff_bench.submissions.published_results import missing_places
+
         output, published = self.plans[0].output, self.published_results
         ResultStore(output)
         keys = {result.cell.key for result in published} | {task.cell.key for task in self.tasks}
@@ -157,11 +156,10 @@ class RunAgainst(Run):
 
     def board(self, results: Results) -> Tables | None:
         """Return the study's board of these results; None: no board, or too few robots."""
-        from stiff_bench.paper.study_board import StudyResults
+        from stiff_bench.page.study_page import study_leaderboard
 
-        stored = StoredResults.of_results(results.folder, results.cells)
         try:
-            tables = StudyResults(self.study, stored).board_tables
+            tables = study_leaderboard(self.study, results.stored).tables
         except ConfigError:
             return None
         return Tables(tables, self.plans[0].command)
@@ -321,7 +319,7 @@ class Reproduction(Run):
 
     def write(self) -> Iterator[Path]:
         """Write the page and files for the available results, and yield each file."""
-        from stiff_bench.paper.study_page import write_page
+        from stiff_bench.page.study_page import write_page
 
         stored = stored_statuses(self.plans[0].output)
         missing = [task.model.info for task in self.tasks if task.cell.key not in stored]
@@ -332,6 +330,8 @@ class Reproduction(Run):
     @property
     def model_statuses(self) -> dict[str, str]:
         """Return "verified" or "reported" by model; empty without submissions."""
+        from stiff_bench.submissions.statuses import SUBMISSIONS, board_statuses
+
         return board_statuses(self.plans[0].output, self.output / SUBMISSIONS.name)
 
     def write_site(self, folder: Path) -> Iterator[Path]:
@@ -340,11 +340,15 @@ class Reproduction(Run):
         Raises:
             ConfigError: the study has no board, or too few results.
         """
-        from stiff_bench.api.leaderboard_site import LeaderboardSite
+        from stiff_bench.api.data_sets import load_dataset
+        from stiff_bench.api.registered import show
+        from stiff_bench.page.site import LeaderboardSite
 
         plan = self.plans[0]
         command = f"{plan.command} --site {shlex.quote(str(folder))}"
-        site = LeaderboardSite(self.study, plan.output, command, self.model_statuses)
+        site = LeaderboardSite(
+            self.study, plan.output, command, load_dataset, show, self.model_statuses
+        )
         return site.write(folder)
 
 
@@ -373,6 +377,9 @@ def run_of_study(
         ConfigError: the study, a model or the folder is unknown, or the published results have
             other data, splits or versions.
     """
+    from stiff_bench.paper.study_file import find_study
+    from stiff_bench.submissions.published_results import OPTION, published_folder
+
     study = find_study(name)
     if against and not models:
         raise ConfigError(f"{against} requires --model", OPTION)
@@ -415,7 +422,8 @@ def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reprod
         command: command of the run, stored with the results.
         how: options of `chosen_execution`; by default one job per core.
     """
-    from stiff_bench.paper.study_page import check_names
+    from stiff_bench.page.study_page import check_names
+    from stiff_bench.paper.study_file import find_study
 
     study = find_study(name)
     check_names(study)

@@ -11,20 +11,18 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of
-from stiff_bench.api.parameter_types import FilePath, Fraction
 from stiff_bench.api.registered import registry
-from stiff_bench.api.tables import Text
 from stiff_bench.console import say
+from stiff_bench.parameter_types import FilePath, Fraction
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS
 from stiff_bench.plan.request import check_model
+from stiff_bench.results.fit_values import metric_lines
 from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import cross_validated_error, left_out_errors, whole_fit
-from stiff_bench.tables.fit_notes import springs_table
-from stiff_bench.tables.metric_table import metric_lines
-from stiff_bench.tables.render import plain_text
-from stiff_bench.tables.table import Table
-from stiff_bench.tables.units import MM, counted
+from stiff_bench.tables.table import Column, Entry, Quantity, Table
+from stiff_bench.tables.units import MM, counted, percent
+from stiff_bench.tables.writers import Text, plain_text
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -57,6 +55,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from stiff_bench.figures.prepared_figure import Prepared
+    from stiff_protocols.springs.identification import IdentifiedSprings
 
 MOST_NUMBERS = 4
 """Largest number of diagnostics in the short view of a model."""
@@ -406,7 +405,7 @@ class Model(ShownObject):
         """Return lines on the fit: springs, chosen options and other numbers."""
         numbers, lines = self.diagnostics, []
         if springs := getattr(self.fitted, "springs_", None):
-            lines = ["", plain_text(springs_table(springs)), ""]
+            lines = ["", plain_text(_springs_table(springs)), ""]
             of_springs = springs.report()
             numbers = {key: numbers[key] for key in numbers if key not in of_springs}
         if chosen := getattr(self.fitted, "best_params_", None):
@@ -508,7 +507,7 @@ class Model(ShownObject):
         table, springs = Table("", [], []), getattr(self.fitted, "springs_", None)
         numbers = self.diagnostics
         if springs:
-            table = springs_table(springs)
+            table = _springs_table(springs)
             numbers = {name: x for name, x in numbers.items() if name not in springs.report()}
         facts += [(name, f"{value:.4g}") for name, value in [*numbers.items()][:MOST_NUMBERS]]
         if len(numbers) > MOST_NUMBERS:
@@ -584,3 +583,36 @@ def wrap_model_errors(
             raise
         kind = "" if isinstance(error, StiffBenchError) else f"{type(error).__name__}: "
         raise DataError(f"{model_file}: its model cannot predict: {kind}{error}") from error
+
+
+SPRING_INTERVAL = 0.9
+
+
+def _springs_table(springs: IdentifiedSprings) -> Table:
+    """Return the stiffness of each spring with its interval."""
+    rows: list[list[Entry]] = []
+    for name, unit, compliance, is_known, (low, high) in zip(
+        springs.names,
+        springs.units,
+        springs.compliance.tolist(),
+        springs.is_identified,
+        springs.interval(SPRING_INTERVAL).tolist(),
+        strict=True,
+    ):
+        stiffness = Quantity(1.0 / compliance) if compliance else Quantity(status="rigid")
+        label = f"{name} [{unit}]" if is_known else f"{name} [{unit}], not identifiable: prior"
+        rows.append([label, stiffness, Quantity(low=low, high=high)])
+    return Table(
+        "",
+        [
+            Column("spring", "text"),
+            Column("stiffness", format=".4g"),
+            Column(f"{percent(SPRING_INTERVAL)} interval", format=".4g"),
+        ],
+        rows,
+        [
+            f"rank {springs.rank}, condition number {springs.condition:.4g}",
+            "The springs absorb what the model leaves out, such as tilting bearings. The intervals "
+            "cover the noise of the samples, not the joints' own stiffness.",
+        ],
+    )

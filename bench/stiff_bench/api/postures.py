@@ -9,7 +9,11 @@ from typing import Annotated
 import numpy as np
 
 from stiff_bench.api.model import Model, wrap_model_errors
-from stiff_bench.api.parameter_types import (
+from stiff_bench.api.posture_search import PostureSearch, PostureTask
+from stiff_bench.api.ranked_postures import RankedPostures
+from stiff_bench.api.tool_paths import given_positions, held_positions
+from stiff_bench.console import say
+from stiff_bench.parameter_types import (
     Axis,
     Bounds,
     FilePath,
@@ -20,10 +24,6 @@ from stiff_bench.api.parameter_types import (
     Load,
     Picture,
 )
-from stiff_bench.api.posture_search import PostureSearch, PostureTask
-from stiff_bench.api.ranked_postures import RankedPostures
-from stiff_bench.api.tool_paths import given_positions, held_positions
-from stiff_bench.console import say
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_datasets.measured.path_file import (

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from stiff_bench.api.parameter_types import FilePath
-from stiff_bench.api.stored_results import Results
+from stiff_bench.parameter_types import FilePath
+from stiff_bench.results.results import Results
 from stiff_bench.store.database import has_results, read_manifests, why_no_results
 from stiff_bench.submissions.export import ExportFormat, export_records
 from stiff_bench.submissions.record import Record
@@ -40,8 +40,8 @@ def export_results(results: Results, output: FilePath, fmt: ExportFormat = "json
     """
     if not has_results(results.folder):
         raise StoreError(f"{results.folder}: {why_no_results(results.folder)}")
-    cells: Sequence[CellResult] = results.cells
-    if not cells:
+    fits: Sequence[CellResult] = results.every
+    if not fits:
         raise ConfigError(f"{results.folder}: no results to export; select other models or data")
-    export_records(records_of(results.folder, cells), Path(output), fmt)
-    return len(cells)
+    export_records(records_of(results.folder, fits), Path(output), fmt)
+    return len(fits)

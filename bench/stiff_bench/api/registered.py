@@ -10,13 +10,12 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stiff_bench.api.parameter_types import Folder, Setting
-from stiff_bench.api.tables import Tables, Text
 from stiff_bench.console import wrapped
+from stiff_bench.parameter_types import Folder, Setting
 from stiff_bench.plan.registry import Registry, build_registry
-from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Column, Entry, Name, Table
 from stiff_bench.tables.units import PRINTED
+from stiff_bench.tables.writers import Tables, Text, plain_text
 from stiff_protocols.contract.plugin import (
     DatasetInfo,
     Grid,

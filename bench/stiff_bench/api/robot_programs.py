@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiff_bench.api.model import Model
-from stiff_bench.api.parameter_types import (
+from stiff_bench.api.remaining_error import expected_error
+from stiff_bench.api.tool_paths import CorrectedPath, given_positions
+from stiff_bench.parameter_types import (
     FilePath,
     Fraction,
     Frame,
@@ -20,8 +22,6 @@ from stiff_bench.api.parameter_types import (
     Picture,
     Tolerance,
 )
-from stiff_bench.api.remaining_error import expected_error
-from stiff_bench.api.tool_paths import CorrectedPath, given_positions
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 
 from stiff_bench.api.model import Model
-from stiff_bench.api.parameter_types import (
+from stiff_bench.api.tool_paths import held_positions
+from stiff_bench.parameter_types import (
     Angles,
     Bounds,
     Box,
@@ -21,7 +22,6 @@ from stiff_bench.api.parameter_types import (
     Load,
     Picture,
 )
-from stiff_bench.api.tool_paths import held_positions
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import METADATA, check_suffix
 from stiff_bench.tables.units import MM

@@ -86,7 +86,7 @@ def submit(
     if len(names) != 1:
         raise ConfigError(f"{card}: {read.model!r} is a model of stiffbench; name your own")
     (name,) = names
-    fits = [fit for fit in study_run.compute().cells if fit.presentation.model == name]
+    fits = [fit for fit in study_run.compute().fits if fit.presentation.model == name]
     if failed := [
         f"{fit.presentation.dataset}: {fit.why_none}" for fit in fits if fit.status != "ok"
     ]:

@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 
 from stiff_bench.api.model import Model, wrap_model_errors
-from stiff_bench.api.parameter_types import (
+from stiff_bench.api.remaining_error import ExpectedError, expected_error
+from stiff_bench.api.robots import as_robot, payload_of
+from stiff_bench.console import say
+from stiff_bench.parameter_types import (
     Bounds,
     FilePath,
     Form,
@@ -23,12 +26,9 @@ from stiff_bench.api.parameter_types import (
     Picture,
     Tolerance,
 )
-from stiff_bench.api.remaining_error import ExpectedError, expected_error
-from stiff_bench.api.robots import as_robot, payload_of
-from stiff_bench.api.tables import Text
-from stiff_bench.console import say
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import check_suffix
+from stiff_bench.tables.writers import Text
 from stiff_datasets.measured.path_file import (
     LoadFrame,
     PathTable,

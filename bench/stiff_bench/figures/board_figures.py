@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from stiff_bench.analysis.board import Board, BoardRow
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import (
     COLUMN_INCH,
@@ -19,6 +18,8 @@ from stiff_bench.figures.style import (
     new_figure,
     short_names,
 )
+from stiff_bench.results.columns import number
+from stiff_bench.results.leaderboard_tables import StudyLeaderboard
 from stiff_bench.tables.units import percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
@@ -29,36 +30,39 @@ COST_INCH, CURVES_INCH = 4.2, 3.0
 TICKS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """Ratios to the VJM's error that an axis names."""
 MOST_CURVES = 8
+Row = Mapping[Any, Any]
+"""Row of `leaderboard.model_frame`."""
 
 
-def score_against_cost(board: Board) -> Prepared:
+def score_against_cost(board: StudyLeaderboard) -> Prepared:
     """Show error over the VJM's error against fit time.
 
     Raises:
         ConfigError: no time of a fit was recorded.
     """
-    rows = [row for row in board.rows if row.fit_s]
+    rows = [row for row in board.board_frame.to_dict("records") if row["fit_s"] > 0.0]
     if not rows:
         raise ConfigError("no time of a fit was recorded")
     caption = (
-        f"Error over the VJM's, geometric mean over {board.answer.claim_scope} with its "
+        f"Error over the VJM's, geometric mean over {board.scores.scope} with its "
         f"{percent(1.0 - LEVEL)} interval, against the median time of a fit on one core. "
         "Lower left is better; a cached pre-training costs nothing."
     )
     return Prepared("Score against cost", caption, partial(_cost_figure, rows))
 
 
-def _cost_figure(rows: Sequence[BoardRow]) -> Figure:
+def _cost_figure(rows: Sequence[Row]) -> Figure:
     figure = new_figure(PAGE_INCH, COST_INCH)
     axes = figure.subplots()
-    labels = short_names([row.name for row in rows])
-    for row, look in zip(rows, looks_of([row.name for row in rows]).values(), strict=True):
-        bounds = [[row.mean.ratio - row.mean.low], [row.mean.high - row.mean.ratio]]
-        axes.errorbar(row.fit_s or np.nan, row.mean.ratio, yerr=bounds, **look.points(), lw=0.8)
+    names = [row["model"] for row in rows]
+    labels = short_names(names)
+    for row, look in zip(rows, looks_of(names).values(), strict=True):
+        bounds = [[row["ratio"] - row["low"]], [row["high"] - row["ratio"]]]
+        axes.errorbar(row["fit_s"], row["ratio"], yerr=bounds, **look.points(), lw=0.8)
     axes.set(xscale="log", xlabel="time of a fit [s]")
     axes.xaxis.set_major_formatter("{x:g}")
     _ratio_axis(axes)
-    _name_points(axes, [(row.fit_s or np.nan, row.mean.ratio, labels[row.name]) for row in rows])
+    _name_points(axes, [(row["fit_s"], row["ratio"], labels[row["model"]]) for row in rows])
     return figure
 
 
@@ -82,7 +86,7 @@ def _name_points(axes: Axes, points: Sequence[tuple[float, float, str]]) -> None
         )
 
 
-def score_against_poses(board: Board) -> Prepared:
+def score_against_poses(board: StudyLeaderboard) -> Prepared:
     """Show error over the VJM's error against training poses.
 
     Raises:
@@ -90,14 +94,15 @@ def score_against_poses(board: Board) -> Prepared:
     """
     sizes = {heading: int(heading.split()[0]) for heading in board.few}
     curves = {
-        row.name: row
-        for row in board.rows
-        if sizes and row.few.keys() == sizes.keys() and row.name != REFERENCE_MODEL
+        row["model"]: row
+        for row in board.board_frame.to_dict("records")
+        if sizes and row["model"] != REFERENCE_MODEL
+        if all(number(row, ("few", heading)) is not None for heading in sizes)
     }
     if not curves:
         raise ConfigError("no model has scores with fewer poses")
     best_rows = dict(list(curves.items())[:MOST_CURVES])
-    n_all = max(result.n_train for result in board.answer.cases[-1].results[REFERENCE_MODEL])
+    n_all = max(result.n_train for result in board.scores.tasks[-1].results[REFERENCE_MODEL])
     caption = (
         "Error over the VJM's with as many poses, geometric mean over robots: the best "
         f"{len(best_rows)} of {len(curves)} models with scores at every number of poses."
@@ -106,14 +111,13 @@ def score_against_poses(board: Board) -> Prepared:
     return Prepared("Score against the number of poses", caption, paint)
 
 
-def _curves_figure(rows: Mapping[str, BoardRow], sizes: Mapping[str, int], n_all: int) -> Figure:
+def _curves_figure(rows: Mapping[str, Row], sizes: Mapping[str, int], n_all: int) -> Figure:
     figure = new_figure(COLUMN_INCH * 1.5, CURVES_INCH)
     axes = figure.subplots()
     labels = short_names(rows)
     for name, look in looks_of(rows).items():
-        few, last = rows[name].few, rows[name].mean.ratio
-        points = sorted([(n_all, last), *((sizes[size], ratio) for size, ratio in few.items())])
-        x, y = zip(*points, strict=True)
+        few = [(size, rows[name]["few", heading]) for heading, size in sizes.items()]
+        x, y = zip(*sorted([(n_all, rows[name]["ratio"]), *few]), strict=True)
         axes.plot(x, y, **look.connected(), marker=look.marker, label=labels[name])
     ticks = sorted([*sizes.values(), n_all])
     axes.set(xscale="log", xlabel="training poses")

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from stiff_bench.figures import style
 from stiff_bench.figures.figure_source import Compared, FigureSource, data_text, subtitle
 from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.results.fit_values import pooled_prediction
 from stiff_bench.store.database import read_data
 from stiff_bench.store.names import grouped
-from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.units import percent
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BoolArray, TextArray
@@ -73,7 +73,7 @@ def calibration(source: FigureSource) -> Prepared:
     panels = source.panels(MOST_MODELS, _has_interval, "intervals", made_by, most_panels=MOST_ROWS)
     text = data_text if panels.condition else subtitle
     rows = [
-        {"data": text(compared.case), "model": name, **share}
+        {"data": text(compared.task), "model": name, **share}
         for compared in panels.compared
         for name in compared.models
         for share in _shares(source, compared, name)
@@ -90,14 +90,14 @@ def calibration(source: FigureSource) -> Prepared:
 
 def _shares(source: FigureSource, compared: Compared, name: str) -> Iterator[dict[str, float]]:
     """Yield the share inside, with interval, per coverage of all splits."""
-    # competitors of the case hold only the newest coverage of each split
-    with_interval = filter(_has_interval, compared.case.every)
+    # the models of the task hold only the newest coverage of each split
+    with_interval = filter(_has_interval, compared.task.every)
     of_split = grouped(with_interval, _key_without_coverage)
-    results = compared.case.results(name, compared.slots)
+    results = compared.task.results(name, compared.splits)
     splits = [of_split[_key_without_coverage(result)] for result in results]
     every = chain.from_iterable(splits)
     of_coverage = grouped(every, lambda result: result.cell.coverage or 0.0)
-    pose_id = read_data(source.folder, compared.case.name.data_sha256).samples.pose_id
+    pose_id = read_data(source.folder, compared.task.name.data_sha256).samples.pose_id
     for coverage, members in of_coverage.items():
         if len(members) == len(splits):
             yield {"nominal": coverage, **_share_inside(members, pose_id)}

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from stiff_bench.analysis.collected import Case, StoredResults, competitor_names, of_newest_data
-from stiff_bench.analysis.selection import EVERYTHING, Selection, matches_key, resolve_model_name
 from stiff_bench.figures.style import short
+from stiff_bench.results.fit_values import pooled_prediction
+from stiff_bench.results.load import SplitId, StoredResults, Task, model_names, newest_tasks
+from stiff_bench.results.notes import mark_of
+from stiff_bench.results.selection import EVERYTHING, Selection, matches_key, resolve_model_name
 from stiff_bench.store.names import grouped
-from stiff_bench.store.newest import Slot
-from stiff_bench.tables.metric_table import mark_of, pooled_prediction
 from stiff_bench.tables.units import counted
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
@@ -53,42 +53,42 @@ def marks(presentations: Iterable[Presentation]) -> str:
     return "".join(sentences)
 
 
-def marks_in(cases: Iterable[Case], models: Collection[str]) -> str:
-    """Return `marks` of the models of some cases."""
+def marks_in(tasks: Iterable[Task], models: Collection[str]) -> str:
+    """Return `marks` of the models of some tasks."""
     return marks(
-        competitor.presentation
-        for case in cases
-        for name, competitor in case.competitors.items()
+        stored.presentation
+        for task in tasks
+        for name, stored in task.models.items()
         if name in models
     )
 
 
-def subtitle(case: Case) -> str:
+def subtitle(task: Task) -> str:
     """Return the data set, protocol and condition for a picture."""
-    return f"{data_text(case)}, {condition_text(case)}"
+    return f"{data_text(task)}, {condition_text(task)}"
 
 
-def data_text(case: Case) -> str:
+def data_text(task: Task) -> str:
     """Return the data set and its kind."""
-    return f"{case.name.dataset} ({case.presentation.kind})"
+    return f"{task.name.dataset} ({task.presentation.kind})"
 
 
-def condition_text(case: Case) -> str:
+def condition_text(task: Task) -> str:
     """Return the protocol and its condition."""
-    return ", ".join(filter(None, [case.name.protocol, case.name.condition]))
+    return ", ".join(filter(None, [task.name.protocol, task.name.condition]))
 
 
-def setting(cases: Sequence[Case], models: Collection[str], n_splits: Collection[int]) -> str:
-    """Return data, protocols, splits, seeds and model marks of some cases."""
+def setting(tasks: Sequence[Task], models: Collection[str], n_splits: Collection[int]) -> str:
+    """Return data, protocols, splits, seeds and model marks of some tasks."""
     splits = between(n_splits, "split")
-    conditions = grouped(cases, lambda case: (condition_text(case), case.name.seed))
+    conditions = grouped(tasks, lambda task: (condition_text(task), task.name.seed))
     texts = [
         f"{', '.join(map(data_text, of_condition))}, {condition}, {splits}, seed {seed}"
         for (condition, seed), of_condition in conditions.items()
     ]
     paths = " Of tool paths: error without correction as deflection, removed error as prediction."
-    has_paths = any(case.has_paths for case in cases)
-    return f"{'; '.join(texts)}.{marks_in(cases, models)}{paths * has_paths}"
+    has_paths = any(task.has_paths for task in tasks)
+    return f"{'; '.join(texts)}.{marks_in(tasks, models)}{paths * has_paths}"
 
 
 MOST_PANELS = 6
@@ -103,12 +103,12 @@ class FigureSource:
 
     Attributes:
         folder: folder of the results.
-        cases: cases of the selected data sets and protocols; at least one.
+        tasks: tasks of the selected data sets and protocols; at least one.
         models: selected models, as words; empty: each figure selects a readable number.
     """
 
     folder: Path
-    cases: tuple[Case, ...]
+    tasks: tuple[Task, ...]
     models: tuple[str, ...] = ()
 
     @classmethod
@@ -119,70 +119,70 @@ class FigureSource:
             StoreError: the folder has no results, or a file is corrupt.
             ConfigError: a name has no results.
         """
-        chosen = selection.cases_of(StoredResults.read(folder).cases)
+        chosen = selection.tasks_of(StoredResults.read(folder).tasks)
         return cls(folder, tuple(chosen), selection.models)
 
     @cached_property
-    def newest(self) -> tuple[Case, ...]:
+    def newest(self) -> tuple[Task, ...]:
         """Cases with the newest data of each name: measured first, then in the order of selection.
 
-        Cases that report training rows are included only if all cases do.
+        Tasks that report training rows are included only if all tasks do.
         """
-        newest = {case.name for case in of_newest_data(self.cases)}
-        in_order = [case for case in self.cases if case.name in newest]
-        tests = [case for case in in_order if not case.presentation.reports_training]
+        newest = {task.name for task in newest_tasks(self.tasks)}
+        in_order = [task for task in self.tasks if task.name in newest]
+        tests = [task for task in in_order if not task.presentation.reports_training]
         return tuple(
-            sorted(tests or in_order, key=lambda case: case.presentation.kind != "measured")
+            sorted(tests or in_order, key=lambda task: task.presentation.kind != "measured")
         )
 
-    def names(self, cases: Sequence[Case]) -> list[str]:
-        """Return the selected models, or all, with a result in these cases.
+    def names(self, tasks: Sequence[Task]) -> list[str]:
+        """Return the selected models, or all, with a result in these tasks.
 
         Raises:
             ConfigError: a word has no results in the folder.
         """
-        every_name, names = competitor_names(self.cases), dict[str, None]()
+        every_name, names = model_names(self.tasks), dict[str, None]()
         for word in self.models:
             matches = [name for name in every_name if matches_key(word, name)]
-            names |= dict.fromkeys(matches or [resolve_model_name(word, self.cases)])
-        done = {name for case in cases for name, model in case.competitors.items() if model.done}
+            names |= dict.fromkeys(matches or [resolve_model_name(word, self.tasks)])
+        done = {name for task in tasks for name, model in task.models.items() if model.done}
         return [name for name in (names or every_name) if name in done]
 
-    def results(self, case: Case, has: Has) -> list[CellResult]:
-        """Return the results of the selected models in a case that pass `has`."""
-        names = self.names([case])
-        return [result for name in names for result in case.results(name) if has(result)]
+    def results(self, task: Task, has: Has) -> list[CellResult]:
+        """Return the results of the selected models in a task that pass `has`."""
+        names = self.names([task])
+        return [result for name in names for result in task.results(name) if has(result)]
 
-    def cases_with(self, has: Has, needs: str, *, most_first: bool = False) -> list[Case]:
-        """Return the case to draw for each data set: measured first, then as selected.
+    def tasks_with(self, has: Has, needs: str, *, most_first: bool = False) -> list[Task]:
+        """Return the task to draw for each data set: measured first, then as selected.
 
         Preferred are, in this order: a protocol that does not select on test data, no condition,
-        most models. With `most_first`, the case with most models is preferred to all others.
+        most models. With `most_first`, the task with most models is preferred to all others.
         `needs` names the required content of a result, with the command that creates it.
 
         Raises:
-            StoreError: no case has such a result of the selected models.
+            StoreError: no task has such a result of the selected models.
         """
         models = self.names(self.newest)
 
-        def n_models(case: Case) -> int:
-            there = [name for name in models if name in case.competitors]
-            return sum(any(map(has, case.results(name))) for name in there)
+        def n_models(task: Task) -> int:
+            there = [name for name in models if name in task.models]
+            return sum(any(map(has, task.results(name))) for name in there)
 
-        def preference(case: Case) -> tuple[int, bool, bool, int, int, str]:
-            n, is_fair = n_models(case), not case.presentation.selects_on_test
-            is_plain = not case.name.condition  # a condition is one of many sizes or directions
-            return n * most_first, is_fair, is_plain, n, len(case.slots), case.newest_run
+        def preference(task: Task) -> tuple[int, bool, bool, int, int, str]:
+            n, is_fair = n_models(task), not task.presentation.selects_on_test
+            is_plain = not task.name.condition  # a condition is one of many sizes or directions
+            return n * most_first, is_fair, is_plain, n, len(task.splits), task.newest_run
 
-        able = grouped(filter(n_models, self.newest), lambda case: case.name.dataset)
+        able = grouped(filter(n_models, self.newest), lambda task: task.name.dataset)
         if not able:
             of = f" of {', '.join(self.models)}" if self.models else ""
             raise StoreError(f"{self.folder}: no result{of} has {needs}", "results")
-        return [max(cases, key=preference) for cases in able.values()]  # the first of equal cases
+        return [max(tasks, key=preference) for tasks in able.values()]  # the first of equal tasks
 
-    def case(self, has: Has, needs: str) -> Case:
-        """Return the first of `cases_with`, for a figure of one data set."""
-        return self.cases_with(has, needs)[0]
+    def task(self, has: Has, needs: str) -> Task:
+        """Return the first of `tasks_with`, for a figure of one data set."""
+        return self.tasks_with(has, needs)[0]
 
     def panels(
         self,
@@ -201,24 +201,24 @@ class FigureSource:
         Raises:
             StoreError: no result has this content, or the models do not share a split.
         """
-        every = self.cases_with(has, "; ".join(filter(None, (what, made_by))))
-        cases = every[:most_panels]
+        every = self.tasks_with(has, "; ".join(filter(None, (what, made_by))))
+        tasks = every[:most_panels]
         able = {
-            case: [name for name in self.names([case]) if any(map(has, case.results(name)))]
-            for case in cases
+            task: [name for name in self.names([task]) if any(map(has, task.results(name)))]
+            for task in tasks
         }
         models = list(dict.fromkeys(name for names in able.values() for name in names))
         names = models if self.models else _best(able, most)
         panels = []
-        for case in cases:
-            there = tuple(name for name in names if name in able[case])
-            shared = case.shared_slots(there) if there else []
-            slots = [at for at in shared if all(has(case.competitors[n].done[at]) for n in there)]
-            if slots:
-                panels.append(Compared(case, there, tuple(slots)))
+        for task in tasks:
+            there = tuple(name for name in names if name in able[task])
+            shared = task.shared_splits(there) if there else []
+            splits = [at for at in shared if all(has(task.models[n].done[at]) for n in there)]
+            if splits:
+                panels.append(Compared(task, there, tuple(splits)))
         if not panels:
             raise StoreError(
-                f"{self.folder}: {cases[0].name.text}: {', '.join(names)}: no split on which all "
+                f"{self.folder}: {tasks[0].name.text}: {', '.join(names)}: no split on which all "
                 f"have {what}; run each model on the same splits",
                 "results",
             )
@@ -226,12 +226,12 @@ class FigureSource:
         if len(names) < len(models):
             always = f"; {REFERENCE_MODEL} is always among them" * (REFERENCE_MODEL in names)
             notes.append(f"Best {len(names)} of {len(models)} models{always}.")
-        drawn = [panel.case.name.dataset for panel in panels]
-        if hidden := [case.name.dataset for case in every if case.name.dataset not in drawn]:
+        drawn = [panel.task.name.dataset for panel in panels]
+        if hidden := [task.name.dataset for task in every if task.name.dataset not in drawn]:
             notes.append(f"Not shown: {', '.join(hidden)}.")
-        data = {case.name.dataset: set[str]() for case in self.cases}
-        for case in self.cases:
-            data[case.name.dataset].add(case.measured_sha256)
+        data = {task.name.dataset: set[str]() for task in self.tasks}
+        for task in self.tasks:
+            data[task.name.dataset].add(task.measured_sha256)
         if older := [dataset for dataset in drawn if len(data[dataset]) > 1]:
             notes.append(f"Results on older data named {', '.join(older)} are left out.")
         return Panels(tuple(panels), tuple(names), " ".join(notes))
@@ -244,18 +244,18 @@ class FigureSource:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Models of one case that a figure shows.
+    """Models of one task that a figure shows.
 
     Attributes:
-        case: case with the results.
+        task: task with the results.
         models: names, best first unless they were selected.
-        slots: splits that all models share.
+        splits: splits that all models share.
         notes: sentences on omitted results.
     """
 
-    case: Case
+    task: Task
     models: tuple[str, ...]
-    slots: tuple[Slot, ...]
+    splits: tuple[SplitId, ...]
     notes: str = ""
 
     @property
@@ -266,27 +266,27 @@ class Compared:
     @property
     def subtitle(self) -> str:
         """Data set, protocol and condition."""
-        return subtitle(self.case)
+        return subtitle(self.task)
 
     @property
     def tested(self) -> dict[str, Prediction]:
         """Model -> its test samples of all splits, one after the other."""
         return {
-            name: pooled_prediction(self.case.results(name, self.slots)) for name in self.models
+            name: pooled_prediction(self.task.results(name, self.splits)) for name in self.models
         }
 
     @property
     def linear_error(self) -> float | None:
         """Mean length of the linear model's error on the test samples, m; None: not known."""
         name = REFERENCE_MODEL if REFERENCE_MODEL in self.models else self.models[0]
-        tested = pooled_prediction(self.case.results(name, self.slots))
+        tested = pooled_prediction(self.task.results(name, self.splits))
         linear = tested.predicted if name == REFERENCE_MODEL else tested.reference
         return None if linear is None else _mean_distance(linear, tested.measured)
 
     @property
     def noise_floor(self) -> float | None:
         """Mean length of the error from the instruments' noise, m; None: not known."""
-        return noise_floor(self.case.results(self.models[0], self.slots))
+        return noise_floor(self.task.results(self.models[0], self.splits))
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,11 +307,11 @@ class Panels:
     def setting(self) -> str:
         """Data, protocols, splits, seed, marks of models, and omitted results."""
         n_splits = [
-            len(panel.case.results(name, panel.slots))
+            len(panel.task.results(name, panel.splits))
             for panel in self.compared
             for name in panel.models
         ]
-        about = setting([panel.case for panel in self.compared], self.models, n_splits)
+        about = setting([panel.task for panel in self.compared], self.models, n_splits)
         return " ".join(filter(None, [about, self.notes]))
 
     @property
@@ -322,13 +322,13 @@ class Panels:
     @property
     def titles(self) -> list[str]:
         """Data set of each panel, on one line or two; [""] for a single panel."""
-        cases = [panel.case for panel in self.compared]
-        if len(cases) == 1:
+        tasks = [panel.task for panel in self.compared]
+        if len(tasks) == 1:
             return [""]
-        names = [short(case.name.dataset, TITLE_LETTERS) for case in cases]
-        kinds = [f"({case.presentation.kind})" for case in cases]
+        names = [short(task.name.dataset, TITLE_LETTERS) for task in tasks]
+        kinds = [f"({task.presentation.kind})" for task in tasks]
         if not self.condition:
-            conditions = [short(condition_text(case), TITLE_LETTERS) for case in cases]
+            conditions = [short(condition_text(task), TITLE_LETTERS) for task in tasks]
             kinds = [
                 f"{kind} {condition}" for kind, condition in zip(kinds, conditions, strict=True)
             ]
@@ -344,7 +344,7 @@ class Panels:
     @property
     def condition(self) -> str:
         """Protocol and condition that all panels share; "" if they differ."""
-        conditions = {condition_text(panel.case) for panel in self.compared}
+        conditions = {condition_text(panel.task) for panel in self.compared}
         return conditions.pop() if len(conditions) == 1 else ""
 
 
@@ -373,13 +373,13 @@ def mean_length(results: Sequence[CellResult]) -> float:
     return float(norm_errors(pooled_prediction(results)).mean())
 
 
-def _best(able: Mapping[Case, Sequence[str]], most: int) -> list[str]:
+def _best(able: Mapping[Task, Sequence[str]], most: int) -> list[str]:
     """Return the best models with most panels and splits, and the linear model."""
     errors = {}
-    for case, names in able.items():
-        n_done = {name: len(case.competitors[name].done) for name in names}
+    for task, names in able.items():
+        n_done = {name: len(task.models[name].done) for name in names}
         complete = [name for name in names if n_done[name] == max(n_done.values())]
-        errors[case.name] = {name: mean_length(case.results(name)) for name in complete}
+        errors[task.name] = {name: mean_length(task.results(name)) for name in complete}
     logarithms = pd.DataFrame(errors).clip(lower=LEAST).map(np.log)  # a row per model
     relative = (logarithms - logarithms.mean()).mean(axis=1)
     n_panels = logarithms.count(axis=1)

@@ -15,8 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from scipy import stats
 
-from stiff_bench.analysis.collected import Case
-from stiff_bench.analysis.scored_case import family_of
 from stiff_bench.figures import style
 from stiff_bench.figures.figure_source import (
     LEAST,
@@ -30,6 +28,8 @@ from stiff_bench.figures.figure_source import (
 )
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.samples import draw_noise_floor, noise_note
+from stiff_bench.results.load import Task
+from stiff_bench.results.scored_task import family_of
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, counted
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -98,28 +98,28 @@ def _interval(values: pd.Series) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def size_of(case: Case) -> int:
-    """Return the number of training poses of a case; 0: its condition is not a size."""
-    results = [result for name in case.competitors for result in case.results(name)]
+def size_of(task: Task) -> int:
+    """Return the number of training poses of a task; 0: its condition is not a size."""
+    results = [result for name in task.models for result in task.results(name)]
     sizes: Iterable[int] = {result.n_poses for result in results} - {0}
     if not sizes:  # older results do not have the number; each pose has at least one row
         sizes = range(1, max((result.n_train for result in results), default=0) + 1)
-    return next((size for size in sizes if condition_of(size) == case.name.condition), 0)
+    return next((size for size in sizes if condition_of(size) == task.name.condition), 0)
 
 
-def errors_of(names: Sequence[str], cases: Sequence[Case]) -> pd.DataFrame:
+def errors_of(names: Sequence[str], tasks: Sequence[Task]) -> pd.DataFrame:
     """Return the mean error lengths [m] of models on the data sets of one robot type.
 
     Each row is a model and a data set with all draws of all sizes. Each column is a size.
     """
     rows = [
-        (name, replace(case.name, condition=""), size_of(case), mean_length(results))
-        for case in cases
+        (name, replace(task.name, condition=""), size_of(task), mean_length(results))
+        for task in tasks
         for name in names
-        if (results := case.results_of_all_slots(name))
+        if (results := task.complete_results(name))
     ]
     table = pd.DataFrame(rows, columns=["model", "data set", "size", "error"])
-    sizes = pd.Index(sorted({size_of(case) for case in cases}), name="size")
+    sizes = pd.Index(sorted({size_of(task) for task in tasks}), name="size")
     by_size = table.pivot(index=["model", "data set"], columns="size", values="error")
     return by_size.reindex(columns=sizes).dropna()
 
@@ -137,15 +137,15 @@ def learning_curves(source: FigureSource) -> Prepared:
 
     Models need all draws of all sizes on a data set to be drawn.
     """
-    cases = [case for case in source.newest if size_of(case)]
-    if not cases:
+    tasks = [task for task in source.newest if size_of(task)]
+    if not tasks:
         raise StoreError(f"{source.folder}: no result of {_NEEDS}", "results")
-    protocol = max(cases, key=lambda case: case.newest_run).name.protocol
-    of_protocol = [case for case in cases if case.name.protocol == protocol]
+    protocol = max(tasks, key=lambda task: task.newest_run).name.protocol
+    of_protocol = [task for task in tasks if task.name.protocol == protocol]
     names = source.names(of_protocol)
     members = {
         f"{family} ({of_family[0].presentation.kind})": of_family
-        for family, of_family in grouped(of_protocol, lambda case: family_of(case.name)).items()
+        for family, of_family in grouped(of_protocol, lambda task: family_of(task.name)).items()
     }
     families = {title: errors_of(names, of_family) for title, of_family in members.items()}
     models = names if source.models else _best(families.values())
@@ -170,11 +170,11 @@ def learning_curves(source: FigureSource) -> Prepared:
     return Prepared("Error over training poses", caption, paint, protocol)
 
 
-def _noise_floor(cases: Sequence[Case], names: Sequence[str]) -> float | None:
-    """Return the geometric mean of the cases' noise floors, m; None: a noise floor is not known."""
+def _noise_floor(tasks: Sequence[Task], names: Sequence[str]) -> float | None:
+    """Return the geometric mean of the tasks' noise floors, m; None: a noise floor is not known."""
     floors = []
-    for case in cases:
-        complete = filter(None, map(case.results_of_all_slots, names))
+    for task in tasks:
+        complete = filter(None, map(task.complete_results, names))
         if (floor := noise_floor(next(complete, []))) is None:
             return None
         floors.append(floor)
@@ -196,17 +196,17 @@ def _best(families: Iterable[pd.DataFrame]) -> list[str]:
 
 
 def _caption(
-    panels: Mapping[str, pd.DataFrame], cases: Sequence[Case], models: Collection[str]
+    panels: Mapping[str, pd.DataFrame], tasks: Sequence[Task], models: Collection[str]
 ) -> str:
     n_sets = ", ".join(
         f"{title}: {counted(len(errors.index.unique('data set')), 'data set')}"
         for title, errors in panels.items()
     )
-    n_draws = between([len(case.slots) for case in cases], "draw")
-    seeds = ", ".join(str(seed) for seed in sorted({case.name.seed for case in cases}))
+    n_draws = between([len(task.splits) for task in tasks], "draw")
+    seeds = ", ".join(str(seed) for seed in sorted({task.name.seed for task in tasks}))
     return (
-        f"{cases[0].name.protocol}: mean 3-D error on the same test poses, "
+        f"{tasks[0].name.protocol}: mean 3-D error on the same test poses, "
         f"{n_draws} per size and data set, seed {seeds}. Lines: geometric mean over data sets "
         f"({n_sets}); bands: its {CONFIDENCE:.0%} interval, from {FEWEST_FOR_INTERVAL} data sets "
-        f"on.{marks_in(cases, models)}"
+        f"on.{marks_in(tasks, models)}"
     )

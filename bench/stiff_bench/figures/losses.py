@@ -149,7 +149,7 @@ def loss_curves(source: FigureSource) -> Prepared:
             [
                 curve
                 for name in compared.models
-                for curve in curves_of(compared.case.results(name, compared.slots)[0], name)
+                for curve in curves_of(compared.task.results(name, compared.splits)[0], name)
             ],
         )
         for title, compared in panels.titled

@@ -414,8 +414,8 @@ def robot(source: FigureSource, **chosen: Any) -> Prepared:
 
     `chosen` are keywords of `robot_picture`.
     """
-    case = source.case(lambda _: True, "a result")
-    stored = read_data(source.folder, case.name.data_sha256)
-    kind = case.presentation.kind
-    about = f"{case.name.dataset} ({kind})"
+    task = source.task(lambda _: True, "a result")
+    stored = read_data(source.folder, task.name.data_sha256)
+    kind = task.presentation.kind
+    about = f"{task.name.dataset} ({kind})"
     return robot_picture(stored.measured, stored.robot, about, kind, **chosen)

@@ -256,7 +256,7 @@ def mean_errors(source: FigureSource) -> Prepared:
 
 def _score_table(source: FigureSource, compared: Compared) -> pd.DataFrame:
     """Return mean error and interval of each model for a `ScorePanel`."""
-    pose_id = read_data(source.folder, compared.case.name.data_sha256).samples.pose_id
+    pose_id = read_data(source.folder, compared.task.name.data_sha256).samples.pose_id
     tested = compared.tested
     errors_of = np.column_stack(
         [norm_errors(prediction) for prediction in tested.values()]

@@ -136,12 +136,12 @@ def springs(source: FigureSource) -> Prepared:
         segmented = any(name.startswith("breakpoint ") for name in result.diagnostics)
         return segmented or has_curves(result)
 
-    case = source.case(has_springs, _NEEDS)
-    results = sorted(source.results(case, has_springs), key=has_curves, reverse=True)
+    task = source.task(has_springs, _NEEDS)
+    results = sorted(source.results(task, has_springs), key=has_curves, reverse=True)
     model = results[0].presentation.model
     results = [result for result in results if result.presentation.model == model]
-    stored = read_data(source.folder, case.name.data_sha256)
-    linear = case.results(REFERENCE_MODEL) if REFERENCE_MODEL in case.competitors else ()
+    stored = read_data(source.folder, task.name.data_sha256)
+    linear = task.results(REFERENCE_MODEL) if REFERENCE_MODEL in task.models else ()
     if has_curves(results[0]):
         truth = true_joint_turns(results[0].cell, build_registry())
         truth_note = ", next to the simulated robot's true deflection" if truth else ""
@@ -160,9 +160,9 @@ def springs(source: FigureSource) -> Prepared:
             "stay below; a panel ends at the largest."
         )
         draw = partial(_draw_segments, stored, np.abs(torque), results)
-    caption = f"{about} {setting([case], [model], [len(results)])}"
+    caption = f"{about} {setting([task], [model], [len(results)])}"
     paint = partial(springs_figure, stored, draw, linear)
-    return Prepared("Torque and deflection of each joint", caption, paint, subtitle(case))
+    return Prepared("Torque and deflection of each joint", caption, paint, subtitle(task))
 
 
 def _stiffness(data: StoredData, joint: int, segment: str = "") -> str:

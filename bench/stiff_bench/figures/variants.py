@@ -12,13 +12,12 @@ import seaborn
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from stiff_bench.analysis.collected import Case
 from stiff_bench.figures import style
 from stiff_bench.figures.figure_source import MOST_PANELS, Compared, FigureSource, Panels
 from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.results.fit_values import pooled_prediction
+from stiff_bench.results.load import Task, split_of
 from stiff_bench.store.names import grouped
-from stiff_bench.store.newest import slot_of
-from stiff_bench.tables.metric_table import pooled_prediction
 from stiff_bench.tables.units import MM
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_models.transfer.freeze_strategies import named_layers
@@ -135,8 +134,8 @@ def draw_strategies(axes: Axes, errors: pd.DataFrame, linear: Sequence[float]) -
 
 def freezing(source: FigureSource) -> Prepared:
     """Show the error of one model by its freeze strategy."""
-    cases = source.cases_with(freeze_of, _STRATEGIES, most_first=True)
-    panels, data, model = _gather(source, cases, _strategies_of)
+    tasks = source.tasks_with(freeze_of, _STRATEGIES, most_first=True)
+    panels, data, model = _gather(source, tasks, _strategies_of)
     caption = (
         f"Mean absolute error of {model}, all axes together, by the layers that fine-tuning trains "
         "(numbered from the input; out: the output layer). Symbol: mean over splits; ticks: "
@@ -145,28 +144,28 @@ def freezing(source: FigureSource) -> Prepared:
     return Prepared("Freeze strategies", caption, partial(freezing_figure, data), panels.subtitle)
 
 
-def _strategies_of(source: FigureSource, case: Case) -> tuple[str, Compared, Strategies]:
+def _strategies_of(source: FigureSource, task: Task) -> tuple[str, Compared, Strategies]:
     """Return the model with most strategies, and its errors on shared splits."""
-    model, results = variants_of(source.results(case, freeze_of), "freeze")
-    slots_of_each = [set(map(slot_of, of)) for of in grouped(results, freeze_of).values()]
-    if len(slots_of_each) < FEWEST_STRATEGIES:
+    model, results = variants_of(source.results(task, freeze_of), "freeze")
+    splits_of_each = [set(map(split_of, of)) for of in grouped(results, freeze_of).values()]
+    if len(splits_of_each) < FEWEST_STRATEGIES:
         raise StoreError(f"{source.folder}: no model has results of {_STRATEGIES}", "results")
-    slots = set.intersection(*slots_of_each)
-    if not slots:
+    splits = set.intersection(*splits_of_each)
+    if not splits:
         raise StoreError(
             f"{source.folder}: the freeze strategies of {model} share no split; "
             "run each strategy on the same splits",
             "results",
         )
-    is_part = len(slots) < len(set.union(*slots_of_each))
+    is_part = len(splits) < len(set.union(*splits_of_each))
     notes = "Splits that only some strategies have are left out." * is_part
     names = dict.fromkeys(result.presentation.model for result in results)
-    errors = strategies(result for result in results if slot_of(result) in slots)
-    linear = case.competitors[REFERENCE_MODEL].done if REFERENCE_MODEL in case.competitors else {}
+    errors = strategies(result for result in results if split_of(result) in splits)
+    linear = task.models[REFERENCE_MODEL].done if REFERENCE_MODEL in task.models else {}
     of_linear = [
-        mean_absolute_error_mm(linear[slot]) for slot in sorted(slots) if slots <= linear.keys()
+        mean_absolute_error_mm(linear[split]) for split in sorted(splits) if splits <= linear.keys()
     ]
-    compared = Compared(case, tuple(names), tuple(sorted(slots)), notes)
+    compared = Compared(task, tuple(names), tuple(sorted(splits)), notes)
     return model, compared, Strategies(errors, of_linear)
 
 
@@ -175,28 +174,28 @@ Numbers = TypeVar("Numbers")
 
 def _gather(
     source: FigureSource,
-    cases: Sequence[Case],
-    gather: Callable[[FigureSource, Case], tuple[str, Compared, Numbers]],
+    tasks: Sequence[Task],
+    gather: Callable[[FigureSource, Task], tuple[str, Compared, Numbers]],
 ) -> tuple[Panels, list[tuple[str, Numbers]], str]:
-    """Gather the numbers of each case that has enough of them.
+    """Gather the numbers of each task that has enough of them.
 
     Returns:
         The panels, their titles with the numbers, and the names of the models.
 
     Raises:
-        StoreError: no case has enough; it names the first case's reason.
+        StoreError: no task has enough; it names the first task's reason.
     """
     gathered, reasons = [], []
-    for case in cases:
+    for task in tasks:
         try:
-            gathered.append(gather(source, case))
+            gathered.append(gather(source, task))
         except StoreError as error:
             reasons.append(error)
     if not gathered:
         raise reasons[0]
     models, compared, numbers = zip(*gathered[:MOST_PANELS], strict=True)
     notes = list(dict.fromkeys(panel.notes for panel in compared))
-    hidden = [panel.case.name.dataset for _, panel, _ in gathered[MOST_PANELS:]]
+    hidden = [panel.task.name.dataset for _, panel, _ in gathered[MOST_PANELS:]]
     if hidden:
         notes.append(f"Not shown: {', '.join(hidden)}.")
     names = dict.fromkeys(name for panel in compared for name in panel.models)
@@ -276,8 +275,8 @@ def sweep_figure(data: Sequence[tuple[str, pd.DataFrame]]) -> Figure:
 
 def sweep(source: FigureSource) -> Prepared:
     """Show the error on the simulated pre-training data over width and depth of a network."""
-    cases = source.cases_with(is_swept, _NETWORKS, most_first=True)
-    panels, data, model = _gather(source, cases, _networks_of)
+    tasks = source.tasks_with(is_swept, _NETWORKS, most_first=True)
+    panels, data, model = _gather(source, tasks, _networks_of)
     caption = (
         f"Mean absolute error of {model} on the test part (30 %) of the simulated pre-training "
         f"data, all axes together. Bands: range over the splits. {panels.setting}"
@@ -286,12 +285,12 @@ def sweep(source: FigureSource) -> Prepared:
     return Prepared(title, caption, partial(sweep_figure, data), panels.subtitle)
 
 
-def _networks_of(source: FigureSource, case: Case) -> tuple[str, Compared, pd.DataFrame]:
+def _networks_of(source: FigureSource, task: Task) -> tuple[str, Compared, pd.DataFrame]:
     """Return the model with most widths and depths, and its `errors_on_source`."""
-    model, results = variants_of(source.results(case, is_swept), "layers", "width")
+    model, results = variants_of(source.results(task, is_swept), "layers", "width")
     errors = errors_on_source(results)
     if len(errors.groupby(["depth", "width"])) < FEWEST_NETWORKS:
         raise StoreError(f"{source.folder}: no result has {_NETWORKS}", "results")
     names = dict.fromkeys(result.presentation.model for result in results)
-    slots = sorted(set(map(slot_of, results)))
-    return model, Compared(case, tuple(names), tuple(slots)), errors
+    splits = sorted(set(map(split_of, results)))
+    return model, Compared(task, tuple(names), tuple(splits)), errors

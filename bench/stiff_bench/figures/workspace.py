@@ -135,9 +135,9 @@ def _color_bar(figure: Figure, points: Any, panels: Any, label: str, extend: Any
 def workspace(source: FigureSource) -> Prepared:
     """Show the 3-D error of each model at the TCP positions, and its difference to the VJM."""
     compared = source.compared(MOST_MODELS)
-    stored = read_data(source.folder, compared.case.name.data_sha256)
+    stored = read_data(source.folder, compared.task.name.data_sha256)
     _, pose = np.unique(stored.samples.pose_id, return_inverse=True)
-    if compared.case.has_paths:
+    if compared.task.has_paths:
         pose = np.arange(len(pose))  # a path is many places
     models: dict[str, WorkspaceErrors] = {}
     for name, tested in compared.tested.items():

@@ -21,8 +21,8 @@ from stiff_bench.plan.options import Choice, chosen, chosen_dataset
 from stiff_bench.plan.registry import OURS, Info, Kind, Registry
 from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
+from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.model_file import load, save
-from stiff_models.io.training_cache import OFF, VARIABLE
 from stiff_protocols.conformance.checks import Check, Status
 from stiff_protocols.conformance.data_and_protocol_checks import check_dataset, check_protocol
 from stiff_protocols.conformance.model_checks import check_model

@@ -22,10 +22,10 @@ from stiff_bench.figures.prepared_figure import Figures, Prepared
 from stiff_bench.figures.samples import LINES_NOTE, regression_figure
 from stiff_bench.paper import paper_models as models
 from stiff_bench.paper.paper_models import DATASET, PAPER_PROTOCOL, WIDTH_DEPTHS, pretrained
-from stiff_bench.paper.paper_results import ModelResults, PaperResults, named_results
+from stiff_bench.paper.paper_results import PaperResults, ProtocolResults, named_results
 from stiff_bench.paper.paper_tables import METHODS, NEW, OLD, ON_SOURCE, fitted_vjm
-from stiff_bench.store.newest import slot_of
-from stiff_bench.tables.metric_table import pooled_prediction
+from stiff_bench.results.fit_values import pooled_prediction
+from stiff_bench.results.load import split_of
 from stiff_bench.tables.published import published_errors, published_lines
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StoreError
@@ -38,7 +38,7 @@ PANEL_INCH = 2.7
 QUANTITIES = ("MAE", "STDE")
 
 
-def _setting(*plotted: ModelResults) -> str:
+def _setting(*plotted: ProtocolResults) -> str:
     """Return the setting of the first results, and what is missing in all of them."""
     absences = "".join(f" {note}" for results in plotted for note in results.absences())
     return f"{DATA}; {plotted[0].setting}{absences}"
@@ -102,7 +102,7 @@ def figure_6(results: PaperResults) -> Prepared:
     moving = map(models.unfrozen, (*models.SINGLE_LAYERS, *models.ADJACENT_PAIRS))
     strategies = results.on_shared_splits(moving, PAPER_PROTOCOL)
     fits = strategies.all_fits
-    slots = {slot_of(fit) for fit in fits}
+    splits = {split_of(fit) for fit in fits}
     vjm_fits = results.of_models([models.VJM], PAPER_PROTOCOL).all_fits
     errors = variants.strategies(fits)
     first = {variants.layers_of(fit): fit for fit in reversed(fits)}
@@ -113,7 +113,7 @@ def figure_6(results: PaperResults) -> Prepared:
         "MAE of the test part at the epoch that was kept, all axes together; symbol: mean over the "
         f"splits, ticks: splits, dashed line: the VJM. {_setting(strategies)}"
     )
-    linear = [variants.mean_absolute_error_mm(fit) for fit in vjm_fits if slot_of(fit) in slots]
+    linear = [variants.mean_absolute_error_mm(fit) for fit in vjm_fits if split_of(fit) in splits]
     paint = partial(_draw_strategies, curves, errors, linear)
     return Prepared("One unfrozen layer against two", caption, paint, SUBTITLE)
 

@@ -7,13 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.selection import find_model
 from stiff_bench.figures.figure_source import marks
 from stiff_bench.paper.paper_models import DATASET, SEED
+from stiff_bench.results.load import SplitId, StoredResults, split_of
+from stiff_bench.results.notes import sources
+from stiff_bench.results.selection import find_model
 from stiff_bench.store.names import Variant
-from stiff_bench.store.newest import Slot, slot_of
-from stiff_bench.store.versions import sources
 from stiff_bench.tables.units import counted, first_few
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import CellResult
@@ -27,7 +26,7 @@ RERUN = f"{REPRODUCE} with `--rerun failed`"
 
 
 @dataclass(frozen=True, eq=False)
-class ModelResults:
+class ProtocolResults:
     """Stored results of some models under one protocol.
 
     Attributes:
@@ -85,34 +84,34 @@ class PaperResults(StoredResults):
         """
         return cls.read(folder, f"; {REPRODUCE} makes the results")
 
-    def of_models(self, models: Iterable[Variant], protocol: str) -> ModelResults:
+    def of_models(self, models: Iterable[Variant], protocol: str) -> ProtocolResults:
         """Return the results of models, each on its own splits.
 
-        Only the newest case under the protocol counts, not other seeds or older data.
+        Only the newest task under the protocol counts, not other seeds or older data.
         """
         results, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
-        of_case = (DATASET, protocol, "", SEED)
-        cases = [
-            case
-            for case in self.cases
-            for name in [case.name]
-            if (name.dataset, name.protocol, name.condition, name.seed) == of_case
+        of_task = (DATASET, protocol, "", SEED)
+        tasks = [
+            task
+            for task in self.tasks
+            for name in [task.name]
+            if (name.dataset, name.protocol, name.condition, name.seed) == of_task
         ]
-        newest = [max(cases, key=lambda case: case.newest_run)] if cases else []
+        newest = [max(tasks, key=lambda task: task.newest_run)] if tasks else []
         for variant in models:
             model, stored_name = variant.name, find_model(variant, newest)
             if stored_name is None:
                 missing.append(model)
                 continue
-            competitor = newest[0].competitors[stored_name]
-            if competitor.failures:
-                first = next(iter(competitor.failures.values()))
+            stored = newest[0].models[stored_name]
+            if stored.failures:
+                first = next(iter(stored.failures.values()))
                 failures[model] = f"{model} ({first.why_none})"
             else:
-                results[model] = list(competitor.done.values())
-        return ModelResults(protocol, results, failures, missing)
+                results[model] = list(stored.done.values())
+        return ProtocolResults(protocol, results, failures, missing)
 
-    def on_shared_splits(self, models: Iterable[Variant], protocol: str) -> ModelResults:
+    def on_shared_splits(self, models: Iterable[Variant], protocol: str) -> ProtocolResults:
         """Return the results of models on their common splits.
 
         Models without results do not count.
@@ -121,9 +120,9 @@ class PaperResults(StoredResults):
             StoreError: no model has a result, or the models have no split in common.
         """
         stored = self.of_models(models, protocol)
-        slots = [set(map(slot_of, model_fits)) for model_fits in stored.results.values()]
-        all_slots = set[Slot]().union(*slots)
-        shared = all_slots.intersection(*slots)
+        splits = [set(map(split_of, model_fits)) for model_fits in stored.results.values()]
+        all_splits = set[SplitId]().union(*splits)
+        shared = all_splits.intersection(*splits)
         if not shared:
             reason, command = f"no result of {first_few(stored.missing)}", REPRODUCE
             if stored.results:
@@ -136,12 +135,12 @@ class PaperResults(StoredResults):
                 "results",
             )
         on_shared = {
-            model: [fit for fit in model_fits if slot_of(fit) in shared]
+            model: [fit for fit in model_fits if split_of(fit) in shared]
             for model, model_fits in stored.results.items()
         }
-        return replace(stored, results=on_shared, n_left_out=len(all_slots) - len(shared))
+        return replace(stored, results=on_shared, n_left_out=len(all_splits) - len(shared))
 
-    def provenance(self, printed: Iterable[ModelResults]) -> str:
+    def provenance(self, printed: Iterable[ProtocolResults]) -> str:
         """Return a line with the stiffbench versions that made the printed results."""
         counts = Counter(fit.run_id for results in printed for fit in results.all_fits)
         return sources(self.folder, self.runs, counts)

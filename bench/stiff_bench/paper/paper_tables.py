@@ -28,10 +28,11 @@ from stiff_bench.paper.paper_models import (
     READ_ON_ALL,
     SEED,
 )
-from stiff_bench.paper.paper_results import REPRODUCE, ModelResults, PaperResults, named_results
+from stiff_bench.paper.paper_results import REPRODUCE, PaperResults, ProtocolResults, named_results
+from stiff_bench.results.fit_values import mean_over, pooled_prediction
+from stiff_bench.results.load import SplitId, split_of
+from stiff_bench.results.notes import mark_of
 from stiff_bench.store.names import Variant
-from stiff_bench.store.newest import Slot, slot_of
-from stiff_bench.tables.metric_table import mark_of, mean_over, pooled_prediction
 from stiff_bench.tables.published import (
     about_table,
     claimed_reductions,
@@ -125,7 +126,7 @@ def mean_numbers(repeats: Sequence[Numbers], mark: str = "") -> GroupNumbers:
 
 
 def model_numbers(
-    stored: ModelResults,
+    stored: ProtocolResults,
     models: Mapping[Label, Variant],
     errors: Callable[[Label, CellResult], Numbers],
 ) -> GroupNumbers:
@@ -321,7 +322,7 @@ def _target_errors(row: Labels, result: CellResult) -> Numbers:
 
 
 def _result_notes(
-    results: PaperResults, *printed: ModelResults, more: Sequence[str] = ()
+    results: PaperResults, *printed: ProtocolResults, more: Sequence[str] = ()
 ) -> list[str]:
     """Return two notes on a table's results: their setting and their provenance."""
     settings = [stored.setting for stored in printed if stored.results]
@@ -346,7 +347,7 @@ def _table_9(results: PaperResults) -> list[Table]:
     """Return the errors of the fine-tuned network on training and validation part."""
     lines = zip(TRAININGS, published_lines("table_9"), strict=True)
     of_paper = published_numbers({(label, LENGTH): line for label, line in lines}, COLUMNS_9)
-    columns, printed, more = published_columns(of_paper), list[ModelResults](), list[str]()
+    columns, printed, more = published_columns(of_paper), list[ProtocolResults](), list[str]()
     for label, trainings in (
         (f"ours, {PAPER_PROTOCOL}", TRAININGS),
         ("ours, the paper's recipe", BY_RECIPE),
@@ -367,7 +368,7 @@ def _table_9(results: PaperResults) -> list[Table]:
 
 
 def _on_both_parts(
-    read: ModelResults, trainings: Mapping[str, Variant], training: str, result: CellResult
+    read: ProtocolResults, trainings: Mapping[str, Variant], training: str, result: CellResult
 ) -> Numbers:
     """Return a fit's errors on the validation part and on the training part.
 
@@ -427,7 +428,7 @@ def _table_10(results: PaperResults) -> list[Table]:
     reductions = {(row, CLAIMED): claimed[at] for row, at in ROWS_10.items()}
     reductions |= {(row, RECOMPUTED): reduction(old[at], new[at]) for row, at in ROWS_10.items()}
     of_errors, of_reductions = published_columns(of_paper), published_columns(reductions, 1)
-    printed, absent, how_recipe = list[ModelResults](), list[StoreError](), [HOW_RECIPE]
+    printed, absent, how_recipe = list[ProtocolResults](), list[StoreError](), [HOW_RECIPE]
     for reading, protocol in READINGS.items():
         try:
             stored = results.on_shared_splits(METHODS.values(), protocol)
@@ -438,7 +439,7 @@ def _table_10(results: PaperResults) -> list[Table]:
         methods = METHODS | ({RECIPE: models.FT_MLP_PAPER_RECIPE} if recipe.results else {})
         with_recipe = replace(stored, results=stored.results | recipe.results)
         of_old = {
-            slot_of(fit): errors_by_axis(fit) for fit in stored.results.get(METHODS[OLD].name, ())
+            split_of(fit): errors_by_axis(fit) for fit in stored.results.get(METHODS[OLD].name, ())
         }
         numbers = model_numbers(with_recipe, methods, partial(_errors_and_reductions, of_old))
         label = f"ours, {reading}"
@@ -460,11 +461,11 @@ def _table_10(results: PaperResults) -> list[Table]:
 
 
 def _errors_and_reductions(
-    of_old: Mapping[Slot, Mapping[Labels, float]], method: str, result: CellResult
+    of_old: Mapping[SplitId, Mapping[Labels, float]], method: str, result: CellResult
 ) -> Numbers:
     """Return a method's errors [mm] and their reductions against the VJM [%]."""
     errors = errors_by_axis(result)
-    old_errors = of_old.get(slot_of(result), {})
+    old_errors = of_old.get(split_of(result), {})
     return {
         **{(row, method): error for row, error in errors.items()},
         **{

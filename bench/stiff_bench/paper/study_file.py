@@ -7,7 +7,7 @@ run.
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import field, fields, replace
+from dataclasses import fields, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +18,7 @@ from pydantic.dataclasses import dataclass
 from stiff_bench.plan.options import choices
 from stiff_bench.plan.registry import Registry
 from stiff_bench.plan.request import RunPlan, plan_run
+from stiff_bench.results.selection import BoardSettings
 from stiff_bench.store.names import split_word
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import read_toml
@@ -51,27 +52,6 @@ class StudyRun:
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
-class StudyBoard:
-    """Comparisons of the table "leaderboard" of a study.
-
-    Attributes:
-        protocol: word of the protocol whose errors count.
-        few: heading -> word of a protocol with fewer poses.
-        controls: model -> the physics, teacher or variant that it is compared with.
-        extras: models that need more packages, in a separate table.
-        variants: models in a separate table, over the data on which they ran.
-        withdrawn: sentence in place of the headline; "": the headline stands.
-    """
-
-    protocol: str
-    few: Mapping[str, str] = field(default_factory=dict)
-    controls: Mapping[str, str] = field(default_factory=dict)
-    extras: Words = ()
-    variants: Words = ()
-    withdrawn: str = ""
-
-
-@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class Study:
     """Describe the runs of a study and its page.
 
@@ -99,7 +79,7 @@ class Study:
     tables: Words = ("scores",)
     figures: Words = ()
     groups: Mapping[str, Words] = Field(default_factory=dict)
-    board: StudyBoard | None = None
+    board: BoardSettings | None = None
     lite: Words = ()
     file: Path = Path()
 
@@ -253,10 +233,10 @@ def read_study(path: Path) -> Study:
 def _describe(problem: Mapping[str, Any]) -> str:
     """Return which key of a file is wrong, its value, and what is valid."""
     *place, key = (str(part) for part in problem["loc"])
-    table = {"run": StudyRun, "board": StudyBoard}.get(place[0] if place else "", Study)
+    table = {"run": StudyRun, "board": BoardSettings}.get(place[0] if place else "", Study)
     keys = [field.name for field in fields(table)]
     if problem["type"] == UNKNOWN_KEY:
-        of_runs = () if table is StudyBoard else fields(StudyRun)
+        of_runs = () if table is BoardSettings else fields(StudyRun)
         return str(unknown_name("key", key, {*keys, *(field.name for field in of_runs)}))
     where = ".".join([*place, key])
     if problem["type"] == "missing":

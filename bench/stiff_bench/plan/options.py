@@ -413,10 +413,10 @@ def measured_file(path: Path, robot: Robot, options: FileOptions) -> Choice[Data
     """
     context = {"csv": path, "robot": robot, "options": options}
     caveat = f"{path.name} is simulated, never measured, as its data card says."
-    caveats = (caveat,) if read_card(path).is_simulated else ()
-    return replace(
-        Choice.of(replace(MEASURED_FILE, key=path.name, caveats=caveats)), context=context
-    )
+    kind = read_card(path).kind
+    caveats = (caveat,) if kind == "simulated" else ()
+    info = replace(MEASURED_FILE, key=path.name, kind=kind, caveats=caveats)
+    return replace(Choice.of(info), context=context)
 
 
 @dataclass(frozen=True)
@@ -431,7 +431,7 @@ class HeldData:
 
 
 OWN_DATA = DatasetInfo(
-    key="own-data", target=HeldData, kind="user's data", summary="samples from memory"
+    key="own-data", target=HeldData, kind="unknown", summary="samples from memory"
 )
 
 

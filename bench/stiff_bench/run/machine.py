@@ -10,7 +10,7 @@ import os
 import sys
 from pathlib import Path
 
-from stiff_models.io.training_cache import cache_folder
+from stiff_models.io.cache_folder import cache_folder
 
 
 def usable_cores() -> int:

@@ -19,6 +19,8 @@ from stiff_bench.plan.cells import installed
 from stiff_bench.plan.registry import plugin_files
 from stiff_bench.run.machine import usable_cores
 
+LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "pin")
+"""Libraries whose version can change numbers."""
 _OURS = "stiffbench"
 _NOT_LOADED = "not loaded"
 _VARIABLES = re.compile(

@@ -10,7 +10,6 @@ import numpy as np
 from stiff_bench.plan.cells import uses_validation
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.request import DEFAULT_COVERAGE
-from stiff_models.fitted_model import left_out_fifths
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.evaluation import training_side
 from stiff_protocols.contract.plugin import ModelInfo
@@ -91,6 +90,8 @@ def cross_validated_error(
         ModelError: the samples have only one pose.
         StiffBenchError: the remaining samples cannot be fitted.
     """
+    from stiff_models.pose_folds import left_out_fifths  # scikit-learn is slow to import
+
     if len(np.unique(samples.pose_id)) < 2:
         raise ModelError("one pose, expected at least two for a cross-validated error")
     errors = []

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from stiff_bench.parameter_types import Folder, Form
 from stiff_bench.store.cell_rows import write_row
 from stiff_bench.store.database import (
     ResultStore,
@@ -55,22 +57,29 @@ class Merged:
         return "\n".join(self.report)
 
 
-def merge(folders: Sequence[Path], output: Path, keys: Collection[str] | None = None) -> Merged:
-    """Join the results of folders in `output`, which may exist and hold some, or be one of them.
+def merge(
+    folders: Annotated[Sequence[Path | str], Form("DIR...")],
+    output: Folder,
+    keys: Collection[str] | None = None,
+) -> Merged:
+    """Merge the results of several machines into one folder.
 
     A cell's key holds all that shapes its numbers. So a cell that is stored already is left out;
     only a result replaces a failure. The merge is one transaction: all of it, or nothing.
 
     Args:
-        folders: with results.
-        output: that takes them.
-        keys: of the cells to take, with their runs and data; None: all.
+        folders: folders of results; they are not changed.
+        output: folder to merge into: new, or with results; it may be one of the folders.
+        keys: keys of the fits to take, with their runs and data; None: all.
 
     Raises:
         ConfigError: two folders have different numbers of one cell.
         StoreError: a folder holds no results, or `output` cannot be written.
     """
-    inputs = {folder: read_results(folder, keys) for folder in _inputs(folders, output)}
+    output = Path(output)
+    inputs = {
+        folder: read_results(folder, keys) for folder in _inputs([*map(Path, folders)], output)
+    }
     ResultStore(output)
     with writing(output) as db:
         # the transaction keeps other writers out, so what is read here stays as it is

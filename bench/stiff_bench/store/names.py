@@ -96,7 +96,7 @@ SHORT = 8
 
 
 @dataclass(frozen=True, order=True)
-class CaseName:
+class TaskName:
     """Identify results that are comparable.
 
     Attributes:
@@ -119,10 +119,10 @@ class CaseName:
         return " | ".join(filter(None, (self.dataset, self.protocol, self.condition)))
 
 
-def label_parts(names: Iterable[CaseName]) -> dict[CaseName, tuple[str, ...]]:
+def label_parts(names: Iterable[TaskName]) -> dict[TaskName, tuple[str, ...]]:
     """Return the parts of each name for people: data set, protocol, condition, and what differs.
 
-    Cases with one text have other seeds or other data (one file name, say); the seed or the
+    Tasks with one text have other seeds or other data (one file name, say); the seed or the
     hash that tells them apart stands there then, and only then.
     """
     parts = {}
@@ -143,6 +143,6 @@ def label_parts(names: Iterable[CaseName]) -> dict[CaseName, tuple[str, ...]]:
     return parts
 
 
-def labels(names: Iterable[CaseName]) -> dict[CaseName, str]:
-    """Return each name in one text, as `CaseName.text` has it, with what tells it apart."""
+def labels(names: Iterable[TaskName]) -> dict[TaskName, str]:
+    """Return each name in one text, as `TaskName.text` has it, with what tells it apart."""
     return {name: " | ".join(parts) for name, parts in label_parts(names).items()}

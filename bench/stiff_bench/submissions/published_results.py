@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from stiff_bench.paper.study_file import Study, shipped_folder
-from stiff_bench.paper.study_page import outdated_models
 from stiff_bench.plan.cells import CellTask
+from stiff_bench.results.notes import outdated_models
 from stiff_bench.store.database import FILE, has_results, read_results, why_no_results
 from stiff_bench.store.names import SHORT, grouped
 from stiff_bench.tables.units import counted, first_few

@@ -30,7 +30,7 @@ from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import FILE, ResultStore, read_results
 from stiff_bench.submissions.published_results import Place, place_of
 from stiff_bench.submissions.submission import Scope
-from stiff_models.io.training_cache import OFF, VARIABLE
+from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.record import CellResult
 

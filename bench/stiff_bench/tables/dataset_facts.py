@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from stiff_bench.store.samples import load_torque
-from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import MM
+from stiff_bench.tables.writers import plain_text
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray
@@ -157,11 +157,9 @@ def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options:
     if info.reference:
         lines.append(f"reference: {info.reference}")
     lines += [f"caveat: {caveat}" for caveat in info.caveats]
-    counts, *other_tables = facts(data)
     parts = [
         "\n".join(lines),
-        plain_text(counts, widths=[None, 70]),
-        *map(plain_text, other_tables),
+        *map(plain_text, facts(data)),
     ]
     return "\n\n".join([*parts, f"picture: {picture}"])
 

@@ -1,7 +1,7 @@
 """Tables of typed values, printed by commands and pages.
 
-Each column of a table makes its cells from the records of the rows. `render` writes the table as
-text, the report writes it as part of a page. Neither parses numbers from texts.
+Each column of a table makes its cells from the records of the rows. `writers` writes the table as
+text, `page` as part of a page. Neither parses numbers from texts.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ class Quantity:
         share: count and total, such as 3 of 5 data sets.
         mark: text after the number, such as "*".
         status: text after the number or instead of it, such as "FAILED".
+        ratio: ratio to the VJM's error: on an HTML page the colour of the cell, or the dot of a
+            chart; None: no colour.
     """
 
     value: float | None = None
@@ -48,6 +50,7 @@ class Quantity:
     share: tuple[int, int] | None = None
     mark: str = ""
     status: str = ""
+    ratio: float | None = None
 
     @property
     def order(self) -> float | None:
@@ -97,6 +100,8 @@ class Column:
         hidden: True if only csv and json have the column, because the title has its value.
         marks_shown: False if only csv and json have the marks of its cells.
         by_sign: 1: cells above zero are coloured as better, below as worse; -1: the reverse.
+        is_chart: True if an HTML page shows ratio and interval of the cells as a chart; other
+            formats print them as text.
         value: function that makes the cell from the record of a row, such as a model; None: the
             record has the cell under the column's name. See `Table.of`.
     """
@@ -110,6 +115,7 @@ class Column:
     hidden: bool = False
     marks_shown: bool = True
     by_sign: int = 0
+    is_chart: bool = False
     value: Callable[[Any], Entry] | None = None
 
     def text(self, cell: Entry) -> str:
@@ -179,7 +185,13 @@ class Table(BriefFields):
         notes: Sequence[str] = (),
         **facts: Any,
     ) -> Self:
-        """Return a table with a row per record, made by the columns' `value`."""
+        """Return a table with a row per record, made by the columns' `value`.
+
+        The records of a pandas DataFrame are dictionaries of its rows, with None for NaN.
+        """
+        frame: Any = records
+        if hasattr(frame, "to_dict"):
+            records = frame.astype(object).where(frame.notna(), None).to_dict("records")
         values = [column.value or itemgetter(column.name) for column in columns]
         rows = [[value(record) for value in values] for record in records]
         return cls(title, columns, rows, notes, **facts)

@@ -73,9 +73,10 @@ class DataCard:
     name: str = ""
 
     @property
-    def is_simulated(self) -> bool:
-        """True if the card's row "What" contains SIMULATED."""
-        return "SIMULATED" in self.facts.get("what", "")
+    def kind(self) -> str:
+        """Return "simulated", "measured" or "unknown", by the capital word in the row "What"."""
+        what = self.facts.get("what", "")
+        return next((k for k in ("simulated", "measured") if k.upper() in what), "unknown")
 
     def text(self, fact: str) -> str:
         """Return a fact as plain text; "" if it is missing."""

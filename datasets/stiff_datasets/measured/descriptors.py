@@ -148,7 +148,7 @@ class DescribedFile:
         """Subjects, with "simulated" if the card says so."""
         names = {column.name for column in self.columns}
         subjects = ["deflection"] if names & {*DEFLECTION_COLUMNS, *LOADED_COLUMNS} else []
-        origins = ["simulated"] if self.card.is_simulated else []
+        origins = ["simulated"] if self.card.kind == "simulated" else []
         return ["industrial robot", "stiffness", *subjects, *origins]
 
     @property

@@ -123,7 +123,7 @@ def register(
         raise DataError(
             f"{csv}: has rows of the group {SIMULATED_GROUP!r}, written by a simulation"
         )
-    if read_card(csv).is_simulated:
+    if read_card(csv).kind == "simulated":
         raise DataError(f"{csv}: its data card says SIMULATED; only a measurement is registered")
     make_folder(path.parent)
     tables[key] = {name: value for name, value in asdict(entry).items() if value is not None}

@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING, Any, TypeGuard, get_type_hints
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
-from sklearn.base import BaseEstimator
 
 from stiff_models.model_catalog import MODELS, model_info
 from stiff_protocols.contract.errors import DataError, ModelError, NotFittedError, StiffBenchError
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.source_code import code_of
+from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.types import Robot
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def _plain(value: Any) -> Any:
         state = {name: tensor.cpu().numpy() for name, tensor in value.state_dict().items()}
         return {_KIND_KEY: "module", "state": state}
     cls = type(value)
-    if _is_own(cls) and isinstance(value, BaseEstimator):
+    if _is_own(cls) and isinstance(value, StiffnessModel):
         fitted = {name: part for name, part in vars(value).items() if _is_fitted(name)}
         params = _plain(value.get_params(deep=False))
         return {
@@ -214,9 +214,9 @@ def _restored(value: Any) -> Any:
     return cls(**_restored(value["fields"]))
 
 
-def _model(node: Mapping[str, Any]) -> BaseEstimator:
+def _model(node: Mapping[str, Any]) -> StiffnessModel:
     cls = _class_of(node["class"])
-    if not issubclass(cls, BaseEstimator):
+    if not issubclass(cls, StiffnessModel):
         raise DataError(f"holds {node['class']}, which is not a stiffbench model")
     params = _restored(node["params"])
     if params.get("device") == "cuda":

@@ -12,7 +12,8 @@ import numpy as np
 from annotated_types import Gt
 from sklearn.base import clone
 
-from stiff_models.fitted_model import NormalModel, folds_of_poses
+from stiff_models.fitted_model import NormalModel
+from stiff_models.pose_folds import folds_of_poses
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 

@@ -14,8 +14,9 @@ import numpy as np
 import torch
 from annotated_types import Ge
 
-from stiff_models.fitted_model import NormalModel, left_out_fifths
+from stiff_models.fitted_model import NormalModel
 from stiff_models.networks.onnx_export import MeanOf
+from stiff_models.pose_folds import left_out_fifths
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples

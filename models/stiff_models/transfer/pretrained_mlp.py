@@ -16,12 +16,13 @@ import numpy as np
 import torch
 from sklearn.base import clone
 
-from stiff_models.fitted_model import FittedModel, left_out_fifths
+from stiff_models.fitted_model import FittedModel
 from stiff_models.networks.fully_connected import Activation
 from stiff_models.networks.network_model import NetworkModel
 from stiff_models.networks.onnx_export import Difference, SumOf, physics_module
 from stiff_models.networks.training import Rows, TrainingPlan
 from stiff_models.physics.vjm import Physics, fitted_physics
+from stiff_models.pose_folds import left_out_fifths
 from stiff_models.transfer.pretraining import PretrainedModel
 from stiff_models.transfer.source_model import NO_TARGET_LABELS
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning

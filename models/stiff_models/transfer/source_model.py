@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 
@@ -78,8 +78,7 @@ class SourceModel:
 
     def __sklearn_clone__(self) -> Self:
         """Return an unfitted copy with the same options and the same source."""
-        base: Any = super()
-        copy: Self = base.__sklearn_clone__()
+        copy = replace(self)
         copy.use_source(self._source)
         return copy
 

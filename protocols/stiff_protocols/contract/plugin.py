@@ -155,7 +155,7 @@ class DatasetInfo(PluginInfo):
     """A data set.
 
     Attributes:
-        kind: "simulated" or "measured"; printed with every table.
+        kind: "simulated", "measured" or "unknown"; printed with every table.
         caveats: printed under every table that contains the data set.
         published: name of the table in `results/published` to print below; "" for none.
         card: the data card, a path inside the package `stiff_datasets`; "" for none.

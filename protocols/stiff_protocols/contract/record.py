@@ -213,8 +213,8 @@ class CellResult(BriefFields):
         return f"{self.status}: {self.failure}"
 
 
-@dataclass(frozen=True)
-class RunManifest:
+@dataclass(frozen=True, repr=False)
+class RunManifest(BriefFields):
     """Provenance of a run: everything except the cells that can change a result.
 
     Attributes:

@@ -2,11 +2,12 @@
 
 A model has scikit-learn *semantics*: a constructor with keyword-only arguments that only stores
 them, `fit` that computes, fitted attributes that end in an underscore, `get_params` and
-`set_params` (inherit `sklearn.base.BaseEstimator` for them, or write them).
+`set_params` (inherit `StiffnessModel` or `sklearn.base.BaseEstimator` for them, or write them).
 """
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -62,12 +63,31 @@ class StiffnessModel:
         raise NotImplementedError
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Return the constructor's arguments as stored."""
-        raise NotImplementedError
+        """Return the constructor's arguments as stored, by name; `deep` changes nothing."""
+        options = inspect.signature(type(self)).parameters
+        return {name: getattr(self, name) for name in sorted(options)}
 
     def set_params(self, **params: Any) -> Self:
-        """Store new values of constructor arguments."""
-        raise NotImplementedError
+        """Store new values of constructor arguments.
+
+        Raises:
+            ValueError: the constructor has no such argument.
+        """
+        for name, value in params.items():
+            if name not in self.get_params():
+                raise ValueError(f"{type(self).__name__} has no option {name!r}")
+            setattr(self, name, value)
+        return self
+
+    def __repr__(self) -> str:
+        """Return the class with the options that differ from their defaults."""
+        options = inspect.signature(type(self)).parameters
+        changed = [
+            f"{name}={value!r}"
+            for name, value in self.get_params().items()
+            if repr(value) != repr(options[name].default)
+        ]
+        return f"{type(self).__name__}({', '.join(changed)})"
 
     def check_params(self) -> None:
         """Raise ConfigError for options that contradict each other, before any computation.

@@ -19,7 +19,6 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Self
 
 import numpy as np
-from sklearn.base import BaseEstimator, clone
 
 from stiff_protocols.contract.errors import ModelError, NotFittedError, TooFewToCalibrate
 from stiff_protocols.contract.stiffness_model import StiffnessModel
@@ -46,7 +45,7 @@ def calibration_samples_needed(coverage: float) -> int:
 
 
 @dataclass(eq=False, repr=False)
-class SplitConformal(BaseEstimator):  # type: ignore[misc]
+class SplitConformal(StiffnessModel):
     """A model with split-conformal intervals.
 
     Attributes:
@@ -72,6 +71,8 @@ class SplitConformal(BaseEstimator):  # type: ignore[misc]
         Raises:
             TooFewToCalibrate: `coverage` needs more calibration samples than half of the poses.
         """
+        from sklearn.base import clone  # slow, and few runs have intervals
+
         part = inner_validation(train, np.arange(len(train)), self._fraction(train), seed)
         self.model_ = clone(self.model)
         learned = train.take(part.train)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, frozen_array
@@ -49,6 +48,8 @@ def mean_ratio(logs: ArrayLike, confidence: float = 1.0 - LEVEL) -> MeanRatio:
     Raises:
         DataError: there are fewer than two robots, or a logarithm is not finite.
     """
+    from scipy import stats  # slow, and few commands test
+
     values = _checked(logs)
     mean, error = float(values.mean()), float(stats.sem(values))
     half = error * float(stats.t.ppf(0.5 + 0.5 * confidence, len(values) - 1))
@@ -65,6 +66,8 @@ def sign_flip_p_value(differences: ArrayLike) -> float:
     Raises:
         DataError: there are fewer than two robots, or a difference is not finite.
     """
+    from scipy import stats  # slow, and few commands test
+
     values = _checked(differences)
     if not values.any():
         return 1.0
@@ -100,6 +103,8 @@ def equivalence_p_value(differences: ArrayLike, margin: float = MARGIN) -> float
     Raises:
         DataError: there are fewer than two robots, or a difference is not finite.
     """
+    from scipy import stats  # slow, and few commands test
+
     values = _checked(differences)
     if np.ptp(values) < ROUNDING:
         return 0.0 if abs(values[0]) < margin else 1.0

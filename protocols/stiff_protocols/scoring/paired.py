@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special, stats
+from scipy import special
 
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.types import FloatArray, frozen_array
@@ -152,6 +152,8 @@ def wilcoxon_signed_rank(differences: ArrayLike) -> float:
     Raises:
         DataError: `differences` is empty, or contains a number that is not finite.
     """
+    from scipy import stats  # slow, and few commands test
+
     values = frozen_array(differences, "differences", (None,))
     if not len(values):
         raise DataError("the signed-rank test needs at least 1 difference, there are none")

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, islice
-from typing import TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
-from sklearn.model_selection import GroupShuffleSplit
+from numpy.typing import NDArray
 
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import IntArray, Samples, Split
 
 NO_ROWS: IntArray = np.empty(0, dtype=np.int64)
+Division = tuple[IntArray, IntArray]
+"""Training and test rows, in increasing order."""
 
 
 class LazySplits(Sequence[Split]):
@@ -82,9 +84,30 @@ def inner_validation(samples: Samples, train: IntArray, fraction: float, seed: i
             f"validation_fraction={fraction:g} leaves no pose to fit to (valid: at most "
             f"{n_poses - 1}/{n_poses})",
         )
-    splitter = GroupShuffleSplit(1, test_size=fraction, random_state=seed)
-    ((fitted_to, validates),) = splitter.split(train, groups=samples.pose_id[train])
+    ((fitted_to, validates),) = group_shuffles(samples.pose_id[train], 1, fraction, seed)
     return Split(0, np.sort(train[fitted_to]), np.sort(train[validates]), NO_ROWS)
+
+
+def group_shuffles(
+    groups: NDArray[Any], n_divisions: int, test_fraction: float, seed: int
+) -> Iterator[Division]:
+    """Yield random divisions of the groups of rows, those of scikit-learn's GroupShuffleSplit.
+
+    They are written out because scikit-learn takes a second to import, in every run.
+
+    Args:
+        groups: (n,) group of each row; its rows stay together.
+        n_divisions: number of divisions.
+        test_fraction: share (0..1) of the groups to test on, rounded up.
+        seed: seed of the divisions.
+    """
+    distinct_groups, group_of_row = np.unique(groups, return_inverse=True)
+    n_groups = len(distinct_groups)
+    n_test = math.ceil(test_fraction * n_groups)
+    random = np.random.RandomState(seed)  # as scikit-learn
+    for _ in range(n_divisions):
+        tested = np.isin(group_of_row, random.permutation(n_groups)[:n_test])
+        yield np.flatnonzero(~tested), np.flatnonzero(tested)
 
 
 def indivisible(samples: Samples, reason: str) -> ConfigError:

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from functools import partial
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Lt
-from numpy.typing import NDArray
-from sklearn.model_selection import GroupKFold, GroupShuffleSplit, LeaveOneGroupOut
 
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.protocol_base import EvaluationProtocol
 from stiff_protocols.contract.types import Samples, Split
-from stiff_protocols.splits.generators import LazySplits, divided_inside, indivisible
+from stiff_protocols.splits.generators import (
+    Division,
+    LazySplits,
+    divided_inside,
+    group_shuffles,
+    indivisible,
+)
 
 Fraction = Annotated[float, Gt(0.0), Lt(1.0)]
 
@@ -74,12 +79,15 @@ class KFold(EvaluationProtocol):
                 f"or use kfold@folds={n_splits}",
                 "splits",
             )
+        from sklearn.model_selection import GroupKFold  # slow, and only this protocol needs it
+
         n_poses = len(np.unique(samples.pose_id))
         if self.folds > n_poses:
             reason = f"(valid: 2 to {n_poses})" if n_poses > 1 else "needs as many poses"
             raise indivisible(samples, f"folds={self.folds} {reason}")
         splitter = GroupKFold(self.folds, shuffle=True, random_state=seed)
-        return _divided_by(splitter, samples, samples.pose_id, self.validation_fraction, seed)
+        divide = partial(splitter.split, samples.q, groups=samples.pose_id)
+        return _divided_by(divide, self.folds, samples, self.validation_fraction, seed)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -137,8 +145,13 @@ class LeaveOneOut(EvaluationProtocol):
         _, first_rows, pose = np.unique(samples.pose_id, return_index=True, return_inverse=True)
         if len(first_rows) < 2:
             raise indivisible(samples, "leave-one-out needs two poses")
-        groups = first_rows[pose]  # in the order of the poses' first rows
-        return _divided_by(LeaveOneGroupOut(), samples, groups, self.validation_fraction, seed)
+
+        def left_out() -> Iterator[Division]:
+            for first_row in np.sort(first_rows):
+                tested = first_rows[pose] == first_row
+                yield np.flatnonzero(~tested), np.flatnonzero(tested)
+
+        return _divided_by(left_out, len(first_rows), samples, self.validation_fraction, seed)
 
 
 def _shuffled(
@@ -154,28 +167,28 @@ def _shuffled(
         reason = f"leaves no pose to learn from (valid: at most {n_poses - 1}/{n_poses})"
         reason = reason if n_poses > 1 else "needs two poses"
         raise indivisible(samples, f"test_fraction={test_fraction:g} {reason}")
-    splitter = GroupShuffleSplit(n_splits or 1, test_size=test_fraction, random_state=seed)
-    return _divided_by(splitter, samples, samples.pose_id, validation_fraction, seed)
+    n_divisions = n_splits or 1
+    divide = partial(group_shuffles, samples.pose_id, n_divisions, test_fraction, seed)
+    return _divided_by(divide, n_divisions, samples, validation_fraction, seed)
 
 
 def _divided_by(
-    splitter: Any,
+    divide: Callable[[], Iterable[Division]],
+    n_divisions: int,
     samples: Samples,
-    groups: NDArray[Any],
     validation_fraction: float | None,
     seed: int,
 ) -> LazySplits:
-    """Return the divisions of a group splitter of scikit-learn's, each with a validation part.
+    """Return the divisions that `divide` gives, each with a validation part.
 
     Without a `validation_fraction` of the training poses, the test rows are the validation rows.
     """
 
     def divided() -> Iterator[Split]:
-        divisions = enumerate(splitter.split(samples.q, groups=groups))
-        for index, (train, test) in divisions:
+        for index, (train, test) in enumerate(divide()):
             if validation_fraction is None:
                 yield Split(index, np.sort(train), np.sort(test), np.sort(test))
             else:
                 yield divided_inside(samples, index, train, test, validation_fraction, seed)
 
-    return LazySplits(divided, splitter.get_n_splits(groups=groups))
+    return LazySplits(divided, n_divisions)

@@ -59,7 +59,7 @@ def test_an_object_shows_a_table(cells, line):
     assert "<table" in cells[line][-1].data["text/html"]
 
 
-@pytest.mark.parametrize("line", ["data.plot()", "results.plot()"])
+@pytest.mark.parametrize("line", ["data.plot()", 'sb.figure("scores", results)'])
 def test_a_figure_shows_a_picture(cells, line):
     (output,) = cells[line]
     assert output.data["image/png"] and "\n" not in output.data["text/plain"]

@@ -50,9 +50,9 @@ def made(folder):
         interval=model.predict_interval(data.samples.q, data.samples.wrench),
         results=results,
         of_one_model=results["vjm"],
-        answer=results.answer(),
+        scores=results.scores(),
         comparison=results.compare("knn", "vjm"),
-        figure=results.plot(),
+        figure=sb.figure("scores", results),
         picture=data.plot(),
         path=path,
         poses=data.robot.forward(data.samples.q),
@@ -92,7 +92,7 @@ def reachable(given):
 def test_every_object_that_can_be_reached_prints_at_most_2000_characters(given):
     things = {name: thing for name, thing in reachable(given)}
     kinds = {type(thing).__name__ for thing in things.values()}
-    assert {"BenchmarkData", "Samples", "CellResult", "Prediction", "ScoredCase"} <= kinds
+    assert {"BenchmarkData", "Samples", "CellResult", "Prediction", "ScoredTask"} <= kinds
     assert len(kinds) > 25
     long = {
         name: len(repr(thing))
@@ -154,7 +154,7 @@ def test_names_with_html_formulas_and_control_signs_are_shown_as_they_are(given)
 
 
 def test_results_of_a_model_are_those_of_its_name_and_an_unknown_name_is_refused(given):
-    assert {cell.presentation.model for cell in given.results["knn"].cells} == {"knn"}
+    assert {fit.presentation.model for fit in given.results["knn"].fits} == {"knn"}
     for name in ("gp", 0):
         with pytest.raises(ConfigError, match="knn"):
             given.results[name]
@@ -164,7 +164,7 @@ def test_results_of_a_model_are_those_of_its_name_and_an_unknown_name_is_refused
 
 def test_a_selection_outlives_the_results_that_it_is_of(given):
     part = sb.evaluate(["vjm", "knn"], given.data, splits=1)["knn"]
-    assert len(part.cells) == 1 and "knn" in repr(part)
+    assert len(part.fits) == 1 and "knn" in repr(part)
 
 
 class Broken:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from helpers.figure_results import compared, learned, with_fields
-from stiff_bench.analysis.selection import Selection
 from stiff_bench.figures import losses
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.style import COLUMN_INCH
+from stiff_bench.results.selection import Selection
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 NEEDS = {
@@ -72,16 +72,16 @@ def test_a_fair_protocol_comes_before_one_that_picks_on_the_test_part(tmp_path):
     made.add("extra", [0.1])
     for name in SEVEN:
         made.add(name, [0.1], protocol="paper-holdout", selects_on_test=True)
-    assert FigureSource.of(tmp_path).compared(1).case.name.protocol == "holdout"
+    assert FigureSource.of(tmp_path).compared(1).task.name.protocol == "holdout"
 
 
 def test_a_protocol_that_reports_training_rows_is_drawn_only_without_other_results(tmp_path):
     made = compared(tmp_path)
     for name in SEVEN:
         made.add(name, [0.1], protocol="paper-holdout@read_on=all", reports_training=True)
-    assert {case.name.protocol for case in FigureSource.of(tmp_path).newest} == {"holdout"}
+    assert {task.name.protocol for task in FigureSource.of(tmp_path).newest} == {"holdout"}
     source = FigureSource.of(tmp_path, Selection(protocols=("paper-holdout",)))
-    assert source.compared(1).case.name.protocol == "paper-holdout@read_on=all"
+    assert source.compared(1).task.name.protocol == "paper-holdout@read_on=all"
     assert "training samples among those reported" in caption_of("errors", source)
 
 

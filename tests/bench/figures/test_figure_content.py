@@ -10,12 +10,12 @@ from scipy import stats
 
 from helpers.figure_results import CURVE, SIZES, compared, learned, with_fields
 from helpers.made_results import TWINS, MadeResults, made_data
-from stiff_bench.analysis.selection import Selection
 from stiff_bench.figures import learning_curves, variants
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource, marks
 from stiff_bench.figures.samples import errors_by_row, regression_figure
 from stiff_bench.figures.style import short, short_names
+from stiff_bench.results.selection import Selection
 from stiff_bench.store.database import ResultStore, read_data, read_results
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import Presentation
@@ -73,7 +73,7 @@ def test_a_workspace_colours_each_pose_by_the_length_of_its_error(tmp_path):
     MadeResults(tmp_path).add("vjm", [[0.1, 0.2, 0.3, 0.4]])
     source = FigureSource.of(tmp_path)
     side, above, *_ = FIGURES["workspace"](source).draw().axes
-    data = read_data(tmp_path, source.compared(1).case.name.data_sha256)
+    data = read_data(tmp_path, source.compared(1).task.name.data_sha256)
     for axes, across in ((side, np.hypot(*data.tcp[:4, :2].T)), (above, data.tcp[:4, 0])):
         (points,) = axes.collections
         np.testing.assert_allclose(points.get_offsets()[:, 0], across)
@@ -94,7 +94,7 @@ def test_a_workspace_draws_the_arm_from_its_base_to_a_tcp(tmp_path):
     MadeResults(tmp_path).add("vjm", [0.1])
     source = FigureSource.of(tmp_path)
     side, above, *_ = FIGURES["workspace"](source).draw().axes
-    data = read_data(tmp_path, source.compared(1).case.name.data_sha256)
+    data = read_data(tmp_path, source.compared(1).task.name.data_sha256)
     arm = np.column_stack([above.lines[0].get_xydata(), side.lines[0].get_ydata()])
     np.testing.assert_allclose(arm[0], 0.0)
     assert np.isclose(arm[-1], data.tcp).all(axis=1).any()

@@ -9,9 +9,9 @@ import pytest
 
 from helpers.figure_results import CURVE, SIZES, with_fields
 from helpers.made_results import MadeResults, made_data
-from stiff_bench.analysis.selection import Selection
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import MOST_PANELS, FigureSource
+from stiff_bench.results.selection import Selection
 from stiff_bench.store.database import ResultStore, read_results
 
 NAMES = ("z-twin", "measured-data", "a", "longest-name-of-all")

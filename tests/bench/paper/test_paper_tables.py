@@ -28,9 +28,9 @@ from stiff_bench.paper.paper_tables import (
     TABLES,
     read_table,
 )
-from stiff_bench.tables.metric_table import TRAINING_MARK
+from stiff_bench.results.notes import TRAINING_MARK
 from stiff_bench.tables.published import about_table
-from stiff_bench.tables.render import render
+from stiff_bench.tables.writers import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 PAPER, ON_ALL, FAIR = "paper-holdout", "paper-holdout@read_on=all", "holdout"

@@ -11,8 +11,9 @@ import pytest
 
 from helpers.run_requests import computed, with_model
 from helpers.sealed_samples import Leak, computed_under_seal, with_other_test_deflections
-from stiff_bench.tables.metric_table import SELECTION_MARK, TRAINING_MARK, build_tables
-from stiff_bench.tables.render import render
+from stiff_bench.results.metric_tables import metric_tables
+from stiff_bench.results.notes import SELECTION_MARK, TRAINING_MARK
+from stiff_bench.tables.writers import render
 from stiff_models.model_catalog import FAMILIES, MODELS, model_info
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.protocol_catalog import PROTOCOLS
@@ -288,7 +289,7 @@ def printed(tasks_of):
 
     def of(models, protocol):
         tasks = tasks_of(models, "fanuc-r2000ic", protocol)
-        tables = build_tables([computed(with_model(task, Witness)) for task in tasks], MAE)
+        tables = metric_tables([computed(with_model(task, Witness)) for task in tasks], MAE)
         formats = ("github", "latex", "html", "csv", "json")
         return {fmt: render(tables, fmt, "bench run") for fmt in formats}
 

@@ -15,7 +15,7 @@ def test_libraries_use_our_cache_only_if_it_can_be_written(tmp_path, monkeypatch
     monkeypatch.setenv("STIFFBENCH_CACHE", str(home / "cache"))
     environment: dict[str, str] = {}
     monkeypatch.setattr("stiff_bench.run.machine.os.environ", environment)
-    monkeypatch.setattr("stiff_models.io.training_cache.os.environ", environment)
+    monkeypatch.setattr("stiff_models.io.cache_folder.os.environ", environment)
     environment["STIFFBENCH_CACHE"] = str(home / "cache")
     keep_libraries_in_our_cache()
     assert ("TORCHINDUCTOR_CACHE_DIR" in environment) is not home_is_file

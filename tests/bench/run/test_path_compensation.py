@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from helpers.run_requests import computed, planned, with_model
-from stiff_bench.analysis.collected import StoredResults, of_newest_data, same_name_other_data
 from stiff_bench.plan.cells import cell_tasks, made_model
+from stiff_bench.results.load import StoredResults, newest_tasks
+from stiff_bench.results.metric_tables import metric_tables
+from stiff_bench.results.notes import same_name_other_data
 from stiff_bench.run.cell import Execution, fit_input
 from stiff_bench.run.fit import fit_and_predict
 from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
-from stiff_bench.tables.metric_table import build_tables
 from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.splits.path_compensation import PathCompensation
 
@@ -62,8 +63,8 @@ def results(stored):
 
 
 @pytest.fixture(scope="module")
-def cases(stored):
-    return stored[0], {case.name.protocol: case for case in StoredResults.read(stored[0]).cases}
+def stored_tasks(stored):
+    return stored[0], {task.name.protocol: task for task in StoredResults.read(stored[0]).tasks}
 
 
 def witnessed(task):
@@ -112,7 +113,7 @@ def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results)
 
 
 def test_the_table_shows_path_errors_and_the_rows_that_no_model_may_know(results):
-    (table,) = build_tables(results, ())
+    (table,) = metric_tables(results, ())
     assert [column.about["metric"] for column in table.columns if column.about] == [
         *("norm", "norm-p95", "norm-max", "removed")
     ]
@@ -121,12 +122,12 @@ def test_the_table_shows_path_errors_and_the_rows_that_no_model_may_know(results
     assert any("path errors" in note for note in table.notes)
 
 
-def test_results_with_and_without_paths_are_of_the_same_data_set(cases):
-    folder, of_protocol = cases
+def test_results_with_and_without_paths_are_of_the_same_data_set(stored_tasks):
+    folder, of_protocol = stored_tasks
     every = [*of_protocol.values()]
-    assert len({case.name.data_sha256 for case in every}) == 2
+    assert len({task.name.data_sha256 for task in every}) == 2
     assert list(same_name_other_data(every, lambda sha256: read_data(folder, sha256))) == []
-    assert {case.name.protocol for case in of_newest_data(every)} == {PATHS, "holdout"}
+    assert {task.name.protocol for task in newest_tasks(every)} == {PATHS, "holdout"}
 
 
 def test_holdout_with_paths_has_the_fits_and_errors_of_holdout():

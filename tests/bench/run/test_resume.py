@@ -15,8 +15,8 @@ from helpers import hostile_models
 from helpers.command_line import bench, bench_here, n_stored, started, wait_until
 from helpers.made_results import damage
 from helpers.run_requests import planned
-from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.api.evaluation import Run
+from stiff_bench.results.load import StoredResults
 from stiff_bench.run.cell import Execution
 from stiff_bench.store.database import (
     FILE,
@@ -83,8 +83,8 @@ def test_more_splits_compute_those_that_are_missing(run, tmp_path):
     run(splits=2)
     _, table, message = run(splits=5)
     assert summary_of(message) == "6 ok, 4 cached"
-    (case,) = StoredResults.read(tmp_path).cases
-    assert {competitor.n_requested for competitor in case.competitors.values()} == {5}
+    (task,) = StoredResults.read(tmp_path).tasks
+    assert {stored.n_requested for stored in task.models.values()} == {5}
     assert table == run(splits=5)[1]
 
 

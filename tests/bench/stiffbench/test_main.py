@@ -57,15 +57,30 @@ def test_list_and_show_answer(tmp_path):
     assert "caveat" in bench_here("show", "fanuc-r2000ic", cwd=tmp_path).stdout
 
 
-def test_help_loads_nothing_heavy(tmp_path):
-    code = (
-        "import sys, stiffbench.main as door\n"
-        "try: door.main(['--help'])\n"
-        "except SystemExit: pass\n"
-        "heavy = ('torch', 'numpy', 'pinocchio', 'pandas', 'sklearn')\n"
-        "print([name for name in heavy if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+IMPORTS = (
+    "import sys, stiffbench.main as cli\n"
+    "try: cli.main(sys.argv[2:])\n"
+    "except SystemExit: pass\n"
+    "print([name for name in sys.argv[1].split() if name in sys.modules])"
+)
+"""Program that runs a command, and prints which of some modules it has loaded."""
+STORED_RUN = ["run", "--model", "vjm", "--splits", "1"]
+
+
+@pytest.mark.parametrize(
+    ("words", "heavy"),
+    [
+        (["--help"], "torch numpy pinocchio pandas sklearn"),
+        (
+            STORED_RUN,
+            "torch sklearn scipy.stats matplotlib seaborn stiff_bench.paper stiff_bench.figures",
+        ),
+    ],
+)
+def test_a_command_loads_nothing_heavy_that_it_does_not_need(words, heavy, tmp_path):
+    bench_here(*words, cwd=tmp_path)
+    command = [sys.executable, "-c", IMPORTS, heavy, *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("[]")
 
 

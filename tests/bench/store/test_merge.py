@@ -9,7 +9,7 @@ import pytest
 
 from helpers.command_line import bench_here
 from helpers.made_results import MadeResults, damage
-from stiff_bench.analysis.collected import StoredResults
+from stiff_bench.results.load import StoredResults
 from stiff_bench.store import merging
 from stiff_bench.store.database import ResultStore, read_data, read_manifests, read_results
 from stiff_bench.store.merging import merge
@@ -53,9 +53,9 @@ def test_cells_runs_and_data_of_all_folders_are_in_the_new_one_and_the_folders_s
     assert {run.run_id for run in read_manifests(tmp_path / "c")} == {EARLY, LATE}
     assert (merged.n_cells, merged.n_there) == (4, 0)
     assert merged.taken == {two[0]: (2, 2), two[1]: (2, 2)}
-    (case,) = StoredResults.read(tmp_path / "c").cases
-    assert set(case.competitors) == {"knn", "vjm"}
-    assert len(read_data(tmp_path / "c", case.name.data_sha256).samples) == 12
+    (task,) = StoredResults.read(tmp_path / "c").tasks
+    assert set(task.models) == {"knn", "vjm"}
+    assert len(read_data(tmp_path / "c", task.name.data_sha256).samples) == 12
     merged_contents = contents(tmp_path / "c")
     again = merge([*two, tmp_path / "c"], tmp_path / "c")
     assert (
@@ -102,8 +102,8 @@ def test_other_data_or_splits_under_one_name_are_other_cells_and_stay_apart(tmp_
     first = folder_of(tmp_path / "a", "vjm")
     second = folder_of(tmp_path / "b", "vjm", run_id=LATE, **how)
     assert merge([first, second], tmp_path / "c").n_cells == 4
-    of_cases = [case.results("vjm") for case in StoredResults.read(tmp_path / "c").cases]
-    assert len(of_cases) == (2 if "version" in how else 1) and len(of_cases[-1]) == 2
+    of_tasks = [task.results("vjm") for task in StoredResults.read(tmp_path / "c").tasks]
+    assert len(of_tasks) == (2 if "version" in how else 1) and len(of_tasks[-1]) == 2
 
 
 def test_the_last_state_of_a_run_that_was_copied_while_it_ran_counts(tmp_path):

@@ -31,8 +31,8 @@ from stiff_bench.store.database import (
     stored_statuses,
     writing,
 )
+from stiff_bench.store.names import Variant, without_options
 from stiff_bench.store.samples import data_content, stored_data, what_differs
-from stiff_bench.store.versions import LIBRARIES, differing_libraries
 from stiff_datasets.robots.shipped_robots import shipped_robot, shipped_robots
 from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
 from stiff_protocols.contract.record import CellResult
@@ -225,25 +225,6 @@ def test_the_newest_state_of_a_cell_counts_but_no_failure_replaces_a_result(tmp_
         assert only(tmp_path).run_id == store.result(CELL.key).run_id == run_id
 
 
-@pytest.mark.parametrize(
-    ("runs", "parts"),
-    [
-        ({"a": ["r1"], "b": ["r1"]}, None),
-        ({"a": ["r1", "r2"], "b": ["r2", "r1"]}, None),
-        ({"a": ["r1"], "b": ["r1", "r2"]}, ("numpy", "a: 2.3.0", "b: 2.3.0, 2.4.0")),
-        ({"a": ["r1"], "b": ["lost"]}, ("numpy", "a: 2.3.0", "b: unknown")),
-    ],
-)
-def test_a_library_is_named_whose_versions_differ_between_two_models(runs, parts):
-    manifests = [
-        replace(MANIFEST, run_id=name, environment={library: version for library in LIBRARIES})
-        for name, version in (("r1", "2.3.0"), ("r2", "2.4.0"))
-    ]
-    lines = list(differing_libraries(manifests, runs))
-    assert len(lines) == (len(LIBRARIES) if parts else 0)
-    assert not lines or all(part in lines[0] for part in parts)
-
-
 @pytest.mark.slow
 def test_one_bit_anywhere_in_the_file_is_found_or_changes_nothing(tmp_path):
     """Every 97th byte: an error or the same numbers, never other numbers."""
@@ -360,3 +341,11 @@ def test_a_damaged_packed_file_is_refused_and_leaves_no_file(tmp_path):
     with pytest.raises(StoreError, match=PACKED):
         read_results(tmp_path)
     assert not (tmp_path / FILE).exists()
+
+
+def test_a_mark_in_an_options_value_stays_doubled():
+    variant = Variant("p", {"source": "a@b=1", "seed": 1, "specimen": 2})
+    assert variant.name == "p@seed=1@source=a@@b=1@specimen=2"
+    assert without_options(variant.name, "seed") == "p@source=a@@b=1@specimen=2"
+    every = {"source": "a@b=1", "seed": 1, "specimen": 2, "b": 1, "other": 0}
+    assert Variant.of_stored_name("p", variant.name, every) == variant

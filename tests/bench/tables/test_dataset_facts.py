@@ -13,8 +13,8 @@ from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
 from stiff_bench.figures.dataset_picture import dataset_picture
 from stiff_bench.tables.dataset_facts import card_text, dataset_info, facts
-from stiff_bench.tables.render import plain_text
 from stiff_bench.tables.table import Quantity
+from stiff_bench.tables.writers import plain_text
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import DatasetInfo

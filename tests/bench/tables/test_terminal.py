@@ -21,9 +21,9 @@ from stiff_bench.analysis.answer_text import matrix_table
 from stiff_bench.analysis.case_text import answer_screen, case_table, verdict_sentence
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.tables.render import of_format
 from stiff_bench.tables.table import SCREEN, Column, Name, Quantity, Table
 from stiff_bench.tables.terminal import screen_console, screen_text
+from stiff_bench.tables.writers import of_format
 from stiffbench import open_results
 
 WIDTHS = (80, 100, 120)

@@ -7,8 +7,10 @@ import io
 import json
 import math
 
-from stiff_bench.tables.render import plain_text, render
+import pandas as pd
+
 from stiff_bench.tables.table import VALUE_FIELDS, Column, Name, Quantity, Table
+from stiff_bench.tables.writers import plain_text, render
 
 SMALL = Table(
     "small | mm",
@@ -105,3 +107,10 @@ def grouped(n_groups: int) -> Table:
         for name in ("MAE", "STDE")
     ]
     return Table.of("t", [Column("axis", "text"), *columns], [{"axis": "X"}])
+
+
+def test_the_rows_of_a_frame_are_records_without_nan():
+    frame = pd.DataFrame({"model": ["a", "b"], "error / VJM's": [0.5, math.nan]})
+    double = Column("double", value=lambda row: row["model"] * 2)
+    table = Table.of("t", [Column("model", "text"), Column("error / VJM's"), double], frame)
+    assert [[*row] for row in table.rows] == [["a", 0.5, "aa"], ["b", None, "bb"]]

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from stiff_models.device import Arithmetic
-from stiff_models.io.training_cache import cache_folder
+from stiff_models.io.cache_folder import cache_folder
 from stiff_models.transfer import pretraining
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_models.transfer.pretrained_mlp import MlpPretrained

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from stiff_bench.analysis.verdict import (
+from stiff_bench.results.significance import (
     Question,
     SharedErrors,
     decide_pairs,

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sklearn.model_selection import GroupShuffleSplit
 
 from helpers.made_samples import unloaded
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import Split
 from stiff_protocols.splits.checks import first_fault
-from stiff_protocols.splits.generators import LazySplits
+from stiff_protocols.splits.generators import LazySplits, group_shuffles
 from stiff_protocols.splits.random_splits import (
     Holdout,
     KFold,
@@ -197,3 +198,16 @@ def test_lazy_splits_are_computed_when_they_are_looked_at_and_are_the_same_every
 def test_protocols_say_how_many_splits_they_make(protocol):
     splits = protocol.splits(unloaded(20, 2), n_splits=None, seed=0)
     assert isinstance(splits, LazySplits) and len(splits) == len(list(splits))
+
+
+@pytest.mark.parametrize(
+    ("n_groups", "fraction", "seed"), [(2, 0.5, 0), (7, 0.2, 1), (41, 0.33, 9)]
+)
+def test_random_divisions_are_those_of_scikit_learn(n_groups, fraction, seed):
+    groups = np.random.default_rng(seed).integers(0, n_groups, 120)
+    theirs = GroupShuffleSplit(3, test_size=fraction, random_state=seed).split(
+        groups, groups=groups
+    )
+    for ours, expected in zip(group_shuffles(groups, 3, fraction, seed), theirs, strict=True):
+        np.testing.assert_array_equal(np.concatenate(ours), np.concatenate(expected))
+        np.testing.assert_array_equal(ours[1], expected[1])

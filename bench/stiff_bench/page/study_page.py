@@ -1,0 +1,194 @@
+"""Write the page of a study: tables, figures and provenance."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from stiff_bench.figures.board_figures import score_against_cost, score_against_poses
+from stiff_bench.figures.figure_catalog import FIGURES
+from stiff_bench.figures.figure_source import FigureSource
+from stiff_bench.figures.prepared_figure import Prepared
+from stiff_bench.page.markdown import markdown_page
+from stiff_bench.page.page import Figure, Page, Section, write_text
+from stiff_bench.paper import paper_figures, paper_tables
+from stiff_bench.paper.paper_results import PaperResults
+from stiff_bench.paper.study_file import Study
+from stiff_bench.results.leaderboard import build_leaderboard
+from stiff_bench.results.leaderboard_tables import StudyLeaderboard, leaderboard_tables
+from stiff_bench.results.load import StoredResults
+from stiff_bench.results.metric_tables import metric_tables
+from stiff_bench.results.notes import outdated_models, sources
+from stiff_bench.results.scored_task import sort_key
+from stiff_bench.store.database import FILE
+from stiff_bench.tables.table import Table
+from stiff_bench.tables.units import counted
+from stiff_bench.tables.writers import markdown_code, render
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
+from stiff_protocols.contract.files import make_folder
+from stiff_protocols.scoring.metrics import metric
+
+TABLE_FILES = {"github": "md", "csv": "csv", "latex": "tex"}
+PICTURE_FILES = ("png", "pdf")
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResults:
+    """A study with its results, and the status of each model."""
+
+    study: Study
+    stored: PaperResults
+    statuses: Mapping[str, str]
+
+    @cached_property
+    def leaderboard(self) -> StudyLeaderboard:
+        """Return the study's leaderboard; ConfigError if its file has no key `board`."""
+        return study_leaderboard(self.study, self.stored, self.statuses)
+
+
+Makers = Mapping[str, Callable[[StudyResults], Any]]
+"""Name in a study's file -> function of the stored results; numbers are the source paper's."""
+
+
+def study_leaderboard(
+    study: Study, stored: StoredResults, statuses: Mapping[str, str] = MappingProxyType({})
+) -> StudyLeaderboard:
+    """Return the leaderboard of a study.
+
+    Raises:
+        ConfigError: the study's file has no key `board`.
+    """
+    if study.board is None:
+        raise ConfigError(f"{study.file}: [board] is missing: it names the protocol of the board")
+    return StudyLeaderboard(stored, study.board, study.groups, statuses)
+
+
+def _leaderboard(results: StudyResults) -> list[Table]:
+    if results.study.board is not None:
+        return results.leaderboard.tables
+    return leaderboard_tables(build_leaderboard(results.stored, sort_key()))
+
+
+def _scores(results: StudyResults) -> list[Table]:
+    metrics = [metric(key) for key in results.study.metrics]
+    return metric_tables(results.stored.newest_results(), metrics)
+
+
+def _of_paper(make: Callable[[PaperResults], Any], results: StudyResults) -> Any:
+    return make(results.stored)
+
+
+def _general(make: Callable[[FigureSource], Prepared], results: StudyResults) -> Prepared:
+    return make(FigureSource(results.stored.folder, results.stored.tasks))
+
+
+TABLES: Makers = {
+    "scores": _scores,
+    "leaderboard": _leaderboard,
+    **{number: partial(_of_paper, make) for number, make in paper_tables.TABLES.items()},
+}
+PICTURES: Makers = {
+    "board-cost": lambda results: score_against_cost(results.leaderboard),
+    "board-poses": lambda results: score_against_poses(results.leaderboard),
+    **{number: partial(_of_paper, make) for number, make in paper_figures.FIGURES.items()},
+    **{name: partial(_general, make) for name, make in FIGURES.items()},
+}
+
+
+def check_names(study: Study) -> None:
+    """Check the names of a study's tables and figures.
+
+    Raises:
+        ConfigError: a name is unknown.
+    """
+    for name in study.tables:
+        if name not in TABLES:
+            raise unknown_name("table of a study", name, TABLES)
+    for name in study.figures:
+        if name not in PICTURES:
+            raise unknown_name("figure of a study", name, PICTURES)
+
+
+def write_page(
+    study: Study,
+    output: Path,
+    command: str,
+    n_missing: int,
+    statuses: Mapping[str, str] | None = None,
+) -> Iterator[Path]:
+    """Write OUTPUT/NAME/README.md with its tables and figures, and yield each file.
+
+    The results are in OUTPUT/NAME/runs; `n_missing` fits are not computed. The page names tables
+    and figures that cannot be made, with the reason. `statuses` has the status of each model; None
+    omits this column of the board.
+
+    Raises:
+        StoreError: nothing is stored, a file cannot be written, or a stored file is corrupt.
+    """
+    folder = output / study.name
+    stored = PaperResults.of(folder / "runs")
+    results = StudyResults(study, stored, statuses or {})
+    sections, figures, missing = list[Section](), list[Section](), list[str]()
+
+    def made(kind: str, names: Iterable[str], makers: Makers) -> Iterator[tuple[str, Any]]:
+        for name in names:
+            try:
+                yield name, makers[name](results)
+            except StiffBenchError as error:
+                missing.append(f"{kind} {name}: {error}")
+
+    for name, tables in made("Table", study.tables, TABLES):
+        for fmt, suffix in TABLE_FILES.items():
+            line = f"bench table {name} --format {fmt}" if name.isdecimal() else command
+            file = folder / "tables" / f"{_stem('table', name)}.{suffix}"
+            yield write_text(file, f"{render(tables, fmt, line)}\n")
+            if fmt == "github":
+                sections.append(Section("", tables=tables, command=line))
+    for name, figure in made("Figure", study.figures, PICTURES):
+        make_folder(folder / "figures")
+        address = f"figures/{_stem('figure', name)}"
+        for suffix in PICTURE_FILES:
+            picture = folder / f"{address}.{suffix}"
+            figure.save(picture)
+            yield picture
+        number = f"Figure {name}: " if name.isdecimal() else ""
+        placed_figure = Figure(figure.title, figure.caption, f"{address}.png")
+        figures.append(Section(f"{number}{figure.title}", figures=[placed_figure]))
+    notes = [*study.notes, *_provenance(stored, command, n_missing)]
+    sections = [
+        Section("", notes=notes),
+        *sections,
+        *([Section("Figures", sections=figures)] if figures else []),
+        *([Section("Not made", notes=missing)] if missing else []),
+    ]
+    yield write_text(folder / "README.md", f"{markdown_page(Page(study.title, sections))}\n")
+
+
+def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator[str]:
+    """Yield notes: the command, the versions, and each machine."""
+    results = [result for task in stored.tasks for result in task.every]
+    yield f"made by {markdown_code(command)}"
+    if n_missing:
+        yield f"not finished: {counted(n_missing, 'fit')} not computed"
+    if outdated := outdated_models(results):
+        yield (
+            f"out of date: {', '.join(outdated)} (these models changed since the run; "
+            "`bench show MODEL` has their version)"
+        )
+    counts = Counter(result.run_id for result in results)
+    yield sources(stored.folder, stored.runs, counts)
+    unknown = {"processor": "unknown processor", "platform": "unknown platform"}
+    unknown |= dict.fromkeys(("cores", "python", "torch"), "?")
+    about = "{processor}, {cores} cores, {platform}, Python {python}, torch {torch}"
+    machines = Counter(about.format_map(unknown | dict(run.environment)) for run in stored.runs)
+    for machine, n_runs in machines.items():
+        yield f"{machine}: {counted(n_runs, 'run')} (`{stored.folder.name}/{FILE}`)"
+
+
+def _stem(kind: str, name: str) -> str:
+    return f"{kind}_{name.replace('-', '_')}"

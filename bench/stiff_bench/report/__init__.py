@@ -1,1 +1,0 @@
-"""HTML page of all results of a folder, without network access."""

@@ -1,0 +1,1 @@
+"""Stored results as frames, tables and sentences."""

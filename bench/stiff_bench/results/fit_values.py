@@ -1,0 +1,114 @@
+"""Compute the values of fits: metrics of splits, and known bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stiff_bench.tables.table import Quantity
+from stiff_bench.tables.units import PRINTED
+from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.contract.record import CellResult, Cost
+from stiff_protocols.contract.types import BOUND_NAMES, Interval, Prediction
+from stiff_protocols.scoring.metrics import METRICS, Metric
+
+
+def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
+    """Join the checked predictions of several splits."""
+    parts = [result.prediction for result in results if result.prediction is not None]
+    intervals = [part.interval for part in parts if part.interval is not None]
+    references = [part.reference for part in parts if part.reference is not None]
+    interval = None
+    if intervals and len(intervals) == len(parts):
+        interval = Interval(
+            lower=np.concatenate([part.lower for part in intervals]),
+            upper=np.concatenate([part.upper for part in intervals]),
+            coverage=intervals[0].coverage,
+        )
+    return Prediction.of_stored(
+        rows=np.concatenate([part.rows for part in parts]),
+        predicted=np.concatenate([part.predicted for part in parts]),
+        measured=np.concatenate([part.measured for part in parts]),
+        interval=interval,
+        reference=np.concatenate(references) if len(references) == len(parts) else None,
+        bound_deflections={},
+    )
+
+
+def bound_results(results: Sequence[CellResult], name: str) -> list[CellResult]:
+    """Return the VJM's results, or a bound of `BOUND_NAMES`, from fits; none if one is missing.
+
+    Each fit stores the predictions of the VJM on its test rows. The bounds are known for the test
+    rows of a simulation.
+    """
+    bounds = [_bound_result(result, name) for result in results]
+    complete = [bound for bound in bounds if bound is not None]
+    return complete if len(complete) == len(bounds) else []
+
+
+def _bound_result(result: CellResult, name: str) -> CellResult | None:
+    stored = result.prediction
+    if stored is None:
+        return None
+    bound_values = {row: stored.bound_deflections.get(key) for key, row in BOUND_NAMES.items()}
+    if (predicted := ({REFERENCE_MODEL: stored.reference} | bound_values)[name]) is None:
+        return None
+    prediction = Prediction(stored.rows, predicted, stored.measured, reference=stored.reference)
+    return CellResult(
+        result.cell,
+        replace(result.presentation, model=name, regime="", source="", picked_on_test=False),
+        *(result.run_id, "ok", prediction),
+        n_train=result.n_train,
+        n_splits=result.n_splits,
+    )
+
+
+def values_of_splits(metric: Metric, results: Sequence[CellResult]) -> list[dict[str, float]]:
+    """Return the values of a metric by axis, per split, in SI units.
+
+    If the protocol scores all predictions together, there is one value for all splits; costs still
+    have a value per split.
+    """
+    if results[0].presentation.pooled and metric.of_prediction is not None:
+        return [metric.values(pooled_prediction(results))]
+    return [metric.of_result(result) for result in results]
+
+
+def metric_values(
+    results: Sequence[CellResult], metrics: Sequence[Metric]
+) -> dict[tuple[str, str], Quantity]:
+    """Return mean and deviation over splits in printed units, by (metric key, axis).
+
+    The results belong to one data set and protocol, without failures. A metric that a split does
+    not have is omitted.
+    """
+    quantities = {}
+    for metric in metrics:
+        split_values = values_of_splits(metric, results)
+        _, factor = PRINTED[metric.unit]
+        for axis in metric.axes:
+            if all(axis in values for values in split_values):
+                quantities[metric.key, axis] = mean_over([v[axis] * factor for v in split_values])
+    return quantities
+
+
+def mean_over(values: Sequence[float], mark: str = "") -> Quantity:
+    """Return mean and sample deviation of values; a single value has no deviation."""
+    spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
+    return Quantity(float(np.mean(values)), spread, n=len(values), mark=mark)
+
+
+def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:
+    """Return all metrics as lines of tidy data, in printed units."""
+    return [
+        {
+            "metric": metric.key,
+            "axis": axis,
+            "value": value * PRINTED[metric.unit][1],
+            "unit": PRINTED[metric.unit][0],
+        }
+        for metric in METRICS.values()
+        for axis, value in metric.values(prediction, cost).items()
+    ]

@@ -1,0 +1,332 @@
+"""Compare models over robots if there are enough, else per data set; no ranks.
+
+The main number of a model is its error over the VJM's: the geometric mean over robots, and for each
+robot over its data sets with equal weights. Measured robots have separate columns and are never
+averaged with simulated robots.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from pandas import DataFrame, Index, Series
+
+from stiff_bench.results.load import StoredResults, Task, newest_tasks, order_key
+from stiff_bench.results.notes import (
+    TRAINING_MARK,
+    left_out_notes,
+    same_name_other_data,
+    sources,
+)
+from stiff_bench.results.scored_task import SortKey, score_task
+from stiff_bench.results.scores import Scores
+from stiff_bench.results.selection import EVERYTHING, Selection
+from stiff_bench.store.names import grouped, labels, without_options
+from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.scoring.over_robots import (
+    corrected_p_values,
+    equivalence_p_value,
+    mean_ratio,
+    without_one,
+)
+from stiff_protocols.scoring.paired import LEVEL
+
+SEED_OPTIONS = ("pretrain_seed",)
+"""Options of models that only repeat a training with another seed."""
+PLAN = ["robot", "family", "protocol"]
+"""Columns of a vote: each data set and protocol of a robot has the same weight."""
+
+
+def robot_logs(rows: DataFrame, value: str, *, partial: bool = False) -> DataFrame:
+    """Return (robots, models) mean logarithms of a ratio, with one vote per plan of a robot.
+
+    A model needs only one split of a data set: its error is divided by the VJM's on that split.
+
+    Args:
+        rows: rows of `Scores.frame`.
+        value: column of the ratio.
+        partial: True to average the plans that a model has; else its mean is then NaN.
+    """
+    logs = rows.assign(log=np.log(rows[value].where(rows[value] > 0.0)))
+    votes = logs.groupby([*PLAN, "model"], sort=False)["log"]
+    means = votes.agg(_mean)
+    by_plan = means if partial else means.where(votes.count() == votes.size())
+    plans = rows.set_index(PLAN).index.unique()
+    table = by_plan.unstack("model").reindex(index=plans, columns=rows["model"].unique())
+    robots = table.groupby("robot", sort=False)
+    by_robot = robots.agg(_mean)
+    return by_robot if partial else by_robot.where(robots.count().eq(robots.size(), axis="index"))
+
+
+def _mean(values: Any) -> float:
+    """Return the mean without NaN; its rounding does not depend on the version of pandas."""
+    present = values.dropna().to_numpy()
+    return float(np.mean(present)) if len(present) else math.nan
+
+
+def model_frame(
+    scores: Scores,
+    few: Mapping[str, Scores] | None = None,
+    groups: Mapping[str, Collection[str]] | None = None,
+) -> DataFrame:
+    """Return a row per model, best first; models with missing scores come last.
+
+    Columns of all models: `model`, `mark`, `median` error in the metric's unit, `n tasks`,
+    `complete`, `ratio` (geometric mean of error / VJM's error over robots), `smallest` and
+    `largest` ratio of a task, `fit_s`. With enough robots of one kind also: `low` and `high` of the
+    ratio's interval, `p` against the VJM, and of complete models `verdict`, `won` (robots with the
+    smallest ratio), `n robots`, `worst`, `worst robot`, `p best`, `like best` (within 5 %),
+    `without low` and `without high` (range without any one robot), `p95`, `noise` and `path`. Keys
+    (`few`, heading), (`group`, name), (`measured`, data set) and (`measured verdict`, data set)
+    hold further ratios.
+
+    Args:
+        scores: scores on the robots.
+        few: scores with fewer poses on the same robots, by heading.
+        groups: data sets with a separate column, by its name.
+    """
+    claim = scores.claim
+    rows = scores.frame if claim is None else claim[1]
+    by_model = scores.frame.groupby("model")
+    table = DataFrame(index=Index(scores.models, name="model"))
+    table["mark"] = [scores.mark(name) for name in table.index]
+    table["median"] = by_model["error"].median()
+    table["n tasks"] = by_model.size()
+    ratios = by_model["error ratio"]
+    table["smallest"], table["largest"] = ratios.min(), ratios.max()
+    logs = robot_logs(rows, "error ratio", partial=True)
+    table["ratio"] = logs.apply(_mean).map(math.exp)
+    table["complete"] = table["n tasks"] == len(scores.tasks)
+    table["fit_s"] = [
+        scores.fit_s(name, scores.tasks if claim is None else rows["task"].unique())
+        for name in table.index
+    ]
+    if claim is not None:
+        table = _with_robots(table, scores, logs, few or {}, groups or {})
+    order = table["ratio"].fillna(scores.key.sign * table["median"])
+    table = table.assign(order=order, incomplete=~table["complete"]).reset_index()
+    return table.sort_values(["incomplete", "order", "model"]).drop(columns=["order", "incomplete"])
+
+
+def _with_robots(
+    table: DataFrame,
+    scores: Scores,
+    partial_logs: DataFrame,
+    few: Mapping[str, Scores],
+    groups: Mapping[str, Collection[str]],
+) -> DataFrame:
+    """Add the columns over robots."""
+    assert scores.claim is not None
+    kind, rows = scores.claim
+    for name, column in partial_logs.items():
+        if column.count() >= 2:
+            mean = mean_ratio(column.dropna())
+            table.loc[name, ["low", "high"]] = mean.low, mean.high
+    logs = robot_logs(rows, "error ratio").dropna(axis="columns")
+    table["complete"] |= table.index.isin(logs.columns)
+    if logs.empty:
+        return table
+    best = logs.mean().idxmin()
+    table["n robots"] = len(logs)
+    table["won"] = logs.idxmin(axis="columns").value_counts().reindex(logs.columns).fillna(0)
+    table["worst"], table["worst robot"] = logs.max().map(math.exp), logs.idxmax()
+    left_out = {name: without_one(logs[name]) for name in logs}
+    table["without low"] = Series({name: of.min() for name, of in left_out.items()})
+    table["without high"] = Series({name: of.max() for name, of in left_out.items()})
+    table["p"] = _p_values(logs, REFERENCE_MODEL)
+    table["p best"] = _p_values(logs, best)
+    table["like best"] = Series(
+        {m: equivalence_p_value(logs[m] - logs[best]) < LEVEL for m in logs if m != best}
+    )
+    better = np.where(table["ratio"] < 1.0, "better", "worse")
+    table["verdict"] = np.where(table["p"] < LEVEL, better, "open")
+    further: dict[Any, DataFrame] = {
+        name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path")
+    }
+    for heading, of_few in few.items():
+        few_rows = of_few.frame if of_few.claim is None else of_few.claim[1]
+        further["few", heading] = robot_logs(few_rows, "error ratio")
+    for group, datasets in groups.items():
+        of_group = rows[rows["dataset"].isin(datasets)]
+        further["group", group] = robot_logs(of_group, "error ratio")
+    for key, of_robots in further.items():
+        table[key] = of_robots.mean(skipna=False).map(math.exp)
+    for dataset, tasks in scores.measured.items() if kind != "measured" else ():
+        of_data = scores.frame[scores.frame["task"].isin(tasks)]
+        complete = of_data.groupby("model").size() == len(tasks)
+        values = robot_logs(of_data, "error ratio").mean().map(math.exp)
+        table["measured", dataset] = values.where(complete)
+        verdicts = {name: {task.verdict(name) for task in tasks} for name in table.index}
+        table["measured verdict", dataset] = Series(
+            {name: of.pop() if len(of) == 1 else "open" for name, of in verdicts.items()}
+        )
+    return table
+
+
+def _p_values(logs: DataFrame, rival: object) -> Series[float]:
+    """Return sign-flip p-values against a model, corrected (Holm) for all models."""
+    differences = {str(name): logs[name] - logs[rival] for name in logs if name != rival}
+    return Series(corrected_p_values(differences), dtype=float)
+
+
+def with_verdict_counts(table: DataFrame, scores: Scores) -> DataFrame:
+    """Add the numbers of tasks in which a model is `better` than the VJM, `worse`, or `open`."""
+    counts = {
+        name: Counter(verdict for task in scores.tasks if (verdict := task.verdict(name)))
+        for name in table["model"]
+    }
+    return table.assign(
+        better=[counts[name]["a"] for name in table["model"]],
+        worse=[counts[name]["b"] for name in table["model"]],
+        open=[counts[name]["open"] + counts[name]["equivalent"] for name in table["model"]],
+    )
+
+
+def robot_ratios(scores: Scores) -> DataFrame:
+    """Return (robots, models) ratios to the VJM's error, for models with every score."""
+    if scores.claim is None:
+        return DataFrame()
+    logs = robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")
+    return logs.map(math.exp)
+
+
+def control_frame(scores: Scores, pairs: Mapping[str, str]) -> DataFrame:
+    """Return learned models against their physics model or teacher.
+
+    Columns: `model`, `control`, `ratio`, `low`, `high`, `p` (corrected for all pairs), `equal`
+    (within 5 %). Pairs without every score are left out.
+    """
+    if scores.claim is None:
+        return DataFrame()
+    logs = robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")
+    there = {a: b for a, b in pairs.items() if a in logs and b in logs}
+    differences = {a: logs[a] - logs[b] for a, b in there.items()}
+    p_values = corrected_p_values(differences)
+    rows = []
+    for name, values in differences.items():
+        mean, is_equal = mean_ratio(values), equivalence_p_value(values) < LEVEL
+        rows.append(
+            {
+                **{"model": name, "control": there[name], "p": p_values[name]},
+                **{"ratio": mean.ratio, "low": mean.low, "high": mean.high, "equal": is_equal},
+            }
+        )
+    return DataFrame(rows)
+
+
+def split_counts(scores: Scores) -> dict[str, tuple[int, int]]:
+    """Return the numbers of scored and of all tasks of a claim, by model."""
+    if scores.claim is None:
+        return {}
+    counts = scores.claim[1].groupby("model", sort=False).size()
+    n_tasks = scores.claim[1]["task"].nunique()
+    return {name: (int(counts[name]), n_tasks) for name in scores.models if name in counts}
+
+
+@dataclass(frozen=True)
+class Leaderboard:
+    """Scores of tasks that fit in one table, fair protocols first.
+
+    Attributes:
+        sections: scores; protocols that select on the test part have a separate section.
+        notes: notes on results that do not count.
+        provenance: versions of stiffbench that made the results.
+    """
+
+    sections: tuple[Scores, ...]
+    notes: tuple[str, ...]
+    provenance: tuple[str, ...]
+
+
+def merge_training_seeds(stored: StoredResults) -> StoredResults:
+    """Return results in which the repeats of a model's training have one name.
+
+    The pre-training seed leaves the model's name, unless a task has several seeds of the model.
+    """
+    repeated = {
+        base
+        for task in stored.tasks
+        for base, names in grouped(task.models, _without_seed).items()
+        if len(names) > 1
+    }
+
+    def renamed(result: CellResult) -> CellResult:
+        name = _without_seed(result.presentation.model)
+        if name in repeated:
+            return result
+        return replace(result, presentation=replace(result.presentation, model=name))
+
+    results = [renamed(result) for task in stored.tasks for result in task.every]
+    return StoredResults.of_results(stored.folder, results)
+
+
+def _without_seed(model: str) -> str:
+    return without_options(model, *SEED_OPTIONS)
+
+
+def build_leaderboard(
+    stored: StoredResults, key: SortKey, selection: Selection = EVERYTHING, *, seed: int = 0
+) -> Leaderboard:
+    """Score the selected models in every task of at least two of them.
+
+    Raises:
+        ConfigError: a name has no results, or no task has two models.
+        StoreError: samples are corrupt, or two models share no split.
+    """
+    stored = merge_training_seeds(stored)
+    tasks = selection.tasks_of(stored.tasks)
+    newest = sorted(newest_tasks(tasks), key=order_key)
+    usable = [task for task in newest if not task.presentation.reports_training]
+    names = selection.models_of(usable)
+    n_run = {task: sum(name in task.models for name in names) for task in usable}
+    comparable = [task for task in usable if n_run[task] > 1]
+    lonely = [task for task in usable if n_run[task] == 1]
+    notes = list(_data_notes(stored, tasks))
+    if lonely:
+        first = labels(task.name for task in usable)[lonely[0].name] + and_more(lonely)
+        notes.append(f"{first} is left out: none of the other models was run there.")
+    if not comparable:
+        reasons = "".join(f"; {note.removesuffix('.')}" for note in notes)
+        raise ConfigError(
+            "there is nothing to compare: no two models have results on the same data, "
+            f"protocol and condition (models with results: {', '.join(names) or 'none'}){reasons}"
+        )
+    names = [name for name in names if any(name in task.models for task in comparable)]
+    sections = []
+    for part in grouped(comparable, lambda task: task.presentation.selects_on_test).values():
+        scored = [
+            score_task(task, names, key, stored.data_of(task.name.data_sha256), seed)
+            for task in part
+        ]
+        scored.sort(key=lambda task: task.kind != "measured")
+        sections.append(Scores(key, tuple(scored), {}, seed))
+    sections.sort(key=lambda section: section.selects_on_test)
+    run_ids = Counter(
+        result.run_id
+        for section in sections
+        for task in section.tasks
+        for model in task.scores
+        for result in task.results[model]
+    )
+    made_by = (sources(stored.folder, stored.runs, run_ids),)
+    return Leaderboard(tuple(sections), tuple(notes), made_by)
+
+
+def _data_notes(stored: StoredResults, tasks: Sequence[Task]) -> Iterator[str]:
+    for line in same_name_other_data(tasks, stored.data_of):
+        yield f"{line.removesuffix('.')}; only the data of the newest run count."
+    yield from left_out_notes(tasks)
+    for protocol in sorted({t.name.protocol for t in tasks if t.presentation.reports_training}):
+        yield f"{protocol} is left out: {TRAINING_MARK}."
+
+
+def and_more(things: Sequence[object]) -> str:
+    """Return " (and 2 more)" for three things; "" for one."""
+    return f" (and {len(things) - 1} more)" if len(things) > 1 else ""

@@ -1,0 +1,337 @@
+"""Load stored results: the newest fit of each split, sorted into tasks.
+
+A task is a data set with a protocol and condition; its models have the same data and splits. A
+folder may contain results of several runs, versions of stiffbench, and splits with one name. They
+never mix: results that contradict the newest run are left out with a note. A run's name begins with
+its time, so that names sort by it. A result belongs to the newest run that requested its fit, also
+if an earlier run computed it.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
+from pathlib import Path
+from typing import Any, Self
+
+from stiff_bench.store.database import read_data, read_manifests, read_results, why_no_results
+from stiff_bench.store.names import TaskName, grouped, natural_key
+from stiff_bench.store.samples import StoredData
+from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
+
+SplitId = tuple[int, str]
+"""A split: its number and the hash of its rows."""
+
+
+def split_of(result: CellResult) -> SplitId:
+    """Return the split of a result."""
+    return result.cell.split_index, result.cell.split_sha256
+
+
+def task_name_of(result: CellResult) -> TaskName:
+    """Return the name of the task of a result."""
+    cell, texts = result.cell, result.presentation
+    data = cell.data_sha256, cell.source_sha256
+    return TaskName(texts.dataset, texts.protocol, cell.condition, cell.seed, *data)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModelResults(BriefFields):
+    """Results of one model, with its options, in one task.
+
+    Attributes:
+        presentation: labels and warnings that are printed with its numbers.
+        done: its results by split, in order.
+        failures: failed or skipped fits by split, with the reason; no split is also in `done`.
+        n_requested: number of splits that its newest run requested here; 0 if unknown.
+    """
+
+    presentation: Presentation
+    done: Mapping[SplitId, CellResult]
+    failures: Mapping[SplitId, CellResult]
+    n_requested: int
+
+    @property
+    def name(self) -> str:
+        """Key with the options that differ from their defaults."""
+        return self.presentation.model
+
+    @property
+    def cell(self) -> Cell:
+        """Return any of its fits; all have the same model options."""
+        return next(iter([*self.done.values(), *self.failures.values()])).cell
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Task(BriefFields):
+    """All models on one data set under one protocol and condition.
+
+    Results on different data are never in the same task, even if the data sets share a name.
+
+    Attributes:
+        name: data set, protocol, condition, seed and data hashes.
+        splits: splits on which at least one model was run, in order.
+        models: models by name, sorted by name.
+        newest_run: latest run that requested these results and failures.
+        first_requested: position of its first fit in the order of the runs' requests; infinite if
+            no run requested it.
+        cell: any of its fits; all have the same options of data set and protocol.
+        left_out: reasons why some results do not count.
+        every: all results, including those that do not count.
+    """
+
+    name: TaskName
+    splits: tuple[SplitId, ...]
+    models: Mapping[str, ModelResults]
+    newest_run: str
+    first_requested: float
+    cell: Cell
+    left_out: tuple[str, ...]
+    every: tuple[CellResult, ...] = field(repr=False)
+
+    @property
+    def presentation(self) -> Presentation:
+        """Return the labels printed with the numbers; its model is an arbitrary one."""
+        return next(iter(self.models.values())).presentation
+
+    @property
+    def measured_sha256(self) -> str:
+        """Return the hash of the data set, without tool path points added by the protocol."""
+        return self.presentation.measured_sha256 or self.name.data_sha256
+
+    @property
+    def has_paths(self) -> bool:
+        """Return True if the protocol added tool paths; the metrics are then errors on paths."""
+        return self.measured_sha256 != self.name.data_sha256
+
+    def results(self, model: str, splits: Sequence[SplitId] | None = None) -> list[CellResult]:
+        """Return a model's results on these splits (default: all its splits), in order."""
+        done = self.models[model].done
+        if splits is None:
+            return list(done.values())
+        return [done[split] for split in splits if split in done]
+
+    def complete_results(self, model: str) -> list[CellResult]:
+        """Return a model's results, or none unless every split has a result."""
+        done = self.models[model].done if model in self.models else {}
+        return self.results(model) if all(split in done for split in self.splits) else []
+
+    def shared_splits(self, models: Iterable[str]) -> list[SplitId]:
+        """Return the splits on which all of these models have a result, in order."""
+        done = (self.models[name].done for name in models)
+        return sorted(set(self.splits).intersection(*done))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredResults(BriefFields):
+    """All results stored in a folder.
+
+    Attributes:
+        folder: folder that was read.
+        tasks: all of its results, in the order in which runs requested them.
+        runs: manifests in the folder.
+    """
+
+    folder: Path
+    tasks: tuple[Task, ...]
+    runs: tuple[RunManifest, ...] = ()
+
+    @functools.cached_property
+    def data_of(self) -> Callable[[str], StoredData]:
+        """Return a cached reader of data sets by hash; it raises StoreError for corrupt data."""
+        return functools.cache(functools.partial(read_data, self.folder))
+
+    @classmethod
+    def read(cls, folder: Path, valid_text: str = " (valid: an output of `bench run`)") -> Self:
+        """Read all results of a folder and sort them into tasks.
+
+        Raises:
+            StoreError: the folder holds no results, or its file is corrupt.
+        """
+        results = read_results(folder)
+        if not results:
+            raise StoreError(f"{folder}: {why_no_results(folder)}{valid_text}", "results")
+        return cls.of_results(folder, results)
+
+    @classmethod
+    def of_results(cls, folder: Path, results: Sequence[CellResult]) -> Self:
+        """Sort the given results of a folder into tasks."""
+        manifests = tuple(read_manifests(folder))
+        runs = _Runs.of(manifests)
+        tasks = [_task(of_task, runs) for of_task in grouped(results, task_name_of).values()]
+        in_order = sorted(tasks, key=lambda task: (task.first_requested, task.name))
+        return cls(folder, tuple(in_order), manifests)
+
+    def newest_results(self) -> list[CellResult]:
+        """Return the newest results and failures, sorted by task."""
+        return [
+            result
+            for task in sorted(self.tasks, key=order_key)
+            for model in task.models.values()
+            for result in (*model.done.values(), *model.failures.values())
+        ]
+
+
+def model_names(tasks: Iterable[Task]) -> list[str]:
+    """Return the names of all models with a result or a failure."""
+    return sorted({name for task in tasks for name in task.models})
+
+
+def order_key(task: Task) -> tuple[Any, ...]:
+    """Return a sort key that puts "n = 5" before "n = 10"."""
+    name = task.name
+    return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
+
+
+def newest_tasks(tasks: Sequence[Task]) -> list[Task]:
+    """Return the tasks on each data set's newest data.
+
+    Some tasks differ only in the source domain's data or in added tool paths: the newest is kept.
+    """
+    in_order = sorted(tasks, key=lambda task: (task.newest_run, task.name))  # later ones replace
+    newest_data = {task.name.dataset: task.measured_sha256 for task in in_order}
+    current = [t for t in in_order if t.measured_sha256 == newest_data[t.name.dataset]]
+    newest_source = {replace(task.name, data_sha256="", source_sha256=""): task for task in current}
+    return list(newest_source.values())
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """The run of each result, and the order of the first requests.
+
+    Attributes:
+        newest: key of a fit -> the newest run that requested it.
+        first_requested: key of a fit -> its place among all fits in the order of requests.
+    """
+
+    newest: Mapping[str, str]
+    first_requested: Mapping[str, int]
+
+    @classmethod
+    def of(cls, manifests: Iterable[RunManifest]) -> _Runs:
+        in_order = sorted(manifests, key=lambda run: run.run_id)
+        newest = {key: run.run_id for run in in_order for key in run.cells}
+        return cls(newest, {key: place for place, key in enumerate(newest)})
+
+    def run_of(self, result: CellResult) -> str:
+        """Return the newest run that requested or computed a result."""
+        return max(self.newest.get(result.cell.key, ""), result.run_id)
+
+    def newest_first(self, results: Iterable[CellResult]) -> list[CellResult]:
+        """Return results by run, the newest first; of one run, successes before failures.
+
+        Results that the run computed come before results that it found. Equals keep their order.
+        """
+
+        def age(result: CellResult) -> tuple[str, str, bool]:
+            return self.run_of(result), result.run_id, result.status == "ok"
+
+        return sorted(results, key=age, reverse=True)
+
+
+def _task(task_results: Sequence[CellResult], runs: _Runs) -> Task:
+    results, left_out = _of_newest_splits(task_results, runs)
+    in_order = runs.newest_first(results)
+    newest_of = {result.presentation.model: result for result in reversed(in_order)}
+    models = {}
+    for model, of_model in sorted(grouped(results, lambda r: r.presentation.model).items()):
+        newest_result = newest_of[model]
+        current_results, notes = _of_newest_options(of_model, newest_result)
+        left_out += notes
+        by_split = {
+            split: _select_result(split_results, runs)
+            for split, split_results in sorted(grouped(current_results, split_of).items())
+        }
+        models[model] = ModelResults(
+            presentation=newest_result.presentation,
+            done={split: result for split, result in by_split.items() if result.status == "ok"},
+            failures={split: result for split, result in by_split.items() if result.status != "ok"},
+            n_requested=newest_result.n_splits,
+        )
+    splits = {split for model in models.values() for split in (*model.done, *model.failures)}
+    return Task(
+        name=task_name_of(task_results[0]),
+        splits=tuple(sorted(splits)),
+        models=models,
+        newest_run=runs.run_of(in_order[0]),
+        first_requested=min(
+            runs.first_requested.get(result.cell.key, inf) for result in task_results
+        ),
+        cell=results[0].cell,
+        left_out=tuple(left_out),
+        every=tuple(task_results),
+    )
+
+
+def _of_newest_splits(
+    results: Sequence[CellResult], runs: _Runs
+) -> tuple[list[CellResult], list[str]]:
+    """Return the results of one task with the newest run's splits, and a note.
+
+    Two splits of one number show that the data were divided in two ways (another version of the
+    protocol). Then the newest run's splits count, with splits of older runs that share some of them
+    and contradict none.
+    """
+    splits = {*map(split_of, results)}
+    if len(splits) == len(dict(splits)):
+        return list(results), []
+    newest_splits: dict[int, str] = {}
+    for of_run in grouped(runs.newest_first(results), runs.run_of).values():
+        run_splits = dict(map(split_of, of_run))
+        shared = newest_splits.keys() & run_splits.keys()
+        if not newest_splits or (
+            shared and all(newest_splits[index] == run_splits[index] for index in shared)
+        ):
+            newest_splits |= run_splits
+    same = [result for result in results if split_of(result) in newest_splits.items()]
+    without = sorted({r.presentation.model for r in results} - {r.presentation.model for r in same})
+    models = f" (all of {', '.join(without)})" if without else ""
+    return same, [f"older results on other splits than those of the newest run{models}"]
+
+
+def _of_newest_options(
+    results: Sequence[CellResult], newest: CellResult
+) -> tuple[list[CellResult], list[str]]:
+    """Return a model's results with options and version of its newest one, and notes.
+
+    A name contains only the options that differ from their defaults. The same name has other
+    options if a default, or a file that an option names, was changed.
+    """
+    cell, name = newest.cell, newest.presentation.model
+    intervals = {0, max(result.cell.interval_version for result in results)}  # 0: no intervals
+    same = [
+        result
+        for result in results
+        if result.cell.model_version == cell.model_version
+        and result.cell.interval_version in intervals
+    ]
+    notes = [f"older results of {name} by another version of it"] * (len(same) < len(results))
+    options = cell.model_params
+    differing = {
+        option
+        for result in same
+        for option in {*options, *result.cell.model_params}
+        if options.get(option) != result.cell.model_params.get(option)
+    }
+    if differing:
+        notes.append(f"older results of {name} with other options ({', '.join(sorted(differing))})")
+    return [result for result in same if result.cell.model_params == options], notes
+
+
+def _select_result(results: Sequence[CellResult], runs: _Runs) -> CellResult:
+    """Return the result to use among a model's results on one split.
+
+    It is the newest run's result, also if it failed. A skipped result does not replace a result
+    of another machine. The results differ only in their intervals: a result with intervals is
+    preferred, then newer intervals.
+    """
+    newest_first = runs.newest_first(results)
+    tried = [result for result in newest_first if result.status != "skipped"]
+    if not tried or tried[0].status != "ok":
+        return (tried or newest_first)[0]
+    done = [result for result in tried if result.status == "ok"]
+    return next((result for result in done if result.cell.coverage is not None), done[0])

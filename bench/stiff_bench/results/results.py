@@ -1,0 +1,378 @@
+"""Read stored results: frames, tables, a comparison, a leaderboard."""
+
+from __future__ import annotations
+
+import shlex
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from stiff_bench.console import one_line
+from stiff_bench.parameter_types import AxisName, Bounds, Form, Fraction, Seed
+from stiff_bench.results.columns import matrix_table, model_table, task_table
+from stiff_bench.results.comparison import compare_folder
+from stiff_bench.results.comparison_tables import comparison_tables, comparison_text
+from stiff_bench.results.leaderboard import build_leaderboard, model_frame
+from stiff_bench.results.leaderboard_tables import leaderboard_tables
+from stiff_bench.results.load import StoredResults, newest_tasks
+from stiff_bench.results.metric_tables import metric_tables
+from stiff_bench.results.notes import failure_lines, left_out_notes, same_name_other_data
+from stiff_bench.results.scored_task import sort_key
+from stiff_bench.results.scores import Scores, fit_frame, identity_of, prediction_frame
+from stiff_bench.results.selection import EVERYTHING, Selection, matches_key
+from stiff_bench.results.significance import Question
+from stiff_bench.results.summary import (
+    summarize,
+    task_facts,
+    task_notes,
+    task_summary,
+    task_title,
+)
+from stiff_bench.store.database import read_results
+from stiff_bench.tables.table import SCREEN, Name
+from stiff_bench.tables.terminal import (
+    print_lines,
+    print_table,
+    screen_console,
+    screen_of,
+)
+from stiff_bench.tables.units import MM, first_few
+from stiff_bench.tables.writers import Tables
+from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning, unknown_name
+from stiff_protocols.contract.record import CellResult
+from stiff_protocols.scoring.metrics import metric
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from stiff_bench.run.runner import Finished
+
+RESULTS = Path("results/runs")
+"""Default folder of results for `bench run` and for the commands that read results."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Results:
+    """Results of models on data sets under protocols.
+
+    If results of a folder contradict each other, the newest run counts.
+
+    Attributes:
+        folder: folder in which they are stored.
+        metrics: keys of the metrics in `table`; empty: the usual ones.
+        command: command that made them.
+        finished: finished run that made them; None: they are read from the folder.
+        selection: selected models, data sets, protocols and conditions.
+    """
+
+    folder: Path
+    metrics: tuple[str, ...] = ()
+    command: str = ""
+    finished: Finished | None = None
+    selection: Selection = EVERYTHING
+
+    def select(
+        self,
+        *,
+        models: Sequence[str] = (),
+        datasets: Sequence[str] = (),
+        protocols: Sequence[str] = (),
+        conditions: Sequence[str] = (),
+    ) -> Results:
+        """Return the results of some names; a key selects all its variants.
+
+        An empty argument keeps the earlier selection.
+
+        Args:
+            models: models, such as "vjm" or "ft-mlp@freeze=full".
+            datasets: data sets, such as "kr10-twin" for all specimens.
+            protocols: protocols, such as "holdout".
+            conditions: conditions of the protocols, such as "n = 40".
+        """
+        chosen = self.selection
+        return replace(
+            self,
+            selection=Selection(
+                tuple(models) or chosen.models,
+                tuple(datasets) or chosen.datasets,
+                tuple(protocols) or chosen.protocols,
+                tuple(conditions) or chosen.conditions,
+            ),
+        )
+
+    @cached_property
+    def stored(self) -> StoredResults:
+        """Return the results by task: of the finished run, or of the folder.
+
+        Raises:
+            StoreError: the folder has no results, or corrupt ones.
+        """
+        if self.finished is not None:
+            return StoredResults.of_results(self.folder, self.finished.results)
+        return StoredResults.read(self.folder)
+
+    @cached_property
+    def fits(self) -> tuple[CellResult, ...]:
+        """Return the newest result of each model, data set, protocol and split, or its failure.
+
+        Raises:
+            StoreError: the folder has no results, or corrupt ones.
+        """
+        newest = self.stored.newest_results()
+        if self.finished is not None:  # in the order of the request
+            keys = {result.cell.key for result in newest}
+            newest = [result for result in self.finished.results if result.cell.key in keys]
+        return self._selected(newest)
+
+    @property
+    def every(self) -> tuple[CellResult, ...]:
+        """Return all selected results, also older ones that newer results replace."""
+        every = self.finished.results if self.finished else read_results(self.folder)
+        return self._selected(every)
+
+    def _selected(self, results: Sequence[CellResult]) -> tuple[CellResult, ...]:
+        if self.selection == EVERYTHING:
+            return tuple(results)
+        tasks = self.selection.tasks_of(self.stored.tasks)
+        names = self.selection.models_of(tasks)
+        keys = {
+            result.cell.key
+            for task in tasks
+            for result in task.every
+            if result.presentation.model in names
+        }
+        return tuple(result for result in results if result.cell.key in keys)
+
+    def frame(self) -> DataFrame:
+        """Return a row per fit: the newest fit of each split.
+
+        Columns: `model`, `dataset`, `kind`, `protocol`, `condition`, `seed`, `split`,
+        `model_version`, `data_sha256`, `run`, `robot`, `status`, `failure`, and a column per metric
+        whose name ends in its unit, such as `norm_mm`, `mae_x_mm` and `fit_time_ms`. A failed fit
+        has its reason and no values. Data sets with one name and different data differ in
+        `data_sha256`; only the newest data are in the frame, and a warning names the older ones.
+        """
+        self._warn_of_older_results()
+        return fit_frame(self._current_fits, lambda sha256: self.stored.data_of(sha256).robot.name)
+
+    def predictions(self) -> DataFrame:
+        """Return a row per test sample of the fits of `frame`: measured and predicted, mm."""
+        return prediction_frame(self._current_fits)
+
+    def diagnostics(self) -> DataFrame:
+        """Return a row per number that a fit of `frame` reported, such as a stiffness."""
+        from pandas import DataFrame
+
+        return DataFrame(
+            [
+                {**identity_of(result), "diagnostic": name, "value": value}
+                for result in self._current_fits
+                for name, value in result.diagnostics.items()
+            ]
+        )
+
+    @property
+    def _current_fits(self) -> list[CellResult]:
+        """Return the fits on each data set's newest data."""
+        tasks = {id(task) for task in newest_tasks(self.stored.tasks)}
+        keys = {
+            result.cell.key
+            for task in self.stored.tasks
+            if id(task) in tasks
+            for result in task.every
+        }
+        return [result for result in self.fits if result.cell.key in keys]
+
+    def _warn_of_older_results(self) -> None:
+        tasks = self.selection.tasks_of(self.stored.tasks)
+        notes = [*same_name_other_data(tasks, self.stored.data_of), *left_out_notes(tasks)]
+        for note in notes:
+            text = note.replace("they are never compared.", "only the newest is in the frame.")
+            warnings.warn(text, StiffBenchWarning, stacklevel=3)
+
+    def table(self, *metrics: str, verbose: bool = False) -> Tables:
+        """Return a table per data set and protocol, as printed by `bench run`.
+
+        Args:
+            metrics: keys from `bench list metrics`; none: the requested ones, or the usual ones:
+                mae, stde and me, and for tool paths norm, norm-p95, norm-max, removed.
+            verbose: True to add the numbers reported by the fits, such as stiffnesses, below.
+
+        Raises:
+            ConfigError: a metric is unknown.
+            StoreError: the folder has no results, or corrupt ones.
+        """
+        chosen_metrics = [metric(key) for key in metrics or self.metrics]
+        tables = metric_tables(self.fits, chosen_metrics)
+        if verbose:
+            tables = [replace(table, notes=[*table.notes, *table.details]) for table in tables]
+        return Tables(tables, self.command)
+
+    def compare(
+        self,
+        a: str,
+        b: str,
+        *,
+        equivalence_mm: Annotated[float, Form("MM"), Bounds(at_least=0.0)] = 0.01,
+        confidence: Fraction = 0.95,
+        seed: Seed = 0,
+    ) -> Tables:
+        """Test whether model A is better than B, and by how much.
+
+        Args:
+            a: model with its options, as `bench run` names it: vjm, ft-mlp@freeze=full.
+            b: another model.
+            equivalence_mm: largest difference in mean error that is negligible in practice, in mm.
+            confidence: level (0..1) of intervals and verdicts.
+            seed: seed of the resampling of poses.
+
+        Raises:
+            ConfigError: a model has no results, or they have no splits in common.
+            StoreError: the folder has no results, or corrupt ones.
+        """
+        question = Question(rope=equivalence_mm / MM, confidence=confidence, seed=seed)
+        report = compare_folder(self.folder, a, b, question, self.selection)
+        settings = {"equivalence_mm": equivalence_mm, "confidence": confidence}
+        about = {"a": report.a, "b": report.b, **settings}
+        return Tables(comparison_tables(report), self.command, comparison_text(report), about)
+
+    def scores(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Scores:
+        """Return scores of the models against the VJM, with verdicts.
+
+        Args:
+            metric: key of the metric to score by.
+            axis: "x", "y" or "z" for a metric with axes; None: the mean over the axes.
+            seed: seed of the resampling of poses.
+
+        Raises:
+            ConfigError: no model has a score, or the metric cannot rank models.
+            StoreError: the folder has no results, or corrupt ones.
+        """
+        key = sort_key(metric, axis)
+        tasks = self.selection.tasks_of(self.stored.tasks)
+        return Scores.of(self.stored, key, tasks, self.selection.models_of(tasks), seed=seed)
+
+    def summary(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Tables:
+        """Return the result as a headline and tables with notes.
+
+        For one task there is a table of the models' errors. For several there is a table of the
+        models against the VJM, and a table of their errors per task. Arguments and errors are the
+        same as for `scores`.
+        """
+        scores = self.scores(metric, axis, seed=seed)
+        failures = failure_lines(self.fits)
+        caveats = dict.fromkeys(note for task in scores.tasks for note in task_notes(task))
+        if len(scores.tasks) == 1 and metric == "norm":
+            (task,) = scores.tasks
+            notes = [task_facts(task), *failures, *caveats]
+            table = replace(task_table(task, task_title(task)), notes=notes, brief=True)
+            return Tables([table], self.command, task_summary(task).headline)
+        models = model_frame(scores)
+        summary, matrix = summarize(scores, models), matrix_table(scores, [*models["model"]])
+        title = f"{scores.key.text} against the VJM's on {first_few(matrix.headings()[1:])}"
+        table = model_table(scores, models, title, [*summary.lines, *failures, *caveats])
+        return Tables([table, matrix], self.command, summary.headline)
+
+    def screen(self, *facts: str, verbose: bool = False) -> str:
+        """Return the result for a terminal, or the tables if no model has a score.
+
+        One task is printed as a table of its models, several as a matrix. With `verbose` the tables
+        of several tasks follow.
+
+        Args:
+            facts: facts about the run, such as its time.
+            verbose: True to add a table per task and all notes.
+        """
+        if (view := self.view()) is None:
+            return "\n".join([self.table(verbose=verbose).text_as(SCREEN), *facts])
+        first, *_, matrix = (*view.tables, view.tables[-1])
+        tables = [replace(matrix, notes=[])]
+        if verbose and len(view.tables) > 1:
+            tables += [task_table(task, task_title(task)) for task in self.scores().tasks]
+        console = screen_console()
+        for table in tables:
+            print_table(console, table)
+            console.print()
+        print_lines(console, f"{view.text.removesuffix('.')}.", style="bold")
+        for note in replace(first, brief=not verbose).visible_table().notes:
+            print_lines(console, note)
+        print_lines(console, ". ".join([*facts, ""]).strip(), style="dim")
+        best = first.rows[0][0]
+        line = self._next_commands(best.text if isinstance(best, Name) else "", console.width)
+        console.print(line, style="dim", soft_wrap=True)
+        return screen_of(console)
+
+    def _next_commands(self, best: str, width: int) -> str:
+        """Return a line with the next commands, or a line each if they are long."""
+        folder = "" if self.folder == RESULTS else f" --results {shlex.quote(str(self.folder))}"
+        options, model = one_line(folder), shlex.quote(one_line(best))
+        commands = [f"bench report{options} --output report.html", "more metrics: --metric stde"]
+        if best not in ("", REFERENCE_MODEL):
+            commands.insert(0, f"bench compare {model} {REFERENCE_MODEL}{options}")
+        line = f"Next: {' · '.join(commands)}"
+        return line if len(line) <= width else "Next: " + "\n      ".join(commands)
+
+    def leaderboard(
+        self, metric: str = "norm", axis: AxisName | None = None, *, seed: Seed = 0
+    ) -> Tables:
+        """Rank models over data sets and protocols, with intervals.
+
+        With five or more robots of one kind (simulated or measured), models are sorted by their
+        error over the VJM's. With fewer robots there is a table per data set, with intervals over
+        splits and poses.
+
+        Args:
+            metric: metric to rank by.
+            axis: axis of the metric; by default the mean over the axes.
+            seed: seed of the resampling of poses.
+
+        Raises:
+            ConfigError: fewer than two models have results, or the metric cannot rank models.
+            StoreError: the folder has no results, or corrupt ones.
+        """
+        key = sort_key(metric, axis)
+        board = build_leaderboard(self.stored, key, self.selection, seed=seed)
+        about = {"sort_key": key.text, "direction": key.metric.direction}
+        return Tables(leaderboard_tables(board), self.command, about=about)
+
+    def __len__(self) -> int:
+        """Return the number of results and failures."""
+        return len(self.fits)
+
+    def __getitem__(self, model: str) -> Results:
+        """Return the results of one model, or of all variants of a key.
+
+        Raises:
+            ConfigError: the model has no results.
+        """
+        names = list(dict.fromkeys(result.presentation.model for result in self.fits))
+        if not isinstance(model, str) or not any(matches_key(model, name) for name in names):
+            raise unknown_name("model with results", str(model), names)
+        return self.select(models=[model])
+
+    __iter__ = None
+    """Results are not a sequence; `fits` has them."""
+
+    def view(self) -> Tables | None:
+        """Return the summary; None: no model has a score."""
+        try:
+            return self.summary()
+        except ConfigError:
+            return None
+
+    def __repr__(self) -> str:
+        """Return the result for a screen, with its first table."""
+        view = self.view() or self.table()
+        return repr(replace(view, tables=view.tables[:1]))
+
+    def _repr_html_(self) -> str:
+        return (self.view() or self.table())._repr_html_()
+
+
+def open_results(folder: Path | str) -> Results:
+    """Return the results of a folder, such as the --output of `bench run`."""
+    return Results(Path(folder), command=f"stiffbench.open_results({str(folder)!r})")

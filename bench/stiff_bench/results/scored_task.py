@@ -1,0 +1,458 @@
+"""Score the models of a task, and compare pairs of them.
+
+Leaderboard, report page and compare (among all models) take verdicts from `ScoredTask.verdicts`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from stiff_bench.results.fit_values import bound_results, pooled_prediction, values_of_splits
+from stiff_bench.results.load import ModelResults, SplitId, Task
+from stiff_bench.results.significance import (
+    Estimate,
+    Question,
+    SharedErrors,
+    Verdict,
+    corrected_p_values,
+    decide_pairs,
+    estimates,
+)
+from stiff_bench.store.names import TaskName, grouped, without_options
+from stiff_bench.store.samples import StoredData
+from stiff_bench.tables.units import PRINTED
+from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
+from stiff_protocols.contract.record import PATH_ERROR, CellResult
+from stiff_protocols.contract.types import AXES, BOUND_NAMES, FloatArray, Prediction
+from stiff_protocols.scoring.bootstrap import pose_errors
+from stiff_protocols.scoring.metrics import METRICS, Metric, absolute_errors, metric, norm_errors
+from stiff_protocols.scoring.paired import ROPE_M
+
+NOISE_FLOOR = BOUND_NAMES["noise"]
+SEED, SPECIMEN = "seed", "specimen"
+"""Options of data sets for a repeat with new noise, and for another robot of the same type."""
+_ROW_ERRORS: dict[str, Callable[[Prediction], FloatArray]] = {
+    "mae": absolute_errors,
+    "norm": norm_errors,
+}
+"""Row errors by metric, for metrics that are means over rows: their poses can be resampled."""
+
+
+@dataclass(frozen=True)
+class SortKey:
+    """A metric on one axis, or its mean over all of its axes.
+
+    Attributes:
+        metric: metric with a better direction (smaller or larger).
+        axis: "x", "y" or "z"; "": the mean of the metric's axes.
+    """
+
+    metric: Metric
+    axis: str = ""
+
+    @property
+    def text(self) -> str:
+        """Return metric, axis and unit as one line."""
+        of_axis = f" of {self.axis}" if self.axis else ""
+        shown_unit = f" [{self.unit}]" if self.unit else ""
+        over = f", mean over {', '.join(self._axes)}" if len(self._axes) > 1 else ""
+        return f"{self.metric.label}{of_axis}{shown_unit}{over}"
+
+    @property
+    def unit(self) -> str:
+        """Return the printed unit."""
+        return PRINTED[self.metric.unit][0]
+
+    @property
+    def factor(self) -> float:
+        """Return the factor from the metric's unit to the printed unit."""
+        return PRINTED[self.metric.unit][1]
+
+    @property
+    def sign(self) -> float:
+        """Return 1 if smaller values are better, -1 if larger values are."""
+        return -1.0 if self.metric.direction == "larger" else 1.0
+
+    @property
+    def resamples(self) -> bool:
+        """Return True if the metric is a mean over rows, so that poses can be resampled."""
+        return self.metric.key in _ROW_ERRORS
+
+    @property
+    def is_cost(self) -> bool:
+        """Return True for time or memory; no statistical test applies to these."""
+        return self.metric.of_cost is not None
+
+    @property
+    def _axes(self) -> tuple[str, ...]:
+        return (self.axis,) if self.axis else self.metric.axes
+
+    def of_splits(self, results: Sequence[CellResult]) -> FloatArray | None:
+        """Return the (J,) values of a model's results on J splits, in the metric's unit.
+
+        It is one value if the protocol scores the predictions of all splits together. None: a
+        value is missing.
+        """
+        split_values = values_of_splits(self.metric, results)
+        try:
+            of_axes = [[values[axis] for values in split_values] for axis in self._axes]
+        except KeyError:
+            return None
+        return np.asarray(np.mean(of_axes, axis=0))
+
+    def of_rows(self, prediction: Prediction) -> FloatArray:
+        """Return the (n,) errors, m, whose mean is the value; only if `resamples`."""
+        errors = _ROW_ERRORS[self.metric.key](prediction)
+        if errors.ndim == 1:
+            return errors
+        columns = [self.metric.axes.index(axis) for axis in self._axes]
+        return np.asarray(errors[:, columns].mean(axis=1))
+
+
+def sort_key(key: str = "norm", axis: str | None = None) -> SortKey:
+    """Return the sort key of a metric and an axis.
+
+    Raises:
+        ConfigError: the metric or axis is unknown, or the metric cannot rank models.
+    """
+    chosen_metric = metric(key)
+    if chosen_metric.needs_interval:
+        reason = "narrower intervals are better only at equal coverage"
+        if chosen_metric.direction == "nominal":
+            reason = "its best value is the nominal one"
+        valid = ", ".join(m.key for m in METRICS.values() if not m.needs_interval)
+        raise ConfigError(f"{key}: {reason}, so it does not rank models (valid: {valid})", "metric")
+    if axis is not None and axis not in AXES:
+        raise ConfigError(f"{axis!r} (valid: {', '.join(AXES)})", "axis")
+    if axis is not None and axis not in chosen_metric.axes:
+        with_axes = ", ".join(m.key for m in METRICS.values() if m.axes == AXES)
+        raise ConfigError(
+            f"{axis}: {key} has no axes; use a metric with axes ({with_axes})", "axis"
+        )
+    return SortKey(chosen_metric, axis or "")
+
+
+_P95 = sort_key("norm-p95")
+
+
+def dataset_of(name: TaskName) -> str:
+    """Return a data set's name without its seed."""
+    return without_options(name.dataset, SEED)
+
+
+def family_of(name: TaskName) -> str:
+    """Return a data set's name without its seed and specimen."""
+    return without_options(name.dataset, SEED, SPECIMEN)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScoredTask(BriefFields):
+    """A task with the scores of its ranked models.
+
+    Attributes:
+        task: stored results.
+        key: metric that ranks the models.
+        data: samples of the task's data set.
+        seed: seed of the draws of poses.
+        splits: splits that all ranked models have; only these count.
+        results: results on these splits by ranked model, in order.
+        scores: (J,) values on these splits by model, in the metric's unit; one value if the
+            protocol scores all splits together.
+        missing: reasons for a missing score, by model.
+    """
+
+    task: Task
+    key: SortKey
+    data: StoredData
+    seed: int
+    splits: tuple[SplitId, ...]
+    results: Mapping[str, Sequence[CellResult]]
+    scores: Mapping[str, FloatArray]
+    missing: Mapping[str, str]
+
+    @property
+    def name(self) -> TaskName:
+        """Return the name of the task."""
+        return self.task.name
+
+    @property
+    def kind(self) -> str:
+        """Return the kind of the data."""
+        return self.task.presentation.kind
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Return the ranked models, sorted by name."""
+        return tuple(sorted(self.scores))
+
+    @cached_property
+    def errors(self) -> SharedErrors:
+        """Return the errors for the verdicts, with a column per model of `models`."""
+        results = [self.results[model] for model in self.models]
+        scores = [self.scores[model] for model in self.models]
+        return shared_errors(self.key, results, scores, self.data, self.seed)
+
+    @cached_property
+    def _p_values(self) -> FloatArray | None:
+        """Return (m, m) p-values of all pairs of `models`, corrected for all pairs."""
+        return corrected_p_values(self.errors)
+
+    def verdicts(
+        self, pairs: Sequence[tuple[str, str]], question: Question | None = None
+    ) -> list[Verdict] | None:
+        """Return the verdicts on pairs of ranked models, corrected for all pairs.
+
+        None: no test applies. The default question ignores differences up to `ROPE_M`.
+        """
+        if self.key.is_cost or self._p_values is None:
+            return None
+        place = {model: column for column, model in enumerate(self.models)}
+        columns = [(place[a], place[b]) for a, b in pairs]
+        p_values = [float(self._p_values[of_pair]) for of_pair in columns]
+        question = question or Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
+        return decide_pairs(self.errors, columns, question, p_values)
+
+    def verdict(self, model: str, reference: str = REFERENCE_MODEL) -> Verdict | None:
+        """Return the verdict on a model ("a") and a reference ("b"); None: no test applies."""
+        if model == reference or not {model, reference} <= self.scores.keys():
+            return None
+        verdicts = self.verdicts([(model, reference)])
+        return None if verdicts is None else verdicts[0]
+
+    def estimates(self, model: str, reference: str = REFERENCE_MODEL) -> list[Estimate]:
+        """Return estimates of error(model) - error(reference), in the metric's unit.
+
+        With several splits the first estimate is over splits; the last is over poses.
+        """
+        if self.key.is_cost or not {model, reference} <= self.scores.keys():
+            return []
+        pair = self.models.index(model), self.models.index(reference)
+        return [
+            estimate for (estimate,) in estimates(self.errors, [pair], Question(seed=self.seed))
+        ]
+
+    def bounds(self, name: str) -> list[CellResult]:
+        """Return results of a bound (a name of `BOUND_NAMES`) on these splits; or none."""
+        every = (bound_results(results, name) for results in self.results.values() if results)
+        return next(filter(None, every), [])
+
+    def mean(self, model: str) -> float:
+        """Return a model's mean over the splits, in the metric's unit."""
+        return float(self.scores[model].mean())
+
+    def best(self, models: Collection[str] = ()) -> str:
+        """Return the model with the best score, of all or of the given models."""
+        return min(models or self.models, key=lambda model: self.key.sign * self.mean(model))
+
+    def like_best(self) -> set[str]:
+        """Return the models that are not clearly worse than the best; none if no test applies."""
+        best = self.best()
+        rivals = [model for model in self.models if model != best]
+        verdicts = self.verdicts([(best, model) for model in rivals])
+        if verdicts is None:
+            return set()
+        return {best} | {m for m, verdict in zip(rivals, verdicts, strict=True) if verdict != "a"}
+
+    def failed(self, model: str) -> str:
+        """Return "FAILED" or "SKIPPED" if a model was run without a result; else ""."""
+        stored = self.task.models.get(model)
+        if model not in self.missing or stored is None or not stored.failures:
+            return ""
+        return _usual_failure(stored).status.upper()
+
+    @property
+    def left_out(self) -> str:
+        """Return a note on splits that do not count; "" if all count."""
+        every = {split for model in self.scores for split in self.task.models[model].done}
+        n_count, n_all = len(self.splits), len(every)
+        return f"only the {n_count} of {n_all} splits that all have count" * (n_all > n_count)
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Yield a row per ranked model: what the task is, its error, and ratios to the VJM's.
+
+        `error` and `noise` are in the metric's unit. Ratios are NaN if the score is not an error,
+        or a number is missing.
+        """
+        floor = self.bounds(NOISE_FLOOR)
+        noise = _mean(self.key.of_splits(floor)) if floor else math.nan
+        place = {
+            "robot": self.data.robot.name,
+            "kind": self.kind,
+            "family": family_of(self.name),
+            "dataset": self.name.dataset,
+            "protocol": self.name.protocol,
+            "condition": self.name.condition,
+        }
+        numbers = {model: self._numbers(model) for model in self.scores}
+        reference = numbers.get(REFERENCE_MODEL, {})
+        for model, of_model in numbers.items():
+            ratios = {
+                f"{name} ratio": _ratio(value, reference.get(name, math.nan))
+                for name, value in of_model.items()
+            }
+            if of_model["error"] <= 0.0 or self.key.sign < 0.0:
+                ratios["error ratio"] = math.nan
+            ratios["noise ratio"] = _ratio(of_model["error"], noise)
+            yield {"task": self, "model": model, **place, **of_model, "noise": noise, **ratios}
+
+    def _numbers(self, model: str) -> dict[str, float]:
+        results = self.results[model]
+        paths = [result.diagnostics.get(PATH_ERROR, math.nan) for result in results]
+        return {
+            "error": self.mean(model),
+            "p95": _mean(_P95.of_splits(results)),
+            "path": float(np.mean(paths)),
+        }
+
+
+def _mean(values: FloatArray | None) -> float:
+    return math.nan if values is None else float(values.mean())
+
+
+def _ratio(value: float, reference: float) -> float:
+    return value / reference if reference else math.nan
+
+
+def split_sizes(results: Sequence[CellResult]) -> tuple[float, float]:
+    """Return the mean numbers of training and test rows per split.
+
+    The results of the splits are correlated through n_test / n_samples. This holds for learning
+    curves too: few training rows hardly overlap from split to split (counted in
+    tests/protocols/scoring/test_false_positives.py).
+    """
+    n_test = np.mean([len(r.prediction.rows) for r in results if r.prediction is not None])
+    return float(np.mean([result.n_train for result in results])), float(n_test)
+
+
+def _test_share(results: Sequence[CellResult], data: StoredData) -> float:
+    """Return the share (0..1) of the samples that a model is tested on.
+
+    Tool paths are the same in all splits: there it is the share that no split trains on.
+    """
+    n_train, n_test = split_sizes(results)
+    if results[0].presentation.measured_sha256:
+        return 1.0 - n_train / len(data.measured)
+    return n_test / len(data.samples)
+
+
+def shared_errors(
+    key: SortKey,
+    results: Sequence[Sequence[CellResult]],
+    scores: Sequence[FloatArray],
+    data: StoredData,
+    seed: int,
+) -> SharedErrors:
+    """Return the errors of models on the same splits, with a column per model.
+
+    `scores` are the (J,) values of the key on J splits, or one value of splits scored together.
+    Untested poses of the data set have no rows. Tasks with different test poses of a data set thus
+    share the draws.
+
+    Raises:
+        DataError: the models were not tested on the same rows.
+    """
+    columns = np.column_stack(scores)  # (J, m)
+    of_poses = None
+    if key.resamples:
+        predictions = [pooled_prediction(of_model) for of_model in results]
+        rows = predictions[0].rows
+        if not all(np.array_equal(rows, prediction.rows) for prediction in predictions):
+            raise DataError("only models that were tested on the same rows can be compared")
+        errors = np.column_stack([key.of_rows(prediction) for prediction in predictions])
+        of_poses = pose_errors(data.samples.pose_id, errors, rows)
+    return SharedErrors(
+        of_splits=key.sign * columns if len(columns) > 1 else None,
+        test_share=_test_share(results[0], data),
+        of_poses=of_poses,
+        seed=seed,
+    )
+
+
+def score_task(
+    task: Task, models: Sequence[str], key: SortKey, data: StoredData, seed: int
+) -> ScoredTask:
+    """Return the scores of the models that can be ranked, with the VJM's.
+
+    Only the splits that all ranked models have count. A model with fewer requested splits is ranked
+    if it has them all. A model without a value is missing. A model with an unfinished run is
+    missing, too, unless it has every split that the finished models share. If the VJM was not run,
+    its predictions are those that every fit contains.
+
+    Raises:
+        StoreError: two models have no split in common.
+    """
+    results: dict[str, Sequence[CellResult]] = {
+        model: task.results(model)
+        for model in models
+        if model in task.models and not task.models[model].failures
+    }
+    scores = {model: key.of_splits(of_model) for model, of_model in results.items()}
+    missing = {
+        model: reason for model in models if (reason := _missing_reason(task, model, scores, key))
+    }
+    missing |= _unfinished(task, [model for model in models if model not in missing])
+    present = [model for model in models if model not in missing]
+    splits = tuple(task.shared_splits(present)) if present else ()
+    if present and not splits:
+        pairs = combinations(present, 2)
+        apart = next((pair for pair in pairs if not task.shared_splits(pair)), present)
+        raise StoreError(
+            f"{task.name.text}: {' and '.join(apart)} were run on different splits and share "
+            "none, so they cannot be compared; leave one of them out or run it again"
+        )
+    for model in present:
+        if len(results[model]) > len(splits):
+            results[model] = task.results(model, splits)
+            scores[model] = key.of_splits(results[model])
+    ranked_results = {model: results[model] for model in present}
+    if REFERENCE_MODEL not in task.models and splits:
+        of_vjm = bound_results(ranked_results[present[0]], REFERENCE_MODEL)
+        if of_vjm:
+            done = dict(zip(splits, of_vjm, strict=True))
+            vjm = ModelResults(of_vjm[0].presentation, done, failures={}, n_requested=len(done))
+            task = replace(task, models={**task.models, REFERENCE_MODEL: vjm})
+            ranked_results[REFERENCE_MODEL] = of_vjm
+            scores[REFERENCE_MODEL] = key.of_splits(of_vjm)
+    values = {model: of for model in ranked_results if (of := scores[model]) is not None}
+    return ScoredTask(task, key, data, seed, splits, ranked_results, values, missing)
+
+
+def _missing_reason(
+    task: Task, model: str, values: Mapping[str, FloatArray | None], key: SortKey
+) -> str:
+    stored = task.models.get(model)
+    if stored is None:
+        return "not run"
+    if stored.failures:
+        usual, n_failed = _usual_failure(stored), len(stored.failures)
+        where = f"{n_failed} of {n_failed + len(stored.done)} splits"
+        return f"{usual.status.upper()} in {where}: {' '.join(usual.failure.split())}"
+    return f"no value of {key.text}" if values[model] is None else ""
+
+
+def _usual_failure(stored: ModelResults) -> CellResult:
+    """Return a record of a model's most frequent failure."""
+    alike = grouped(stored.failures.values(), lambda failure: failure.why_none)
+    return max(alike.values(), key=len)[0]
+
+
+def _unfinished(task: Task, models: Sequence[str]) -> dict[str, str]:
+    """Return the models that are not ranked because their run is not finished."""
+    stored = {model: task.models[model] for model in models}
+    unfinished = [m for m, of_model in stored.items() if len(of_model.done) < of_model.n_requested]
+    finished = [model for model in models if model not in unfinished]
+    needed = set(task.shared_splits(finished))
+    return {
+        model: f"{len(of_model.done)} of {of_model.n_requested} splits: run not finished"
+        for model, of_model in stored.items()
+        if model in unfinished and (not finished or not needed <= of_model.done.keys())
+    }
