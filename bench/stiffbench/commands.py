@@ -44,7 +44,6 @@ from stiffbench.options import (
     select,
     use_plugins,
 )
-from stiffbench.signatures import CommandFunction, command_signature, spell_options
 
 ONLY_PATH = ("sheet", "hold", "on_failure")
 ONLY_PROGRAM = ("loads", "strict")
@@ -504,6 +503,7 @@ class Command:
     def function(self) -> Callable[..., int]:
         """Return the function of words for cyclopts; it returns the exit status."""
         from stiff_bench.run.machine import prepare
+        from stiffbench.signatures import CommandFunction, command_signature, spell_options
 
         prepare()  # before numpy is imported
         public: list[Any] = [*map(_public_function, self.public.split())]
@@ -540,6 +540,12 @@ def _public_function(place: str) -> Callable[..., Any]:
 
 
 GROUPS = {
+    "": (
+        "Benchmark stiffness models of industrial robots.",
+        "bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5\n"
+        "bench leaderboard\n"
+        "bench run --help",
+    ),
     "data": (
         "Plan, check, simulate and inspect data sets.",
         "bench data plan --robot ur5 --output plan.csv\nbench data validate my.csv --robot ur5",
@@ -555,7 +561,7 @@ GROUPS = {
         "bench results export --format csv --output results.csv",
     ),
 }
-"""Name of a group of commands -> its help and its example."""
+"""Name of a group of commands -> its help and its example; "": all."""
 WITH_PLUGINS = {
     *("data info", "data plan", "data export", "run", "figure", "fit", "predict", "path example"),
     *("path compensate", "map", "posture", "list", "show", "check"),
