@@ -135,15 +135,22 @@ def command_app(command: Command) -> App:
 
 def refusal(error: CycloptsError, command: Command) -> str:
     """Return the message of an error of cyclopts with the valid words or an example."""
-    from cyclopts.exceptions import MissingArgumentError, UnknownOptionError
+    from cyclopts.exceptions import (
+        MissingArgumentError,
+        UnknownOptionError,
+        UnusedCliTokensError,
+    )
 
     if isinstance(error, UnknownOptionError):
         names = [name for argument in error.argument_collection for name in argument.names]
         word = error.token.keyword or error.token.value
         return str(unknown_name(f"bench {command.words} option", word, names))
     example = f"example: {command.example.splitlines()[0]}"
+    if isinstance(error, UnusedCliTokensError):
+        return f"unexpected argument {(error.unused_tokens or [''])[0]!r}; {example}"
     if isinstance(error, MissingArgumentError) and error.argument is not None:
-        return f"{error.argument.name}: missing: {error.argument.parameter.help}; {example}"
+        text = (error.argument.parameter.help or "").removesuffix(" [required]").rstrip(".")
+        return f"{error.argument.name}: a value is missing ({text}); {example}"
     return f"{error}; {example}"
 
 
