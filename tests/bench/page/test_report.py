@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from click.testing import CliRunner
 
-from helpers.compared_results import case_in, fifths, spread, steady, store_results
+from helpers.compared_results import fifths, spread, steady, store_results, task_in
 from helpers.made_results import TWINS, MadeResults, change
 from stiff_bench.analysis.collected import StoredResults
 from stiff_bench.analysis.comparison import compare
@@ -200,7 +200,7 @@ def test_every_pair_has_the_verdict_that_compare_has_among_all_and_its_mirror_im
     tmp_path, n_splits, options
 ):
     folder = store_results(tmp_path, MODELS, tests=fifths(5)[:n_splits], **options)
-    case, data = case_in(folder)
+    case, data = task_in(folder)
     board = build_leaderboard(StoredResults.read(folder), sort_key("norm", None))
     table = pair_table(board.sections[0])
     names = [row[0].split()[1] for row in table.texts()]
