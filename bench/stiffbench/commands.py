@@ -640,7 +640,6 @@ COMMANDS = {
             "store.merging:merge",
             "bench merge laptop/runs server/runs --output results/runs",
             show=_show_merge,
-            without=("keys",),
         ),
         Command(
             "results add",
