@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 import stiffbench as sb
+from stiff_bench.page.study_page import study_leaderboard
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.study_file import find_study
-from stiff_bench.paper.study_page import study_leaderboard
 from stiff_bench.results.leaderboard import robot_ratios
 
 TOP = Path(__file__).parents[1]

@@ -131,14 +131,14 @@ class RunAgainst(Run):
 
     def compute(self) -> Results:
         """Copy the published results, compute missing fits, and return all results."""
-        from stiff_bench.store.merging import merge
+        from stiff_bench.store.merging import merge_fits
         from stiff_bench.submissions.published_results import missing_places
 
         output, published = self.plans[0].output, self.published_results
         ResultStore(output)
         keys = {result.cell.key for result in published} | {task.cell.key for task in self.tasks}
         if output.resolve() != self.published.resolve():
-            merge([self.published], output, keys)
+            merge_fits([self.published], output, keys)
         n_models = counted(len({result.presentation.model for result in published}), "model")
         n_results = counted(len(published), "published result")
         say(f"{n_results} of {n_models} taken from {self.published}")

@@ -57,29 +57,41 @@ class Merged:
         return "\n".join(self.report)
 
 
-def merge(
-    folders: Annotated[Sequence[Path | str], Form("DIR...")],
-    output: Folder,
-    keys: Collection[str] | None = None,
-) -> Merged:
+def merge(folders: Annotated[Sequence[Path | str], Form("DIR...")], output: Folder) -> Merged:
     """Merge the results of several machines into one folder.
 
-    A cell's key holds all that shapes its numbers. So a cell that is stored already is left out;
-    only a result replaces a failure. The merge is one transaction: all of it, or nothing.
+    Folders with different numbers for the same fit are refused. The merge is one transaction: all
+    of it, or nothing.
 
     Args:
         folders: folders of results; they are not changed.
         output: folder to merge into: new, or with results; it may be one of the folders.
-        keys: keys of the fits to take, with their runs and data; None: all.
 
     Raises:
-        ConfigError: two folders have different numbers of one cell.
+        ConfigError: two folders have different numbers of one fit.
         StoreError: a folder holds no results, or `output` cannot be written.
     """
-    output = Path(output)
-    inputs = {
-        folder: read_results(folder, keys) for folder in _inputs([*map(Path, folders)], output)
-    }
+    return merge_fits([*map(Path, folders)], Path(output))
+
+
+def merge_fits(
+    folders: Sequence[Path], output: Path, keys: Collection[str] | None = None
+) -> Merged:
+    """Merge fits with their runs and data.
+
+    The key of a fit contains everything that determines its numbers. A fit that is stored already
+    is therefore left out; only a result replaces a failure.
+
+    Args:
+        folders: folders of results.
+        output: folder to merge into.
+        keys: keys of the fits to take; None: all.
+
+    Raises:
+        ConfigError: two folders have different numbers of one fit.
+        StoreError: a folder holds no results, or `output` cannot be written.
+    """
+    inputs = {folder: read_results(folder, keys) for folder in _inputs(folders, output)}
     ResultStore(output)
     with writing(output) as db:
         # the transaction keeps other writers out, so what is read here stays as it is

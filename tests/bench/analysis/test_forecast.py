@@ -111,7 +111,7 @@ def test_no_fit_is_started_when_the_time_of_a_plan_is_over(cells, monkeypatch):
 
 @pytest.mark.slow
 def test_a_fit_that_takes_longer_is_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiff_bench.api.evaluation.LONGEST_FIT_S", 0.05)
+    monkeypatch.setattr("stiff_bench.analysis.forecast.LONGEST_FIT_S", 0.05)
     words = ("run", "--model", "mlp", "--dataset", "fanuc-r2000ic", "--splits", "1", "--plan")
     done = bench_here(*words, "--output", "new", cwd=tmp_path)
     assert "more than" in done.stdout and not (tmp_path / "new").exists()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import stiffbench as sb
 from helpers.browser import (
     BROWSER_MARKS,
     DESKTOP,
@@ -24,7 +25,6 @@ from helpers.browser import (
 from helpers.made_results import TWINS, MadeResults
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.page import report
-from stiff_bench.page.report import PageOptions, write_report
 
 pytestmark = BROWSER_MARKS
 HACKS = (
@@ -51,7 +51,7 @@ def page(tmp_path_factory) -> Path:
     output = folder / "report.html"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(report, "FIGURES", {name: FIGURES[name] for name in ("scores", "errors")})
-        write_report([made.folder], PageOptions(), output, f"bench report {HACKS[1]}")
+        sb.report(output, sb.Results(made.folder, command=f"bench report {HACKS[1]}"))
     return output
 
 

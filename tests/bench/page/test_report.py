@@ -5,20 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from click.testing import CliRunner
 
-from helpers.compared_results import case_in, fifths, spread, steady, store_results
+import stiffbench as sb
+from helpers.compared_results import fifths, spread, steady, store_results, task_in
 from helpers.made_results import TWINS, MadeResults, change
-from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.comparison import compare
-from stiff_bench.analysis.leaderboard import build_leaderboard
-from stiff_bench.analysis.selection import Selection
-from stiff_bench.analysis.sort_key import sort_key
-from stiff_bench.analysis.verdict import Question
-from stiff_bench.cli.result_commands import report as report_command
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.page import report
 from stiff_bench.page.report import PageOptions, folder_section, pair_table
+from stiff_bench.results.comparison import compare
+from stiff_bench.results.leaderboard import build_leaderboard
+from stiff_bench.results.load import StoredResults
+from stiff_bench.results.scored_task import sort_key
+from stiff_bench.results.selection import Selection
+from stiff_bench.results.significance import Question
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
@@ -141,7 +140,7 @@ def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
     assert [str(row[0]) for row in section.tables[0].rows] == ["vjm", "mlp"]
     change(results.folder, "DELETE FROM data")
     section = section_of(results.folder)
-    assert not section.tables and section.notes[0].startswith("No answer: ")
+    assert not section.tables and section.notes[0].startswith("No summary: ")
     parts = {part.heading: part for part in section.sections}
     assert "Leaderboard" not in parts and "Pairs of models" not in parts
     assert len(parts["Scores"].tables[0].rows) == 6
@@ -166,7 +165,7 @@ def test_figures_are_of_all_results_or_of_one_comparison_and_broken_ones_are_lef
     def figure(source):
         from matplotlib.figure import Figure
 
-        drawn.append([case.name.dataset for case in source.cases])
+        drawn.append([task.name.dataset for task in source.tasks])
         return Prepared("drawn", "of something", Figure)
 
     def broken(source):
@@ -181,7 +180,7 @@ def test_figures_are_of_all_results_or_of_one_comparison_and_broken_ones_are_lef
     assert "bench figure scores " in part.figures[0].command
     (_, of_other) = part.sections
     assert "--dataset other --protocol holdout" in of_other.figures[0].command
-    monkeypatch.setattr(report, "MOST_CASES", 1)
+    monkeypatch.setattr(report, "MOST_TASKS", 1)
     part = parts_of(results.folder)["Figures"]
     assert len(part.sections) == 1 and "first 1 of 2" in part.notes[0]
 
@@ -200,30 +199,25 @@ def test_every_pair_has_the_verdict_that_compare_has_among_all_and_its_mirror_im
     tmp_path, n_splits, options
 ):
     folder = store_results(tmp_path, MODELS, tests=fifths(5)[:n_splits], **options)
-    case, data = case_in(folder)
+    task, data = task_in(folder)
     board = build_leaderboard(StoredResults.read(folder), sort_key("norm", None))
     table = pair_table(board.sections[0])
     names = [row[0].split()[1] for row in table.texts()]
     cells = {row[0].split()[1]: dict(zip(names, row[1:], strict=True)) for row in table.texts()}
     for a in MODELS:
         for b in MODELS:
-            verdict = "-" if a == b else WON[compare(case, a, b, data, Question()).among_all]
+            verdict = "-" if a == b else WON[compare(task, a, b, data, Question()).among_all]
             assert cells[a][b] == verdict
     if n_splits > 1:  # five poses cannot show a difference among that number of pairs
         assert cells["good"]["bad"] == "1 : 0"
 
 
-def run(*words):
-    return CliRunner().invoke(report_command, [str(word) for word in words])
-
-
 def test_several_folders_are_parts_of_one_page_and_each_has_every_model_named(results, tmp_path):
     second_results, page = MadeResults(tmp_path / "others"), tmp_path / "page.html"
     second_results.add("gp", [0.1])
-    words = ["--results", results.folder, "--results", second_results.folder, "--output", page]
-    done = run(*words)
-    assert done.exit_code == 0 and f"{page}: written" in done.stderr and done.stdout == ""
+    folders = [sb.open_results(folder) for folder in (results.folder, second_results.folder)]
+    sb.report(page, folders)
     text = page.read_text(encoding="utf-8")
     assert text.startswith("<!DOCTYPE html>") and text.count("<h2") == 2
-    done = run(*words, "--model", "vjm")
-    assert isinstance(done.exception, ConfigError) and "'vjm'" in str(done.exception)
+    with pytest.raises(ConfigError, match="'vjm'"):
+        sb.report(page, [folder.select(models=["vjm"]) for folder in folders])

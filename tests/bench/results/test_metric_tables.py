@@ -88,7 +88,7 @@ def test_leave_one_out_scores_all_poses_together(tasks_of):
 
 def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(tasks_of):
     tasks = tasks_of(splits=2)
-    others = [result(task, 1e-4) for task in tasks_of(models=("zero",), splits=2)]
+    good_results = [result(task, 1e-4) for task in tasks_of(models=("zero",), splits=2)]
     broken = {"status": "failed", "prediction": None, "failure": "it broke"}
     absent = broken | {"status": "skipped", "failure": "no a|b\nhere"}
     failed = [result(tasks[0], 1e-4), result(tasks[1], 0, **broken)]
@@ -97,7 +97,7 @@ def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(
         (failed, "FAILED in 1 of 2 splits", "vjm: FAILED (1 of 2 splits): it broke"),
         (skipped, "SKIPPED", "vjm: SKIPPED (2 of 2 splits): no a|b here"),
     ):
-        (table,) = metric_tables([*bad, *others], METRICS)
+        (table,) = metric_tables([*bad, *good_results], METRICS)
         assert str(table.rows[0][0]) == f"vjm [{mark}]" and reason in table.notes
         has_numbers = [any(isinstance(cell, Quantity) for cell in row) for row in table.rows]
         assert has_numbers[:2] == [False, True]

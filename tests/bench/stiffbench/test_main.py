@@ -46,7 +46,7 @@ def test_the_reference_model_is_stored_once_with_the_requested_models(tmp_path):
     done = bench_here(*words, "--splits", "1", "--output", "out", cwd=tmp_path)
     stored = sorted(result.presentation.model for result in read_results(tmp_path / "out"))
     assert stored == ["vjm", "vjm@tcp=fit", "zero"]
-    assert done.stdout.count("| vjm ") == 1
+    assert done.stdout.count("| vjm ") == 2  # 3-D error, then MAE, STDE and ME
 
 
 def test_list_and_show_answer(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 
 from helpers.command_line import assert_refused, bench_here
 from stiff_bench.store.database import FILE, ResultStore, read_results, stored_statuses
-from stiff_bench.store.merging import merge
+from stiff_bench.store.merging import merge, merge_fits
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +126,7 @@ def test_results_on_none_of_the_splits_and_missing_folders_are_refused(
     elsewhere = changed(published, tmp_path / "elsewhere", seed=9)
     keys = [result.cell.key for result in read_results(elsewhere) if result.cell.seed == 9]
     only = tmp_path / "only"
-    merge([elsewhere], only, keys)
+    merge_fits([elsewhere], only, keys)
     assert_refused(run_against(only), "no results on the splits of this run: kr10-twin")
     shutil.rmtree(only)
     assert_refused(run_against("published"), "--against published", "--against DIR")

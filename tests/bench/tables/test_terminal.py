@@ -16,11 +16,9 @@ import pytest
 from rich.cells import cell_len
 
 from helpers.made_results import N_POSES, TWINS, MadeResults
-from stiff_bench.analysis.answer import Answer
-from stiff_bench.analysis.answer_text import matrix_table
-from stiff_bench.analysis.case_text import answer_screen, case_table, verdict_sentence
-from stiff_bench.analysis.collected import StoredResults
-from stiff_bench.analysis.sort_key import sort_key
+from stiff_bench.results.columns import task_table
+from stiff_bench.results.scored_task import ScoredTask
+from stiff_bench.results.summary import task_summary
 from stiff_bench.tables.table import SCREEN, Column, Name, Quantity, Table
 from stiff_bench.tables.terminal import screen_console, screen_text
 from stiff_bench.tables.writers import of_format
@@ -36,8 +34,9 @@ def made(tmp_path) -> MadeResults:
     return MadeResults(tmp_path / "runs")
 
 
-def answer_of(made: MadeResults) -> Answer:
-    return Answer.of(StoredResults.read(made.folder), sort_key("norm", None))
+def only_task(made: MadeResults) -> ScoredTask:
+    (task,) = open_results(made.folder).scores().tasks
+    return task
 
 
 def screen_of(table: Table, width: int) -> list[str]:
@@ -93,13 +92,12 @@ def test_colours_are_printed_only_on_request():
 def test_models_are_sorted_by_error_and_the_change_is_against_the_vjm(made):
     made.add_each({"vjm": VJM_MM, "good": [0.1, 0.1, 0.1], "bad": [0.4, 0.4, 0.4]})
     made.add("broken", failed=(0, 1, 2))
-    answer = answer_of(made)
-    table = case_table(answer, answer.cases[0])
+    table = task_table(only_task(made))
     names = [row[0].text for row in table.rows]
     assert names == ["good", "vjm", "bad", "broken"] and table.best_first
     errors, changes = ([row[n] for row in table.rows] for n in (1, 2))
     assert all(a.value < b.value for a, b in pairwise(errors[:3]))
-    assert changes[0].value == pytest.approx(-50.0) and changes[1] is None
+    assert changes[0] == pytest.approx(-50.0) and changes[1] is None
     assert errors[3].status.startswith("FAILED")
 
 
@@ -109,30 +107,25 @@ def test_models_are_sorted_by_error_and_the_change_is_against_the_vjm(made):
 )
 def test_the_sentence_is_the_verdict_with_its_interval(made, errors_mm, word):
     made.add_each({"vjm": VJM_MM, "net": errors_mm})
-    sentence = verdict_sentence(answer_of(made), answer_of(made).cases[0])
+    sentence = task_summary(only_task(made)).headline
     low, high = map(float, re.findall(r"interval ([\d.]+) to ([\d.]+)", sentence)[0])
     assert word in sentence and 0.0 < low < high
 
 
 def test_a_difference_that_is_open_names_no_winner(made):
     made.add_each({"vjm": VJM_MM, "net": [0.1, 0.35, 0.2]})
-    sentence = verdict_sentence(answer_of(made), answer_of(made).cases[0])
+    sentence = task_summary(only_task(made)).headline
     assert "No model is reliably better" in sentence and "is better than" not in sentence
 
 
-@pytest.mark.parametrize("width", WIDTHS)
-def test_several_data_sets_are_one_matrix_and_verbose_adds_their_tables(made, width):
+def test_several_data_sets_are_one_matrix_and_verbose_adds_their_tables(made):
     for number, _ in enumerate(TWINS):
         dataset = f"data-set-{number}"
         made.add_each({"vjm": VJM_MM, "net": [0.1, 0.11, 0.09]}, dataset)
-    answer = answer_of(made)
-    brief, verbose = (
-        answer_screen(answer, verbose=all_, console=screen_console(width, colors=False))
-        for all_ in (False, True)
-    )
-    assert max(cell_len(line) for line in verbose.splitlines()) <= width
-    n_columns = len(matrix_table(answer).columns) - 1
-    assert n_columns == len(TWINS) and "±" not in brief
+    results = open_results(made.folder)
+    brief, verbose = (results.screen(verbose=is_verbose) for is_verbose in (False, True))
+    *_, matrix = results.summary().tables
+    assert len(matrix.columns) - 1 == len(TWINS) and "±" not in brief
     assert verbose.count("± sd") == len(TWINS)
 
 
@@ -200,16 +193,14 @@ def test_a_comparison_and_its_verdict_are_on_one_line(made, width):
 def test_a_verdict_of_one_split_is_marked_as_of_these_fits(made, n_splits, is_limited):
     errors_mm = {"vjm": VJM_MM[:n_splits], "net": (0.1, 0.12, 0.09)[:n_splits]}
     made.add_each(errors_mm, rows=range(N_POSES) if n_splits == 1 else None)
-    answer = answer_of(made)
-    sentence = verdict_sentence(answer, answer.cases[0])
+    sentence = task_summary(only_task(made)).headline
     assert "is better than" in sentence and ("One split" in sentence) == is_limited
 
 
 def test_a_model_that_is_better_is_named_although_another_has_a_smaller_unsure_mean(made):
     errors_mm = {"vjm": VJM_MM, "steady": (0.1, 0.12, 0.09), "lucky": (0.01, 0.21, 0.05)}
     made.add_each(errors_mm)
-    answer = answer_of(made)
-    (case,) = answer.cases
-    assert case.mean("lucky") < case.mean("steady")
-    assert [answer.verdict(name, case) for name in ("lucky", "steady")] == ["open", "a"]
-    assert verdict_sentence(answer, case).startswith("steady is better")
+    task = only_task(made)
+    assert task.mean("lucky") < task.mean("steady")
+    assert [task.verdict(name) for name in ("lucky", "steady")] == ["open", "a"]
+    assert task_summary(task).headline.startswith("steady is better")
