@@ -24,8 +24,9 @@ SKIPPED = {"PYTHONDONTWRITEBYTECODE", "MPLCONFIGDIR", "STIFFBENCH_HOME"}
 
 
 LIE_ABOUT = (
-    "conftest sitecustomize usercustomize my_model test_my_model numpy torch click signal pickle "
-    "multiprocessing stiff_bench stiff_models stiff_plugins matplotlibrc stiff_bench/__init__"
+    "conftest sitecustomize usercustomize my_model test_my_model numpy torch cyclopts signal "
+    "pickle multiprocessing stiff_bench stiff_models stiff_plugins matplotlibrc "
+    "stiff_bench/__init__"
 )
 
 
@@ -117,7 +118,7 @@ posture --model ../out/m.stiff --point 600,0,400,180,0,180 --load 0,0,-60 --turn
 REGISTER = "data register ../out/mine.csv --dataset kr10-measured"
 ONE_AFTER_ANOTHER = """
 import shlex, sys
-from stiff_bench.cli.main import main
+from stiffbench.main import main
 for words in filter(None, sys.stdin.read().splitlines()):
     try:
         main(shlex.split(words))

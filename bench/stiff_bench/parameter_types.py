@@ -88,7 +88,6 @@ Angles = Annotated[
     Sequence[float] | str,
     Form("A,B,C", "down, or three finite numbers a,b,c in deg", (3,), ("down",)),
 ]
-Levels = Annotated[float | Sequence[float], Form("MM,...", "one finite number or several, in mm")]
 Box = Annotated[
     Sequence[float],
     Form("X0,X1,Y0,Y1,Z0,Z1", "six finite lengths in mm, x0,x1,y0,y1,z0,z1", (6,)),

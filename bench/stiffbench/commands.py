@@ -44,7 +44,6 @@ from stiffbench.options import (
     select,
     use_plugins,
 )
-from stiffbench.signatures import CommandFunction, command_signature
 
 ONLY_PATH = ("sheet", "hold", "on_failure")
 ONLY_PROGRAM = ("loads", "strict")
@@ -390,6 +389,7 @@ def _results_add(
 
     Args:
         folders: folders of submissions that `bench verify` has verified or reported.
+        results: folder of results to add to, with the VJM on the same splits.
     """
     for folder in folders:
         n_fits = api.submissions.add_submission(folder, Path(results))
@@ -503,13 +503,15 @@ class Command:
     def function(self) -> Callable[..., int]:
         """Return the function of words for cyclopts; it returns the exit status."""
         from stiff_bench.run.machine import prepare
+        from stiffbench.signatures import CommandFunction, command_signature, spell_options
 
         prepare()  # before numpy is imported
         public: list[Any] = [*map(_public_function, self.public.split())]
         body = CommandFunction(self.call or public[0], *public, without=self.without)
         plugins = CommandFunction(use_plugins)
         has_plugins = self.words in WITH_PLUGINS
-        signature = command_signature(body.all_options() | (plugins.options if has_plugins else {}))
+        options = body.all_options() | (plugins.options if has_plugins else {})
+        signature = command_signature(options)
 
         def call(*arguments: Any, **words: Any) -> int:
             given = signature.bind_partial(*arguments, **words).arguments
@@ -523,9 +525,8 @@ class Command:
         call.__annotations__ = {
             name: parameter.annotation for name, parameter in signature.parameters.items()
         }
-        call.__doc__ = next(
-            function.__doc__ for function in (self.call, *public) if function and function.__doc__
-        )
+        docs = (function.__doc__ for function in (self.call, *public) if function is not None)
+        call.__doc__ = spell_options(next(filter(None, docs)), options)
         return call
 
 
@@ -539,6 +540,12 @@ def _public_function(place: str) -> Callable[..., Any]:
 
 
 GROUPS = {
+    "": (
+        "Benchmark stiffness models of industrial robots.",
+        "bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5\n"
+        "bench leaderboard\n"
+        "bench run --help",
+    ),
     "data": (
         "Plan, check, simulate and inspect data sets.",
         "bench data plan --robot ur5 --output plan.csv\nbench data validate my.csv --robot ur5",
@@ -554,7 +561,7 @@ GROUPS = {
         "bench results export --format csv --output results.csv",
     ),
 }
-"""Name of a group of commands -> its help and its example."""
+"""Name of a group of commands -> its help and its example; "": all."""
 WITH_PLUGINS = {
     *("data info", "data plan", "data export", "run", "figure", "fit", "predict", "path example"),
     *("path compensate", "map", "posture", "list", "show", "check"),
@@ -660,7 +667,7 @@ COMMANDS = {
             "api.evaluation:model_and_data api.model:Model.fit api.model:Model.save",
             "bench fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
             _fit,
-            without=("data", "robot", "file"),
+            without=("data", "robot"),
         ),
         Command(
             "predict",
@@ -698,7 +705,6 @@ COMMANDS = {
             "api.model:Model.export",
             "bench export --model mlp.stiff --output mlp.onnx",
             _export,
-            without=("file",),
         ),
     ],
     "Look up and add names": [

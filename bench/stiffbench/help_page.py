@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.console import text_width
@@ -29,24 +30,34 @@ def fill(text: str, indent: str = "", first_indent: str | None = None) -> str:
     return filled.translate(BREAKABLE)
 
 
+def print_rows(heading: str, rows: Sequence[tuple[str, str]]) -> None:
+    """Print names and their descriptions as two columns below a heading."""
+    width = max((len(name) for name, _ in rows if len(name) <= NAME_COLUMN), default=0)
+    print(f"\n{heading}:")
+    for name, text in rows:
+        if len(name) > width:
+            print(f"  {name}")
+            name = ""
+        print(fill(text, " " * (width + 4), f"  {name:<{width}}  ") if text else f"  {name}")
+
+
+def page_end(example: str) -> str:
+    """Return the end of a page: the option for it, and an example as it is."""
+    lines = "\n".join(f"  {line}" for line in example.splitlines())
+    return f"-h, --help  Show this page.\n\nExample:\n{lines}"
+
+
 class HelpPage:
     """The formatter of cyclopts' help pages."""
 
     def __call__(self, console: Any, options: Any, panel: HelpPanel) -> None:
-        """Print a group of commands or options with its heading."""
+        """Print a group of options with its heading."""
         rows = [
             (", ".join(entry.display_labels_with_metavar), _plain(entry.description))
             for entry in panel.entries
         ]
-        if not rows:
-            return
-        width = max((len(label) for label, _ in rows if len(label) <= NAME_COLUMN), default=0)
-        print(f"\n{panel.title}:")
-        for label, text in rows:
-            if len(label) > width:
-                print(f"  {label}")
-                label = ""
-            print(fill(text, " " * (width + 4), f"  {label:<{width}}  ") if text else f"  {label}")
+        if rows:
+            print_rows(str(panel.title), rows)
 
     def render_usage(self, console: Any, options: Any, usage: Any) -> None:
         """Print the usage."""

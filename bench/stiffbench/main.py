@@ -1,7 +1,6 @@
-"""The `bench` command.
+"""The `bench` command: find the command that the words call, run it, and tell how it ended.
 
-Only cyclopts is imported here; what a command needs comes when it runs, so that help answers at
-once.
+What a command needs is imported when it is called, so that help answers at once.
 """
 
 from __future__ import annotations
@@ -9,19 +8,24 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
-from typing import Any
-
-from cyclopts import App, CycloptsError, Group
-from cyclopts.exceptions import MissingArgumentError, UnknownCommandError, UnknownOptionError
+from typing import TYPE_CHECKING
 
 import stiffbench as sb
 from stiff_bench.console import say
-from stiff_protocols.contract.errors import StiffBenchError, unknown_name
-from stiffbench.commands import COMMANDS, GROUPS
-from stiffbench.help_page import HelpPage
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
+from stiffbench.commands import COMMANDS, GROUPS, Command
+from stiffbench.help_page import HelpPage, page_end, print_rows
+
+if TYPE_CHECKING:
+    from cyclopts import App, CycloptsError
 
 INTERRUPTION = "interrupted. Results so far are saved; run the same command to continue."
 USAGE_ERROR, CELLS_FAILED = 2, 1
+HELP_FLAGS = ("-h", "--help")
+GENERAL_OPTIONS = (
+    ("--debug", "Show the traceback of an error; valid for every command."),
+    ("--version", "Show the version."),
+)
 
 
 class Stopped(BaseException):
@@ -32,74 +36,6 @@ class Stopped(BaseException):
         self.number = number
 
 
-def bench_app(words: list[str]) -> App:
-    """Return the command with its groups; only the command that is called has its options."""
-    app = App(
-        name="bench",
-        help="Benchmark stiffness models of industrial robots.",
-        help_epilogue=_example(
-            "bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5\n"
-            "bench leaderboard\n"
-            "bench run --help"
-        ),
-        help_format="plaintext",
-        help_formatter=HelpPage(),
-        help_flags=("-h", "--help"),
-        version=lambda: f"bench, version {sb.__version__}",
-        result_action="return_value",
-        exit_on_error=False,
-        print_error=False,
-        verbose=False,
-    )
-    options = Group("Options", sort_key=len(COMMANDS))
-    app.command(
-        _no_command,
-        name="--debug",
-        group=options,
-        help="Show the traceback of an error; valid for every command.",
-    )
-    app["--help"].show = False
-    app["--version"].group = (options,)
-    groups: dict[str, App] = {}
-    for number, (heading, commands) in enumerate(COMMANDS.items()):
-        page_group = Group(heading, sort_key=number)
-        for place, command in enumerate(commands):
-            *group, name = command.words.split()
-            parent = app
-            how: dict[str, Any] = {"group": page_group}
-            if group:
-                (word,) = group
-                if word not in groups:
-                    text, example = GROUPS[word]
-                    groups[word] = App(
-                        name=word,
-                        help=text,
-                        help_epilogue=_example(example),
-                        group=page_group,
-                        sort_key=place,
-                    )
-                    app.command(groups[word])
-                parent, how = groups[word], dict[str, Any]()
-            n_words = len(command.words.split())
-            is_called = " ".join(words[:n_words]) == command.words
-            how |= {"name": name, "sort_key": place, "help_epilogue": _example(command.example)}
-            if is_called:
-                parent.command(command.function(), **how)
-            else:
-                parent.command(App(help=command.summary, **how))
-    return app
-
-
-def _no_command() -> None:
-    """Do nothing: `main` reads --debug."""
-
-
-def _example(lines: str) -> str:
-    return "-h, --help  Show this page.\n\nExample:\n" + "\n".join(
-        f"  {line}" for line in lines.splitlines()
-    )
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave with its exit status.
 
@@ -107,26 +43,17 @@ def main(arguments: list[str] | None = None) -> None:
     """
     words = sys.argv[1:] if arguments is None else arguments
     debug = "--debug" in words
-    words = [word for word in words if word != "--debug"]
     for number in (signal.SIGTERM, signal.SIGHUP):  # so that temporary files are taken away
         signal.signal(number, _stop)
     try:
-        app = bench_app(words)
-        if not words or (len(words) == 1 and words[0] in GROUPS):
-            with contextlib.redirect_stdout(sys.stderr):
-                app([*words, "--help"])
-            sys.exit(USAGE_ERROR)
-        status = app(words)
+        status = run([word for word in words if word != "--debug"])
     except (KeyboardInterrupt, Stopped) as stopped:
         say(INTERRUPTION)
         status = 128 + getattr(stopped, "number", signal.SIGINT)
-    except (CycloptsError, StiffBenchError, OSError) as error:
+    except (StiffBenchError, OSError) as error:
         if debug:
             raise
-        if isinstance(error, CycloptsError):
-            message = refusal(error, app)
-        else:
-            message = error.as_typed() if isinstance(error, StiffBenchError) else str(error)
+        message = error.as_typed() if isinstance(error, StiffBenchError) else str(error)
         say(f"error: {' '.join(message.split())}")
         status = USAGE_ERROR
     except Exception as error:
@@ -134,32 +61,116 @@ def main(arguments: list[str] | None = None) -> None:
             raise
         say(f"internal error: {type(error).__name__}: {error} (add --debug for the traceback)")
         status = CELLS_FAILED
-    sys.exit(status or 0)
+    sys.exit(status)
 
 
 def _stop(number: int, _: object) -> None:
     raise Stopped(number)
 
 
-def refusal(error: CycloptsError, app: App) -> str:
+def run(words: list[str]) -> int:
+    """Run the command that words call, and return its exit status.
+
+    Raises:
+        ConfigError: a word is wrong.
+    """
+    group = words[0] if words and words[0] in GROUPS else ""
+    name, *options = words[bool(group) :] or [""]
+    if name == "--version" and not group:
+        print(f"bench, version {sb.__version__}")
+    elif not name:
+        with contextlib.redirect_stdout(sys.stderr):
+            print_overview(group)
+        return USAGE_ERROR
+    elif name in HELP_FLAGS:
+        print_overview(group)
+    else:
+        return run_command(find_command(group, name), options)
+    return 0
+
+
+def find_command(group: str, name: str) -> Command:
+    """Return a command of a group; ConfigError: there is none of this name."""
+    words = f"{group} {name}".strip()
+    commands = {command.words: command for listed in COMMANDS.values() for command in listed}
+    if words not in commands:
+        names = [key.partition(" ")[0] for key in commands]
+        if group:
+            names = [key.partition(" ")[2] for key in commands if key.startswith(f"{group} ")]
+        raise unknown_name(f"{f'bench {group}'.strip()} command", name, {*names})
+    return commands[words]
+
+
+def run_command(command: Command, options: list[str]) -> int:
+    """Run a command and return its exit status; ConfigError: a word is wrong."""
+    from cyclopts import CycloptsError
+
+    app = command_app(command)
+    try:
+        return int(app(options) or 0)
+    except CycloptsError as error:
+        raise ConfigError(refusal(error, command)) from error
+
+
+def command_app(command: Command) -> App:
+    """Return the cyclopts app of a command."""
+    from cyclopts import App
+
+    app = App(
+        name=f"bench {command.words}",
+        help_format="plaintext",
+        help_formatter=HelpPage(),
+        help_epilogue=page_end(command.example),
+        help_flags=HELP_FLAGS,
+        version_flags=(),
+        result_action="return_value",
+        exit_on_error=False,
+        print_error=False,
+        verbose=False,
+    )
+    app["--help"].show = False
+    app.default(command.function())
+    return app
+
+
+def refusal(error: CycloptsError, command: Command) -> str:
     """Return the message of an error of cyclopts with the valid words or an example."""
-    chain = [*(error.command_chain or ())]
-    called = " ".join(["bench", *chain])
-    for word in chain:
-        app = app[word]
-    if isinstance(error, UnknownCommandError) and error.unused_tokens:
-        names = [name for name in app if not name.startswith("-")]
-        return str(unknown_name(f"{called} command", error.unused_tokens[0], names))
+    from cyclopts.exceptions import (
+        MissingArgumentError,
+        UnknownOptionError,
+        UnusedCliTokensError,
+    )
+
     if isinstance(error, UnknownOptionError):
         names = [name for argument in error.argument_collection for name in argument.names]
-        return str(
-            unknown_name(f"{called} option", error.token.keyword or error.token.value, names)
-        )
-    example = f"example: {(app.help_epilogue or '').splitlines()[3].strip()}"
+        word = error.token.keyword or error.token.value
+        return str(unknown_name(f"bench {command.words} option", word, names))
+    example = f"example: {command.example.splitlines()[0]}"
+    if isinstance(error, UnusedCliTokensError):
+        return f"unexpected argument {(error.unused_tokens or [''])[0]!r}; {example}"
     if isinstance(error, MissingArgumentError) and error.argument is not None:
-        parameter = error.argument.parameter
-        return f"{error.argument.name}: missing: {parameter.help}; {example}"
+        text = (error.argument.parameter.help or "").removesuffix(" [required]").rstrip(".")
+        return f"{error.argument.name}: a value is missing ({text}); {example}"
     return f"{error}; {example}"
+
+
+def print_overview(group: str) -> None:
+    """Print the commands of `bench`, or of a group."""
+    text, example = GROUPS[group]
+    print(f"Usage: {f'bench {group}'.strip()} COMMAND\n\n{text}")
+    for heading, commands in COMMANDS.items():
+        rows = dict[str, str]()
+        for command in commands:
+            above, _, name = command.words.rpartition(" ")
+            if above == group:
+                rows[name] = command.summary
+            elif not group:
+                rows[above] = GROUPS[above][0]
+        if rows:
+            print_rows("Commands" if group else heading, [*rows.items()])
+    if not group:
+        print_rows("Options", GENERAL_OPTIONS)
+    print(f"\n{page_end(example)}")
 
 
 if __name__ == "__main__":

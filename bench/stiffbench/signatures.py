@@ -136,22 +136,16 @@ class Option:
         """Return the valid words; empty: any word."""
         return next((get_args(part) for part in self.types if get_origin(part) is Literal), ())
 
-    def description(self, spellings: Mapping[str, str]) -> str:
-        """Return the text without a shape, and with options for the names of parameters."""
-        text = SHAPE.sub("", self.text)
-        for name, spelling in spellings.items():
-            text = text.replace(f"`{name}`", spelling)
-        return text[:1].upper() + text[1:]
-
-    def as_parameter(self, group: Group, spellings: Mapping[str, str]) -> inspect.Parameter:
+    def as_parameter(self, group: Group, options: Mapping[str, Option]) -> inspect.Parameter:
         """Return the parameter for cyclopts, which splits words; `value` reads them."""
+        text = spell_options(SHAPE.sub("", self.text), options)
         in_group: dict[str, Any] = {} if self.is_argument else {"group": group}
         is_flag = bool in self.types
         hint: Any = bool | None if is_flag else list[str] if self.is_repeated else Any
         has_negative = is_flag and self.default is not False
         parameter = Parameter(
             name=self.word,
-            help=self.description(spellings) + self._default_text(),
+            help=text[:1].upper() + text[1:] + self._default_text(),
             show_default=False,
             negative=(self.form.name or f"--no-{self.spelling}") if has_negative else (),
             allow_leading_hyphen=not is_flag and not self.is_argument,
@@ -261,6 +255,13 @@ class Option:
         raise self._refusal(word, "a size with its unit, such as 2GiB or 500MB, at least 1MiB")
 
 
+def spell_options(text: str, options: Mapping[str, Option]) -> str:
+    """Replace names of parameters in a docstring, such as `after`, by options, such as --after."""
+    for name, option in options.items():
+        text = text.replace(f"`{name}`", option.word)
+    return text.replace("``", "`")
+
+
 class CommandFunction:
     """A function whose arguments are given by words.
 
@@ -354,8 +355,6 @@ def command_signature(options: Mapping[str, Option]) -> inspect.Signature:
     def heading(option: Option) -> str:
         return heading_of.get(option.spelling, "Options") if has_groups else "Options"
 
-    spellings = {name: option.word for name, option in options.items()}
-
     def place(option: Option) -> int:
         if option.is_argument:
             return -2
@@ -363,7 +362,7 @@ def command_signature(options: Mapping[str, Option]) -> inspect.Signature:
 
     return inspect.Signature(
         [
-            option.as_parameter(groups[heading(option)], spellings)
+            option.as_parameter(groups[heading(option)], options)
             for option in sorted(options.values(), key=place)
         ]
     )

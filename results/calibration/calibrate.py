@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import json
 import platform
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,9 +24,9 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
-import click
+import cyclopts
 import numpy as np
 import pandas as pd
 from scipy.optimize import Bounds, OptimizeResult, differential_evolution, least_squares
@@ -403,55 +404,41 @@ def write_calibration(number: int, *, generations: int, seed: int, output: Path)
     return f"{figures_text({number: specimens}, target)}\n\nconstants: {toml}\nrecord: {text}"
 
 
-@click.command()
-@click.option(
-    "--calibration",
-    type=click.Choice([str(number) for number in CALIBRATIONS]),
-    default="1",
-    show_default=True,
-    help="Which one to search.",
-)
-@click.option(
-    "--figures", is_flag=True, help="Search nothing; print the figures of the shipped calibrations."
-)
-@click.option(
-    "--generations",
-    type=click.IntRange(1, 10_000),
-    default=150,
-    show_default=True,
-    help="Of the search; the default takes about ten minutes.",
-)
-@click.option(
-    "--seed", type=click.IntRange(0, 2**32), default=0, show_default=True, help="Of the search."
-)
-@click.option(
-    "--output",
-    type=click.Path(path_type=Path),
-    default=Path(__file__).parent,
-    show_default="the folder of this file",
-    metavar="DIR",
-    help="Where constants and record go.",
-)
-def main(calibration: str, figures: bool, generations: int, seed: int, output: Path) -> None:
-    """Fit the KR10 twin to the source paper's VJM figures."""
+def main(
+    *,
+    calibration: Literal["1", "2"] = "1",
+    figures: bool = False,
+    generations: int = 150,
+    seed: int = 0,
+    output: Path = Path(__file__).parent,
+) -> None:
+    """Fit the KR10 twin to the source paper's VJM figures.
+
+    Args:
+        calibration: which one to search.
+        figures: search nothing; print the figures of the shipped calibrations.
+        generations: of the search; the default takes about ten minutes.
+        seed: of the search.
+        output: folder where constants and record go.
+    """
 
     def tell(now: Progress) -> None:
-        click.echo(f"{now.phase} {now.step}/{now.total}: misfit {now.loss:.4g}", err=True)
+        print(f"{now.phase} {now.step}/{now.total}: misfit {now.loss:.4g}", file=sys.stderr)
 
     try:
         if figures:
             figures_by_number = {number: specimen_figures(number) for number in CALIBRATIONS}
-            click.echo(figures_text(figures_by_number, paper_figures()))
+            print(figures_text(figures_by_number, paper_figures()))
             return
         with listening(tell):
-            click.echo(
+            print(
                 write_calibration(
                     int(calibration), generations=generations, seed=seed, output=output
                 )
             )
     except StiffBenchError as error:
-        raise click.ClickException(str(error)) from error
+        sys.exit(f"Error: {error}")
 
 
 if __name__ == "__main__":
-    main(prog_name=COMMAND)
+    cyclopts.run(main)

@@ -65,7 +65,7 @@ def register(
     """Describe your own CSV file for others.
 
     Writes a Croissant and a Frictionless descriptor next to the file, from its data card. A file
-    without a card gets one to fill in. The returned text names missing facts.
+    without a card gets one to fill in.
 
     Args:
         file: your measurement.

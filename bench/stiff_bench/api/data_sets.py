@@ -152,7 +152,7 @@ class Dataset(ShownObject):
         return Text(card_text(self.choice.info.key, self.choice.info.card))
 
     def describe(self, output: Path | str) -> Text:
-        """Draw an overview of a data set, and return its facts.
+        """Describe a data set and draw an overview.
 
         Args:
             output: folder for the picture, KEY.png.

@@ -59,7 +59,7 @@ def plan_poses(
     """Write a measurement plan to fill in.
 
     Without a robot, the plan is for the KR10. With `after`, it continues a measurement and
-    estimates what more poses gain. The returned text has the gain over random plans.
+    estimates what more poses gain.
 
     Args:
         output: new .csv file.

@@ -278,8 +278,7 @@ class Model(ShownObject):
         """Predict the deflections of a file of poses and wrenches.
 
         The column ``extrapolates`` names what is unlike the training samples: joints, pose-gap,
-        load or load-gap. Such a prediction is a guess; a warning gives the numbers. Returns the
-        number of rows.
+        load or load-gap. Such a prediction is a guess; a warning gives the numbers.
 
         Args:
             input: poses and wrenches, in the columns of a measurement; deflections are ignored.
@@ -287,6 +286,9 @@ class Model(ShownObject):
                 standard output.
             coverage: add prediction intervals of this coverage (0..1), per axis.
             sheet: sheet of an Excel file; by default the only one with a table.
+
+        Returns:
+            Number of rows.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -319,11 +321,11 @@ class Model(ShownObject):
             warn(text)
         return len(extrapolates)
 
-    def export(self, file: Path | str) -> Text:
+    def export(self, output: FilePath) -> Text:
         """Write a saved network as ONNX.
 
         Args:
-            file: new .onnx file.
+            output: new .onnx file.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -331,13 +333,13 @@ class Model(ShownObject):
             StoreError: the file cannot be written, or exists.
         """
         self.check_fitted()
-        check_new_file(Path(file))
+        check_new_file(Path(output))
         from stiff_models.networks.onnx_export import export_onnx
 
-        export_onnx(self.fitted, Path(file))
+        export_onnx(self.fitted, Path(output))
         robot = self.fitted.robot_
         return Text(
-            f"{file}: {self.name}, robot {robot.name}; inputs q (n, {robot.n_joints}) rad or m, "
+            f"{output}: {self.name}, robot {robot.name}; inputs q (n, {robot.n_joints}) rad or m, "
             "wrench (n, 6) N and N m at the TCP; output deflection (n, 3) m; base frame, float64"
         )
 
@@ -438,7 +440,7 @@ class Model(ShownObject):
             f"{MM * stored.quantile_90:.3g} mm"
         )
 
-    def save(self, file: Path | str, *, cross_validate: bool = True) -> None:
+    def save(self, output: FilePath, *, cross_validate: bool = True) -> None:
         """Save a fitted model to a file for `load_model` and `bench predict`.
 
         An existing file is replaced. After `fit`, further fits compute the errors at left-out poses
@@ -447,7 +449,7 @@ class Model(ShownObject):
         The file of a plugin's model has the hash of the plugin's code. To read it, name the plugin.
 
         Args:
-            file: path of the file.
+            output: file; an existing one is replaced.
             cross_validate: store the error at left-out poses, from one more fit for each fifth of
                 the poses.
 
@@ -465,7 +467,7 @@ class Model(ShownObject):
         if self.data is not None and cross_validate:
             self._keep_cross_validated_error()
         is_plugin = choice.cls.__module__ != "__main__" and bool(code_of(choice.cls))
-        save(self.fitted, Path(file), {choice.info.key: choice.params} if is_plugin else None)
+        save(self.fitted, Path(output), {choice.info.key: choice.params} if is_plugin else None)
 
     def _keep_left_out_errors(self) -> None:
         """Compute the errors for intervals; warn if that fails."""

@@ -1,4 +1,4 @@
-"""Search for the best posture: predict and rank all turns, branches and places."""
+"""Search for the best posture: predict and rank all turns and branches."""
 
 from __future__ import annotations
 
@@ -38,8 +38,6 @@ from stiff_protocols.paths.postures import (
 SAME_PLACE_MM, SAME_AXIS_DEG = 1.0, 0.5
 """Largest distance between the tool in the given posture and the point."""
 FULL_TURN_DEG = 360.0
-MOST_COURSES = 500
-"""Largest number of rows in the table of a path: with many places there are thousands."""
 SAME_COST = 9
 """Decimals of compared deflections [m]: wrist branches have equal deflections."""
 
@@ -95,54 +93,40 @@ class PostureSearch:
         """Return the (3,) axis of the tool in the last joint's frame."""
         return np.asarray(self.task.tool[:3, :3] @ self.axis_in_tool)
 
-    def ranked(self, max_change: int, shifts: FloatArray) -> RankedPostures:
+    def ranked(self) -> RankedPostures:
         """Return all postures in their order."""
         rotation, given_q, words = self._given()
         angles = 2.0 * np.pi * np.arange(self.turns) / self.turns
         rotations = turned(rotation, self.axis, angles)
         n, wrench = len(rotations), self._wrench(rotations)
         axis = rotations @ self.axis
-        courses: list[tuple[Course, FloatArray]] = []
-        n_compared, reasons = 0, []
-        for shift in shifts:
-            position = self.task.path.position + shift
-            postures = all_postures(
-                self.robot, position, rotations, near=self.near, held=self.task.held
-            )
-            if self.start is not None and n == 1 and not shift.any():
-                self._put_given(postures.q)
-            rows = np.nonzero(~np.isnan(postures.q[..., 0]))
-            size = np.full(postures.q.shape[:3], np.inf)
-            if len(rows[0]):
-                bent = self.model.predict_at_tcp(postures.q[rows], wrench[rows[:2]])
-                size[rows] = _size(bent, axis[rows[:2]], self.direction)
-            n_compared += len(rows[0])
-            best = best_courses(self.robot, postures.q, size, self.near, max_change)
-            courses += [(course, shift) for course in best]
-            if not best:
-                reasons.append(
-                    self._reason(postures.n_reached, postures.n_inside, size, max_change)
-                )
+        postures = all_postures(
+            self.robot, self.task.path.position, rotations, near=self.near, held=self.task.held
+        )
+        if self.start is not None and n == 1:
+            self._put_given(postures.q)
+        rows = np.nonzero(~np.isnan(postures.q[..., 0]))
+        size = np.full(postures.q.shape[:3], np.inf)
+        if len(rows[0]):
+            bent = self.model.predict_at_tcp(postures.q[rows], wrench[rows[:2]])
+            size[rows] = _size(bent, axis[rows[:2]], self.direction)
+        courses = sorted(best_courses(self.robot, postures.q, size, self.near), key=self._order)
         if not courses:
-            raise DataError(reasons[0])
-        courses.sort(key=lambda pair: self._order(pair[0]))
+            raise DataError(self._reason(postures.n_reached, postures.n_inside, size))
         given = None
         if given_q is not None:
             number = int(branch_numbers(self.robot, given_q, self.task.held)[0])
-            still = Course(number, np.zeros(n, dtype=np.int64), given_q, 0.0)
-            given = self._posture(still, np.zeros(3), rotations)
-        steps = np.linalg.norm(np.diff(self.task.path.position, axis=0), axis=1)
+            given = self._posture(Course(number, 0, given_q, 0.0), rotations)
         robot_words = f"{self.model.name}, robot {self.robot.name}; {self.task.name}"
         return RankedPostures(
             robot_words,
             self.direction,
-            self._table(courses if n == 1 else courses[:MOST_COURSES], rotations, given),
-            self._posture(*courses[0], rotations),
+            self._table(courses, rotations, given),
+            self._posture(courses[0], rotations),
             given,
             words,
             self.coverage,
-            n_compared,
-            np.r_[0.0, np.cumsum(steps)],
+            len(rows[0]),
         )
 
     def _put_given(self, q: FloatArray) -> None:
@@ -218,11 +202,11 @@ class PostureSearch:
         parts = wrench.reshape(n, m, 2, 3)
         return np.asarray(np.einsum("nmij,nmkj->nmki", change, parts).reshape(n, m, 6))
 
-    def _posture(self, course: Course, shift: FloatArray, rotations: FloatArray) -> RatedPosture:
+    def _posture(self, course: Course, rotations: FloatArray) -> RatedPosture:
         """Return a course with its predictions."""
-        model, q, rows = self.model, course.q, np.arange(len(course.q))
-        wrench = self._wrench(rotations)[rows, course.turn]
-        axis = rotations[rows, course.turn] @ self.axis
+        model, q = self.model, course.q
+        wrench = self._wrench(rotations)[:, course.turn]
+        axis = rotations[:, course.turn] @ self.axis
         bent, half = self.model.predict_at_tcp(q, wrench), None
         if self.coverage is not None:
             interval = model.predict_interval(q, wrench, self.coverage)
@@ -232,9 +216,8 @@ class PostureSearch:
             unit = axis if self.direction == "along" else part / np.maximum(length, 1e-12)
             half = np.linalg.norm(0.5 * (interval.upper - interval.lower) * unit, axis=1)
         return RatedPosture(
-            _signed_degrees(course.turn, self.turns),
+            float(_signed_degrees(np.array(course.turn), self.turns)),
             BRANCHES[course.branch],
-            shift,
             q,
             wrench,
             bent,
@@ -245,18 +228,16 @@ class PostureSearch:
 
     def _table(
         self,
-        courses: Sequence[tuple[Course, FloatArray]],
+        courses: Sequence[Course],
         rotations: FloatArray,
         given: RatedPosture | None,
     ) -> pd.DataFrame:
         """Return a row per course, in their order."""
         n, units = len(rotations), file_units(self.robot)
-        turn = np.array([course.turn for course, _ in courses])  # (k, n)
-        q = np.array([course.q for course, _ in courses])  # (k, n, n_joints)
-        shift = np.array([shift for _, shift in courses])
-        points = np.arange(n)
-        wrench = self._wrench(rotations)[points, turn].reshape(-1, 6)
-        axis = (rotations @ self.axis)[points, turn].reshape(-1, 3)
+        turn = np.array([course.turn for course in courses])
+        q = np.array([course.q for course in courses])  # (k, n, n_joints)
+        wrench = self._wrench(rotations)[:, turn].swapaxes(0, 1).reshape(-1, 6)
+        axis = (rotations @ self.axis)[:, turn].swapaxes(0, 1).reshape(-1, 3)
         every_q = q.reshape(-1, q.shape[-1])
         bent = self.model.predict_at_tcp(every_q, wrench)
         sizes = {
@@ -266,14 +247,8 @@ class PostureSearch:
         words = self.model.training_range.extrapolates(every_q, wrench)
         beyond = [words[row * n : (row + 1) * n] for row in range(len(courses))]
         columns: dict[str, object] = {"rank": np.arange(1, len(courses) + 1)}
-        first = _signed_degrees(turn, self.turns)
-        columns["turn_deg"] = first[:, 0]
-        if (turn != turn[:, :1]).any():
-            columns |= {"turn_deg": first.min(axis=1), "turn_to_deg": first.max(axis=1)}
-        columns["branch"] = [BRANCHES[course.branch] for course, _ in courses]
-        if shift.any():
-            place = MM_PER_M * (self.task.path.position[0] + shift)
-            columns |= dict(zip(("x_mm", "y_mm", "z_mm"), place.T.round(6), strict=True))
+        columns["turn_deg"] = _signed_degrees(turn, self.turns)
+        columns["branch"] = [BRANCHES[course.branch] for course in courses]
         columns |= {name: lengths.round(8) for name, lengths in sizes.items()}
         columns["extrapolates"] = [" ".join(sorted({*" ".join(row).split()})) for row in beyond]
         if n == 1:
@@ -283,7 +258,7 @@ class PostureSearch:
             columns |= dict(zip(DEFLECTION_COLUMNS, lengths.T, strict=True))
         if given is not None:
             branch = np.array(columns["branch"]) == given.branch
-            columns["given"] = branch & (turn == 0).all(axis=1) & ~shift.any(axis=1)
+            columns["given"] = branch & (turn == 0)
         return pd.DataFrame(columns)
 
     def course_table(self, ranked: RankedPostures) -> pd.DataFrame:
@@ -302,16 +277,11 @@ class PostureSearch:
             columns["half_width_mm"] = (MM_PER_M * best.half_width).round(8)
         return pd.DataFrame(columns).assign(extrapolates=list(best.extrapolates))
 
-    def _reason(
-        self, n_reached: IntArray, n_inside: IntArray, size: FloatArray, max_change: int
-    ) -> str:
+    def _reason(self, n_reached: IntArray, n_inside: IntArray, size: FloatArray) -> str:
         """Return the reason why no posture reaches all points, in one line."""
         there = np.isfinite(size).reshape(len(size), -1).any(axis=1)
         if there.all():
-            words = "one turn and branch serves all points (try a smooth turn)"
-            if max_change:
-                words = "smooth turn in one branch serves all points (try a larger turn-step)"
-            return f"{self.task.name}: {self.robot.name}: no {words}"
+            return f"{self.task.name}: {self.robot.name}: no turn and branch serves all points"
         number = int(np.argmin(there))
         place, arm = self.task.place_of(number), self.robot.name
         if not n_reached[number]:

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
 from stiff_bench.api.model import Model, wrap_model_errors
-from stiff_bench.api.posture_search import FULL_TURN_DEG, PostureSearch, PostureTask
+from stiff_bench.api.posture_search import PostureSearch, PostureTask
 from stiff_bench.api.ranked_postures import RankedPostures
 from stiff_bench.api.tool_paths import given_positions, held_positions
 from stiff_bench.console import say
 from stiff_bench.parameter_types import (
     Axis,
     Bounds,
-    Box,
     FilePath,
-    Form,
     Fraction,
     Frame,
     HeldJoints,
@@ -46,8 +43,6 @@ from stiff_protocols.paths.inverse import LIMIT_SLACK
 from stiff_protocols.paths.path import ToolPath
 from stiff_protocols.paths.postures import Direction
 
-SHIFTS_PER_AXIS = 5
-"""Number of workpiece positions along each edge of a box."""
 TURNS = 72
 
 
@@ -81,9 +76,6 @@ def rank_postures(
     direction: Direction = "along",
     given: JointPositions | None = None,
     turns: Annotated[int, Bounds(at_least=1, at_most=3600)] = TURNS,
-    turn: Literal["one", "smooth"] = "one",
-    turn_step: Annotated[float, Form("DEG"), Bounds(above=0.0, at_most=180.0)] | None = None,
-    place: Box | None = None,
     workpiece: Frame | None = None,
     hold: HeldJoints | None = None,
     coverage: Fraction | None = None,
@@ -110,11 +102,8 @@ def rank_postures(
         given: (n_joints,) joint positions to compare with, at the (first) point, in deg or mm; by
             default the orientation of the point, in the configuration nearest to the training
             poses.
-        turns: number of turns over 360 deg, counted from the given posture.
-        turn: along a path: one turn for all points, or a smooth turn that changes along it.
-        turn_step: largest change of a smooth turn between two points, in deg; by default one turn.
-        place: x0, x1, y0, y1, z0, z1 in mm of a box in the base frame: the workpiece may be moved
-            so that its (first) point lies inside.
+        turns: number of turns over 360 deg, counted from the given posture; along a path all points
+            have the same.
         workpiece: frame of the point or path in the base frame: x, y, z in mm and a, b, c in deg;
             by default the base frame.
         hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
@@ -134,7 +123,6 @@ def rank_postures(
     for kind, word, valid in (
         ("frame", frame, ("base", "tool")),
         ("direction", direction, ("along", "across")),
-        ("turn", turn, ("one", "smooth")),
     ):
         if word not in valid:
             raise unknown_name(kind, word, valid)
@@ -149,8 +137,6 @@ def rank_postures(
     start = _given_posture(arm, given)
     if path is None:
         task = _point_task(arm, point, start, load, frame, tool, workpiece, hold or {})
-        if turn == "smooth":
-            raise ConfigError("smooth requires a path (valid: one)", "turn")
     elif point is not None:
         raise ConfigError("and path: give only one of them", "point")
     else:
@@ -175,9 +161,7 @@ def rank_postures(
         model, arm, task, _unit(tool_axis), direction, coverage, start, _checked_turns(turns)
     )
     with display(), wrap_model_errors(model.file, but=StiffBenchError):
-        ranked = search.ranked(
-            _change(turn, turn_step, turns), _shifts(place, task.path.position[0])
-        )
+        ranked = search.ranked()
     if output is not None:
         one_point = len(task.path) == 1
         write_table(Path(output), [ranked.table if one_point else search.course_table(ranked)])
@@ -248,36 +232,3 @@ def _checked_turns(turns: int) -> int:
     if turns < 1:
         raise ConfigError(f"{turns} (valid: at least 1)", "turns")
     return turns
-
-
-def _change(turn: str, turn_step: float | None, turns: int) -> int:
-    """Return the largest change between two points, in steps of the turn."""
-    step = FULL_TURN_DEG / turns
-    if turn == "one":
-        if turn_step is not None:
-            raise ConfigError(f"{turn_step:g} requires --turn smooth", "turn-step")
-        return 0
-    if turn_step is None:
-        return 1
-    if not step <= turn_step <= FULL_TURN_DEG / 2.0:
-        raise ConfigError(
-            f"{turn_step:g} (valid: {step:g}..180 deg with {turns} turns)", "turn-step"
-        )
-    return int(turn_step / step + 1e-9)
-
-
-def _shifts(place: Sequence[float] | None, first: FloatArray) -> FloatArray:
-    """Return (k, 3) shifts of the workpiece, m, base frame."""
-    if place is None:
-        return np.zeros((1, 3))
-    box = frozen_array(place, "place", (6,)).reshape(3, 2) / MM_PER_M
-    for name, (low, high) in zip("xyz", MM_PER_M * box, strict=True):
-        if low > high:
-            raise ConfigError(f"{name}0 {low:g} is above {name}1 {high:g}", "place")
-    edges = [np.unique(np.linspace(low, high, SHIFTS_PER_AXIS)) for low, high in box]
-    places = np.array(list(product(*edges)))
-    if ((box[:, 0] <= first) & (first <= box[:, 1])).all():
-        places = np.unique(np.concatenate([first[None], places]).round(9), axis=0)
-    shifts = places - first
-    shifts[np.abs(shifts).max(axis=1) < 1e-8] = 0.0
-    return np.asarray(shifts)

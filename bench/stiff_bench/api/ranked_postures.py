@@ -11,7 +11,6 @@ import pandas as pd
 
 from stiff_datasets.measured.sample_columns import MM_PER_M, counted
 from stiff_protocols.contract.screen import MOST_ROWS, Screen, ShownObject
-from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.postures import Direction, RatedPosture
 
 if TYPE_CHECKING:
@@ -19,8 +18,7 @@ if TYPE_CHECKING:
 
 
 SCREEN_COLUMNS = (
-    *("rank", "turn_deg", "turn_to_deg", "branch", "x_mm", "y_mm", "z_mm", "along_mm", "across_mm"),
-    *("extrapolates", "given"),
+    *("rank", "turn_deg", "branch", "along_mm", "across_mm", "extrapolates", "given"),
 )
 """Columns of the table that fit a terminal."""
 
@@ -38,7 +36,6 @@ class RankedPostures(ShownObject):
         given_words: origin of the given posture, or the reason why there is none.
         coverage: coverage of the intervals; None: no intervals.
         n_compared: number of postures inside the limits and away from singularities.
-        distance: (n,) distance along the path, m.
     """
 
     title: str
@@ -49,7 +46,6 @@ class RankedPostures(ShownObject):
     given_words: str
     coverage: float | None
     n_compared: int
-    distance: FloatArray
 
     @property
     def saving(self) -> float:
@@ -77,7 +73,7 @@ class RankedPostures(ShownObject):
         mean = "" if len(best.q) == 1 else "mean "
         size = MM_PER_M * best.size.mean()
         title = (
-            f"best posture: turn {best.turn_text} deg, {best.branch}; {size:.4g} mm {mean}"
+            f"best posture: turn {best.turn:g} deg, {best.branch}; {size:.4g} mm {mean}"
             f"{self.direction} the axis"
         )
         if self.given is not None:
@@ -100,7 +96,7 @@ class RankedPostures(ShownObject):
         yield "task", self.title
         words = self.given_words
         if self.given is not None:
-            words = f"turn {self.given.turn_text} deg, {self.given.branch}; {words}"
+            words = f"turn {self.given.turn:g} deg, {self.given.branch}; {words}"
         yield "given posture", words
         if np.isfinite(self.uncertainty):
             half = MM_PER_M * self.uncertainty
@@ -111,9 +107,6 @@ class RankedPostures(ShownObject):
             )
         elif self.coverage is None:
             yield "uncertainty", "not computed; add --coverage 0.9"
-        if np.any(best.shift):
-            shift = ", ".join(f"{length:.4g}" for length in MM_PER_M * best.shift)
-            yield "workpiece", f"moved by ({shift}) mm"
         if len(best.q) == 1:
             joints = self.table.filter(regex=r"^q\d+_").iloc[0]
             values = ", ".join(f"{value:.2f}" for value in joints)
@@ -138,11 +131,11 @@ class RankedPostures(ShownObject):
         return f"{text}; the best posture inside it has rank {first['rank']}, {size}"
 
     def plot(self) -> Prepared:
-        """Return the picture: deflection over the turn, or along the path."""
+        """Return the picture: deflection over the turn."""
         from stiff_bench.figures.posture_picture import posture_picture
 
         words = f"{self.direction} the axis"
-        return posture_picture(self.title, words, self.table, self.best, self.given, self.distance)
+        return posture_picture(self.title, words, self.table, self.best, self.given)
 
 
 def _cell(name: str, value: object) -> str:

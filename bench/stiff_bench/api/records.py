@@ -24,12 +24,15 @@ def export_results(results: Results, output: FilePath, fmt: ExportFormat = "json
     """Write one record per fit: identity, hashes, metrics, predictions and cost.
 
     Failed fits have a record, too. Lengths are in mm. The fields are described in
-    results/schema/record.json, a JSON Schema. Returns the number of records.
+    results/schema/record.json, a JSON Schema.
 
     Args:
         results: results, such as `open_results("results/runs")`.
         output: file to write; an existing one is replaced.
         fmt: format of the file.
+
+    Returns:
+        Number of records.
 
     Raises:
         ConfigError: nothing is selected, or the package for Parquet is not installed.

@@ -211,7 +211,7 @@ def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Setting = ()) -
 
 
 def new_model(name: str, output: Folder = Path()) -> str:
-    """Write a small working model and its test, and return the next commands.
+    """Write a small working model and its test.
 
     Args:
         name: name of the model.

@@ -31,9 +31,9 @@ from stiff_datasets.measured.sample_columns import MM_PER_M
 from stiff_datasets.programs.controller_poses import ProgramPoses, controller_of, program_poses
 from stiff_datasets.programs.corrected_program import corrected_texts, shared_target_conflicts
 from stiff_datasets.programs.corrected_targets import (
-    CorrectedTargets,
     correct_targets,
-    errors_between,
+    corrected_rows,
+    without_rows,
 )
 from stiff_datasets.programs.joint_choice import SINGULAR, choose_joints
 from stiff_datasets.programs.load_lines import loads_by_line
@@ -42,7 +42,7 @@ from stiff_datasets.programs.program_reader import read_program
 from stiff_protocols.contract.errors import ConfigError, DataError, ModelError, unknown_name
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, TextArray
-from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M
+from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M, Compensation
 
 if TYPE_CHECKING:
     from stiff_bench.figures.prepared_figure import Prepared
@@ -77,9 +77,7 @@ class CorrectedProgram:
         lines: (n,) line of each motion.
         path: corrected targets, in the order of the program.
         left_motions: motions that were not corrected.
-        targets: points, commands and predicted deflections, with inserted points.
-        between: (m,) predicted errors on straight motions between corrected ends, m.
-        between_lines: (m,) lines of these motions.
+        targets: points, commands and predicted deflections.
         changed_configurations: lines whose written configuration has new numbers.
         unfit_configurations: lines whose written configuration does not fit the pose.
         notes: further notes, one per line.
@@ -90,9 +88,7 @@ class CorrectedProgram:
     lines: tuple[int, ...]
     path: CorrectedPath
     left_motions: tuple[LeftTarget, ...]
-    targets: CorrectedTargets
-    between: FloatArray
-    between_lines: tuple[int, ...]
+    targets: Compensation
     changed_configurations: tuple[int, ...]
     unfit_configurations: tuple[int, ...]
     notes: tuple[str, ...]
@@ -108,15 +104,7 @@ class CorrectedProgram:
     def _lines(self) -> list[str]:
         """Return the lines of the text."""
         lines = repr(self.path).split("\n")
-        n_points = int((~self.targets.is_target).sum())
-        corrected = f"{len(self.path.removed)} of {counted(len(self.lines), 'target')} corrected"
-        lines[1] = corrected + f", {counted(n_points, 'point')} put between" * bool(n_points)
-        if len(self.between):
-            worst = int(np.nanargmax(self.between))
-            lines.append(
-                f"between targets: up to {MM_PER_M * self.between[worst]:.2g} mm off the straight "
-                f"line (motion of line {self.between_lines[worst]}); --every puts points between"
-            )
+        lines[1] = f"{len(self.path.removed)} of {counted(len(self.lines), 'target')} corrected"
         for text, numbers in (
             ("status, turn or quadrants written again", self.changed_configurations),
             ("configuration does not fit the pose", self.unfit_configurations),
@@ -146,7 +134,6 @@ def compensate_program(
     tool: Frame | None = None,
     workpiece: Frame | None = None,
     start: JointPositions | None = None,
-    every: float | None = None,
     strict: bool = False,
     tolerance: Tolerance = MM_PER_M * TOLERANCE_M,
     iterations: Iterations = MAX_ITERATIONS,
@@ -174,7 +161,6 @@ def compensate_program(
             for a program without base data.
         start: (n_joints,) joint positions of the model's robot near the first target, deg or mm;
             None: the middle of the training poses.
-        every: largest distance of points inserted between the targets of straight motions, mm.
         strict: stop if a motion of a program cannot be corrected.
         tolerance: remaining predicted error at which the iteration of a target ends, mm.
         iterations: largest number of predictions per target.
@@ -218,37 +204,33 @@ def compensate_program(
         targets = correct_targets(
             model.predict_at_tcp,
             robot,
-            source,
             position,
             rotation,
             q,
             wrench,
             problem,
-            every_m=None if every is None else every / MM_PER_M,
             tolerance_m=tolerance / MM_PER_M,
             max_iterations=iterations,
         )
         conflicts = shared_target_conflicts(source, targets)
-        targets = targets.without(conflicts, SHARED)
-        commands = targets.at_targets
-        left_targets = _left_targets(source, commands.problem.tolist())
+        targets = without_rows(targets, conflicts, SHARED)
+        left_targets = _left_targets(source, targets.problem.tolist())
         if left_targets and strict:
             first = left_targets[0]
             raise ModelError(
                 f"{file}, line {first.line}: {_short(first.text)}: {first.reason} (strict: "
                 f"{counted(len(left_targets), 'motion')} cannot be corrected)"
             )
-        if not commands.converged.any():
+        if not targets.converged.any():
             raise ModelError(f"{file}: none of {counted(len(source), 'target')} can be corrected")
         texts, changed = corrected_texts(source, robot, poses, targets, q)
-        between_rows, between = errors_between(model.predict_at_tcp, robot, targets)
-        done = commands.converged
-        commanded_q, acting = commands.q[done], wrench[done]
+        done = targets.converged
+        commanded_q, acting = targets.q[done], wrench[done]
         training_range = model.training_range
         words = training_range.extrapolates(commanded_q, acting)
         path = CorrectedPath(
             output.stem,
-            targets.corrected,
+            corrected_rows(targets),
             expected_error(model, commanded_q, acting, coverage),
             words,
             extrapolation_details(training_range, robot, commanded_q, acting, words),
@@ -269,8 +251,6 @@ def compensate_program(
         path=path,
         left_motions=left_targets,
         targets=targets,
-        between=between,
-        between_lines=tuple(source.lines[targets.row[between_rows]].tolist()),
         changed_configurations=tuple(source.lines[changed].tolist()),
         unfit_configurations=tuple(source.lines[~fits].tolist()),
         notes=tuple(notes),

@@ -16,9 +16,9 @@ from stiff_bench.parameter_types import (
     Bounds,
     Box,
     FilePath,
+    Form,
     Frame,
     HeldJoints,
-    Levels,
     Load,
     Picture,
 )
@@ -35,7 +35,6 @@ from stiff_datasets.measured.path_file import (
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
-    DEG_PER_RAD,
     MM_PER_M,
     file_units,
     joint_columns,
@@ -63,14 +62,12 @@ from stiff_protocols.paths.inverse import JUMP
 from stiff_protocols.paths.reached_poses import BLANK_REASONS
 from stiff_protocols.paths.workspace_grid import PLANES, plane_grid, reach_box, reachable_region
 from stiff_protocols.paths.workspace_map import (
-    BEST_TURNS_RAD,
     MAP_AXES,
     QUANTITIES,
     MappedPoints,
     Quantity,
     WorkspaceTask,
     mapped_points,
-    turned_tool,
 )
 from stiff_protocols.springs.cartesian_stiffness import cartesian_stiffness
 
@@ -81,11 +78,8 @@ if TYPE_CHECKING:
 
 Extreme = Literal["stiffest", "softest"]
 EXTREMES: tuple[Extreme, ...] = ("stiffest", "softest")
-Turn = Literal["fixed", "best"]
-TURNS: tuple[Turn, ...] = ("fixed", "best")
 DOWN, DOWN_DEG = "down", tuple((angle, 0.0, 180.0) for angle in (0.0, 90.0, 180.0, -90.0))
 """Word for a tool whose z axis points down, and its possible orientations a, b, c."""
-BOX_PLANES, MOST_PLANES = 3, 9
 LEVEL_M = 0.01
 """Rounding of the position of a default plane, m."""
 LARGEST_MM = 1e5
@@ -107,12 +101,9 @@ class StiffnessMap(ShownObject):
             largest principal compliance.
         load: (6,) N and N m at the TCP.
         load_frame: frame of the load, "base" or "tool".
-        turn: "fixed", or "best" about the tool axis.
         positions: (..., 3) TCP, base frame, m.
-        tool_angles_deg: (3,) KUKA's angles a, b, c of the tool frame in the base frame, before the
-            turn, deg.
+        tool_angles_deg: (3,) KUKA's angles a, b, c of the tool frame in the base frame, deg.
         q: (..., n_joints) joint positions, rad or m; NaN where blank.
-        turns: (...) turn about the tool axis from the given orientation, rad; NaN where blank.
         deflections: (..., 3) m, base frame, of a map of deflections, else None; NaN where blank.
         compliance: (..., 3, 3) translational compliance, m/N, base frame, of a map of compliances,
             else None; NaN where blank.
@@ -132,11 +123,9 @@ class StiffnessMap(ShownObject):
     axis: str | None
     load: FloatArray
     load_frame: LoadFrame
-    turn: Turn
     positions: FloatArray
     tool_angles_deg: FloatArray
     q: FloatArray
-    turns: FloatArray
     deflections: FloatArray | None
     compliance: FloatArray | None
     values: FloatArray
@@ -191,10 +180,6 @@ class StiffnessMap(ShownObject):
     def values_in_unit(self) -> FloatArray:
         """Return (...) values in `unit`; NaN where blank."""
         return self.values * (MM if self.quantity == "deflection" else MM * 1000.0)
-
-    def tool_rotation(self, point: tuple[int, int, int]) -> FloatArray:
-        """Return the (3, 3) orientation of the tool frame in the base frame at a point."""
-        return turned_tool(rotation_of(self.tool_angles_deg), float(self.turns[point]))
 
     @property
     def cartesian_stiffness(self) -> FloatArray:
@@ -277,8 +262,7 @@ class StiffnessMap(ShownObject):
         """Return the mapped quantity and its load in words."""
         if self.quantity == "deflection":
             return f"{self.quantity_name} under {self.load_text}"
-        linear = self.joint_compliance is not None or not self.load.any()
-        return self.quantity_name if linear else f"{self.quantity_name} at {self.load_text}"
+        return self.quantity_name
 
     @property
     def place_text(self) -> str:
@@ -292,8 +276,7 @@ class StiffnessMap(ShownObject):
         ]
         n_planes, n_rows, n_columns = self.blank.shape
         size = f"{n_columns} x {n_rows} points" + " each" * (n_planes > 1)
-        turned = ", best turn about the tool axis" * (self.turn == "best")
-        tool = f"tool a, b, c = {_numbers(self.tool_angles_deg)} deg{turned}"
+        tool = f"tool a, b, c = {_numbers(self.tool_angles_deg)} deg"
         return f"{self.plane} at {AXES[normal]} = {levels} mm, {', '.join(ends)} mm, {size}; {tool}"
 
     @property
@@ -314,8 +297,6 @@ class StiffnessMap(ShownObject):
         columns[f"{name}_{self.unit.replace('/', '_per_')}"] = rows(self.values_in_unit)
         if self.deflections is not None:
             columns |= dict(zip(DEFLECTION_COLUMNS, rows(self.deflections).T * MM, strict=True))
-        if self.turn == "best":
-            columns["turn_deg"] = rows(self.turns) * DEG_PER_RAD
         joints = (rows(self.q) * file_units(self.robot)).T
         columns |= dict(zip(joint_columns(self.robot), joints, strict=True))
         numbers = pd.DataFrame(columns).round(8) + 0.0
@@ -351,7 +332,7 @@ class StiffnessMap(ShownObject):
         }
         stiffest, force = self.extreme("stiffest"), self.load[:3]
         if self.load_frame == "tool":
-            force = self.tool_rotation(stiffest) @ force
+            force = rotation_of(self.tool_angles_deg) @ force
         content = MapContent(
             planes=planes,
             marks=marks,
@@ -391,11 +372,10 @@ def stiffness_map(
     quantity: Quantity = "deflection",
     axis: Literal["x", "y", "z", "tool"] | None = None,
     plane: Literal["xy", "xz", "yz"] = "xz",
-    at: Levels | None = None,
+    at: Annotated[float, Form("MM")] | None = None,
     box: Box | None = None,
     grid: Annotated[int, Bounds(at_least=2, at_most=500)] = 100,
     orientation: Angles = DOWN,
-    turn: Turn = "fixed",
     tool: Frame | None = None,
     frame: LoadFrame = "base",
     hold: HeldJoints | None = None,
@@ -411,19 +391,17 @@ def stiffness_map(
     Args:
         model: fitted model.
         load: (3,) or (6,) process load at the TCP, in N and N m; by default none, for a compliance.
-        quantity: deflection under `load`, or compliance of the TCP: by the formula of joint springs
-            for vjm, else by central differences of the predictions.
+        quantity: deflection under `load`, or compliance of the TCP, from the joint springs of vjm.
         axis: component along an axis of the base frame or the tool's z axis; by default the length
             of the deflection, or the largest principal compliance.
         plane: plane of the map in the base frame.
-        at: place of the plane, or of several planes, on the third axis, in mm; by default with
-            `box` its two ends and the middle, else the middle of the training poses.
+        at: place of the plane on the third axis, in mm; by default the middle of `box`, or of the
+            training poses.
         box: ends x0, x1, y0, y1, z0, z1 of the region, in mm; by default all that the robot
             reaches.
         grid: number of points along the longer edge of a plane.
         orientation: orientation of the tool in the base frame: a, b, c in deg; down: its z axis
             down, its x axis along the base's axis that is nearest to the training poses.
-        turn: turn about the tool's z axis: fixed, or per point the best in steps of 30 deg.
         tool: tool frame in the frame of the last link: x, y, z in mm and a, b, c in deg; by default
             the model's TCP with the axes of the last link.
         frame: frame that the load is expressed in.
@@ -444,7 +422,6 @@ def stiffness_map(
         ("quantity", quantity, QUANTITIES),
         ("axis", axis, valid_axes),
         ("plane", plane, PLANES),
-        ("turn", turn, TURNS),
         ("frame", frame, ("base", "tool")),
     ):
         if word not in valid:
@@ -455,6 +432,8 @@ def stiffness_map(
     robot: Robot = fitted.robot_
     held = held_positions(robot, hold or {})
     springs = fitted.springs_.compliance if type(fitted) is VirtualJointModel else None
+    if quantity == "compliance" and springs is None:
+        raise ConfigError(f"compliance requires the model vjm, not {model.name}", "quantity")
 
     training_range, tool_frame = model.training_range, tool_of(robot, tool)[:3, :3]
     angles = _tool_angles(orientation, robot, tool_frame, training_range.poses)
@@ -471,17 +450,14 @@ def stiffness_map(
         axis=axis,
         held=held,
     )
-    turns = BEST_TURNS_RAD if turn == "best" else (0.0,)
     region = None if box is None else _box(box, plane)
     levels = _levels(at, region, plane, task)
     with display():
         if region is None:
             reach = reach_box(robot, held)
-            region = reachable_region(
-                plane, levels, reach, lambda points: task.are_reached(points, turns)
-            )
+            region = reachable_region(plane, levels, reach, task.are_reached)
         positions = plane_grid(plane, levels, region, grid)
-        mapped = mapped_points(task, positions, turns)
+        mapped = mapped_points(task, positions)
     shape = positions.shape[:-1]
     parts = {key: part.reshape(*shape, *part.shape[1:]) for key, part in vars(mapped).items()}
     vectors = parts.pop("vectors")
@@ -494,7 +470,6 @@ def stiffness_map(
         axis=axis,
         load=task.load,
         load_frame=frame,
-        turn=turn,
         positions=positions,
         tool_angles_deg=angles,
         deflections=vectors if is_deflection else None,
@@ -504,7 +479,7 @@ def stiffness_map(
     )
     reached = new_map.is_reached
     if not reached.any():
-        hint = "try --turn best, another --orientation, --at or --box"
+        hint = "try another --orientation, --at or --box"
         raise DataError(
             f"{robot.name} reaches no point of {new_map.place_text}: {new_map.blank_text} ({hint})"
         )
@@ -582,20 +557,16 @@ def _box(box: Sequence[float], plane: str) -> FloatArray:
 
 
 def _levels(
-    at: float | Sequence[float] | None, region: FloatArray | None, plane: str, task: WorkspaceTask
+    at: float | None, region: FloatArray | None, plane: str, task: WorkspaceTask
 ) -> FloatArray:
-    """Return the (n_planes,) positions of the planes on their normal, m."""
+    """Return the (1,) position of the plane on its normal, m."""
     normal = PLANES[plane][2]
     if at is not None:
-        levels = np.atleast_1d(np.asarray(at, dtype=np.float64))
-        if not 0 < len(levels) <= MOST_PLANES or not (np.abs(levels) <= LARGEST_MM).all():
-            raise ConfigError(
-                f"{at} (valid: 1 to {MOST_PLANES} numbers up to {LARGEST_MM:g} mm)", "at"
-            )
-        return np.asarray(levels / MM_PER_M)
+        if not abs(at) <= LARGEST_MM:
+            raise ConfigError(f"{at} (valid: a number up to {LARGEST_MM:.0f} mm)", "at")
+        return np.array([at / MM_PER_M])
     if region is not None:
-        low, high = region[normal]
-        return np.array([low]) if low == high else np.linspace(low, high, BOX_PLANES)
+        return np.array([region[normal].mean()])
     training = task.robot.tcp_position(task.training_range.poses)[:, normal]
     return np.array([np.rint(np.median(training) / LEVEL_M) * LEVEL_M])
 
@@ -603,7 +574,7 @@ def _levels(
 def _warn_extrapolation(new_map: StiffnessMap, task: WorkspaceTask, mapped: MappedPoints) -> None:
     """Warn about points far from the training samples, with numbers."""
     rows = mapped.blank == ""
-    wrench = np.stack([task.wrench(turn) for turn in mapped.turns[rows]])
+    wrench = np.tile(task.wrench, (int(rows.sum()), 1))
     words = mapped.extrapolates[rows].tolist()
     text = extrapolation_warning(task.training_range, new_map.robot, mapped.q[rows], wrench, words)
     if text:

@@ -58,7 +58,7 @@ def submit(
     its predictions, the environment, and a manifest with hashes.
 
     Args:
-        card: card of the model: plugin file next to it, authors, licence, reference ...
+        card: card of the model: plugin file next to it, authors, licence and reference.
         output: new folder for the submission.
         lite: fits of the short version of the study (four robots), or of all of it; required.
         results: folder of results: fits that it holds are not computed again.

@@ -1,4 +1,4 @@
-"""Postures for a task: deflection over tool turn, or along a path."""
+"""Postures for a task: deflection over tool turn."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import PAGE_INCH, REFERENCE_COLOR, looks, new_figure, share_legend
 from stiff_bench.tables.units import MM
-from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.postures import BRANCHES, RatedPosture
 
 HEIGHT_INCH = 2.9
@@ -28,7 +27,6 @@ def posture_picture(
     table: pd.DataFrame,
     best: RatedPosture,
     given: RatedPosture | None,
-    distance: FloatArray,
 ) -> Prepared:
     """Return the figure of a ranking with its caption.
 
@@ -38,18 +36,9 @@ def posture_picture(
         table: a row per posture, the best one first.
         best: posture of the first row.
         given: posture to compare with.
-        distance: (n,) along the path, m.
     """
     part = f"Predicted deflection {words} of the tool"
     marked = {"best": best} if given is None else {"best": best, "given": given}
-    if "turn_to_deg" in table:
-        return Prepared(
-            title="Postures along a path",
-            caption=f"{part} with the best turn and with the given posture, "
-            "and the turn. Bands: intervals of the model.",
-            paint=partial(_painted_course, words, marked, distance),
-            subtitle=title,
-        )
     return Prepared(
         title="Postures for a task",
         caption=f"{part} over its turn, a line per branch of the arm. Gaps: beyond joint limits, "
@@ -61,9 +50,6 @@ def posture_picture(
 
 def _painted_turns(words: str, table: pd.DataFrame, marked: Mapping[str, RatedPosture]) -> Figure:
     size_column, every_turn = f"{words.split()[0]}_mm", table["turn_deg"]
-    if "x_mm" in table:  # the places of the best posture only
-        place = ["x_mm", "y_mm", "z_mm"]
-        table = table[(table[place] == table[place].iloc[0]).all(axis=1)]
     turns = np.sort(every_turn.unique())
     step = float(np.diff(turns).min()) if len(turns) > 1 else 360.0
     figure = new_figure(PAGE_INCH, HEIGHT_INCH)
@@ -80,7 +66,7 @@ def _painted_turns(words: str, table: pd.DataFrame, marked: Mapping[str, RatedPo
     for name, posture in marked.items():
         half = None if posture.half_width is None else MM * posture.half_width.mean()
         axes.errorbar(
-            posture.turn[0],
+            posture.turn,
             MM * posture.size.mean(),
             half,
             marker=MARKERS[name],
@@ -103,26 +89,4 @@ def _painted_turns(words: str, table: pd.DataFrame, marked: Mapping[str, RatedPo
     largest = max(*table[size_column], *sizes, 1e-9)
     axes.set_ylim(0.0, ROOM * largest)  # wider intervals are cut
     share_legend(figure, [axes], ncols=6)
-    return figure
-
-
-def _painted_course(words: str, marked: Mapping[str, RatedPosture], distance: FloatArray) -> Figure:
-    figure = new_figure(PAGE_INCH, HEIGHT_INCH)
-    error_axes, turn_axes = figure.subplots(1, 2)
-    distance = MM * distance
-    for (name, posture), look in zip(marked.items(), looks(len(marked)), strict=True):
-        label = f"{name}: {posture.branch}"
-        size = MM * posture.size
-        error_axes.plot(distance, size, label=label, **look.connected())
-        if posture.half_width is not None:
-            ends = size - MM * posture.half_width, size + MM * posture.half_width
-            error_axes.fill_between(distance, *ends, color=look.color, alpha=0.15, linewidth=0)
-        turn_axes.plot(distance, posture.turn, **look.connected())
-    error_axes.set_ylim(bottom=0.0)
-    error_axes.set(ylabel=f"deflection {words} [mm]")
-    turn_axes.set(ylabel="turn about the axis of the tool [deg]")
-    for axes, title in ((error_axes, "(a) Deflection"), (turn_axes, "(b) Turn")):
-        axes.set_xlabel("distance along the path [mm]")
-        axes.set_title(title, loc="left")
-    share_legend(figure, [error_axes, turn_axes])
     return figure

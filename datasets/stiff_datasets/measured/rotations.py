@@ -39,8 +39,3 @@ def quaternions(rotations: FloatArray) -> FloatArray:
 def vector_rotations(vectors: FloatArray) -> FloatArray:
     """Return (n, 3, 3) rotations of (n, 3) rotation vectors, rad."""
     return np.asarray(Rotation.from_rotvec(vectors).as_matrix())
-
-
-def rotation_vectors(rotations: FloatArray) -> FloatArray:
-    """Return (n, 3) rotation vectors, rad."""
-    return np.asarray(Rotation.from_matrix(rotations).as_rotvec())

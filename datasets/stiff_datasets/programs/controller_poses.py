@@ -111,31 +111,16 @@ def program_poses(
 
 
 def lengths_in_base(language: Language, base: FloatArray, position: FloatArray) -> FloatArray:
-    """Return (n, 3) positions in the program's base frame and unit; see `pose_numbers`."""
-    turn = base[:, :3, :3].transpose(0, 2, 1)
-    lengths = np.einsum("nij,nj->ni", turn, position - base[:, :3, 3])
-    return np.asarray(lengths / language.metres)
-
-
-def pose_numbers(
-    language: Language,
-    base: FloatArray,
-    tool: FloatArray,
-    position: FloatArray,
-    rotation: FloatArray,
-) -> FloatArray:
-    """Return (n, 3 + n_turns) poses in the program's base frame and units.
+    """Return (n, 3) positions in the program's base frame and unit.
 
     Args:
         language: language of the program.
         base: (n, 4, 4) base frames in the description's base frame, m.
-        tool: (n, 4, 4) tool frames in the last joint's frame, m.
         position: (n, 3) TCP, description's base frame, m.
-        rotation: (n, 3, 3) orientation of the last joint's frame.
     """
     turn = base[:, :3, :3].transpose(0, 2, 1)
-    orientations = language.from_rotations(turn @ rotation @ tool[:, :3, :3])
-    return np.hstack([lengths_in_base(language, base, position), orientations])
+    lengths = np.einsum("nij,nj->ni", turn, position - base[:, :3, 3])
+    return np.asarray(lengths / language.metres)
 
 
 def _frames(

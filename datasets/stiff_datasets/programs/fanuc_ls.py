@@ -15,16 +15,14 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from lark import Token, Tree
 
-from stiff_datasets.measured.rotations import euler_angles, euler_rotations
+from stiff_datasets.measured.rotations import euler_rotations
 from stiff_datasets.programs.program_file import (
     NEAR_ZERO,
     NO_FRAME,
-    Edit,
     Frame,
     Language,
     LeftMotion,
     Number,
-    RobotProgram,
     StatementError,
     Target,
 )
@@ -181,54 +179,6 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
     return np.hstack([shape.astype(np.float64), turns])
 
 
-def insert(
-    program: RobotProgram,
-    rows: Sequence[int],
-    numbers: Sequence[Sequence[str]],
-    config: Sequence[Sequence[int]],
-) -> list[Edit]:
-    """Return edits that insert motions to literal targets; see `Language.insert`."""
-    text = program.texts[0]
-    newline = "\r\n" if "\r\n" in text else "\n"
-    first = 1 + max(int(match[1]) for match in re.finditer(r"P[ \t]*\[[ \t]*(\d+)", text))
-    goals = [f"P[{first + number}]" for number in range(len(rows))]
-    motions, blocks = list[tuple[int, str]](), list[str]()
-    for row, goal, texts in zip(rows, goals, numbers, strict=True):
-        (start, end), (goal_start, goal_end) = program.statements[row], program.goals[row]
-        motion = text[start:goal_start] + goal + text[goal_end:end].rstrip() + "    ;" + newline
-        motions.append((text.rfind("\n", 0, start) + 1, motion))
-        places = program.places[row, :6].tolist()
-        start = text.rfind("P", 0, text.rfind("{", 0, places[0][0]))
-        end = text.index(";", text.index("}", places[-1][1])) + 1
-        block, here = goal, text.index("]", start) + 1
-        for (place, place_end), number in zip(places, texts, strict=True):
-            block += text[here:place] + number.rjust(place_end - place)
-            here = place_end
-        blocks.append(block + text[here:end] + newline)
-    end = text.rfind("/END")
-    place = end if end >= 0 else len(text)
-    return [*_numbered(program, motions), Edit(0, place, place, "".join(blocks))]
-
-
-def _numbered(program: RobotProgram, motions: Sequence[tuple[int, str]]) -> list[Edit]:
-    """Return edits for inserted lines, the new line numbers and the line count."""
-    text = program.texts[0]
-    start, end = text.index("/MN"), text.find("/POS")
-    lines = [*re.finditer(r"^([ \t]*)(\d+)(?=[ \t]*:)", text[start:end], re.MULTILINE)]
-    edits, number, waiting = [], 0, [*motions]
-    for line in lines:
-        place, end = start + line.start(), start + line.end()
-        while waiting and waiting[0][0] <= place:
-            number += 1
-            edits.append(Edit(0, place, place, f"{number:4}:{waiting.pop(0)[1]}"))
-        number += 1
-        edits.append(Edit(0, place, end, f"{number:{end - place}}"))
-    count = re.search(r"(LINE_COUNT[ \t]*=[ \t]*)\d+", text)
-    if count:
-        edits.append(Edit(0, count.start(), count.end(), f"{count[1]}{number}"))
-    return edits
-
-
 LANGUAGE = Language(
     name="FANUC TP",
     companion="",
@@ -238,9 +188,7 @@ LANGUAGE = Language(
     decimals=(3, 5, 5),
     read=read,
     to_rotations=lambda turns: euler_rotations("xyz", turns),
-    from_rotations=lambda rotations: euler_angles("xyz", rotations),
     configurations=configurations,
-    insert=insert,
     config_names=("F", "U", "T", "turn 1", "turn 4", "turn 6"),
     config_of_linear=True,
 )

@@ -13,19 +13,16 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from lark import Token, Tree
 
-from stiff_datasets.measured.rotations import euler_angles, euler_rotations
+from stiff_datasets.measured.rotations import euler_rotations
 from stiff_datasets.programs.program_file import (
     NEAR_ZERO,
     NO_FRAME,
-    Edit,
     Frame,
     Language,
     LeftMotion,
     Number,
-    RobotProgram,
     StatementError,
     Target,
-    copied_motions,
 )
 from stiff_datasets.programs.statements import parsed_statement, part_place
 from stiff_protocols.contract.types import BoolArray, FloatArray
@@ -249,20 +246,6 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
     return np.column_stack([status, turn]).astype(np.float64)
 
 
-def insert(
-    program: RobotProgram,
-    rows: Sequence[int],
-    numbers: Sequence[Sequence[str]],
-    config: Sequence[Sequence[int]],
-) -> list[Edit]:
-    """Return edits that insert motions to literal targets; see `Language.insert`."""
-    goals = [
-        "{" + ",".join(f"{name} {text}" for name, text in zip(POSE, texts, strict=True)) + "}"
-        for texts in numbers
-    ]
-    return copied_motions(program, rows, goals)
-
-
 LANGUAGE = Language(
     name="KRL",
     companion=".dat",
@@ -272,9 +255,7 @@ LANGUAGE = Language(
     decimals=(4, 5, 5),
     read=read,
     to_rotations=lambda turns: euler_rotations("ZYX", turns),
-    from_rotations=lambda rotations: euler_angles("ZYX", rotations),
     configurations=configurations,
-    insert=insert,
     matches=matches,
     config_names=("S", "T"),
 )

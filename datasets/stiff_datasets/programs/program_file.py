@@ -119,12 +119,9 @@ class Language:
         decimals: least decimals of lengths, joint angles and orientations.
         read: yields targets and unchanged motions, in the order of the text.
         to_rotations: (n, n_turns) numbers -> (n, 3, 3) rotations.
-        from_rotations: the inverse.
         configurations: (n, 3) signs of shoulder, elbow and wrist (`arm_shape`) and (n, n_joints)
             controller's joint angles, rad -> (n, k) numbers of the configuration; None if targets
             have no configuration.
-        insert: (program, rows, numbers as texts, configurations) -> edits that insert a motion to
-            each literal target before the motion of its row, in this order.
         matches: (written, low, high) -> true for numbers of a configuration that fit; `low` and
             `high` belong to slightly smaller and larger joint angles.
         config_names: names of the numbers of a configuration.
@@ -139,18 +136,14 @@ class Language:
     decimals: tuple[int, int, int]
     read: Callable[[Sequence[str]], Iterator[Target | LeftMotion]]
     to_rotations: Callable[[FloatArray], FloatArray]
-    from_rotations: Callable[[FloatArray], FloatArray]
     configurations: Callable[[FloatArray, FloatArray], FloatArray] | None
-    insert: Callable[
-        [RobotProgram, Sequence[int], Sequence[Sequence[str]], Sequence[Sequence[int]]], list[Edit]
-    ]
     matches: Callable[[FloatArray, FloatArray, FloatArray], BoolArray] = is_either
     config_names: tuple[str, ...] = ()
     config_of_linear: bool = False
 
 
 class Edit(NamedTuple):
-    """A new text for a place of a program; an empty place is an insertion."""
+    """A new text for a place of a program."""
 
     text_index: int
     start: int
@@ -228,20 +221,6 @@ def write_texts(paths: Sequence[Path], texts: Sequence[str]) -> None:
     for path, text in zip(paths, texts, strict=True):
         with written_whole(path) as temporary:
             temporary.write_bytes(text.encode("latin-1"))
-
-
-def copied_motions(program: RobotProgram, rows: Sequence[int], goals: Sequence[str]) -> list[Edit]:
-    """Return edits that insert copies of motions with other targets before them."""
-    edits, text = [], program.texts[0]
-    newline = "\r\n" if "\r\n" in text else "\n"
-    for row, goal in zip(rows, goals, strict=True):
-        (start, end), (goal_start, goal_end) = program.statements[row], program.goals[row]
-        line = text.rfind("\n", 0, start) + 1
-        before = text[line:start] if text[line:start].isspace() else ""
-        place = int(start) - len(before)
-        copy = text[start:goal_start] + goal + text[goal_end:end].rstrip()
-        edits.append(Edit(0, place, place, before + copy + newline))
-    return edits
 
 
 def number_text(value: float, old: str, decimals: int) -> str:

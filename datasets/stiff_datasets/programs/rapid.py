@@ -18,15 +18,12 @@ from lark import Token, Tree
 from stiff_datasets.measured.rotations import quaternion_rotations, quaternions
 from stiff_datasets.programs.program_file import (
     NEAR_ZERO,
-    Edit,
     Frame,
     Language,
     LeftMotion,
     Number,
-    RobotProgram,
     StatementError,
     Target,
-    copied_motions,
 )
 from stiff_datasets.programs.statements import parsed_statement, part_place
 from stiff_protocols.contract.types import FloatArray
@@ -268,22 +265,6 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
     return np.column_stack([quarters, shape])
 
 
-def insert(
-    program: RobotProgram,
-    rows: Sequence[int],
-    numbers: Sequence[Sequence[str]],
-    config: Sequence[Sequence[int]],
-) -> list[Edit]:
-    """Return edits that insert motions to literal targets; see `Language.insert`."""
-    external = ",".join(["9E9"] * 6)
-    goals = [
-        f"[[{','.join(texts[:3])}],[{','.join(texts[3:])}],"
-        f"[{','.join(map(str, way))}],[{external}]]"
-        for texts, way in zip(numbers, config, strict=True)
-    ]
-    return copied_motions(program, rows, goals)
-
-
 LANGUAGE = Language(
     name="RAPID",
     companion="",
@@ -293,9 +274,7 @@ LANGUAGE = Language(
     decimals=(4, 5, 9),
     read=read,
     to_rotations=quaternion_rotations,
-    from_rotations=quaternions,
     configurations=configurations,
-    insert=insert,
     config_names=("cf1", "cf4", "cf6", "cfx"),
     config_of_linear=True,
 )

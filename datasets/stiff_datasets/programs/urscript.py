@@ -13,18 +13,15 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from lark import Token, Tree
 
-from stiff_datasets.measured.rotations import rotation_vectors, vector_rotations
+from stiff_datasets.measured.rotations import vector_rotations
 from stiff_datasets.programs.program_file import (
     NO_FRAME,
-    Edit,
     Frame,
     Language,
     LeftMotion,
     Number,
-    RobotProgram,
     StatementError,
     Target,
-    copied_motions,
 )
 from stiff_datasets.programs.statements import number_of, parsed_statement, part_place
 
@@ -162,16 +159,6 @@ def _numbers(value: Tree[Token] | Token, start: int) -> list[Number] | None:
     return numbers
 
 
-def insert(
-    program: RobotProgram,
-    rows: Sequence[int],
-    numbers: Sequence[Sequence[str]],
-    config: Sequence[Sequence[int]],
-) -> list[Edit]:
-    """Return edits that insert motions to literal targets; see `Language.insert`."""
-    return copied_motions(program, rows, [f"p[{', '.join(texts)}]" for texts in numbers])
-
-
 LANGUAGE = Language(
     name="URScript",
     companion="",
@@ -181,7 +168,5 @@ LANGUAGE = Language(
     decimals=(7, 7, 7),
     read=read,
     to_rotations=vector_rotations,
-    from_rotations=rotation_vectors,
     configurations=None,
-    insert=insert,
 )

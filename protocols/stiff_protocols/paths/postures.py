@@ -59,17 +59,17 @@ class Postures(BriefFields):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Course(BriefFields):
-    """One branch along all points.
+    """One turn and branch along all points.
 
     Attributes:
         branch: number of the name in `BRANCHES`.
-        turn: (n,) number of the turn at each point.
+        turn: number of the turn.
         q: (n, n_joints) rad or m, continuous.
         cost: mean over the points.
     """
 
     branch: int
-    turn: IntArray
+    turn: int
     q: FloatArray
     cost: float
 
@@ -79,9 +79,8 @@ class RatedPosture(BriefFields):
     """A posture at each of n points of a task with its predicted deflection.
 
     Attributes:
-        turn: (n,) of the tool about its axis, counted from the given posture, deg.
+        turn: turn of the tool about its axis, counted from the given posture, deg.
         branch: shoulder, elbow and wrist, such as "front up +".
-        shift: (3,) of the workpiece, base frame, m.
         q: (n, n_joints) rad or m.
         wrench: (n, 6) N and N m, base frame.
         deflection: (n, 3) predicted at the TCP, m, base frame.
@@ -90,21 +89,14 @@ class RatedPosture(BriefFields):
         extrapolates: (n,) words of `TrainingRange.extrapolates`.
     """
 
-    turn: FloatArray
+    turn: float
     branch: str
-    shift: FloatArray
     q: FloatArray
     wrench: FloatArray
     deflection: FloatArray
     size: FloatArray
     half_width: FloatArray | None
     extrapolates: tuple[str, ...]
-
-    @property
-    def turn_text(self) -> str:
-        """Turn in deg; of a path with several turns the smallest and the largest."""
-        ends = sorted({float(self.turn.min()), float(self.turn.max())})
-        return "..".join(f"{end:g}" for end in ends)
 
 
 def turned(rotation: FloatArray, axis: FloatArray, angles: FloatArray) -> FloatArray:
@@ -220,57 +212,36 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("ni,ni->n", a, b))
 
 
-def best_courses(
-    robot: Robot, q: FloatArray, cost: FloatArray, near: FloatArray, max_change: int
-) -> list[Course]:
-    """Return the cheapest courses along all points, in order of mean cost.
-
-    With `max_change` 0 the turn is the same at all points, and there is a course for each turn and
-    branch that can be driven; else there is one for each branch.
+def best_courses(robot: Robot, q: FloatArray, cost: FloatArray, near: FloatArray) -> list[Course]:
+    """Return the courses along all points with one turn and branch, in order of mean cost.
 
     Args:
-        robot: whose joints these are.
+        robot: robot of these joints.
         q: (n, m, 8, n_joints) rad or m, of `Postures`.
         cost: (n, m, 8), at least 0; a missing posture has any cost.
         near: (n_joints,) rad or m: of whole turns of a joint along the course, the ones nearest.
-        max_change: steps of the turn between two points at most.
     """
-    n, m = q.shape[:2]
+    n = len(q)
     cost = np.where(np.isnan(q[..., 0]), np.inf, cost)
-    total, came_from = cost[0].copy(), np.zeros((n, *cost.shape[1:]), dtype=np.int64)
+    total = cost[0].copy()
     joined = low = high = np.nan_to_num(q[0])  # continuous joint positions, and their ends so far
     for point in range(1, n):
-        state = total, joined, low, high
-        total = np.full_like(total, np.inf)
-        for change in range(-max_change, max_change + 1):
-            before = [np.roll(values, change, axis=0) for values in state]
-            step = np.nan_to_num(q[point]) - before[1]
-            step -= np.where(robot.turns, FULL_TURN * np.rint(step / FULL_TURN), 0.0)
-            after = before[1] + step
-            ends = np.minimum(before[2], after), np.maximum(before[3], after)
-            drivable = (np.abs(step) <= LARGEST_STEP).all(axis=-1)
-            drivable &= ~np.isnan(_whole_turns(robot, *ends, near)).any(axis=-1)
-            new = np.where(drivable, before[0] + cost[point], np.inf)
-            better = new < total
-            total = np.where(better, new, total)
-            came_from[point][better] = change
-            if change == -max_change:
-                joined, low, high = after, *ends
-            chosen = better[..., None]
-            joined, low, high = (
-                np.where(chosen, *pair)
-                for pair in zip((after, *ends), (joined, low, high), strict=True)
-            )
-    courses = []
-    for branch in range(total.shape[1]):
-        ends_at = range(m) if max_change == 0 else [int(np.argmin(total[:, branch]))]
-        for end in ends_at:
-            if np.isfinite(total[end, branch]):
-                turn = np.full(n, end)
-                for point in range(n - 1, 0, -1):
-                    turn[point - 1] = (turn[point] - came_from[point, turn[point], branch]) % m
-                path = _continuous(robot, q[np.arange(n), turn, branch], near)
-                courses.append(Course(branch, turn, path, float(total[end, branch]) / n))
+        step = np.nan_to_num(q[point]) - joined
+        step -= np.where(robot.turns, FULL_TURN * np.rint(step / FULL_TURN), 0.0)
+        joined = joined + step
+        low, high = np.minimum(low, joined), np.maximum(high, joined)
+        drivable = (np.abs(step) <= LARGEST_STEP).all(axis=-1)
+        drivable &= ~np.isnan(_whole_turns(robot, low, high, near)).any(axis=-1)
+        total = np.where(drivable, total + cost[point], np.inf)
+    courses = [
+        Course(
+            int(branch),
+            int(turn),
+            _continuous(robot, q[:, turn, branch], near),
+            float(total[turn, branch]) / n,
+        )
+        for turn, branch in np.argwhere(np.isfinite(total))
+    ]
     return sorted(courses, key=lambda course: course.cost)
 
 

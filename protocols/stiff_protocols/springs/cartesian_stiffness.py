@@ -7,8 +7,6 @@ singularity, where the stiffness does not. Rows of J: translation, then rotation
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from stiff_protocols.contract.arrays import FloatArray
@@ -47,29 +45,6 @@ def cartesian_stiffness(jacobian: FloatArray, compliance: FloatArray) -> FloatAr
     rows = np.flatnonzero(regular)[invertible]
     stiffness[rows] = np.linalg.inv(even[invertible]) / scale[invertible]
     return stiffness
-
-
-def translational_compliance(
-    predict: Callable[[FloatArray, FloatArray], FloatArray],
-    q: FloatArray,
-    wrench: FloatArray,
-    step: float,
-) -> FloatArray:
-    """Return (n, 3, 3) the derivative of predicted deflections with respect to the force, m/N.
-
-    By central differences. Column k is the change of the deflection with the force along axis k.
-
-    Args:
-        predict: returns (n, 3) deflections [m] of (n, n_joints) q and (n, 6) wrenches.
-        q: (n, n_joints) rad or m.
-        wrench: (n, 6) N and N m at the TCP, base frame: the load at which the derivative is taken.
-        step: of the force to either side, N.
-    """
-    compliance = np.empty((len(q), 3, 3))
-    for axis, shift in enumerate(step * np.eye(3, 6)):
-        change = predict(q, wrench + shift) - predict(q, wrench - shift)
-        compliance[:, :, axis] = change / (2.0 * step)
-    return compliance
 
 
 def largest_compliance(compliance: FloatArray) -> FloatArray:

@@ -135,27 +135,10 @@ def test_without_a_coverage_no_uncertainty_is_claimed(vjm):
     assert "not computed; add --coverage" in repr(ranked)
 
 
-def test_a_box_for_the_workpiece_never_ranks_worse_than_the_point_itself(vjm):
-    box = (550.0, 650.0, 0.0, 100.0, 500.0, 500.0)
-    task = {"point": POINT, "load": LOAD, "frame": "tool", "turns": 8}
-    moved = rank_postures(vjm, place=box, **task)
-    assert moved.best.size[0] <= rank_postures(vjm, **task).best.size[0] + 1e-9
-    place = np.array(POINT[:3]) + 1000.0 * moved.best.shift
-    assert (place >= np.array(box)[::2] - 1e-6).all() and (
-        place <= np.array(box)[1::2] + 1e-6
-    ).all()
-    assert moved.table.loc[0, ["x_mm", "y_mm", "z_mm"]].tolist() == pytest.approx(place)
-    outside = rank_postures(vjm, place=(500, 520, 0, 0, 480, 480), **task)
-    assert outside.best.shift[0] < -0.05
-
-
-def test_a_smooth_turn_along_a_path_is_no_worse_than_one_turn(vjm, line, tmp_path):
+def test_the_best_turn_along_a_path_is_written_as_joint_angles_that_drive_it(vjm, line, tmp_path):
     constant = rank_postures(vjm, path=line, load=LOAD, output=tmp_path / "one.csv")
-    smooth = rank_postures(vjm, path=line, load=LOAD, turn="smooth", turn_step=10.0)
-    assert smooth.best.size.mean() <= constant.best.size.mean() + 1e-12
     assert constant.best.size.mean() <= constant.given.size.mean() + 1e-12
-    assert len({*constant.best.turn}) == 1 and np.abs(np.diff(smooth.best.turn)).max() <= 10.0
-    assert np.abs(np.diff(smooth.best.q, axis=0)).max() < 0.5
+    assert np.abs(np.diff(constant.best.q, axis=0)).max() < 0.5
     written = pd.read_csv(tmp_path / "one.csv")
     np.testing.assert_allclose(np.radians(written[JOINTS]), constant.best.q, atol=1e-9)
     corrected = sb.compensate_path(vjm, tmp_path / "one.csv", tmp_path / "commands.csv")
@@ -169,7 +152,7 @@ def test_a_path_of_joint_angles_is_the_given_posture(vjm, line, tmp_path):
     assert again.given_words == "yours"
 
 
-@pytest.mark.parametrize("words", [(), ("--path", "line.csv", "--turn", "smooth")])
+@pytest.mark.parametrize("words", [(), ("--path", "line.csv")])
 def test_the_command_prints_the_answer_and_writes_table_and_picture(words, vjm_file, line):
     task = words or ("--point", ",".join(map(str, POINT)), "--coverage", "0.9")
     load = ("--load", "0,0,-60,0,0,0", "--output", "p.csv", "--figure", "p.png")
@@ -193,10 +176,7 @@ REFUSED = [
         ("--given", "0,-90,90,0,60,0", "--point", "600,50,500,10,120,5"),
         "--given has the tool ",
     ),
-    (("--given", "0,-90,90,0,60,0", "--turn", "smooth"), "--turn smooth requires a path"),
-    (("--given", "0,-90,90,0,60,0", "--turn-step", "5"), "--turn-step 5 requires --turn smooth"),
     (("--given", "0,-90,90,0,60,0", "--tool-axis", "0,0,0"), "--tool-axis 0,0,0 has no direction"),
-    (("--given", "0,-90,90,0,60,0", "--place", "1,0,0,0,0,0"), "--place x0 1 is above x1 0"),
     (("--given", "0,-90,90,0,60,0", "--tool", "1,2,3,0,0,0"), "--tool x,y,z of 1,2,3"),
     (("--given", "0,-90,90,0,60,0", "--path", "no.csv"), "no.csv"),
 ]
