@@ -144,7 +144,6 @@ def test_errors_of_a_curve_are_those_of_fits_to_nested_poses_tested_on_others(ur
         (["--poses", "201"], ["poses is 201", "1 to 200"]),
         (["--model", "vjm-gp"], ["my.csv: 9 poses", "at least 10 poses", "--model vjm"]),
         (["--model", "gp", "--criterion", "d-optimal"], ["--criterion d-optimal", "i-optimal"]),
-        (["--robot", "gp12"], ["my.csv: row", "limits of joint", "gp12"]),
     ],
 )
 def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measured, words, parts):
@@ -152,6 +151,13 @@ def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measure
     done = bench_here(*UR5, "--after", "my.csv", *words, cwd=tmp_path)
     assert_refused(done, *parts)
     assert not (tmp_path / "next.csv").exists()
+
+
+def test_a_measurement_of_another_robot_is_refused(tmp_path, measured):
+    measured(9)
+    words = [word.replace("ur5", "gp12") for word in UR5]
+    done = bench_here(*words, "--after", "my.csv", cwd=tmp_path)
+    assert_refused(done, "my.csv: row", "limits of joint", "gp12")
 
 
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of few poses
