@@ -47,7 +47,7 @@ def render(
     if fmt == SCREEN:
         return screen_text(tables, text=text)
     if fmt == "csv":
-        return _csv_frame(tables).to_csv(index=False, lineterminator="\n").rstrip("\n")
+        return _csv(tables)
     if fmt == "json":
         facts = {"command": command, **({"text": text} if text else {}), **(about or {})}
         content = {**facts, "tables": [_plain(table) for table in tables]}
@@ -212,20 +212,14 @@ def _html(table: Table, command: str) -> str:
     return f"<p><strong>{html_text(table.title)}</strong></p>\n{body}\n{listed}"
 
 
-def _csv_frame(tables: Sequence[Table]) -> DataFrame:
-    """Return a row per number at full precision: facts, texts, `VALUE_FIELDS`."""
+def _csv(tables: Sequence[Table]) -> str:
+    """Return a line per number at full precision: facts, texts, `VALUE_FIELDS`."""
     from pandas import DataFrame
 
     lines = [line for table in tables for line in table.lines()]
     about = dict.fromkeys(name for line in lines for name in line if name not in VALUE_FIELDS)
-    names = [*about, *VALUE_FIELDS]
-    cells = [[_exact(line.get(name)) for name in names] for line in lines]
-    return DataFrame(cells, columns=names, dtype=object)
-
-
-def _exact(value: object) -> object:
-    """Return a number with all its digits as text; other values as they are."""
-    return repr(float(value)) if isinstance(value, float) else value
+    frame = DataFrame(lines, columns=[*about, *VALUE_FIELDS], dtype=object)
+    return frame.to_csv(index=False, lineterminator="\n").rstrip("\n")
 
 
 def _plain(table: Table) -> dict[str, object]:

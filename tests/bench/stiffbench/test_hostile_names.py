@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import itertools
 import json
 import re
 from html.parser import HTMLParser
@@ -33,7 +32,7 @@ HOSTILE = (
     "right\u202eto left",
 )
 FORMATS = ("github", "latex", "csv", "html", "json")
-OURS = set("section h2 p strong table thead tbody tr th td ul li code".split())
+OURS = set("p strong table thead tbody tr th td ul li code".split())
 """Tags of our own pages."""
 
 
@@ -70,8 +69,7 @@ def assert_harmless(text: str, fmt: str) -> None:
         assert not commands & {"input", "write", "include", "def", "csname"}
         assert not re.search(r"(?<!\\)[#%]|\^\^", text)
     elif fmt == "csv":
-        for cell in itertools.chain.from_iterable(csv.reader(io.StringIO(text))):
-            assert "\0" not in cell
+        assert len({len(row) for row in csv.reader(io.StringIO(text))}) == 1
     else:
         json.loads(text)
 
