@@ -107,7 +107,7 @@ def rank_postures(
         workpiece: frame of the point or path in the base frame: x, y, z in mm and a, b, c in deg;
             by default the base frame.
         hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
-            name or number (rail, J3, 3); without a value at the joint angle of `given` or of the path.
+            name or number (rail, J3, 3); without a value at the position in `given` or in the path.
             May be repeated.
         coverage: add the model's uncertainty: prediction intervals of this coverage (0..1).
         sheet: sheet of an Excel file; by default the only one with a table.
