@@ -47,7 +47,7 @@ def test_the_engines_rooms_are_described_in_the_order_of_their_imports():
         for contract in contracts
         if contract.get("containers") == ["stiff_bench"]
     )
-    packages = [sorted(layer.split(" | ")) for layer in layers if layer != "console"]
+    packages = [sorted(layer.split(" | ")) for layer in layers if "console" not in layer]
     assert [sorted(names) for names in described_packages] == packages
 
 

@@ -137,6 +137,7 @@ def refusal(error: CycloptsError, command: Command) -> str:
     """Return the message of an error of cyclopts with the valid words or an example."""
     from cyclopts.exceptions import (
         MissingArgumentError,
+        RepeatArgumentError,
         UnknownOptionError,
         UnusedCliTokensError,
     )
@@ -146,6 +147,8 @@ def refusal(error: CycloptsError, command: Command) -> str:
         word = error.token.keyword or error.token.value
         return str(unknown_name(f"bench {command.words} option", word, names))
     example = f"example: {command.example.splitlines()[0]}"
+    if isinstance(error, RepeatArgumentError):
+        return f"{error.token.keyword}: given more than once; {example}"
     if isinstance(error, UnusedCliTokensError):
         return f"unexpected argument {(error.unused_tokens or [''])[0]!r}; {example}"
     if isinstance(error, MissingArgumentError) and error.argument is not None:

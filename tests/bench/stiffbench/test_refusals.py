@@ -29,6 +29,9 @@ PLAN = "data plan --output p.csv"
 
 REFUSED = {
     "run": ["--model", "zero, mean"],
+    "run --model vjm --splits 2 --splits 3": ["--splits: given more than once"],
+    "run vjm": ["unexpected argument 'vjm'", "bench run --model vjm"],
+    "run --model vjm --splits": ["--splits: a value is missing"],
     "run --model vjm --set holdout.test_fraction=0.999": ["151 poses", "test_fraction"],
     "run --model vjm --data x.csv": ["x.csv", "--urdf"],
     "run --model vjm --data no.csv --robot ur5": ["no.csv: cannot be"],
