@@ -10,14 +10,11 @@ import pytest
 from helpers.command_line import bench_here
 from helpers.command_tree import COMMANDS, GROUPS, PARAMETERS
 from stiff_bench import api
-from stiffbench.commands import COMMANDS as COMMAND_GROUPS
 from stiffbench.commands import GROUPS as GROUP_NAMES
 from stiffbench.main import command_app, find_command
-from stiffbench.signatures import OPTION_GROUPS
 
 BROKEN = re.compile(r"\w-\n|^(?!Usage).*\.\.\.\n", re.MULTILINE)
 """A name broken between lines, or a description cut off."""
-HEADING = re.compile(r"^(\S.*):$", re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
@@ -36,11 +33,9 @@ def help_page(tmp_path_factory):
 
 @pytest.mark.parametrize("command", PARAMETERS)
 def test_a_page_fits_the_terminal_and_breaks_no_name(command, help_page):
-    for width in (80, 100):
-        page = help_page(command, width)
-        assert [line for line in page.splitlines() if len(line) > width] == []
-        assert all(line.isprintable() for line in page.splitlines())
-        assert BROKEN.search(page) is None
+    lines = help_page(command, 80).splitlines()
+    assert [line for line in lines if len(line) > 80 or not line.isprintable()] == []
+    assert BROKEN.search("\n".join(lines)) is None
 
 
 def test_every_option_and_argument_has_a_description(help_page):
@@ -51,19 +46,6 @@ def test_every_option_and_argument_has_a_description(help_page):
                 command,
                 name,
             )
-
-
-def test_commands_and_options_are_in_groups(help_page):
-    page = help_page("bench")
-    assert HEADING.findall(page) == [*COMMAND_GROUPS, "Options", "Example"]
-    headings = HEADING.findall(help_page("bench run"))
-    assert headings == [*OPTION_GROUPS, "Example"]
-
-
-def test_the_summary_of_a_command_is_the_first_line_of_its_function(help_page):
-    for group in COMMAND_GROUPS.values():
-        for command in group:
-            assert command.summary in " ".join(help_page(f"bench {command.words}").split())
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, *GROUPS])
