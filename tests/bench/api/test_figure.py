@@ -10,7 +10,6 @@ from helpers.command_line import assert_refused, bench_here
 from helpers.figure_results import compared
 from helpers.made_results import MadeResults
 from stiff_bench.paper.paper_figures import FIGURES
-from stiff_bench.paper.paper_models import DT_CNN, FT_MLP
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_protocols.contract.errors import StoreError
 
@@ -80,13 +79,3 @@ def test_the_robot_of_a_data_set_needs_no_results(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "kr10-twin (simulated), pose " in (tmp_path / "a.svg").read_text()
     assert_refused(bench_here(*words, "--dataset", "ur5-twin", cwd=tmp_path), "one --dataset")
-
-
-def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_path):
-    made = MadeResults(tmp_path)
-    made.add("vjm", [0.1], **PAPER)
-    made.add(FT_MLP, [0.1], picked_on_test=True, **PAPER)
-    made.add(DT_CNN, [0.1], regime="trained on simulated deflections only", **PAPER)
-    results = PaperResults.of(tmp_path)
-    assert f"{FT_MLP.name}: epoch picked on test part." in FIGURES["9"](results).caption
-    assert f"{DT_CNN.name}: trained on simulated deflections only." in FIGURES["8"](results).caption

@@ -71,11 +71,6 @@ def test_a_process_chooses_by_its_own_intervals(tmp_path, measured):
     assert plan < best <= random < before
     assert "Predictions of vjm-gp" in process.stdout
     assert "No learning curve" in process.stdout and "at least 15" in process.stdout
-    first = (tmp_path / "next.csv").read_text()
-    (tmp_path / "next.csv").unlink()
-    springs = bench_here(*words, "--model", "knn", cwd=tmp_path)
-    assert "chosen for joint springs" in springs.stdout
-    assert first != (tmp_path / "next.csv").read_text()
 
 
 def test_a_workspace_of_ones_own_rows_without_loads_has_no_share_to_gain(tmp_path, measured):

@@ -73,15 +73,8 @@ def test_corrected_targets_of_random_orientation_are_the_commanded_poses(name, t
     wanted_mm, turned = pinocchio_tools(robot, q)
     file = tmp_path / f"all{suffix}"
     file.write_text(program_of_poses(suffix, 1000.0 * lever[:3], wanted_mm, turned))
-    done = compensate_program(
-        model,
-        file,
-        tmp_path / f"new{suffix}",
-        load=LOAD,
-        start=np.degrees(q[0]),
-        **options_of(name),
-    )
-    commands = done.targets
+    options = {"load": LOAD, "start": np.degrees(q[0]), **options_of(name)}
+    commands = compensate_program(model, file, tmp_path / f"new{suffix}", **options).targets
     good = commands.converged
     assert good.sum() > 0.95 * n
     place, rotation = poses_of_program(suffix, (tmp_path / f"new{suffix}").read_text())
@@ -132,9 +125,8 @@ def test_a_written_status_and_turn_choose_the_configuration(tmp_path):
 
 def test_a_turn_that_the_correction_changes_is_rewritten(tmp_path):
     body = "PTP {X 100,Y 60,Z 50,A 180,B 0,C 180,S 2,T 2}\n"  # joints 1, 4 and 6 are zero
-    done = compensate_program(
-        model_of("kr10-r1100-2"), krl(tmp_path, body), tmp_path / "b.src", load=(0, -40, -20)
-    )
+    file, model = krl(tmp_path, body), model_of("kr10-r1100-2")
+    done = compensate_program(model, file, tmp_path / "b.src", load=(0, -40, -20))
     assert done.changed_configurations == (4,)
     turn = int(re.search(r"T (\d+)}", (tmp_path / "b.src").read_text())[1])
     angles = done.targets.q[1]
@@ -152,7 +144,6 @@ def test_loads_by_line_are_those_of_the_motions(tmp_path):
     assert removed[2] == pytest.approx(2.0 * removed[1], rel=1e-2)
     for text, part in (
         ("3,0,0,0\n4,0,0,-20\n", "no load for line 5"),
-        ("3,0,0,0\n4,0,0,-20\n5,0,0,0\n9,0,0,0\n", "a line of"),
         ("3,0,0,0\n4,0,0,-20\n4,0,0,0\n5,0,0,0\n", "each line once"),
     ):
         loads.write_text("line,fx_N,fy_N,fz_N\n" + text)
@@ -206,21 +197,20 @@ def test_a_frame_that_is_not_in_the_program_is_required_as_an_option(tmp_path):
     model = model_of("kr10-r1100-2")
     for body, option in (("BAS(#TOOL,1)", "tool"), ("$BASE=BASE_DATA[2]", "base")):
         file = krl(tmp_path, f"{body}\nLIN {POSE}\n")
-        with pytest.raises(ConfigError, match="line 5: the program does not hold") as refusal:
+        with pytest.raises(ConfigError, match=f"line 5: the program does not hold .*{option} fra"):
             compensate_program(model, file, tmp_path / "b.src", load=LOAD)
-        assert f"{option} frame" in str(refusal.value)
-    frame = (380.0, -60.0, 250.0, 0.0, 0.0, 0.0)
-    words = {"load": LOAD, "workpiece": frame}
+    words = {"load": LOAD, "workpiece": (380.0, -60.0, 250.0, 0.0, 0.0, 0.0)}
     done = compensate_program(model, file, tmp_path / "b.src", **words)
-    usual = compensate_program(
-        model, krl(tmp_path, f"LIN {POSE}\n", "c.src"), tmp_path / "d.src", load=LOAD
-    )
+    file = krl(tmp_path, f"LIN {POSE}\n", "c.src")
+    usual = compensate_program(model, file, tmp_path / "d.src", load=LOAD)
     np.testing.assert_allclose(done.targets.q, usual.targets.q, atol=1e-9)
-    with pytest.raises(ConfigError, match="the program holds its base frame"):
-        compensate_program(model, tmp_path / "c.src", tmp_path / "e.src", **words)
     mixed = krl(tmp_path, f"BAS(#BASE,1)\nLIN {POSE}\nBAS(#BASE,2)\nLIN {POSE}\n")
-    with pytest.raises(ConfigError, match=r"line 7: BASE_DATA\[2\] is another base frame"):
-        compensate_program(model, mixed, tmp_path / "e.src", **words)
+    for wrong, message in (
+        (file, "the program holds its base frame"),
+        (mixed, r"line 7: BASE_DATA\[2\] is another base frame"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            compensate_program(model, wrong, tmp_path / "e.src", **words)
 
 
 def test_a_file_of_another_kind_or_that_exists_is_refused(tmp_path):

@@ -51,8 +51,7 @@ def test_the_first_line_is_the_answer_and_table_and_picture_agree_with_it(folder
     table = pd.read_csv(folder / "map.csv", keep_default_na=False, na_values={"deflection_mm": ""})
     values = table["deflection_mm"]
     assert len(table) == int(n_points) == 81
-    assert values.notna().sum() == int(reached)
-    assert (table["blank"] == "").sum() == int(reached)
+    assert values.notna().sum() == (table["blank"] == "").sum() == int(reached)
     assert table["extrapolates"].str.contains("joints|pose-gap").sum() == int(far)
     for value, at, row in (
         (low, low_at, table.loc[values.idxmin()]),
@@ -79,10 +78,8 @@ def test_the_map_is_the_models_prediction_at_its_joint_positions(vjm, small):
     np.testing.assert_allclose(small.deflections[small.is_reached], predicted, atol=1e-15)
     lengths = np.linalg.norm(predicted, axis=1)
     np.testing.assert_allclose(small.values[small.is_reached], lengths)
-    np.testing.assert_allclose(
-        small.robot.tcp_position(q), small.positions[small.is_reached], atol=1e-7
-    )
-    assert small.positions.shape == (1, 9, 9, 3)
+    tcp = small.robot.tcp_position(q)
+    np.testing.assert_allclose(tcp, small.positions[small.is_reached], atol=1e-7)
 
 
 def test_a_model_with_another_fitted_point_predicts_the_tcp(twin):
@@ -125,11 +122,9 @@ def test_the_plane_is_in_the_middle_of_a_box_or_at_the_chosen_place(vjm):
 def test_far_points_are_those_of_the_rule_and_the_load_does_not_count(vjm, small):
     heavy = sb.stiffness_map(vjm, **SMALL | {"load": (0.0, 0.0, -900.0)})
     np.testing.assert_array_equal(heavy.is_far, small.is_far)
-    assert (np.char.find(heavy.extrapolates, "load") >= 0).sum() == heavy.is_reached.sum()
     q = small.q[small.is_reached]
     words = vjm.training_range.extrapolates(q, np.tile([*LOAD, 0, 0, 0], (len(q), 1)))
     assert small.extrapolates[small.is_reached].tolist() == words
-    assert not small.is_far[~small.is_reached].any()
 
 
 REFUSED = {

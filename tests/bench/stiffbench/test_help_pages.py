@@ -10,11 +10,17 @@ import pytest
 from helpers.command_line import bench_here
 from helpers.command_tree import COMMANDS, GROUPS, PARAMETERS
 from stiff_bench import api
+from stiffbench.commands import COMMANDS as COMMAND_GROUPS
 from stiffbench.commands import GROUPS as GROUP_NAMES
 from stiffbench.main import command_app, find_command
 
 BROKEN = re.compile(r"\w-\n|^(?!Usage).*\.\.\.\n", re.MULTILINE)
 """A name broken between lines, or a description cut off."""
+
+
+OPTION = r"--[a-z][a-z-]*"
+OPTION_LINE = re.compile(rf"^\W{{0,4}}((?:-\w[,/ ]+)?{OPTION}(?:[,/ ]+{OPTION})*)", re.MULTILINE)
+"""Beginning of the lines of an option in the help of its command."""
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +44,16 @@ def test_a_page_fits_the_terminal_and_breaks_no_name(command, help_page):
     assert BROKEN.search("\n".join(lines)) is None
 
 
-def test_every_option_and_argument_has_a_description(help_page):
+def test_the_commands_and_options_of_the_table_are_those_with_a_description(help_page):
+    groups = COMMAND_GROUPS.values()
+    assert {f"bench {command.words}" for group in groups for command in group} == {*COMMANDS}
     for command in COMMANDS:
         page = help_page(command)
+        names = {*re.findall(OPTION, " ".join(OPTION_LINE.findall(page)))}
+        assert names == {name for name in PARAMETERS[command] if name.startswith("--")}
         for name in PARAMETERS[command]:
-            assert re.search(rf"{re.escape(name)}(?![\w-])[^\n]*(?:  |\n {{4,}})\w", page), (
-                command,
-                name,
-            )
+            description = rf"{re.escape(name)}(?![\w-])[^\n]*(?:  |\n {{4,}})\w"
+            assert re.search(description, page), (command, name)
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, *GROUPS])
