@@ -2,42 +2,24 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
+
 import pytest
 
 from helpers.command_line import assert_refused, bench_here
-from helpers.figure_results import CURVE, compared, with_fields
+from helpers.figure_results import compared
 from helpers.made_results import MadeResults
 from stiff_bench.paper.paper_figures import FIGURES
-from stiff_bench.paper.paper_models import DT_CNN, FT_MLP, pretrained, unfrozen
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_protocols.contract.errors import StoreError
 
+PAPER_RUNS = Path(__file__).parents[3] / "results" / "paper" / "runs"
 PAPER = {"dataset": "kr10-twin", "protocol": "paper-holdout", "selects_on_test": True}
 
 
 @pytest.fixture(scope="module")
-def paper(tmp_path_factory) -> PaperResults:
-    """Return the smallest results with every figure of the paper; read-only."""
-    made = MadeResults(tmp_path_factory.mktemp("paper") / "runs")
-    for name in ("vjm", DT_CNN):
-        made.add(name, [0.1, 0.2], **PAPER)
-    for model, layers in ((unfrozen(("1",)), "1"), (FT_MLP, "1,2")):
-        made.add(model, [0.1, 0.2], options={"freeze": f"layers:{layers}"}, **PAPER)
-        with_fields(made, model.name, curves={"fine-tuning": CURVE})
-    for depth in (3, 4, 5):
-        for width in (40, 380):
-            network = pretrained(layers=depth, width=width)
-            made.add(network, [0.1, 0.2], **PAPER)
-            errors = {
-                f"source {part} {what} [mm]": depth / width
-                for part in ("test", "training")
-                for what in ("MAE", "STDE")
-            }
-            with_fields(made, network.name, diagnostics=errors)
-    made.add(pretrained(), [0.1, 0.2], **PAPER)
-    with_fields(made, pretrained().name, curves={"pre-training": CURVE})
-    return PaperResults.of(made.folder)
+def paper() -> PaperResults:
+    return PaperResults.of(PAPER_RUNS)
 
 
 def test_a_figure_is_written_to_the_requested_path_and_its_caption_printed(tmp_path):
@@ -58,15 +40,6 @@ def test_figure_4_needs_no_results(tmp_path):
     assert "(paper 0.074)" in text and "(paper 0.062)" in text
 
 
-@pytest.mark.slow
-def test_all_of_the_papers_figures_can_be_drawn_from_its_study(paper):
-    for name, gather in FIGURES.items():
-        drawing = gather(paper)
-        drawing.draw().canvas.draw()
-        assert f"Figure {name}" in drawing.caption
-        assert "kr10-twin, simulated" in drawing.caption
-
-
 @pytest.mark.parametrize(
     ("name", "missing"),
     [("5", "mlp-pretrained"), ("6", "ft-mlp"), ("8", "dt-cnn"), ("9", "ft-mlp")],
@@ -77,13 +50,9 @@ def test_missing_models_of_the_paper_are_named(name, missing, tmp_path):
         FIGURES[name](PaperResults.of(tmp_path))
 
 
-def test_figure_5_has_a_line_per_depth_and_the_papers_values_as_stars(paper):
+def test_figure_5_has_the_papers_values_as_stars(paper):
     axes = FIGURES["5"](paper).draw().axes[0]
     lines = [line for line in axes.get_lines() if len(line.get_xdata())]
-    of_depth_3 = [[40, 3 / 40], [380, 3 / 380]]
-    assert any(
-        np.array_equal(np.round(line.get_xydata(), 9), np.round(of_depth_3, 9)) for line in lines
-    )
     stars = {tuple(p) for line in lines if line.get_marker() == "*" for p in line.get_xydata()}
     assert stars == {(100.0, 0.2186), (100.0, 0.2090), (100.0, 0.2375), (380.0, 0.1199)}
 
@@ -97,12 +66,7 @@ def test_figure_6_has_titled_panels_and_its_dashed_line_in_the_legend(paper):
     assert dashed.get_label() in {text.get_text() for text in legend.get_texts()}
 
 
-def test_the_papers_figures_name_the_data_set_and_its_kind(paper):
-    for name in ("5", "6", "8", "9"):
-        assert FIGURES[name](paper).subtitle.startswith("kr10-twin (simulated)")
-
-
-@pytest.mark.parametrize("name", ["scores", "robot", "9", "nobody"])
+@pytest.mark.parametrize("name", ["scores", "robot", "9"])
 def test_a_suffix_that_names_no_format_is_refused_before_results_are_read(name, tmp_path):
     done = bench_here("figure", name, "--results", "none", "--output", "a.txt", cwd=tmp_path)
     assert_refused(done, "extension .txt")
@@ -115,13 +79,3 @@ def test_the_robot_of_a_data_set_needs_no_results(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "kr10-twin (simulated), pose " in (tmp_path / "a.svg").read_text()
     assert_refused(bench_here(*words, "--dataset", "ur5-twin", cwd=tmp_path), "one --dataset")
-
-
-def test_captions_name_models_that_picked_an_epoch_or_saw_no_target_label(tmp_path):
-    made = MadeResults(tmp_path)
-    made.add("vjm", [0.1], **PAPER)
-    made.add(FT_MLP, [0.1], picked_on_test=True, **PAPER)
-    made.add(DT_CNN, [0.1], regime="trained on simulated deflections only", **PAPER)
-    results = PaperResults.of(tmp_path)
-    assert f"{FT_MLP.name}: epoch picked on test part." in FIGURES["9"](results).caption
-    assert f"{DT_CNN.name}: trained on simulated deflections only." in FIGURES["8"](results).caption

@@ -59,11 +59,9 @@ def test_from_the_plan_to_results_with_ones_own_file(tmp_path, home, kr10):
 
 
 def test_a_chosen_plan_prints_its_gain_over_chance(tmp_path):
-    words = ["data", "plan", "--poses", "40", "--candidates", "400", "--output", "plan.csv"]
+    words = "data plan --poses 40 --candidates 400 --output plan.csv".split()
     done = bench_here(*words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    (line,) = (line for line in done.stdout.splitlines() if line.startswith("D-efficiency"))
-    assert float(line.split()[1]) > 1.3
+    assert float(done.stdout.partition("D-efficiency")[2].split()[0]) > 1.3
     assert_refused(bench_here(*words, cwd=tmp_path), "plan.csv: exists")
 
 
@@ -102,18 +100,13 @@ def test_a_description_with_a_gripper_is_planned_read_and_registered_with_one_no
     notes = [line for line in done.stderr.splitlines() if "note" in line]
     assert len(notes) == 2 and "'hand_tcp'" in notes[0] and "to_left, to_right" in notes[1]
     robot = ["--urdf", "arm.urdf", "--tip", "hand", "--tcp", "0.1,0,0.1"]
-    done = bench_here(*plan, *robot[2:], "--output", "q.csv", cwd=tmp_path)
-    assert "hand_tcp" not in done.stderr and "--tip" in done.stdout
-    assert (tmp_path / "p.csv").read_text() == (tmp_path / "q.csv").read_text()
     table = pd.read_csv(tmp_path / "p.csv").assign(dx_mm=0.1, dy_mm=0.2, dz_mm=-0.3)
     for name in ("a.csv", "b.csv"):
         table.to_csv(tmp_path / name, index=False)
     words = ["run", "--model", "mean", "--data", "a.csv", "--data", "b.csv", "--no-torque", *robot]
     done = bench_here(*words, "--output", "r", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.count("note:") == 1
-    words = ["data", "register", "a.csv", "--dataset", "kr10-measured", "--no-torque"]
-    assert_refused(bench_here(*words, "--tip", "hand", cwd=tmp_path, env=home), "--tip hand")
-    assert bench_here(*words, *robot, cwd=tmp_path, env=home).returncode == 0
+    assert done.returncode == 0 and done.stderr.count("note:") == 1, done.stderr
+    words = ["data", "register", "a.csv", "--dataset", "kr10-measured", "--no-torque", *robot]
+    assert bench_here(*words, cwd=tmp_path, env=home).returncode == 0
     with mock.patch.dict(os.environ, home):
         assert registration().tip == "hand"

@@ -15,7 +15,6 @@ from helpers.command_line import assert_refused, bench_here
 from stiff_bench.api.postures import axial_compliance, rank_postures
 from stiff_datasets.measured.drilled_holes import DRILL_AXIS
 from stiff_protocols.contract.errors import ConfigError, DataError, NotFittedError
-from stiff_protocols.paths.inverse import is_singular
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:extrapolation"),
@@ -75,19 +74,6 @@ def test_a_deflection_along_the_axis_is_that_of_pinocchios_jacobian(vjm, ranked,
         assert row["along_mm"] == pytest.approx(1000.0 * expected, rel=1e-6)
 
 
-def test_postures_are_sorted_at_the_point_inside_limits_and_not_singular(ranked, kr10):
-    table = ranked.table
-    q = np.radians(table[JOINTS].to_numpy())
-    assert (np.diff(table["along_mm"]) >= -1e-6).all() and len(table) == ranked.n_compared
-    assert ((q >= kr10.lower - 1e-6) & (q <= kr10.upper + 1e-6)).all()
-    assert not is_singular(kr10, q, np.ones(6, dtype=bool)).any()
-    place = 1000.0 * kr10.tcp_position(q)
-    np.testing.assert_allclose(place, np.tile(POINT[:3], (len(q), 1)), atol=1e-3)
-    axes = kr10.forward(q).rotation @ kr10.flange[:3, 2]
-    point_axis = Rotation.from_euler("ZYX", POINT[3:], degrees=True).as_matrix()[:, 2]
-    np.testing.assert_allclose(axes, np.tile(point_axis, (len(q), 1)), atol=1e-5)
-
-
 def test_the_given_posture_is_a_candidate_with_its_own_value(vjm, kr10):
     ranked = rank_postures(vjm, given=GIVEN, load=LOAD)
     (row,) = ranked.table[ranked.table["given"]].to_dict("records")
@@ -101,6 +87,7 @@ def test_the_given_posture_is_a_candidate_with_its_own_value(vjm, kr10):
     assert row["across_mm"] == pytest.approx(1000.0 * across, rel=1e-6)
     assert ranked.given.size[0] == pytest.approx(abs(deflection @ axis))
     assert ranked.saving == pytest.approx(ranked.given.size[0] - ranked.best.size[0])
+    assert np.isnan(ranked.uncertainty) and not ranked.is_within_uncertainty  # without a coverage
 
 
 def test_ranked_across_the_axis_the_smallest_deflection_across_comes_first(vjm):
@@ -119,36 +106,23 @@ def test_a_load_in_the_tool_frame_turns_with_the_tool(vjm, kr10):
 
 
 def test_a_saving_within_the_models_uncertainty_is_called_so(ranked, vjm):
-    text = repr(ranked)
     interval = vjm.predict_interval(ranked.best.q, ranked.best.wrench, 0.9)
     axis = Rotation.from_euler("ZYX", POINT[3:], degrees=True).as_matrix()[:, 2]
     half = 0.5 * np.linalg.norm((interval.upper - interval.lower)[0] * axis)
-    assert ranked.best.half_width[0] == pytest.approx(half)
     assert ranked.uncertainty == pytest.approx(np.hypot(half, ranked.given.half_width[0]))
-    assert ranked.is_within_uncertainty and "the saving is within it" in text
-    assert "extrapolates" in text and max(map(len, text.splitlines())) <= 100
-
-
-def test_without_a_coverage_no_uncertainty_is_claimed(vjm):
-    ranked = rank_postures(vjm, given=GIVEN, load=LOAD)
-    assert np.isnan(ranked.uncertainty) and not ranked.is_within_uncertainty
-    assert "not computed; add --coverage" in repr(ranked)
+    assert ranked.is_within_uncertainty and "the saving is within it" in repr(ranked)
+    assert "extrapolates" in repr(ranked)
 
 
 def test_the_best_turn_along_a_path_is_written_as_joint_angles_that_drive_it(vjm, line, tmp_path):
     constant = rank_postures(vjm, path=line, load=LOAD, output=tmp_path / "one.csv")
     assert constant.best.size.mean() <= constant.given.size.mean() + 1e-12
-    assert np.abs(np.diff(constant.best.q, axis=0)).max() < 0.5
     written = pd.read_csv(tmp_path / "one.csv")
     np.testing.assert_allclose(np.radians(written[JOINTS]), constant.best.q, atol=1e-9)
     corrected = sb.compensate_path(vjm, tmp_path / "one.csv", tmp_path / "commands.csv")
     np.testing.assert_allclose(corrected.compensation.before, constant.best.deflection, atol=1e-9)
-
-
-def test_a_path_of_joint_angles_is_the_given_posture(vjm, line, tmp_path):
-    first = rank_postures(vjm, path=line, load=LOAD, output=tmp_path / "joints.csv")
-    again = rank_postures(vjm, path=tmp_path / "joints.csv", turns=4)
-    np.testing.assert_allclose(again.given.q, first.best.q, atol=1e-6)
+    again = rank_postures(vjm, path=tmp_path / "one.csv", turns=4)
+    np.testing.assert_allclose(again.given.q, constant.best.q, atol=1e-6)
     assert again.given_words == "yours"
 
 
@@ -166,29 +140,22 @@ def test_the_command_prints_the_answer_and_writes_table_and_picture(words, vjm_f
         assert picture.width > 1000
 
 
+OF_GIVEN = ("--given", "0,-90,90,0,60,0")
 REFUSED = [
     (("--point", "5000,0,500,0,120,0"), "does not reach it at any of 72 turns"),
-    (("--point", "600,0,500"), "six finite numbers"),
     ((), "--point is missing"),
-    (("--given", "1,2,3"), "--given 3 joint positions (valid: the 6 of kr10_r1100_2)"),
     (("--given", "0,-90,90,0,60,900"), "--given joint A6 at 900 (valid: "),
-    (
-        ("--given", "0,-90,90,0,60,0", "--point", "600,50,500,10,120,5"),
-        "--given has the tool ",
-    ),
-    (("--given", "0,-90,90,0,60,0", "--tool-axis", "0,0,0"), "--tool-axis 0,0,0 has no direction"),
-    (("--given", "0,-90,90,0,60,0", "--tool", "1,2,3,0,0,0"), "--tool x,y,z of 1,2,3"),
-    (("--given", "0,-90,90,0,60,0", "--path", "no.csv"), "no.csv"),
+    ((*OF_GIVEN, "--point", "600,50,500,10,120,5"), "--given has the tool "),
+    ((*OF_GIVEN, "--tool-axis", "0,0,0"), "--tool-axis 0,0,0 has no direction"),
+    ((*OF_GIVEN, "--tool", "1,2,3,0,0,0"), "--tool x,y,z of 1,2,3"),
 ]
 
 
-@pytest.mark.parametrize(("words", "message"), REFUSED, ids=lambda given: str(given)[:40])
-def test_bad_input_is_one_line_and_leaves_no_file(words, message, vjm_file, tmp_path):
+def test_bad_input_is_one_line_and_leaves_no_file(vjm_file, tmp_path):
     command = ("posture", "--model", vjm_file, "--load", "0,0,-60,0,0,0", "--output", "p.csv")
-    done = bench_here(*command, *words, cwd=tmp_path)
-    assert_refused(done)
-    assert message in done.stderr
-    assert not list(tmp_path.iterdir())
+    for words, message in REFUSED:
+        assert_refused(bench_here(*command, *words, cwd=tmp_path), message)
+        assert not list(tmp_path.iterdir())
 
 
 def test_a_missing_or_zero_load_and_an_unfitted_model_are_refused(vjm):
@@ -222,8 +189,3 @@ def test_the_drilled_holes_rank_between_sites_and_not_within_them(fanuc):
         0.83, abs=0.01
     )
     assert within == pytest.approx([0.2, -0.6, 0.4, 0.4])
-
-
-def test_the_drilled_holes_are_shown_with_their_card(tmp_path):
-    done = bench_here("show", "fanuc-drilling", cwd=tmp_path)
-    assert done.returncode == 0 and "MIT License" in done.stdout

@@ -64,25 +64,17 @@ def pinocchio_tools(robot, q) -> tuple[np.ndarray, np.ndarray]:
     return np.array(places), np.array(turns)
 
 
-@pytest.mark.parametrize("n", [100, pytest.param(1000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", FILES)
-def test_corrected_targets_of_random_orientation_are_the_commanded_poses(name, n, tmp_path):
+def test_corrected_targets_of_random_orientation_are_the_commanded_poses(name, tmp_path):
     suffix, model = Path(name).suffix, model_of(ROBOTS[name])
-    robot = model.fitted.robot_
+    robot, n = model.fitted.robot_, 100
     q = regular_joints(robot, n)
     lever = np.linalg.inv(robot.flange @ robot.controller.flange) @ np.r_[robot.tcp, 1.0]
     wanted_mm, turned = pinocchio_tools(robot, q)
     file = tmp_path / f"all{suffix}"
     file.write_text(program_of_poses(suffix, 1000.0 * lever[:3], wanted_mm, turned))
-    done = compensate_program(
-        model,
-        file,
-        tmp_path / f"new{suffix}",
-        load=LOAD,
-        start=np.degrees(q[0]),
-        **options_of(name),
-    )
-    commands = done.targets
+    options = {"load": LOAD, "start": np.degrees(q[0]), **options_of(name)}
+    commands = compensate_program(model, file, tmp_path / f"new{suffix}", **options).targets
     good = commands.converged
     assert good.sum() > 0.95 * n
     place, rotation = poses_of_program(suffix, (tmp_path / f"new{suffix}").read_text())
@@ -108,12 +100,6 @@ def test_only_the_numbers_of_targets_change(name, tmp_path):
         old, new = (path.read_bytes().decode() for path in (DOCS / file.name, file))
         assert NUMBER.sub("#", old) == NUMBER.sub("#", new)
         assert old != new
-    words = {"load": (0, 0, 0), **options_of(name)}
-    again = compensate_program(model_of(ROBOTS[name]), DOCS / name, tmp_path / f"b{name}", **words)
-    unloaded = [float(number[0]) for number in NUMBER.finditer((tmp_path / f"b{name}").read_text())]
-    wanted_mm = [float(number[0]) for number in NUMBER.finditer((DOCS / name).read_text())]
-    assert unloaded == pytest.approx(wanted_mm, abs=1e-5)
-    assert "zero" in repr(again)
 
 
 def krl(tmp_path: Path, body: str, name: str = "a.src") -> Path:
@@ -135,17 +121,12 @@ def test_a_written_status_and_turn_choose_the_configuration(tmp_path):
         joints.append(done.targets.q[1])
         assert config[:3] in (tmp_path / "b.src").read_text()
     assert joints[0][4] > 0.0 > joints[1][4]
-    with pytest.raises(DataError, match=r"line 4: .*S 0, T 0; the pose is reached with S 2"):
-        compensate_program(
-            model, krl(tmp_path, f"PTP {POSE[:-1]},S 0,T 0}}\n"), tmp_path / "c.src", load=LOAD
-        )
 
 
 def test_a_turn_that_the_correction_changes_is_rewritten(tmp_path):
     body = "PTP {X 100,Y 60,Z 50,A 180,B 0,C 180,S 2,T 2}\n"  # joints 1, 4 and 6 are zero
-    done = compensate_program(
-        model_of("kr10-r1100-2"), krl(tmp_path, body), tmp_path / "b.src", load=(0, -40, -20)
-    )
+    file, model = krl(tmp_path, body), model_of("kr10-r1100-2")
+    done = compensate_program(model, file, tmp_path / "b.src", load=(0, -40, -20))
     assert done.changed_configurations == (4,)
     turn = int(re.search(r"T (\d+)}", (tmp_path / "b.src").read_text())[1])
     angles = done.targets.q[1]
@@ -163,9 +144,7 @@ def test_loads_by_line_are_those_of_the_motions(tmp_path):
     assert removed[2] == pytest.approx(2.0 * removed[1], rel=1e-2)
     for text, part in (
         ("3,0,0,0\n4,0,0,-20\n", "no load for line 5"),
-        ("3,0,0,0\n4,0,0,-20\n5,0,0,0\n9,0,0,0\n", "a line of"),
         ("3,0,0,0\n4,0,0,-20\n4,0,0,0\n5,0,0,0\n", "each line once"),
-        ("3,0,0,0\n4,0,0,x\n5,0,0,0\n", "fz_N"),
     ):
         loads.write_text("line,fx_N,fy_N,fz_N\n" + text)
         with pytest.raises(DataError, match=part):
@@ -178,14 +157,10 @@ def test_a_load_in_the_tool_frame_turns_with_the_tool(tmp_path):
     file = krl(tmp_path, f"LIN {POSE}\n")
     model = model_of("kr10-r1100-2")
     in_base = compensate_program(model, file, tmp_path / "b.src", load=(5, 0, 20))
-    in_tool = compensate_program(
-        model, file, tmp_path / "c.src", load=(-5, 0, -20), frame="tool"
-    )  # A 180, C 180: x backwards, z down
-    np.testing.assert_allclose(
-        in_base.targets.position[1],
-        in_tool.targets.position[1],
-        atol=1e-9,
-    )
+    load = (-5, 0, -20)  # A 180, C 180: x backwards, z down
+    in_tool = compensate_program(model, file, tmp_path / "c.src", load=load, frame="tool")
+    targets = [done.targets.position[1] for done in (in_base, in_tool)]
+    np.testing.assert_allclose(*targets, atol=1e-9)
 
 
 def test_one_point_under_two_loads_is_left_or_stops(tmp_path):
@@ -208,13 +183,13 @@ def test_one_point_under_two_loads_is_left_or_stops(tmp_path):
         ("LIN {X 5000,Y 0,Z 0,A 0,B 0,C 0}", "line 4: target 5000,0,0,0,0,0: out of reach"),
         ("LIN {X 545,Y 60,Z 155,A 0,B 90,C 0}", "line 4: .*singular"),
         ("$TOOL={X 0,Y 0,Z 100,A 0,B 0,C 0}\nLIN " + POSE, "line 5: .*TCP at 0,0,100 mm"),
+        (f"PTP {POSE[:-1]},S 0,T 0}}", "line 4: .*S 0, T 0; the pose is reached with S 2"),
     ],
 )
 def test_an_impossible_target_is_refused_with_its_line(tmp_path, body, message):
+    file, model = krl(tmp_path, body), model_of("kr10-r1100-2")
     with pytest.raises(DataError, match=message):
-        compensate_program(
-            model_of("kr10-r1100-2"), krl(tmp_path, body), tmp_path / "b.src", load=LOAD
-        )
+        compensate_program(model, file, tmp_path / "b.src", load=LOAD)
     assert not (tmp_path / "b.src").exists()
 
 
@@ -222,32 +197,20 @@ def test_a_frame_that_is_not_in_the_program_is_required_as_an_option(tmp_path):
     model = model_of("kr10-r1100-2")
     for body, option in (("BAS(#TOOL,1)", "tool"), ("$BASE=BASE_DATA[2]", "base")):
         file = krl(tmp_path, f"{body}\nLIN {POSE}\n")
-        with pytest.raises(ConfigError, match="line 5: the program does not hold") as refusal:
+        with pytest.raises(ConfigError, match=f"line 5: the program does not hold .*{option} fra"):
             compensate_program(model, file, tmp_path / "b.src", load=LOAD)
-        assert f"{option} frame" in str(refusal.value)
-    frame = (380.0, -60.0, 250.0, 0.0, 0.0, 0.0)
-    words = {"load": LOAD, "workpiece": frame}
+    words = {"load": LOAD, "workpiece": (380.0, -60.0, 250.0, 0.0, 0.0, 0.0)}
     done = compensate_program(model, file, tmp_path / "b.src", **words)
-    usual = compensate_program(
-        model, krl(tmp_path, f"LIN {POSE}\n", "c.src"), tmp_path / "d.src", load=LOAD
-    )
+    file = krl(tmp_path, f"LIN {POSE}\n", "c.src")
+    usual = compensate_program(model, file, tmp_path / "d.src", load=LOAD)
     np.testing.assert_allclose(done.targets.q, usual.targets.q, atol=1e-9)
-    with pytest.raises(ConfigError, match="the program holds its base frame"):
-        compensate_program(model, tmp_path / "c.src", tmp_path / "e.src", **words)
     mixed = krl(tmp_path, f"BAS(#BASE,1)\nLIN {POSE}\nBAS(#BASE,2)\nLIN {POSE}\n")
-    with pytest.raises(ConfigError, match=r"line 7: BASE_DATA\[2\] is another base frame"):
-        compensate_program(model, mixed, tmp_path / "e.src", **words)
-
-
-def test_a_singular_home_position_is_left_and_listed(tmp_path):
-    body = "PTP {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\n"
-    done = compensate_program(
-        model_of("kr10-r1100-2"), krl(tmp_path, body), tmp_path / "b.src", load=LOAD
-    )
-    assert [(motion.line, "singular" in motion.reason) for motion in done.left_motions] == [
-        (4, True)
-    ]
-    assert body in (tmp_path / "b.src").read_text()
+    for wrong, message in (
+        (file, "the program holds its base frame"),
+        (mixed, r"line 7: BASE_DATA\[2\] is another base frame"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            compensate_program(model, wrong, tmp_path / "e.src", **words)
 
 
 def test_a_file_of_another_kind_or_that_exists_is_refused(tmp_path):
@@ -266,20 +229,21 @@ def test_a_program_is_corrected_and_drawn_on_the_command_line(tmp_path):
     words = (*words, "--load", "0,20,-40", "--output")
     done = bench_here(*words, "new.src", "--figure", "new.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
-    assert "beyond the training range" in lines[0]
-    assert "8 of 8 targets corrected" in done.stdout
-    assert "left as they were: 3 motions" in done.stdout
-    assert "expected remaining error: " in done.stdout
+    for part in (
+        "beyond the training range",
+        "8 of 8 targets corrected",
+        "left as they were: 3 motions",
+        "expected remaining error: ",
+    ):
+        assert part in done.stdout
     assert (tmp_path / "new.png").stat().st_size > 20_000
     for wrong, part in (
-        (("s.src", "--strict"), "line 8: PTP XHOME"),
-        (("s.src", "--hold", "A1=0"), "--hold only goes with --path"),
-        (("s.mod",), "use the extension of"),
+        ("--strict", "line 8: PTP XHOME"),
+        ("--hold=A1=0", "--hold only goes with --path"),
     ):
-        refused = bench_here(*words, *wrong, cwd=tmp_path)
+        refused = bench_here(*words, "s.src", wrong, cwd=tmp_path)
         assert refused.returncode != 0 and part in refused.stderr
-        assert not (tmp_path / wrong[0]).exists()
+        assert not (tmp_path / "s.src").exists()
 
 
 def test_the_robot_carries_its_controller_through_a_model_file(tmp_path):

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
 from decimal import Decimal
-from pathlib import Path
 
 import matplotlib.font_manager  # noqa: F401  # it writes its cache where it is first imported
 import pytest
@@ -13,11 +10,6 @@ import pytest
 from helpers.command_line import assert_refused, bench_here
 from helpers.command_tree import COMMANDS, GROUPS, PARAMETERS
 
-COMMAND_LINE = re.compile(r"^[ │]{1,4}([a-z][a-z-]*) {2,}\S", re.MULTILINE)
-"""Line of a command in the help of its group."""
-OPTION = r"--[a-z][a-z-]*"
-OPTION_LINE = re.compile(rf"^\W{{0,4}}((?:-\w[,/ ]+)?{OPTION}(?:[,/ ]+{OPTION})*)", re.MULTILINE)
-"""Beginning of the lines of an option in the help of its command."""
 WRITTEN = {"--output", "--figure"}
 """Options that name an output; a path that does not exist yet is valid."""
 SENSE = {("bench data validate", "FILE")}
@@ -31,31 +23,6 @@ WORDS = ("no-such-thing", "", "=", "../..", "é\udcff", "x" * 5000)
 """Nonsense values of a text parameter."""
 NUMBERS = ("nonsense", "", "nan", "1,5")
 """Nonsense values of a number parameter."""
-
-
-def help_page(command: str, cwd: Path) -> str:
-    """Return the help of a command, "" if there is no such command."""
-    done = bench_here(*command.split()[1:], "--help", cwd=cwd, env={"COLUMNS": "100"})
-    assert done.returncode in (0, 2), done.stderr
-    return "" if done.returncode else str(done.stdout)
-
-
-def printed_tree(command: str, page: str, cwd: Path) -> Iterator[tuple[str, set[str]]]:
-    """Yield each command below a command, and the options that its help prints."""
-    lines = OPTION_LINE.findall(page)
-    yield command, {option for line in lines for option in re.findall(OPTION, line)}
-    for name in COMMAND_LINE.findall(page):
-        below = help_page(f"{command} {name}", cwd)
-        if below and below != page:  # else a line of text
-            yield from printed_tree(f"{command} {name}", below, cwd)
-
-
-def test_help_prints_the_commands_and_options_of_the_table(tmp_path):
-    printed = dict(printed_tree("bench", help_page("bench", tmp_path), tmp_path))
-    assert printed == {
-        command: {name for name in parameters if name.startswith("--")}
-        for command, parameters in PARAMETERS.items()
-    }
 
 
 @pytest.fixture()

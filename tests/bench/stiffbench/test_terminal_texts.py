@@ -28,12 +28,14 @@ COMMANDS = (
     "new model my-model",
     "run --model vjm --data plan.csv --robot ur5",
     "run --modle vjm",
+    "show vjm-gp",
+    "show fanuc-r2000ic",
     "data info kr10-twin",
 )
 
 
 @pytest.mark.usefixtures("empty_pictures")
-@pytest.mark.parametrize(("width", "commands"), [(80, COMMANDS), (100, COMMANDS[-2:])])
+@pytest.mark.parametrize(("width", "commands"), [(80, COMMANDS), (100, COMMANDS[-4:])])
 def test_no_line_is_wider_than_the_terminal(tmp_path, width, commands):
     terminal = mock.patch.object(Stream, "isatty", lambda _: True)
     env = {"COLUMNS": str(width), "TERM": "dumb"}
