@@ -1,4 +1,4 @@
-"""Columns of tables about models, and the tables of these columns.
+"""Columns about models, and their tables.
 
 A column has a heading, a unit, a format and the value of a row. Rows are those of
 `leaderboard.model_frame` and of the functions below. To add a column, add it here and to the list
@@ -180,7 +180,7 @@ def board_tables(
 ) -> list[Table]:
     """Return the tables over robots: ratios, further numbers, certainty, and controls.
 
-    `table` is a `model_frame`; only its complete models are shown. `notes` follow those of the
+    `table` is a `model_frame`; only its complete models are shown. `notes` are added to the
     first table.
     """
     if "won" not in table:

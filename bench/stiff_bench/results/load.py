@@ -290,7 +290,7 @@ def _of_newest_splits(
     same = [result for result in results if split_of(result) in newest_splits.items()]
     without = sorted({r.presentation.model for r in results} - {r.presentation.model for r in same})
     models = f" (all of {', '.join(without)})" if without else ""
-    return same, [f"older results on other splits than those of the newest run{models}"]
+    return same, [f"older results on other splits than the newest run{models}"]
 
 
 def _of_newest_options(
