@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from io import StringIO
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -37,14 +36,6 @@ def bench(tmp_path):
         return done.stdout + done.stderr
 
     return run
-
-
-@pytest.fixture(scope="module")
-def vjm_file(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("models")
-    done = bench_here(*FIT_TWIN, "--model", "vjm", "--output", "vjm.stiff", cwd=folder)
-    assert "151 samples" in done.stdout and "A1 [Nm/rad]" in done.stdout, done.stderr
-    return folder / "vjm.stiff"
 
 
 @pytest.fixture()
