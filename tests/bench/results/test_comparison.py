@@ -110,9 +110,7 @@ def test_the_headline_is_printed_once_and_tables_have_few_notes_and_json_all(tmp
 @pytest.mark.parametrize(
     "tests", [{"tests": [np.arange(40)]}, {"tests": np.arange(40)[:, None], "pooled": True}]
 )
-def test_one_split_and_pooled_splits_are_judged_over_poses_and_the_verdict_names_them(
-    tmp_path, tests
-):
+def test_one_split_and_pooled_splits_are_judged_over_poses(tmp_path, tests):
     report = report_on(store_results(tmp_path, ONE_FIT, **tests))
     (comparison,) = report.comparisons
     assert not comparison.over_splits and comparison.n_poses == 40
