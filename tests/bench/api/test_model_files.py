@@ -58,15 +58,6 @@ def test_a_fit_prints_a_row_per_spring_and_marks_those_that_are_not_identifiable
     assert 0 < sum("not identifiable" in row for row in rows) < len(rows)
 
 
-@pytest.mark.slow
-def test_a_network_is_fitted_and_exported(bench, tmp_path):
-    small = [f"--set=mlp.{option}" for option in ("training=best", "width=8", "epochs=3")]
-    printed_text = bench(*FIT_TWIN, "--model", "mlp", *small, "--output", "mlp.stiff")
-    assert "of 31 poses chose the number of epochs" in printed_text
-    assert "float64" in bench("export", "--model", "mlp.stiff", "--output", "net.onnx")
-    assert (tmp_path / "net.onnx").stat().st_size > 0
-
-
 def test_predictions_are_the_models_in_millimetres_next_to_the_rows(predict, vjm_file):
     names = f"pose_id,{HEADER}"  # measured deflections are not read
     table, text = predict(f"{names},dx_mm", f"007,{ROW},99", f"008,{ROW},nonsense")

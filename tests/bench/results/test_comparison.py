@@ -248,20 +248,6 @@ def test_models_that_were_run_with_different_tcps_are_refused_with_the_tcps(tmp_
         report_on(tmp_path)
 
 
-def test_csv_holds_the_numbers_of_the_report_in_mm(tmp_path):
-    report = report_on(store_results(tmp_path, PAIR))
-    row = report.comparisons[0].norm
-    values = {
-        line["column"]: line
-        for line in csv_lines(report)
-        if (line["error"], line["method"]) == ("norm", "over splits")
-    }
-    assert float(values["A - B"]["value"]) == pytest.approx(1000 * row.difference, rel=1e-12)
-    high = float(values["95 % interval"]["high"])
-    assert high == pytest.approx(1000 * row.estimate.high, rel=1e-12)
-    assert values["A - B"]["verdict"] == "A better" and values["A - B"]["unit"] == "mm"
-
-
 def test_the_seed_moves_only_the_intervals_over_poses_and_the_rope_is_in_mm(tmp_path):
     models = {"a": spread(1e-4, 4e-5, seed=1), "b": spread(1.2e-4, 4e-5, seed=2)}
     folder = store_results(tmp_path, models)
