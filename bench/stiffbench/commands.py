@@ -346,7 +346,7 @@ def _figure(
 ) -> None:
     """Draw a figure and print its caption.
 
-    The caption names the data set and protocol that are shown. The figure robot draws results
+    The caption names the data set and protocol that are drawn. The figure robot draws results
     (--results), a data set (--dataset or --data) or a model (--model-file).
 
     Args:
@@ -356,16 +356,16 @@ def _figure(
         output: file to write: .png, .pdf or .svg; by default figure-NAME.png.
     """
     target = Path(output or f"figure-{name}.png")
-    shown: Any = results
+    content: Any = results
     if data and (name != "robot" or results is not None):
         raise ConfigError("--data: drawn by the figure robot only, and without --results")
     if name == "robot" and results is None and (data or selection.datasets):
         if len([*data, *selection.options]) > 1:
             raise ConfigError("the figure robot draws one --dataset or --data, or --results")
-        shown = data[0] if data else sb.load_dataset(selection.datasets[0])
+        content = data[0] if data else sb.load_dataset(selection.datasets[0])
     elif selection.options:
-        shown = sb.Results(Path(results or RESULTS), selection=selection)
-    prepared = sb.figure(name, shown, model=model_file, **options)
+        content = sb.Results(Path(results or RESULTS), selection=selection)
+    prepared = sb.figure(name, content, model=model_file, **options)
     prepared.save(target)
     print_prose(f"{target}: {prepared.title}. {prepared.caption}")
 
@@ -496,9 +496,9 @@ class Command:
         module, _, place = self.public.split()[0].partition(":")
         file = Path(stiff_bench.__file__).parent / f"{module.replace('.', '/')}.py"
         source, name = file.read_text(encoding="utf-8"), place.rpartition(".")[2]
-        found = re.search(rf'^ *def {name}\(.*?"""(.*?)(?:"""|$)', source, re.DOTALL | re.MULTILINE)
-        assert found is not None
-        return found[1]
+        match = re.search(rf'^ *def {name}\(.*?"""(.*?)(?:"""|$)', source, re.DOTALL | re.MULTILINE)
+        assert match is not None
+        return match[1]
 
     def function(self) -> Callable[..., int]:
         """Return the function of words for cyclopts; it returns the exit status."""

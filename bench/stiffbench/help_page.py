@@ -22,10 +22,14 @@ BREAKABLE = str.maketrans({"\u2011": "-", "\u00a0": " "})
 
 def fill(text: str, indent: str = "", first_indent: str | None = None) -> str:
     """Break a text into lines of the terminal's width."""
-    kept = KEPT_TOGETHER.sub(lambda part: part[0].translate(UNBREAKABLE), text)
+    unbroken_text = KEPT_TOGETHER.sub(lambda part: part[0].translate(UNBREAKABLE), text)
     first = indent if first_indent is None else first_indent
     filled = textwrap.fill(
-        kept, text_width(), initial_indent=first, subsequent_indent=indent, break_long_words=False
+        unbroken_text,
+        text_width(),
+        initial_indent=first,
+        subsequent_indent=indent,
+        break_long_words=False,
     )
     return filled.translate(BREAKABLE)
 

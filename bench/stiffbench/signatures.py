@@ -277,7 +277,7 @@ class CommandFunction:
         *documented: Callable[..., Any],
         without: Collection[str] = (),
     ) -> None:
-        """Read the parameters; `**options` of the function are those of `documented`."""
+        """Read the parameters; `**options` of the function are parameters of `documented`."""
         from docstring_parser import parse  # not needed for the first help page
 
         self.function = function
@@ -288,12 +288,12 @@ class CommandFunction:
             parsed = parse(inspect.getdoc(source) or "").params
             texts |= {part.arg_name: " ".join((part.description or "").split()) for part in parsed}
         for source in (function, *documented):
-            known = {
+            known_names = {
                 *self.all_options(),
                 *self.makers,
                 *(without if source is not function else ()),
             }
-            for option in _options_of(source, texts, known):
+            for option in _options_of(source, texts, known_names):
                 if (maker := option.maker) is None:
                     self.options[option.name] = option
                 else:
@@ -327,13 +327,14 @@ def _name(part: object) -> str:
 
 
 def _options_of(
-    function: Callable[..., Any], texts: Mapping[str, str], known: Collection[str]
+    function: Callable[..., Any], texts: Mapping[str, str], known_names: Collection[str]
 ) -> list[Option]:
     """Return the parameters of a function, except known ones, `self` and `**options`."""
     parameters = [
         parameter
         for parameter in inspect.signature(function).parameters.values()
-        if parameter.kind is not parameter.VAR_KEYWORD and parameter.name not in {"self", *known}
+        if parameter.kind is not parameter.VAR_KEYWORD
+        and parameter.name not in {"self", *known_names}
     ]
     written = SimpleNamespace(__annotations__={part.name: part.annotation for part in parameters})
     names = vars(sys.modules[function.__module__])

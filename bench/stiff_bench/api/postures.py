@@ -90,8 +90,8 @@ def rank_postures(
 
     Args:
         model: fitted model of an arm with six revolute joints, apart from held joints.
-        point: pose of the tool at the task point: x, y, z in mm and a, b, c in deg; by default that
-            of `given`.
+        point: pose of the tool at the task point: x, y, z in mm and a, b, c in deg; by default the
+            pose of `given`.
         path: task of several points: a tool path.
         load: (3,) or (6,) process load on the tool, in N and N m; a path may have its own loads.
         frame: frame that loads are expressed in; a load in the tool frame turns with the tool.
@@ -107,8 +107,8 @@ def rank_postures(
         workpiece: frame of the point or path in the base frame: x, y, z in mm and a, b, c in deg;
             by default the base frame.
         hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
-            name or number (rail, J3, 3); without a value at that of `given` or of the path. May be
-            repeated.
+            name or number (rail, J3, 3); without a value at the position in `given` or in the path.
+            May be repeated.
         coverage: add the model's uncertainty: prediction intervals of this coverage (0..1).
         sheet: sheet of an Excel file; by default the only one with a table.
         output: new .csv file: all postures at a point, or the best one along the path.

@@ -243,8 +243,8 @@ def compensate_path(
         start: (n_joints,) joint positions near the first point, in deg or mm; they choose the
             configuration. By default the one nearest to the training poses.
         hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
-            name or number (rail, J3, 3); without a value at that of `start` or of the path. May be
-            repeated.
+            name or number (rail, J3, 3); without a value at the position in `start` or in the path.
+            May be repeated.
         tolerance: largest last step of the iteration, in mm.
         iterations: largest number of predictions per point.
         on_failure: if a point of a path cannot be corrected: stop, or keep it uncorrected and name

@@ -147,7 +147,7 @@ def _lead_certainty(lead: Row, rows: Sequence[Row]) -> str:
         else "Every other model is significantly worse."
     )
     return (
-        f"It has the smallest error on {lead['won']:.0f} of "
+        f"{lead['model']} has the smallest error on {lead['won']:.0f} of "
         f"{counted(int(lead['n robots']), 'robot')}. Without any one robot the ratio lies between "
         f"{low:{RATIO_FORMAT}} and {high:{RATIO_FORMAT}}. {rival_text}"
     )

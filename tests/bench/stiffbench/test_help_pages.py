@@ -9,7 +9,6 @@ import pytest
 
 from helpers.command_line import bench_here
 from helpers.command_tree import COMMANDS, GROUPS, PARAMETERS
-from stiff_bench import api
 from stiffbench.commands import COMMANDS as COMMAND_GROUPS
 from stiffbench.commands import GROUPS as GROUP_NAMES
 from stiffbench.main import command_app, find_command
@@ -57,8 +56,7 @@ def test_the_commands_and_options_of_the_table_are_those_with_a_description(help
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, *GROUPS])
-def test_every_command_has_an_example_that_is_accepted(command, help_page, monkeypatch):
-    monkeypatch.setattr(api.registered, "use_only", lambda _: None)  # the plugin is not there yet
+def test_every_command_has_an_example_that_is_accepted(command, help_page):
     example = help_page(command).partition("Example:\n")[2]
     assert command in example
     for line in example.splitlines():
