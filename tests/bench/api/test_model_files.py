@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from io import StringIO
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -39,14 +38,6 @@ def bench(tmp_path):
     return run
 
 
-@pytest.fixture(scope="module")
-def vjm_file(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("models")
-    done = bench_here(*FIT_TWIN, "--model", "vjm", "--output", "vjm.stiff", cwd=folder)
-    assert "151 samples" in done.stdout and "A1 [Nm/rad]" in done.stdout, done.stderr
-    return folder / "vjm.stiff"
-
-
 @pytest.fixture()
 def predict(vjm_file, tmp_path, bench):
     """A function that predicts lines of a file with the VJM and returns table and text."""
@@ -65,15 +56,6 @@ def test_a_fit_prints_a_row_per_spring_and_marks_those_that_are_not_identifiable
     rows = [line for line in text.splitlines() if "[Nm/rad]" in line and " to " in line]
     assert [row[:12] for row in rows] == [f"J{j} segment {k}" for j in range(1, 7) for k in (1, 2)]
     assert 0 < sum("not identifiable" in row for row in rows) < len(rows)
-
-
-@pytest.mark.slow
-def test_a_network_is_fitted_and_exported(bench, tmp_path):
-    small = [f"--set=mlp.{option}" for option in ("training=best", "width=8", "epochs=3")]
-    printed_text = bench(*FIT_TWIN, "--model", "mlp", *small, "--output", "mlp.stiff")
-    assert "of 31 poses chose the number of epochs" in printed_text
-    assert "float64" in bench("export", "--model", "mlp.stiff", "--output", "net.onnx")
-    assert (tmp_path / "net.onnx").stat().st_size > 0
 
 
 def test_predictions_are_the_models_in_millimetres_next_to_the_rows(predict, vjm_file):

@@ -126,13 +126,6 @@ def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measure
     assert not (tmp_path / "next.csv").exists()
 
 
-def test_a_measurement_of_another_robot_is_refused(tmp_path, measured):
-    measured(9)
-    words = [word.replace("ur5", "gp12") for word in UR5]
-    done = bench_here(*words, "--after", "my.csv", cwd=tmp_path)
-    assert_refused(done, "my.csv: row", "limits of joint", "gp12")
-
-
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of few poses
 @pytest.mark.slow
 def test_planned_poses_inform_a_fifth_more_than_random_poses_on_twins():

@@ -16,27 +16,6 @@ from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StoreError
 from stiff_protocols.contract.plugin import ModelInfo
 
-PLUGIN = """
-import numpy as np
-from sklearn.base import BaseEstimator
-from sklearn.utils.validation import check_is_fitted
-from stiff_protocols.contract.plugin import ModelInfo
-
-class Mean(BaseEstimator):
-    def __init__(self, *, scale: float = 1.0):
-        self.scale = scale
-    def fit(self, train, *, robot, validation=None, seed=0):
-        self.mean_, self.n_joints_ = train.deflection.mean(axis=0), robot.n_joints
-        return self
-    def predict(self, q, wrench):
-        check_is_fitted(self)
-        if q.shape[1] != self.n_joints_:
-            raise ValueError("another robot")
-        return self.scale * np.tile(self.mean_, (len(q), 1))
-
-MODELS = [ModelInfo(key="own", target=Mean, summary="mean")]
-"""
-
 
 @pytest.mark.slow
 def test_a_new_model_passes_its_own_test_and_the_suite_and_can_be_run_as_it_stands(tmp_path):
@@ -82,19 +61,20 @@ def test_a_model_whose_test_cannot_be_written_is_not_written_either(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_check_of_a_bad_plugin_prints_failures_reasons_and_fixes_with_status_1(tmp_path):
-    (tmp_path / "own.py").write_text(PLUGIN)
-    words = ("check", "own", "--plugin", "own.py")
+def test_a_check_of_a_bad_plugin_prints_failures_reasons_and_fixes_with_status_1(
+    plugin_file, tmp_path
+):
+    words = ("check", "own", "--plugin", plugin_file("own"))
     good = bench_here(*words, cwd=tmp_path)
     assert good.returncode == 0 and "✗" not in good.stdout
-    done = bench_here(*words, "--set", "own.scale=1000", cwd=tmp_path)
+    done = bench_here(*words, "--set", "own.factor=1000", cwd=tmp_path)
     assert done.returncode == 1, done.stderr
     lines = done.stdout.splitlines()
-    assert lines[0].startswith("own (scale=1000") and " on fanuc-r2000ic" in lines[0]
+    assert lines[0].startswith("own (factor=1000") and " on fanuc-r2000ic" in lines[0]
     assert "✓ the constructor takes keywords and only stores them" in lines
     (metres,) = (i for i, line in enumerate(lines) if line[:1] == "✗" and "in metres" in line)
     assert lines[metres + 1].startswith("    to ") and "1 failed" in lines[-1]
-    assert [path.name for path in tmp_path.iterdir()] == ["own.py"]
+    assert [path.name for path in tmp_path.iterdir()] == ["my_model.py"]
 
 
 def missing_reason() -> str:

@@ -30,18 +30,6 @@ HEADER = "x_mm,y_mm,z_mm,a_deg,b_deg,c_deg\n"
 
 
 @pytest.fixture(scope="module")
-def vjm(twin):
-    return sb.make_model("vjm").fit(twin)
-
-
-@pytest.fixture(scope="module")
-def vjm_file(vjm, tmp_path_factory):
-    path = tmp_path_factory.mktemp("model") / "kr10.stiff"
-    vjm.save(path)
-    return path
-
-
-@pytest.fixture(scope="module")
 def ranked(vjm):
     return rank_postures(vjm, point=POINT, load=LOAD, frame="tool", coverage=0.9)
 

@@ -12,11 +12,6 @@ from stiff_protocols.contract.errors import DataError
 from stiff_protocols.scoring.cross_validated import CrossValidatedError
 
 
-@pytest.fixture(scope="module")
-def vjm(twin):
-    return sb.make_model("vjm").fit(twin)
-
-
 def test_cross_validated_error_is_of_fits_that_did_not_learn_the_pose(vjm, twin):
     samples, lengths = twin.samples, []
     folds = GroupKFold(5, shuffle=True, random_state=0).split(samples.q, groups=samples.pose_id)

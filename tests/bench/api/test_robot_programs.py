@@ -113,13 +113,12 @@ POSE = "{X 0,Y 0,Z 50,A 180,B 0,C 180}"
 
 
 def test_a_written_status_and_turn_choose_the_configuration(tmp_path):
-    model, joints = model_of("kr10-r1100-2"), []
-    for config in ("S 2,T 2", "S 6,T 18"):
+    joints = []
+    for name, config in (("b.src", "S 2,T 2"), ("c.src", "S 6,T 18")):
         file = krl(tmp_path, f"PTP {POSE[:-1]},{config}}}\n")
-        file.with_name("b.src").unlink(missing_ok=True)
-        done = compensate_program(model, file, tmp_path / "b.src", load=LOAD)
+        done = compensate_program(model_of("kr10-r1100-2"), file, tmp_path / name, load=LOAD)
         joints.append(done.targets.q[1])
-        assert config[:3] in (tmp_path / "b.src").read_text()
+        assert config[:3] in (tmp_path / name).read_text()
     assert joints[0][4] > 0.0 > joints[1][4]
 
 
@@ -154,12 +153,11 @@ def test_loads_by_line_are_those_of_the_motions(tmp_path):
 
 
 def test_a_load_in_the_tool_frame_turns_with_the_tool(tmp_path):
-    file = krl(tmp_path, f"LIN {POSE}\n")
-    model = model_of("kr10-r1100-2")
-    in_base = compensate_program(model, file, tmp_path / "b.src", load=(5, 0, 20))
-    load = (-5, 0, -20)  # A 180, C 180: x backwards, z down
-    in_tool = compensate_program(model, file, tmp_path / "c.src", load=load, frame="tool")
-    targets = [done.targets.position[1] for done in (in_base, in_tool)]
+    file, model, targets = krl(tmp_path, f"LIN {POSE}\n"), model_of("kr10-r1100-2"), []
+    # A 180, C 180: x backwards, z down
+    for frame, load in (("base", (5, 0, 20)), ("tool", (-5, 0, -20))):
+        done = compensate_program(model, file, tmp_path / f"{frame}.src", load=load, frame=frame)
+        targets.append(done.targets.position[1])
     np.testing.assert_allclose(*targets, atol=1e-9)
 
 

@@ -110,3 +110,5 @@ def test_results_show_failures_with_their_reason_and_compare_data_sets_in_a_matr
     assert {"X", "Y", "Z"} <= {column.name for column in table.columns}
     assert any("no luck" in note for note in table.notes)
     assert "Broken" in repr(of_one["Broken"])
+    (row,) = of_one.frame().query("model == 'Broken'").itertuples()
+    assert row.status == "failed" and "no luck" in row.failure

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import csv
+import html
 import io
 import json
 import re
-from html.parser import HTMLParser
 
 import pytest
 
@@ -36,28 +36,12 @@ OURS = set("p strong table thead tbody tr th td ul li code".split())
 """Tags of our own pages."""
 
 
-class Tags(HTMLParser):
-    """Collects the tags and the text of a page."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.tags: set[str] = set()
-        self.text = ""
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.add(tag)
-
-    def handle_data(self, data):
-        self.text += data
-
-
 def assert_harmless(text: str, fmt: str) -> None:
     """Check for control characters, and for text that the format would run or load."""
     assert all(sign.isprintable() or sign == "\n" for sign in text)
     if fmt == "html":
-        page = Tags()
-        page.feed(text)
-        assert page.tags <= OURS and HOSTILE[0] in page.text
+        assert {*re.findall(r"<[\s/]*([^\s/>]*)", text)} <= OURS
+        assert HOSTILE[0] in html.unescape(text)
     elif fmt == "github":
         plain = re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", text)  # code is printed unchanged
         assert not re.search(r"(?<!\\)<[A-Za-z/!?]|\]\(", plain)

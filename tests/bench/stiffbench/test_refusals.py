@@ -10,7 +10,6 @@ from importlib.resources import files
 
 import pytest
 
-import stiffbench as sb
 from helpers.command_line import assert_refused, bench_here
 from helpers.made_robots import track_lines, tree_urdf
 from helpers.made_samples import CSV_HEADER, CSV_ROW
@@ -70,13 +69,6 @@ REFUSED = {
     f"{HOLD} --hold to_cart=nan": ["'to_cart=nan'", "JOINT=VALUE"],
 }
 """Words of `bench` -> texts that its error must contain."""
-
-
-@pytest.fixture(scope="module")
-def vjm_file(tmp_path_factory, twin):
-    path = tmp_path_factory.mktemp("model") / "vjm.stiff"
-    sb.make_model("vjm").fit(twin).save(path)
-    return path
 
 
 @pytest.fixture()

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import csv
-import io
 
 import pytest
 
 from helpers.command_line import assert_refused, bench_here
-from helpers.made_results import MadeResults
 from stiff_bench.paper.paper_results import PAPER_RESULTS
 
 
@@ -17,19 +15,6 @@ def printed(folder, *words: object) -> str:
     done = bench_here("table", *map(str, words), cwd=folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-def test_it_reads_the_named_folder_and_prints_the_requested_format(tmp_path):
-    MadeResults(tmp_path).add("vjm", [0.125], "kr10-twin", "paper-holdout")
-    assert printed(tmp_path, "10", "--results", tmp_path).startswith("**Table 10.")
-    text = printed(tmp_path, "10", "--results", tmp_path, "--format", "csv")
-    (line,) = (
-        line
-        for line in csv.DictReader(io.StringIO(text))
-        if (line["axis"], line["error"], line["column"]) == ("Z", "MAE", "VJM")
-        and line["protocol"] == "paper-holdout"
-    )
-    assert float(line["value"]) == pytest.approx(0.125)
 
 
 def test_tables_2_and_3_are_fitted_on_the_spot_and_refuse_results(monkeypatch, tmp_path):
