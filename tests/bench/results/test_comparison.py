@@ -96,11 +96,12 @@ def test_equal_models_are_equivalent_and_noise_is_no_difference(tmp_path):
 def test_the_headline_is_printed_once_and_tables_have_few_notes_and_json_all(tmp_path):
     caveats = tuple(f"caveat {n}" for n in range(9))
     folder = store_results(tmp_path, PAIR, caveats=caveats)
-    report = report_on(folder, "b", "a")
-    text, headline = rendered(report), comparison_text(report)
-    assert headline.startswith("a is better than b on made (kfold, 5 splits)")
-    assert "0.106 mm smaller" in headline and "over splits" in headline
-    assert text.startswith(headline) and text.count(headline) == 1
+    for a, b in (("a", "b"), ("b", "a")):
+        report = report_on(folder, a, b)
+        text, headline = rendered(report), comparison_text(report)
+        assert headline.startswith("a is better than b on made (kfold, 5 splits)")
+        assert "0.106 mm smaller" in headline and "over splits" in headline
+        assert text.startswith(headline) and text.count(headline) == 1
     assert "made (measured)" in text
     notes = [line for line in text.split("**")[-1].splitlines() if line[:2] == "- "]
     assert len(notes) == 5 and "--format json" in notes[3] and "made by" in notes[4]
@@ -110,7 +111,9 @@ def test_the_headline_is_printed_once_and_tables_have_few_notes_and_json_all(tmp
 @pytest.mark.parametrize(
     "tests", [{"tests": [np.arange(40)]}, {"tests": np.arange(40)[:, None], "pooled": True}]
 )
-def test_one_split_and_pooled_splits_are_judged_over_poses(tmp_path, tests):
+def test_one_split_and_pooled_splits_are_judged_over_poses_and_the_verdict_names_them(
+    tmp_path, tests
+):
     report = report_on(store_results(tmp_path, ONE_FIT, **tests))
     (comparison,) = report.comparisons
     assert not comparison.over_splits and comparison.n_poses == 40
@@ -189,11 +192,13 @@ def test_a_model_may_spell_out_the_defaults_that_its_results_were_made_with(tmp_
     folder = store_results(tmp_path, dict.fromkeys(options, PAIR["a"]), options=options)
     for word, name in (
         ("knn@neighbours=5", "knn"),
+        ("knn@scale=0.001@weights=near", "knn"),
         ("knn@weights=far@neighbours=5", "knn@weights=far"),
     ):
         assert report_on(folder, b=word).b == name
-    with pytest.raises(ConfigError, match=r"'knn@neighbours=6'.*valid: a, knn, knn@weights"):
-        report_on(folder, b="knn@neighbours=6")
+    for word in ("knn@neighbours=6", "knn@colour=red"):
+        with pytest.raises(ConfigError, match=f"'{word}'.*valid: a, knn, knn@weights"):
+            report_on(folder, b=word)
     with pytest.raises(ConfigError, match="both models are 'a'"):
         report_on(folder, b="a@depth=3")
 
@@ -228,9 +233,15 @@ def test_what_cannot_be_compared_is_one_clear_line(tmp_path):
     store_results(folder, {"vjm@slopes=2": PAIR["a"]}, condition="elsewhere")
     for words, message in (
         ({"b": "a"}, "both models are 'a'"),
+        ({"b": "vjm@slopes=3"}, "'vjm@slopes=3'; did you mean 'vjm@slopes=2'"),
         ({"b": "aa"}, r"'aa'; did you mean 'a'\? \(valid: a, b, vjm@slopes=2"),
-        ({"b": "vjm@slopes=2"}, r"no comparison in common: a was run in \(made \| kfold\); vjm"),
+        (
+            {"b": "vjm@slopes=2"},
+            r"a and vjm@slopes=2 have no comparison in common: a was run in "
+            r"\(made \| kfold\); vjm@slopes=2 was run in \(made \| kfold \| elsewhere\)",
+        ),
         ({"datasets": ("mode",)}, "dataset.*'mode'; did you mean 'made'"),
+        ({"conditions": ("else",)}, r"^unknown condition .*'else'; did .*\(valid: elsewhere\)$"),
     ):
         with pytest.raises(ConfigError, match=message):
             report_on(folder, **words)
@@ -246,6 +257,25 @@ def test_models_that_were_run_with_different_tcps_are_refused_with_the_tcps(tmp_
     message = r"no comparison in common: .*; made is the name of different .*: TCP \("
     with pytest.raises(ConfigError, match=message):
         report_on(tmp_path)
+
+
+def test_csv_and_json_hold_the_numbers_of_the_report_in_mm(tmp_path):
+    report = report_on(store_results(tmp_path, PAIR))
+    row = report.comparisons[0].norm
+    values = {
+        line["column"]: line
+        for line in csv_lines(report)
+        if (line["error"], line["method"]) == ("norm", "over splits")
+    }
+    assert float(values["A - B"]["value"]) == pytest.approx(1000 * row.difference, rel=1e-12)
+    high = float(values["95 % interval"]["high"])
+    assert high == pytest.approx(1000 * row.estimate.high, rel=1e-12)
+    assert values["A - B"]["verdict"] == "A better" and values["A - B"]["unit"] == "mm"
+    document = json.loads(rendered(report, "json"))
+    *_, estimates = document["tables"]
+    errors = {(record["error"], record["method"]): record["values"] for record in estimates["rows"]}
+    assert errors["norm", "over splits"][3]["low"] == pytest.approx(1000 * row.estimate.low)
+    assert document["text"] == comparison_text(report)
 
 
 def test_the_seed_moves_only_the_intervals_over_poses_and_the_rope_is_in_mm(tmp_path):

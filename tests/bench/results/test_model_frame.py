@@ -7,17 +7,26 @@ import pytest
 from pandas import DataFrame
 from scipy import stats
 
+from helpers.figure_results import with_fields
 from helpers.made_results import FAIR, GOOD, MadeResults
 from stiff_bench.results.columns import board_tables
 from stiff_bench.results.leaderboard import control_frame, model_frame
 from stiff_bench.results.summary import split_notes, summarize
+from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.scoring.paired import holm
 
 N_ROBOTS = len(GOOD)
 
 
-def frame_of(made: MadeResults, groups=None) -> DataFrame:
-    return model_frame(made.scores(), groups=groups).set_index("model")
+def frame_of(made: MadeResults, groups=None, few=None) -> DataFrame:
+    few_scores = {name: made.scores(protocol=word) for name, word in (few or {}).items()}
+    scores = made.scores(protocol="holdout")
+    return model_frame(scores, few_scores, groups).set_index("model")
+
+
+def data_text(made: MadeResults) -> str:
+    scores = made.scores()
+    return summarize(scores, model_frame(scores)).data
 
 
 def test_a_model_is_ranked_by_its_geometric_mean_over_robots_with_students_interval(made):
@@ -31,6 +40,11 @@ def test_a_model_is_ranked_by_its_geometric_mean_over_robots_with_students_inter
     )
     assert good[["smallest", "largest", "worst"]].tolist() == pytest.approx([0.28, 0.45, 0.45])
     assert frame["won"].tolist() == [6, 1, 0] and good["worst robot"] == "robot-6"
+    assert good["p95"] == pytest.approx(good["ratio"])
+    without_best, without_worst = np.delete(GOOD, 4), np.delete(GOOD, 6)
+    assert good[["without low", "without high"]].tolist() == pytest.approx(
+        [stats.gmean(without_worst), stats.gmean(without_best)]
+    )
 
 
 def test_data_sets_and_protocols_of_one_robot_weigh_the_same_and_are_one_vote(made):
@@ -44,6 +58,17 @@ def test_data_sets_and_protocols_of_one_robot_weigh_the_same_and_are_one_vote(ma
     spread = stats.gmean(1.0 + 0.01 * np.arange(N_ROBOTS))
     assert net["ratio"] == pytest.approx(0.4 * spread) and net["n robots"] == N_ROBOTS
     assert net["group", "wide"] == pytest.approx(0.8 * spread)
+
+
+def test_with_few_robots_the_ratio_is_their_mean_and_there_is_no_interval(made):
+    made.add_robot(0, {"net": 0.5})
+    for number in range(1, 4):
+        made.add_robot(0, {"net": 0.8}, words=f"@plan={number}")
+    made.add_robot(1, {"net": 0.9})
+    frame = frame_of(made)
+    of_robot = stats.gmean([0.5, 0.8, 0.8, 0.8])
+    assert frame.loc["net", "ratio"] == pytest.approx(np.sqrt(of_robot * 0.9))
+    assert "low" not in frame and "won" not in frame
 
 
 def test_p_values_are_sign_flips_over_robots_corrected_for_all_models(made):
@@ -73,9 +98,17 @@ def test_measured_robots_have_their_own_columns_and_are_not_averaged(made):
     assert good["ratio"] == pytest.approx(stats.gmean(GOOD)) and good["n robots"] == N_ROBOTS
     assert good["measured", "arm-9"] == pytest.approx(3.0)
     assert good["measured verdict", "arm-9"] == "b"
-    text = summarize(made.scores(), model_frame(made.scores())).data
-    assert text.startswith("1 of 8 robots is measured; on arm-9 (12 samples) good has")
-    assert "smallest on the board: fair (0.50)" in text
+    assert data_text(made).startswith("1 of 8 robots is measured; on arm-9 (12 samples) good has")
+    assert "smallest on the board: fair (0.50)" in data_text(made)
+
+
+def test_enough_measured_robots_are_the_board_and_have_no_columns_of_their_own(made):
+    made.add_robots(kind="measured")
+    made.add_robot(20, {"good": 5.0, "fair": 5.0})
+    frame = frame_of(made)
+    assert frame.loc["good", "ratio"] == pytest.approx(stats.gmean(GOOD))
+    assert ("measured", "arm-0") not in frame
+    assert "7 of 8 robots are measured" in data_text(made)
 
 
 def test_a_model_without_every_score_is_not_on_the_board_and_is_named(made):
@@ -111,6 +144,18 @@ def test_seeds_of_a_pre_training_are_one_model(made):
         made.add_robot(number, {"net@layers=2@pretrain_seed=1": 2.0 * ratio}, seed=1)
     ratio = frame_of(made).loc["net@layers=2", "ratio"]
     assert ratio == pytest.approx(np.sqrt(2.0) * stats.gmean(GOOD))
+
+
+def test_errors_on_paths_and_with_fewer_poses_are_over_those_of_the_vjm(made):
+    made.add_robots()
+    for number, ratio in enumerate(FAIR):
+        made.add_robot(number, {"good": ratio}, protocol="few")
+    for model, error in (("vjm", 0.2), ("good", 0.05), ("fair", 0.1)):
+        with_fields(made, model, diagnostics={PATH_ERROR: error})
+    frame = frame_of(made, few={"20 poses": "few"})
+    assert frame.loc["good", "path"] == pytest.approx(0.25)
+    few = frame["few", "20 poses"]
+    assert few["good"] == pytest.approx(stats.gmean(FAIR)) and np.isnan(few["fair"])
 
 
 def test_controls_compare_a_model_with_its_own_beginning(made):
