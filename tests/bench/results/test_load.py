@@ -39,9 +39,7 @@ def test_older_results_on_other_splits_are_left_out_with_a_note(made, runs, spli
     assert [*task.models] == [*models]
     notes = [*left_out_notes([task])]
     model_names = " (all of c)" if "c" in {model for model, *_ in runs} else ""
-    note_text = (
-        f"older results on other splits than the newest run{model_names} are left out."
-    )
+    note_text = f"older results on other splits than the newest run{model_names} are left out."
     assert notes == ([f"twin | holdout: {note_text}"] if len({run[2] for run in runs}) > 1 else [])
 
 
