@@ -127,6 +127,7 @@ def command_app(command: Command) -> App:
         exit_on_error=False,
         print_error=False,
         verbose=False,
+        suppress_keyboard_interrupt=False,
     )
     app["--help"].show = False
     app.default(command.function())

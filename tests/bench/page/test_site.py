@@ -48,7 +48,7 @@ def site(study) -> Path:
     study_run = reproduction(
         str(study / "small.toml"), output=study, command="bench reproduce", rerun="missing", **HOW
     )
-    assert all(result.status == "ok" for result in study_run.compute().cells)
+    assert all(result.status == "ok" for result in study_run.compute().every)
     assert list(study_run.write())
     assert list(study_run.write_site(study / "site"))
     return study / "site"
@@ -60,7 +60,7 @@ def test_the_pages_name_their_folder_and_the_studys_page_does_not(site, study):
 
 
 def test_the_reason_of_a_withdrawal_is_the_headline_of_the_board(site, study):
-    assert f"<h3>{WITHDRAWN}</h3>" in (site / INDEX).read_text("utf-8")
+    assert re.search(rf"<h2[^>]*>{WITHDRAWN}</h2>", (site / INDEX).read_text("utf-8"))
     assert f"\n**{WITHDRAWN}**\n" in (study / "small" / "README.md").read_text("utf-8")
 
 

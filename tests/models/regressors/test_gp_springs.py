@@ -11,7 +11,7 @@ from sklearn.gaussian_process.kernels import Matern
 
 from helpers.made_robots import random_chain
 from stiff_datasets.twin.robot_twin import ArmFamily, Ur5Twin
-from stiff_models import fitted_model
+from stiff_models import pose_folds
 from stiff_models.physics.full_vjm import FullVjm
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.regressors.gp_springs import GpSprings
@@ -175,7 +175,7 @@ def test_the_bands_of_curves_hold_most_true_curves_where_no_link_bends():
 
 @pytest.mark.slow
 def test_a_point_that_lies_elsewhere_is_found_to_a_few_millimetres_by_the_likelihood(monkeypatch):
-    monkeypatch.setattr(fitted_model, "FOLDS", 2)  # their fits take most of the time
+    monkeypatch.setattr(pose_folds, "FOLDS", 2)  # their fits take most of the time
     data = Ur5Twin().load()
     samples = data.samples.take(np.arange(0, 150, 2))
     card = replace(data.robot, tcp=data.robot.tcp + np.array([0.0, 0.0, 0.03]))
