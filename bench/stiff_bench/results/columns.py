@@ -12,10 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import astuple, fields, replace
 from functools import partial
 from operator import itemgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pandas import DataFrame
 
 from stiff_bench.results.fit_values import metric_values
 from stiff_bench.results.leaderboard import control_frame, with_verdict_counts
@@ -32,6 +31,9 @@ from stiff_protocols.contract.types import AXES, BOUND_NAMES
 from stiff_protocols.scoring.metrics import METRICS, WHOLE_VECTOR, Metric
 from stiff_protocols.scoring.over_robots import MARGIN
 from stiff_protocols.scoring.paired import LEVEL
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Row = Mapping[Any, Any]
 Value = Callable[[Any], Entry]

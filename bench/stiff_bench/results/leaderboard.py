@@ -11,10 +11,9 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pandas import DataFrame, Index, Series
 
 from stiff_bench.results.load import StoredResults, Task, newest_tasks, order_key
 from stiff_bench.results.notes import (
@@ -37,6 +36,9 @@ from stiff_protocols.scoring.over_robots import (
     without_one,
 )
 from stiff_protocols.scoring.paired import LEVEL
+
+if TYPE_CHECKING:
+    from pandas import DataFrame, Series
 
 SEED_OPTIONS = ("pretrain_seed",)
 """Options of models that only repeat a training with another seed."""
@@ -92,6 +94,8 @@ def model_frame(
         few: scores with fewer poses on the same robots, by heading.
         groups: data sets with a separate column, by its name.
     """
+    from pandas import DataFrame, Index  # slow, and a single task needs no frame
+
     claim = scores.claim
     rows = scores.frame if claim is None else claim[1]
     by_model = scores.frame.groupby("model")
@@ -123,6 +127,8 @@ def _with_robots(
     groups: Mapping[str, Collection[str]],
 ) -> DataFrame:
     """Add the columns over robots."""
+    from pandas import Series  # slow, and a single task needs no frame
+
     assert scores.claim is not None
     kind, rows = scores.claim
     for name, column in partial_logs.items():
@@ -172,6 +178,8 @@ def _with_robots(
 
 def _p_values(logs: DataFrame, rival: object) -> Series[float]:
     """Return sign-flip p-values against a model, corrected (Holm) for all models."""
+    from pandas import Series  # slow, and a single task needs no frame
+
     differences = {str(name): logs[name] - logs[rival] for name in logs if name != rival}
     return Series(corrected_p_values(differences), dtype=float)
 
@@ -191,6 +199,8 @@ def with_verdict_counts(table: DataFrame, scores: Scores) -> DataFrame:
 
 def robot_ratios(scores: Scores) -> DataFrame:
     """Return (robots, models) ratios to the VJM's error, for models with every score."""
+    from pandas import DataFrame  # slow, and a single task needs no frame
+
     if scores.claim is None:
         return DataFrame()
     logs = robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")
@@ -203,6 +213,8 @@ def control_frame(scores: Scores, pairs: Mapping[str, str]) -> DataFrame:
     Columns: `model`, `control`, `ratio`, `low`, `high`, `p` (corrected for all pairs), `equal`
     (within 5 %). Pairs without every score are left out.
     """
+    from pandas import DataFrame  # slow, and a single task needs no frame
+
     if scores.claim is None:
         return DataFrame()
     logs = robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")

@@ -6,8 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
-
-from pandas import DataFrame
+from typing import TYPE_CHECKING
 
 from stiff_bench.results.columns import (
     board_tables,
@@ -32,6 +31,9 @@ from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import Column, Entry, Table
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 def leaderboard_tables(board: Leaderboard) -> list[Table]:

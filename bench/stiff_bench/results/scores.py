@@ -6,10 +6,9 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pandas import DataFrame, concat
 
 from stiff_bench.results.fit_values import metric_lines
 from stiff_bench.results.load import StoredResults, Task, newest_tasks
@@ -23,6 +22,9 @@ from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult, Cost
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.metrics import METRICS
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 FEWEST_ROBOTS = 5
 """Smallest number of robots with an interval over them."""
@@ -54,6 +56,8 @@ def fit_frame(results: Iterable[CellResult], robot_of: Callable[[str], str]) -> 
         results: fits; a failed one has its reason and no values.
         robot_of: function that returns the robot's name for the hash of a data set.
     """
+    from pandas import DataFrame  # slow, and a single task needs no frame
+
     columns = {
         (item.key, axis): "_".join(filter(None, (item.key.replace("-", "_"), axis, unit)))
         for item in METRICS.values()
@@ -75,6 +79,8 @@ _UNIT_WORDS = {"%": "percent", "1/s": "per_s"}
 
 def prediction_frame(results: Iterable[CellResult]) -> DataFrame:
     """Return a row per test sample: identity, row, measured and predicted deflection, mm."""
+    from pandas import DataFrame, concat  # slow, and a single task needs no frame
+
     parts = []
     for result in results:
         if (prediction := result.prediction) is None:
@@ -167,6 +173,8 @@ class Scores(BriefFields):
     @cached_property
     def frame(self) -> DataFrame:
         """Return a row per task and ranked model; see `ScoredTask.rows`."""
+        from pandas import DataFrame  # slow, and a single task needs no frame
+
         return DataFrame([row for task in self.tasks for row in task.rows()])
 
     @property

@@ -10,9 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any
-
-from pandas import DataFrame
+from typing import TYPE_CHECKING, Any
 
 from stiff_bench.results.columns import (
     BEST,
@@ -34,6 +32,9 @@ from stiff_bench.tables.units import MM, counted, first_few, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.over_robots import MARGIN
 from stiff_protocols.scoring.paired import LEVEL, ROPE_M
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Row = Mapping[Any, Any]
 CLOSE_FORMAT = ".3f"
