@@ -332,8 +332,8 @@ def build_leaderboard(
 
 
 def _data_notes(stored: StoredResults, tasks: Sequence[Task]) -> Iterator[str]:
-    for line in same_name_other_data(tasks, stored.data_of):
-        yield f"{line.removesuffix('.')}; only the data of the newest run count."
+    outcome = "they are never compared; only the data of the newest run count"
+    yield from same_name_other_data(tasks, stored.data_of, outcome)
     yield from left_out_notes(tasks)
     for protocol in sorted({t.name.protocol for t in tasks if t.presentation.reports_training}):
         yield f"{protocol} is left out: {TRAINING_MARK}."

@@ -37,12 +37,14 @@ def mark_of(presentation: Presentation) -> str:
 
 
 def same_name_other_data(
-    tasks: Sequence[Task], data_of: Callable[[str], StoredData]
+    tasks: Sequence[Task],
+    data_of: Callable[[str], StoredData],
+    outcome: str = "they are never compared",
 ) -> Iterator[str]:
     """Yield a line per data set name that is used for different data.
 
     Source domains of tasks are checked in the same way. `data_of` returns the data with a hash; it
-    raises StoreError if they are not stored.
+    raises StoreError if they are not stored. `outcome` ends the line.
     """
     of_dataset = grouped(sorted(tasks, key=lambda t: t.newest_run), lambda task: task.name.dataset)
     for dataset, dataset_tasks in sorted(of_dataset.items()):
@@ -52,17 +54,18 @@ def same_name_other_data(
         if len(hashes) > 1:
             with suppress(StoreError):
                 what = what_differs([data_of(sha256) for sha256 in hashes.values()])
-        yield from _several(dataset, f"data here: {what}", hashes)
+        yield from _several(dataset, f"data here: {what}", hashes, outcome)
     names = labels(task.name for task in tasks)
     for dataset_tasks in grouped(tasks, lambda task: replace(task.name, source_sha256="")).values():
         sources = {task.name.source_sha256 for task in dataset_tasks}
-        yield from _several(names[dataset_tasks[0].name], "pre-training data here", sorted(sources))
+        name = names[dataset_tasks[0].name]
+        yield from _several(name, "pre-training data here", sorted(sources), outcome)
 
 
-def _several(name: str, what: str, hashes: Collection[str]) -> Iterator[str]:
+def _several(name: str, what: str, hashes: Collection[str], outcome: str) -> Iterator[str]:
     if len(hashes) > 1:
         short = ", ".join(sha256[:SHORT] for sha256 in hashes)
-        yield f"{name} is the name of different {what} ({short}); they are never compared."
+        yield f"{name} is the name of different {what} ({short}); {outcome}."
 
 
 def left_out_notes(tasks: Sequence[Task]) -> Iterator[str]:

@@ -178,21 +178,16 @@ class Results:
     @property
     def _current_fits(self) -> list[CellResult]:
         """Return the fits on each data set's newest data."""
-        tasks = {id(task) for task in newest_tasks(self.stored.tasks)}
-        keys = {
-            result.cell.key
-            for task in self.stored.tasks
-            if id(task) in tasks
-            for result in task.every
-        }
+        current = newest_tasks(self.stored.tasks)
+        keys = {result.cell.key for task in current for result in task.every}
         return [result for result in self.fits if result.cell.key in keys]
 
     def _warn_of_older_results(self) -> None:
         tasks = self.selection.tasks_of(self.stored.tasks)
-        notes = [*same_name_other_data(tasks, self.stored.data_of), *left_out_notes(tasks)]
-        for note in notes:
-            text = note.replace("they are never compared.", "only the newest is in the frame.")
-            warnings.warn(text, StiffBenchWarning, stacklevel=3)
+        outcome = "only the newest is in the frame"
+        notes = same_name_other_data(tasks, self.stored.data_of, outcome)
+        for note in (*notes, *left_out_notes(tasks)):
+            warnings.warn(note, StiffBenchWarning, stacklevel=3)
 
     def table(self, *metrics: str, verbose: bool = False) -> Tables:
         """Return a table per data set and protocol, as printed by `bench run`.

@@ -456,9 +456,8 @@ def task_facts(task: ScoredTask) -> str:
     results = next(iter(task.results.values()))
     trained = [result.n_train for result in results]
     tested = [len(result.prediction.rows) for result in results if result.prediction is not None]
-    kind = f"{'Robot' if task.kind == 'unknown' else task.kind.capitalize() + ' robot'}"
-    if task.kind == "unknown":
-        kind = "Data of unknown origin"
+    is_known = task.kind not in KINDS
+    kind = f"{task.kind.capitalize()} robot" if is_known else f"Data {KINDS[task.kind]}"
     sizes = f"Trained on {span_text(trained)} samples, tested on {span_text(tested)}."
     return f"{kind}. {sizes}" if any(trained) else f"{kind}."
 
