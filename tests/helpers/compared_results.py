@@ -11,9 +11,6 @@ import numpy as np
 
 from helpers import made_results
 from helpers.made_results import MadeResults
-from stiff_bench.results.load import StoredResults, Task
-from stiff_bench.store.database import read_data
-from stiff_bench.store.samples import StoredData
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, IntArray
 
 N_POSES = 40
@@ -55,12 +52,6 @@ def store_results(
         fields["options"] = (options or {}).get(model)
         made.add(model, errors_mm, dataset, "kfold", failed=without, **fields)
     return folder
-
-
-def task_in(folder: Path) -> tuple[Task, StoredData]:
-    """Return the only task of a folder, and its data."""
-    (task,) = StoredResults.read(folder).tasks
-    return task, read_data(folder, task.name.data_sha256)
 
 
 def spread(mean: float, deviation: float, seed: int = 3) -> Errors:

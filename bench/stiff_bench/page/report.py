@@ -29,7 +29,8 @@ from stiff_bench.results.notes import (
     failure_lines,
     left_out_notes,
     mark_of,
-    model_notes,
+    number_notes,
+    outcome_notes,
     same_name_other_data,
     version_of_run,
 )
@@ -436,7 +437,8 @@ def scores_section(results: Fits, ranked_by: str) -> Section:
                 **(metric_values(done, metrics) if done else {}),
             }
         )
-        notes |= dict.fromkeys(model_notes(done) if done else [])
+        if done:
+            notes |= dict.fromkeys([*number_notes(done), *outcome_notes(done)])
     table = Table.of(
         "Scores, mean ± standard deviation over splits",
         [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,29 +37,31 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
     )
 
 
-def bound_results(results: Sequence[CellResult], name: str) -> list[CellResult]:
-    """Return the VJM's results, or a bound of `BOUND_NAMES`, from fits; none if one is missing.
+def bound_results(models: Iterable[Sequence[CellResult]], name: str) -> list[CellResult]:
+    """Return the VJM's results, or a bound of `BOUND_NAMES`, from the fits of any model; or none.
 
     Each fit stores the predictions of the VJM on its test rows. The bounds are known for the test
     rows of a simulation.
     """
-    bounds = [_bound_result(result, name) for result in results]
-    complete = [bound for bound in bounds if bound is not None]
-    return complete if len(complete) == len(bounds) else []
+    for results in models:
+        bounds = [bound for result in results if (bound := _bound_result(result, name))]
+        if bounds and len(bounds) == len(results):
+            return bounds
+    return []
 
 
 def _bound_result(result: CellResult, name: str) -> CellResult | None:
-    stored = result.prediction
-    if stored is None:
+    if (stored := result.prediction) is None:
         return None
-    bound_values = {row: stored.bound_deflections.get(key) for key, row in BOUND_NAMES.items()}
-    if (predicted := ({REFERENCE_MODEL: stored.reference} | bound_values)[name]) is None:
+    bounds = {row: stored.bound_deflections.get(key) for key, row in BOUND_NAMES.items()}
+    if (predicted := ({REFERENCE_MODEL: stored.reference} | bounds)[name]) is None:
         return None
     prediction = Prediction(stored.rows, predicted, stored.measured, reference=stored.reference)
+    presentation = replace(
+        result.presentation, model=name, regime="", source="", picked_on_test=False
+    )
     return CellResult(
-        result.cell,
-        replace(result.presentation, model=name, regime="", source="", picked_on_test=False),
-        *(result.run_id, "ok", prediction),
+        *(result.cell, presentation, result.run_id, "ok", prediction),
         n_train=result.n_train,
         n_splits=result.n_splits,
     )

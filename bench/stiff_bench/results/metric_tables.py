@@ -5,13 +5,19 @@ A table shows one data set under one protocol. All its rows have the same data a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from operator import attrgetter
 
 from stiff_bench.results.columns import metric_columns
 from stiff_bench.results.fit_values import bound_results, metric_values
-from stiff_bench.results.notes import mark_of, number_notes, outcome_notes, size_notes
+from stiff_bench.results.notes import (
+    failure_lines,
+    mark_of,
+    number_notes,
+    outcome_notes,
+    size_notes,
+)
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.published import MARK, NOTE, published_errors
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
@@ -61,37 +67,39 @@ def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -
     cell, presentation = group[0].cell, group[0].presentation
     usual = PATH_METRICS if presentation.measured_sha256 else USUAL_METRICS
     metrics = metrics or tuple(METRICS[key] for key in usual)
-    extra = _bounds(by_model)
+    extra = {
+        name: results
+        for name in (REFERENCE_MODEL, *BOUND_NAMES.values())
+        if name not in by_model and (results := bound_results(by_model.values(), name))
+    }
     reference = {name: extra.pop(name) for name in [REFERENCE_MODEL] if name in extra}
     by_model = reference | by_model | extra  # known bounds of a simulation come last
     warned = presentation.selects_on_test or presentation.reports_training
     notes = [*presentation.caveats, *size_notes(group), *([presentation.warning] * warned)]
     for results in by_model.values():
         notes += outcome_notes(results)
-    of_paper = (
-        published_errors(presentation.published)
-        if presentation.published and not cell.condition
-        else {}
-    )
-    keys = {metric.key for metric in metrics}
-    published = {
-        method: values
-        for method, values in of_paper.items()
-        if not keys.isdisjoint(key for key, _ in values)
-    }
+    notes += failure_lines(group)
+    published = {}
+    if presentation.published and not cell.condition:
+        keys = {metric.key for metric in metrics}
+        published = {
+            method: values
+            for method, values in published_errors(presentation.published).items()
+            if any(key in keys for key, _ in values)
+        }
     notes += [f"[{MARK}]: {NOTE}."] if published else []
-    kind, n_splits = presentation.kind, len({r.cell.split_index for r in group})
+    n_splits = len({result.cell.split_index for result in group})
     facts: dict[str, Entry] = {
-        **{"dataset": presentation.dataset, "kind": kind},
+        **{"dataset": presentation.dataset, "kind": presentation.kind},
         **{"protocol": presentation.protocol, "condition": cell.condition},
         **{"splits": n_splits, "seed": cell.seed, "source": "ours"},
     }
-    of_others = {**dict.fromkeys(facts), "source": MARK}
     rows = [
         {"model": name, **facts, **values}
         for name, values in (_model_values(model, of, metrics) for model, of in by_model.items())
         if values or name.text not in extra  # bounds have no costs and intervals
     ]
+    of_others = {**dict.fromkeys(facts), "source": MARK}
     rows += [
         {"model": Name(method, MARK), **of_others, **values} for method, values in published.items()
     ]
@@ -108,16 +116,6 @@ def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -
         unit=PRINTED["m"][0],
         about={} if cell.coverage is None else {"nominal_coverage": cell.coverage},
     )
-
-
-def _bounds(by_model: Mapping[str, list[CellResult]]) -> dict[str, list[CellResult]]:
-    """Return results of the VJM and of known bounds, which every fit stores."""
-    names = [name for name in (REFERENCE_MODEL, *BOUND_NAMES.values()) if name not in by_model]
-    bounds = {
-        name: next(filter(None, (bound_results(of, name) for of in by_model.values())), [])
-        for name in names
-    }
-    return {name: results for name, results in bounds.items() if results}
 
 
 def _model_values(

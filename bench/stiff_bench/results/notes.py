@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -12,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from stiff_bench.results.load import Task
-from stiff_bench.run.provenance import LIBRARIES
 from stiff_bench.store.names import SHORT, grouped, labels
 from stiff_bench.store.samples import StoredData, what_differs
 from stiff_bench.tables.units import counted, first_few, percent
@@ -80,10 +78,9 @@ def left_out_notes(tasks: Sequence[Task]) -> Iterator[str]:
 
 def caveats_of(tasks: Iterable[Task]) -> list[str]:
     """Return warnings and caveats of the tasks' protocols and data sets, without repeats."""
-    presentations = [task.presentation for task in tasks]
-    caveats = [caveat for presentation in presentations for caveat in presentation.caveats]
-    warnings = [presentation.warning for presentation in presentations]
-    return [*filter(None, dict.fromkeys([*warnings, *caveats]))]
+    texts = [task.presentation for task in tasks]
+    caveats = [caveat for of_task in texts for caveat in of_task.caveats]
+    return [*filter(None, dict.fromkeys([*(of_task.warning for of_task in texts), *caveats]))]
 
 
 # runs
@@ -110,26 +107,6 @@ def version_of_run(run: RunManifest) -> str:
     changed = " with uncommitted changes" if facts.get("dirty") == "true" else ""
     at = f" at {commit}{changed}" if commit else ""
     return f"stiffbench {facts.get('stiffbench', 'of an unknown version')}{at}"
-
-
-def differing_libraries(
-    runs: Sequence[RunManifest], run_ids: Mapping[str, Iterable[str]]
-) -> Iterator[str]:
-    """Yield a line for each library that models were computed with different versions of.
-
-    `run_ids` maps a model to the runs that computed its results.
-    """
-    environments = {run.run_id: run.environment for run in runs}
-    for library in LIBRARIES:
-        used = {
-            model: sorted({environments.get(run, {}).get(library, "unknown") for run in of_model})
-            for model, of_model in run_ids.items()
-        }
-        if len({tuple(versions) for versions in used.values()}) > 1:
-            models_text = "; ".join(
-                f"{model}: {', '.join(versions)}" for model, versions in used.items()
-            )
-            yield f"Computed with different versions of {library}: {models_text}."
 
 
 def outdated_models(results: Iterable[CellResult]) -> list[str]:
@@ -172,34 +149,20 @@ def span_text(numbers: Iterable[int]) -> str:
     return " to ".join(map(str, sorted({min(sizes), max(sizes)})))
 
 
-def model_notes(results: Sequence[CellResult]) -> list[str]:
-    """Return all notes of a model's fits."""
-    return [*number_notes(results), *outcome_notes(results)]
-
-
 def number_notes(results: Sequence[CellResult]) -> list[str]:
     """Return a note with the mean diagnostics of a model's fits; none without diagnostics."""
-    done = [result for result in results if result.status == "ok"]
-    numbers = []
-    for key in dict.fromkeys(key for result in done for key in result.diagnostics):
-        values = [result.diagnostics[key] for result in done if key in result.diagnostics]
-        share = "" if len(values) == len(done) else f" (in {len(values)} of {len(done)} splits)"
-        numbers.append(f"{key} {_mean_text(values)}{share}")
+    done = [result.diagnostics for result in results if result.status == "ok"]
+    means = {
+        key: np.mean([numbers[key] for numbers in done if key in numbers])
+        for key in dict.fromkeys(key for numbers in done for key in numbers)
+    }
     over = f" (means over {len(done)} splits)" if len(done) > 1 else ""
-    return [f"{results[0].presentation.model}{over}: {', '.join(numbers)}."] if numbers else []
-
-
-def _mean_text(values: Sequence[float]) -> str:
-    """Format a mean; infinite values (rigid joints) are counted separately."""
-    finite = [value for value in values if not math.isinf(value)]
-    if len(finite) == len(values) or not finite:
-        return f"{float(np.mean(values)):.4g}"
-    n_infinite = len(values) - len(finite)
-    return f"{float(np.mean(finite)):.4g} (and infinite in {n_infinite} of {len(values)})"
+    text = ", ".join(f"{key} {mean:.4g}" for key, mean in means.items())
+    return [f"{results[0].presentation.model}{over}: {text}."] if means else []
 
 
 def outcome_notes(results: Sequence[CellResult]) -> list[str]:
-    """Return notes on chosen options, intervals, warnings and failures."""
+    """Return notes on chosen options, intervals and warnings."""
     presentation, coverage = results[0].presentation, results[0].cell.coverage
     done = [result for result in results if result.status == "ok"]
     notes = [f"source domain: {presentation.source}."] if presentation.source else []
@@ -216,13 +179,8 @@ def outcome_notes(results: Sequence[CellResult]) -> list[str]:
         split_conformal = f"split-conformal, with {samples} calibration samples"
         kind = "the model's own" if samples == "0" else split_conformal
         notes.append(f"{percent(coverage)} intervals are {kind}.")
-    messages = [("warning", message) for result in results for message in result.warnings]
-    for status in ("failed", "skipped"):
-        messages += [
-            (status.upper(), result.failure) for result in results if result.status == status
-        ]
-    message_counts = Counter((kind, " ".join(text.split())) for kind, text in messages)
-    notes += [f"{kind}{_times(n, results)}: {text}" for (kind, text), n in message_counts.items()]
+    messages = Counter(" ".join(text.split()) for result in results for text in result.warnings)
+    notes += [f"warning{_times(n, results)}: {text}" for text, n in messages.items()]
     return [f"{presentation.model}: {note}" for note in notes]
 
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from stiff_bench.console import one_line
 from stiff_bench.parameter_types import AxisName, Bounds, Form, Fraction, Seed
 from stiff_bench.results.columns import matrix_table, model_table, task_table
-from stiff_bench.results.comparison import compare_folder
-from stiff_bench.results.comparison_tables import comparison_tables, comparison_text
+from stiff_bench.results.comparison import compare_models
 from stiff_bench.results.leaderboard import build_leaderboard, model_frame
 from stiff_bench.results.leaderboard_tables import leaderboard_tables
 from stiff_bench.results.load import StoredResults, newest_tasks
@@ -230,10 +229,10 @@ class Results:
             StoreError: the folder has no results, or corrupt ones.
         """
         question = Question(rope=equivalence_mm / MM, confidence=confidence, seed=seed)
-        report = compare_folder(self.folder, a, b, question, self.selection)
-        settings = {"equivalence_mm": equivalence_mm, "confidence": confidence}
-        about = {"a": report.a, "b": report.b, **settings}
-        return Tables(comparison_tables(report), self.command, comparison_text(report), about)
+        pair = compare_models(self.stored, a, b, question, self.selection)
+        about = {"a": pair.a, "b": pair.b, "equivalence_mm": equivalence_mm}
+        about |= {"confidence": confidence}
+        return Tables(pair.tables(), self.command, pair.text, about)
 
     def scores(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Scores:
         """Return scores of the models against the VJM, with verdicts.

@@ -242,8 +242,7 @@ class ScoredTask(BriefFields):
 
     def bounds(self, name: str) -> list[CellResult]:
         """Return results of a bound (a name of `BOUND_NAMES`) on these splits; or none."""
-        every = (bound_results(results, name) for results in self.results.values() if results)
-        return next(filter(None, every), [])
+        return bound_results(self.results.values(), name)
 
     def mean(self, model: str) -> float:
         """Return a model's mean over the splits, in the metric's unit."""
@@ -415,7 +414,7 @@ def score_task(
             scores[model] = key.of_splits(results[model])
     ranked_results = {model: results[model] for model in present}
     if REFERENCE_MODEL not in task.models and splits:
-        of_vjm = bound_results(ranked_results[present[0]], REFERENCE_MODEL)
+        of_vjm = bound_results([ranked_results[present[0]]], REFERENCE_MODEL)
         if of_vjm:
             done = dict(zip(splits, of_vjm, strict=True))
             vjm = ModelResults(of_vjm[0].presentation, done, failures={}, n_requested=len(done))

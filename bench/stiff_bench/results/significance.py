@@ -129,44 +129,36 @@ def estimates(
     draws, and shares of the draws as probabilities. Wilcoxon's p-value is NaN if there is a test
     over splits, because thousands of pairs would take too long. `all_p_values` computes it always.
     """
-    a, b = [first for first, _ in pairs], [second for _, second in pairs]
-    test_results: list[list[Estimate]] = []
+    results: list[list[Estimate]] = []
     if errors.of_splits is not None:
-        differences = errors.of_splits[:, a] - errors.of_splits[:, b]  # (J, k)
-        tests = [corrected_t(column, errors.test_share) for column in differences.T]
-        test_results.append(
+        of_splits = errors.of_splits
+        tests = [
+            corrected_t(of_splits[:, i] - of_splits[:, j], errors.test_share) for i, j in pairs
+        ]
+        results.append(
             [
                 Estimate(*t.interval(question.confidence), t.p_value, t.posterior(question.rope))
                 for t in tests
             ]
         )
     if errors.of_poses is not None and errors.drawn_means is not None:
-        drawn = errors.drawn_means[
-            np.isfinite(errors.drawn_means[:, 0])
-        ]  # draws with a tested pose
-        needed = all_p_values or not test_results
+        drawn = errors.drawn_means[np.isfinite(errors.drawn_means[:, 0])]  # with a tested pose
+        a, b = np.reshape(pairs, (-1, 2)).T
+        differences = drawn[:, a] - drawn[:, b]  # (B, k)
+        tail = 0.5 * (1.0 - question.confidence)
+        low, high = np.quantile(differences, [tail, 1.0 - tail], axis=0)  # (k,)
+        a_better = np.mean(differences < -question.rope, axis=0)
+        b_better = np.mean(differences > question.rope, axis=0)
+        equivalent = np.maximum(0.0, 1.0 - a_better - b_better)
+        posteriors = np.column_stack([a_better, equivalent, b_better]).tolist()
+        needed = all_p_values or not results
         p_values = [
             wilcoxon_signed_rank(errors.of_poses.differences(i, j)) if needed else np.nan
             for i, j in pairs
         ]
-        test_results.append(_over_poses(drawn[:, a] - drawn[:, b], p_values, question))
-    return test_results
-
-
-def _over_poses(drawn: FloatArray, p_values: Sequence[float], question: Question) -> list[Estimate]:
-    """Return an estimate per column of the (B, k) differences on the draws, m."""
-    tail = 0.5 * (1.0 - question.confidence)
-    low, high = np.quantile(drawn, [tail, 1.0 - tail], axis=0)  # (k,)
-    a_better = np.mean(drawn < -question.rope, axis=0)
-    b_better = np.mean(drawn > question.rope, axis=0)
-    equivalent = np.maximum(0.0, 1.0 - a_better - b_better)
-    return [
-        Estimate(
-            *(float(low[k]), float(high[k]), p_value),
-            posterior=Posterior(float(a_better[k]), float(equivalent[k]), float(b_better[k])),
-        )
-        for k, p_value in enumerate(p_values)
-    ]
+        of_pairs = zip(low.tolist(), high.tolist(), p_values, posteriors, strict=True)
+        results.append([Estimate(*bounds, Posterior(*chances)) for *bounds, chances in of_pairs])
+    return results
 
 
 def decide_pairs(

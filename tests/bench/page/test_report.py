@@ -7,17 +7,15 @@ from dataclasses import replace
 import pytest
 
 import stiffbench as sb
-from helpers.compared_results import fifths, spread, steady, store_results, task_in
+from helpers.compared_results import fifths, spread, steady, store_results
 from helpers.made_results import TWINS, MadeResults, change
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.page import report
 from stiff_bench.page.report import PageOptions, folder_section, pair_table
-from stiff_bench.results.comparison import compare
 from stiff_bench.results.leaderboard import build_leaderboard
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.results.selection import Selection
-from stiff_bench.results.significance import Question
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
@@ -195,19 +193,18 @@ def test_protocols_that_select_on_test_have_their_own_table(results):
 
 
 @pytest.mark.parametrize(("n_splits", "options"), [(5, {}), (1, {}), (5, {"pooled": True})])
-def test_every_pair_has_the_verdict_that_compare_has_among_all_and_its_mirror_image(
+def test_every_pair_has_the_verdict_of_the_leaderboard_and_its_mirror_image(
     tmp_path, n_splits, options
 ):
     folder = store_results(tmp_path, MODELS, tests=fifths(5)[:n_splits], **options)
-    task, data = task_in(folder)
     board = build_leaderboard(StoredResults.read(folder), sort_key("norm", None))
     table = pair_table(board.sections[0])
     names = [row[0].split()[1] for row in table.texts()]
     cells = {row[0].split()[1]: dict(zip(names, row[1:], strict=True)) for row in table.texts()}
     for a in MODELS:
         for b in MODELS:
-            verdict = "-" if a == b else WON[compare(task, a, b, data, Question()).among_all]
-            assert cells[a][b] == verdict
+            verdict = board.sections[0].tasks[0].verdict(a, b)
+            assert cells[a][b] == ("-" if a == b else WON[verdict])
     if n_splits > 1:  # five poses cannot show a difference among that number of pairs
         assert cells["good"]["bad"] == "1 : 0"
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from helpers.figure_results import with_fields
 from helpers.made_results import MadeResults, forget
-from helpers.stored_cells import MANIFEST
 from stiff_bench.results.load import StoredResults, Task
-from stiff_bench.results.notes import LIBRARIES, differing_libraries, left_out_notes
+from stiff_bench.results.notes import left_out_notes
 
 
 def only(made: MadeResults) -> Task:
@@ -126,22 +123,3 @@ def test_results_with_intervals_have_a_version_of_their_own(made, newer):
     assert [result.cell.coverage for result in task.results("a")] == [0.9, None, None]
     (note,) = left_out_notes([task])
     assert "older results of a by another version of it" in note
-
-
-@pytest.mark.parametrize(
-    ("runs", "parts"),
-    [
-        ({"a": ["r1"], "b": ["r1"]}, None),
-        ({"a": ["r1", "r2"], "b": ["r2", "r1"]}, None),
-        ({"a": ["r1"], "b": ["r1", "r2"]}, ("numpy", "a: 2.3.0", "b: 2.3.0, 2.4.0")),
-        ({"a": ["r1"], "b": ["lost"]}, ("numpy", "a: 2.3.0", "b: unknown")),
-    ],
-)
-def test_a_library_is_named_whose_versions_differ_between_two_models(runs, parts):
-    manifests = [
-        replace(MANIFEST, run_id=name, environment={library: version for library in LIBRARIES})
-        for name, version in (("r1", "2.3.0"), ("r2", "2.4.0"))
-    ]
-    lines = list(differing_libraries(manifests, runs))
-    assert len(lines) == (len(LIBRARIES) if parts else 0)
-    assert not lines or all(part in lines[0] for part in parts)

@@ -91,7 +91,10 @@ def test_a_crash_costs_only_its_own_row(tmp_path):
     done = bench_here("run", "--plugin", str(PLUGIN), *models, "--output", "out", cwd=tmp_path)
     assert done.returncode == 1
     assert "bench: 2 ok, 2 failed (1 SIGSEGV, 1 RuntimeError); " in done.stderr
-    assert "| knn " in done.stdout and "Segfaults: FAILED: its process was ended" in done.stdout
+    assert (
+        "| knn " in done.stdout
+        and "FAILED: Segfaults (1 fit): its process was ended" in done.stdout
+    )
 
 
 @pytest.mark.slow

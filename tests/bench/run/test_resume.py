@@ -118,7 +118,7 @@ def test_failures_stay_until_they_are_requested_again(tmp_path):
     assert second.returncode == 1
     assert summary_of(second.stderr) == "2 failed (OSError), 4 cached"
     assert "2 of the failures are of earlier runs; --rerun failed repeats them" in second.stderr
-    assert "Good: FAILED (2 of 2 splits): OSError: no licence today" in second.stdout
+    assert "FAILED: Good (2 fits): OSError: no licence today" in second.stdout
     third = bench_here(*words, "--rerun", "failed", cwd=tmp_path)
     assert third.returncode == 0 and summary_of(third.stderr) == "2 ok, 4 cached"
     assert set(stored_statuses(tmp_path / "out").values()) == {"ok"}
