@@ -110,31 +110,27 @@ class Comparison:
         )
 
     def _task_text(self, row: Row) -> str:
-        verdict, of_methods, estimate = row["verdict"], row["estimates"], _widest(row)
-        splits = counted(row["splits"], "split")
+        a, b, of_methods, estimate = self.a, self.b, row["estimates"], _widest(row)
+        outcome = {
+            "a": f"{a} is better than {b}",
+            "b": f"{b} is better than {a}",
+            "equivalent": f"{a} and {b} are equivalent (within {self._rope})",
+            "open": f"No significant difference between {a} and {b}",
+        }[row["verdict"]]
         fits = "these fits" if len(of_methods) == 1 else ""
-        texts = filter(None, (row["protocol"], row["condition"], splits, fits))
-        on = f"on {row['dataset']} ({', '.join(texts)})"
-        if verdict == "equivalent":
-            equivalent = _chance_text(Quantity(estimate.posterior.equivalent))
-            return (
-                f"{self.a} and {self.b} are equivalent {on}: their mean 3-D errors differ by less "
-                f"than {self._rope} with probability {equivalent}."
-            )
-        better, worse, sign = (self.a, self.b, -1) if verdict == "a" else (self.b, self.a, 1)
-        low, high = sorted((sign * MM * estimate.low, sign * MM * estimate.high))
+        texts = (row["protocol"], row["condition"], counted(row["splits"], "split"), fits)
         over = next(method for method, of in of_methods.items() if of is estimate)
-        interval = f"({self._interval} {low:.3f} to {high:.3f} mm {over})"
-        if verdict == "open":
-            sure = disagreement(*of_methods.values()) if len(of_methods) == 2 else ""
-            return (
-                f"No significant difference between {self.a} and {self.b} {on}: mean 3-D error of "
-                f"{self.a} minus {self.b} {row['A - B']:.3f} mm {interval}. {DISAGREEMENTS[sure]}"
-            ).rstrip()
+        is_doubtful = row["verdict"] == "open" and len(of_methods) > 1
+        advice = DISAGREEMENTS[disagreement(*of_methods.values())] if is_doubtful else ""
+        sign = -1 if row["verdict"] == "a" else 1
+        low, high = sorted((sign * MM * estimate.low, sign * MM * estimate.high))
+        amount = f"of {a} minus {b} {row['A - B']:.3f} mm"
+        if row["verdict"] in ("a", "b"):
+            amount = f"{sign * row['A - B']:.3f} mm smaller"
         return (
-            f"{better} is better than {worse} {on}: mean 3-D error {sign * row['A - B']:.3f} mm "
-            f"smaller {interval}."
-        )
+            f"{outcome} on {row['dataset']} ({', '.join(filter(None, texts))}): mean 3-D error "
+            f"{amount} ({self._interval} {low:.3f} to {high:.3f} mm {over}). {advice}"
+        ).rstrip()
 
     @property
     def _rope(self) -> str:
@@ -293,8 +289,8 @@ def compare_models(
     notes = [
         *(task.presentation.warning for task in tasks),
         THESE_FITS * any("over splits" not in row["estimates"] for row in rows),
-        OTHER_MODELS * any(len(task.models) > 2 for task in tasks),
         *failure_lines(failures),
+        OTHER_MODELS * any(len(task.models) > 2 for task in tasks),
         *notes,
         *other_data,
         *left_out_notes(tasks),

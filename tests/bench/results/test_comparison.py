@@ -81,9 +81,11 @@ def test_equal_models_are_equivalent_and_noise_is_no_difference(tmp_path):
     near = spread(1e-4, 2e-5)
     models = {"a": near, "b": lambda index, rows: near(index, rows) * 1.001}
     folder = store_results(tmp_path / "near", models)
-    assert "a and b are equivalent on made (kfold, 5 splits)" in compared(folder).text
+    assert (
+        "a and b are equivalent (within 0.01 mm) on made (kfold, 5 splits)" in compared(folder).text
+    )
     tables = open_results(folder).compare("a", "b", equivalence_mm=0.2)
-    assert "less than 0.2 mm with probability > 0.99" in tables.text
+    assert "equivalent (within 0.2 mm)" in tables.text
     noise = {"a": spread(0.0, 1e-3, seed=1), "b": spread(0.0, 1e-3, seed=2)}
     text = compared(store_results(tmp_path / "noise", noise)).text
     assert "No significant difference between a and b on made (kfold, 5 splits)" in text
