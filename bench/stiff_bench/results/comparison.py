@@ -220,7 +220,8 @@ def _numbers(estimate: Estimate) -> Row:
 
 def _widest(row: Row) -> Estimate:
     """Return the estimate with the wider interval, for texts with a single interval."""
-    return max(row["estimates"].values(), key=lambda estimate: estimate.high - estimate.low)
+    of_methods: dict[str, Estimate] = row["estimates"]
+    return max(of_methods.values(), key=lambda estimate: estimate.high - estimate.low)
 
 
 def _verdict_text(row: Row) -> str:
@@ -274,7 +275,7 @@ def compare_models(
     if not tasks:
         run = {name: [names[t.name] for t in chosen if name in t.models] for name in (a, b)}
         places = [
-            f"{name} was run in {first_few([f'({place})' for place in of_name]) or 'none of these'}"
+            f"{name} was run in {first_few(of_name) or 'none of these'}"
             for name, of_name in run.items()
         ]
         reasons = "; ".join([*places, *other_data])

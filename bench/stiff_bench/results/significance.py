@@ -132,21 +132,16 @@ def estimates(
     results: list[list[Estimate]] = []
     if errors.of_splits is not None:
         of_splits = errors.of_splits
-        tests = [
-            corrected_t(of_splits[:, i] - of_splits[:, j], errors.test_share) for i, j in pairs
-        ]
-        results.append(
-            [
-                Estimate(*t.interval(question.confidence), t.p_value, t.posterior(question.rope))
-                for t in tests
-            ]
-        )
+        columns = (of_splits[:, i] - of_splits[:, j] for i, j in pairs)
+        tests = [corrected_t(column, errors.test_share) for column in columns]
+        level, rope = question.confidence, question.rope
+        results.append([Estimate(*t.interval(level), t.p_value, t.posterior(rope)) for t in tests])
     if errors.of_poses is not None and errors.drawn_means is not None:
         drawn = errors.drawn_means[np.isfinite(errors.drawn_means[:, 0])]  # with a tested pose
-        a, b = np.reshape(pairs, (-1, 2)).T
+        a, b = np.asarray(pairs, dtype=int).reshape(-1, 2).T
         differences = drawn[:, a] - drawn[:, b]  # (B, k)
         tail = 0.5 * (1.0 - question.confidence)
-        low, high = np.quantile(differences, [tail, 1.0 - tail], axis=0)  # (k,)
+        intervals = np.quantile(differences, [tail, 1.0 - tail], axis=0).T.tolist()
         a_better = np.mean(differences < -question.rope, axis=0)
         b_better = np.mean(differences > question.rope, axis=0)
         equivalent = np.maximum(0.0, 1.0 - a_better - b_better)
@@ -156,8 +151,12 @@ def estimates(
             wilcoxon_signed_rank(errors.of_poses.differences(i, j)) if needed else np.nan
             for i, j in pairs
         ]
-        of_pairs = zip(low.tolist(), high.tolist(), p_values, posteriors, strict=True)
-        results.append([Estimate(*bounds, Posterior(*chances)) for *bounds, chances in of_pairs])
+        results.append(
+            [
+                Estimate(bounds[0], bounds[1], p_value, Posterior(*chances))
+                for bounds, p_value, chances in zip(intervals, p_values, posteriors, strict=True)
+            ]
+        )
     return results
 
 
