@@ -190,12 +190,12 @@ def _times(n: int, results: Sequence[CellResult]) -> str:
 
 def failure_lines(results: Iterable[CellResult]) -> list[str]:
     """Return a line per reason for missing results, with the models."""
-    failures = [result for result in results if result.status != "ok"]
-    by_reason = grouped(
-        failures, lambda result: (result.status.upper(), " ".join(result.failure.split()))
-    )
-    lines = []
-    for (status, reason), of_reason in by_reason.items():
-        models = first_few(list(dict.fromkeys(result.presentation.model for result in of_reason)))
-        lines.append(f"{status}: {models} ({counted(len(of_reason), 'fit')}): {reason}")
-    return lines
+    alike: dict[tuple[str, str], list[str]] = {}
+    for result in results:
+        if result.status != "ok":
+            reason = result.status.upper(), " ".join(result.failure.split())
+            alike.setdefault(reason, []).append(result.presentation.model)
+    return [
+        f"{status}: {first_few([*dict.fromkeys(models)])} ({counted(len(models), 'fit')}): {reason}"
+        for (status, reason), models in alike.items()
+    ]

@@ -144,11 +144,6 @@ def sort_key(key: str = "norm", axis: str | None = None) -> SortKey:
 _P95 = sort_key("norm-p95")
 
 
-def dataset_of(name: TaskName) -> str:
-    """Return a data set's name without its seed."""
-    return without_options(name.dataset, SEED)
-
-
 def family_of(name: TaskName) -> str:
     """Return a data set's name without its seed and specimen."""
     return without_options(name.dataset, SEED, SPECIMEN)
