@@ -1,6 +1,6 @@
 """Score the models of a task, and compare pairs of them.
 
-Leaderboard, report page and compare (among all models) take verdicts from `ScoredTask.verdicts`.
+Leaderboard and report page take verdicts from `ScoredTask.verdicts`.
 """
 
 from __future__ import annotations
@@ -201,19 +201,17 @@ class ScoredTask(BriefFields):
         """Return (m, m) p-values of all pairs of `models`, corrected for all pairs."""
         return corrected_p_values(self.errors)
 
-    def verdicts(
-        self, pairs: Sequence[tuple[str, str]], question: Question | None = None
-    ) -> list[Verdict] | None:
+    def verdicts(self, pairs: Sequence[tuple[str, str]]) -> list[Verdict] | None:
         """Return the verdicts on pairs of ranked models, corrected for all pairs.
 
-        None: no test applies. The default question ignores differences up to `ROPE_M`.
+        None: no test applies. Differences in m up to `ROPE_M` are ignored.
         """
         if self.key.is_cost or self._p_values is None:
             return None
         place = {model: column for column, model in enumerate(self.models)}
         columns = [(place[a], place[b]) for a, b in pairs]
         p_values = [float(self._p_values[of_pair]) for of_pair in columns]
-        question = question or Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
+        question = Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
         return decide_pairs(self.errors, columns, question, p_values)
 
     def verdict(self, model: str, reference: str = REFERENCE_MODEL) -> Verdict | None:
