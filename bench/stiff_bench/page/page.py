@@ -1,6 +1,6 @@
 """Content of a page: sections of texts, tables and figures.
 
-All texts are plain; the writers `html` and `markdown` escape them.
+All texts are plain; `html` escapes them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Figure(NamedTuple):
     title: str
     caption: str
     address: str
-    command: str = ""
+    command: str
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Section:
     """Content under one heading.
 
     Attributes:
-        heading: heading; "" for none.
+        heading: heading.
         about: facts in one line above the heading.
         texts: labelled sentences.
         tables: tables below the sentences.
@@ -51,7 +51,7 @@ class Section:
         command: command that prints the same tables.
         log: text that keeps its lines, such as the log of a fit.
         sections: sections below this one.
-        is_folded: True if an HTML page shows only the heading until it is opened.
+        is_folded: True if the page shows only the heading until it is opened.
     """
 
     heading: str

@@ -304,7 +304,7 @@ def _differences(report: ModelComparison) -> Table:
                 for number, name in enumerate("AB")
             ),
             Column("A - B", format="+.3f", value=lambda pair: MM * pair.norm.difference),
-            Column("vs B", format=signed_percent, by_sign=-1, value=_change),
+            Column("vs B", format=signed_percent, is_change=True, value=_change),
             Column(interval, format="+.3f", value=lambda pair: _interval(pair.norm.cautious)),
             _text_column("verdict", lambda pair: _brief_verdict(pair.norm)),
         ],
