@@ -8,12 +8,15 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.page.html import FEW_ROWS, html_page
 from stiff_bench.page.page import Figure, Page, Section, drawn_figures, write_text
 from stiff_bench.parameter_types import AxisName, FilePath, Seed
 from stiff_bench.results.columns import matrix_table, model_table
+from stiff_bench.results.fit_values import mean_over
 from stiff_bench.results.leaderboard import and_more, model_frame
 from stiff_bench.results.notes import (
     caveats_of,
@@ -30,10 +33,13 @@ from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.table import Column, Entry, Table, text_columns
 from stiff_bench.tables.units import counted
 from stiff_bench.tables.writers import of_format
+from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError, StoreError, unsupported_extension
 from stiff_protocols.contract.record import CellResult, RunManifest
 
 SUFFIXES = (".html", ".htm")
+STIFFNESS = "stiffness "
+"""Start of the name of a joint's stiffness among the numbers that a fit reports."""
 Fits = Sequence[CellResult]
 
 
@@ -47,7 +53,7 @@ def report(
 ) -> Path:
     """Write results as one HTML page that needs no network.
 
-    Verdict, figures, failures, robots and data, ranking, metrics per data set, and provenance.
+    Verdict, figures, failures, robots and stiffnesses, ranking, metrics and provenance.
 
     Args:
         output: file to write; an existing one is replaced.
@@ -108,14 +114,14 @@ def folder_section(results: Results, key: SortKey, seed: int = 0) -> Section:
         board = of_format(results.leaderboard(*ranking, seed=seed).tables, "html")
     except (ConfigError, StoreError) as error:
         reasons.append(f"No ranking: {str(error).removesuffix('.')}.")
-    metrics = results.table(verbose=True).tables
+    robots = [data_table(fits, stored.data_of), stiffness_table(results)]
     parts = [
         Section("Notes on the data", notes=notes, is_folded=True),
         Section("Figures", figures=_figures(results)),
         failure_section(fits),
-        Section("Robots and data", tables=[data_table(fits, stored.data_of)], is_folded=True),
+        Section("Robots and data", tables=[t for t in robots if t.rows], is_folded=True),
         Section("Leaderboard", tables=board, is_folded=True),
-        Section("Metrics of each data set", tables=metrics, is_folded=True),
+        Section("Metrics of each data set", tables=results.table().tables, is_folded=True),
         runs_section(stored.runs),
     ]
     return Section(
@@ -195,6 +201,26 @@ def data_table(fits: Fits, data_of: Callable[[str], StoredData]) -> Table:
         *(Column("samples"), Column("poses"), Column("sha256 of samples and robot", "text")),
     ]
     return Table("Data sets", columns, [row(*item) for item in by_hash.items()])
+
+
+def stiffness_table(results: Results) -> Table:
+    """Return the joint stiffnesses that the VJM identified, a row per data set and joint."""
+    columns = ["dataset", "protocol", "condition", "diagnostic"]
+    frame = results.diagnostics().reindex(columns=["model", *columns, "value"])
+    frame = frame[(frame["model"] == REFERENCE_MODEL) & np.isfinite(frame["value"])]
+    rows: list[list[Entry]] = [
+        [*place, joint.removeprefix(STIFFNESS), mean_over([*values])]
+        for (*place, joint), values in frame.groupby(columns, sort=False)["value"]
+        if joint.startswith(STIFFNESS)
+    ]
+    return Table(
+        f"Joint stiffnesses by {REFERENCE_MODEL}, mean ± standard deviation over splits",
+        [
+            *text_columns("data set", "protocol", "condition", "joint"),
+            Column("stiffness", format=",.0f"),
+        ],
+        rows,
+    )
 
 
 def runs_section(runs: Sequence[RunManifest]) -> Section:

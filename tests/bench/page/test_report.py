@@ -72,13 +72,13 @@ def test_details_are_folded_and_failures_are_mentioned_only_if_there_are_some(re
     assert "Failed and skipped" not in parts
 
 
-def test_identified_stiffnesses_are_below_the_metrics(results):
+def test_identified_stiffnesses_are_listed_with_the_data(results):
     for result in [*read_results(results.folder)]:
         if result.presentation.model == "vjm":
             springs = {"stiffness A1 [Nm/rad]": 1000.0 + 200.0 * result.cell.split_index}
             ResultStore(results.folder).write_cells([replace(result, diagnostics=springs)])
-    for table in parts_of(results.folder)["Metrics of each data set"].tables:
-        assert any("stiffness A1 [Nm/rad] 1100" in note for note in table.notes)
+    _, stiffnesses = parts_of(results.folder)["Robots and data"].tables
+    assert [row[3:] for row in stiffnesses.texts()] == [["A1 [Nm/rad]", "1,100 ± 141"]] * 2
 
 
 def test_runs_are_listed_with_their_commit_and_command(results):
