@@ -223,9 +223,8 @@ def _plain(table: Table) -> dict[str, object]:
         {**texts, **({"values": [*map(_without_empty_fields, values)]} if values else {})}
         for texts, values in table.records()
     ]
-    details = {"details": list(table.details)} if table.details else {}
-    notes = {"notes": list(table.notes), **details}
-    return {"title": table.title, **table.about, **notes, "rows": rows}
+    details = {"details": [*table.details]} if table.details else {}
+    return {"title": table.title, **table.about, "notes": [*table.notes], **details, "rows": rows}
 
 
 def _without_empty_fields(value: Mapping[str, object]) -> dict[str, object]:
