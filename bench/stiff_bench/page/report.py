@@ -75,18 +75,20 @@ def report(
     for part in parts:
         if folders.count(part.folder.resolve()) > 1:
             raise ConfigError(f"{part.folder}: given twice; give each folder once", "results")
-    sections = [folder_section(part, sort_key(metric, axis), seed) for part in parts]
+    sections = [folder_section(part, metric, axis, seed) for part in parts]
     return write_text(output, html_page(Page("stiffbench report", sections, parts[0].command)))
 
 
-def folder_section(results: Results, key: SortKey, seed: int = 0) -> Section:
+def folder_section(
+    results: Results, metric: str = "norm", axis: AxisName | None = None, seed: int = 0
+) -> Section:
     """Return the content of the page for the selected results of one folder.
 
     Raises:
-        ConfigError: a selected name has no results in the folder.
+        ConfigError: a selected name has no results in the folder, or the metric cannot rank.
         StoreError: a file of the folder is corrupt.
     """
-    stored, fits, ranking = results.stored, results.fits, (key.metric.key, key.axis or None)
+    key, stored, fits = sort_key(metric, axis), results.stored, results.fits
     if not fits:
         words = ", ".join(f"{kind} {word}" for kind, word in results.selection.options)
         raise ConfigError(f"no result in {results.folder} matches all of {words}; select less")
@@ -99,7 +101,7 @@ def folder_section(results: Results, key: SortKey, seed: int = 0) -> Section:
     headline, texts, reasons = results.folder.resolve().name, list[tuple[str, str]](), list[str]()
     tables, board = list[Table](), list[Table]()
     try:
-        scores = results.scores(*ranking, seed=seed)
+        scores = results.scores(metric, axis, seed=seed)
         models = model_frame(scores)
         summary = summarize(scores, models)
         headline, texts = summary.headline, summary.sentences
@@ -111,7 +113,7 @@ def folder_section(results: Results, key: SortKey, seed: int = 0) -> Section:
     except (ConfigError, StoreError) as error:
         reasons.append(f"No summary: {str(error).removesuffix('.')}.")
     try:
-        board = of_format(results.leaderboard(*ranking, seed=seed).tables, "html")
+        board = of_format(results.leaderboard(metric, axis, seed=seed).tables, "html")
     except (ConfigError, StoreError) as error:
         reasons.append(f"No ranking: {str(error).removesuffix('.')}.")
     robots = [data_table(fits, stored.data_of), stiffness_table(results)]

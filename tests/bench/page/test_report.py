@@ -11,7 +11,6 @@ from helpers.made_results import TWINS, MadeResults, change
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.page import report
 from stiff_bench.page.report import folder_section
-from stiff_bench.results.scored_task import sort_key
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
@@ -32,7 +31,7 @@ def results(tmp_path):
 
 
 def section_of(folder, **choice):
-    return folder_section(sb.open_results(folder).select(**choice), sort_key())
+    return folder_section(sb.open_results(folder).select(**choice))
 
 
 def parts_of(folder, **choice):
