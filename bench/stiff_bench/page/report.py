@@ -12,8 +12,15 @@ import numpy as np
 
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.page.html import FEW_ROWS, html_page
-from stiff_bench.page.page import Figure, Page, Section, drawn_figures, write_text
+from stiff_bench.page.page import (
+    FEW_ROWS,
+    Figure,
+    Page,
+    Section,
+    drawn_figures,
+    html_page,
+    write_text,
+)
 from stiff_bench.parameter_types import AxisName, FilePath, Seed
 from stiff_bench.results.columns import matrix_table, model_table
 from stiff_bench.results.fit_values import mean_over

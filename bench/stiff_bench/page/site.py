@@ -17,8 +17,15 @@ from pandas import DataFrame
 from stiff_bench.figures import robot_picture, springs, workspace
 from stiff_bench.figures.board_figures import score_against_cost, score_against_poses
 from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.page.html import html_page, table_script
-from stiff_bench.page.page import Link, Page, Section, drawn_figures, write_text
+from stiff_bench.page.page import (
+    Link,
+    Page,
+    Section,
+    drawn_figures,
+    html_page,
+    table_script,
+    write_text,
+)
 from stiff_bench.paper.study_file import Study
 from stiff_bench.results.columns import RATIO_FORMAT
 from stiff_bench.results.leaderboard_tables import StudyLeaderboard
@@ -71,7 +78,7 @@ class LeaderboardSite:
         return errors_frame(self.board.scores.frame)
 
     def write(self, folder: Path) -> Iterator[Path]:
-        """Write all pages into a folder, and yield each file.
+        """Write all pages into a folder, and yield each file; the first page is the last.
 
         Raises:
             ConfigError: the study has too few results.
@@ -93,11 +100,11 @@ class LeaderboardSite:
                 yield from sorted(files.iterdir())
             page = Page(name, [section], self.command, from_below, up)
             yield write_text(folder / address, html_page(page, f"../{SCRIPT}"))
-        page = Page(TITLE, [self._first_section(datasets)], self.command, pages)
-        yield write_text(folder / INDEX, html_page(page, SCRIPT))
         yield write_text(folder / SCRIPT, table_script())
         scores = render(self.board.tables, "csv", self.command)
         yield write_text(folder / SCORES, f"{scores}\n")
+        page = Page(TITLE, [self._first_section(datasets)], self.command, pages)
+        yield write_text(folder / INDEX, html_page(page, SCRIPT))
 
     def _first_section(self, datasets: Mapping[str, str]) -> Section:
         board, stored, summary = self.board, self.board.stored, self.board.summary

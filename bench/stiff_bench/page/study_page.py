@@ -105,12 +105,11 @@ def check_names(study: Study) -> None:
     Raises:
         ConfigError: a name is unknown.
     """
-    for name in study.tables:
-        if name not in TABLES:
-            raise unknown_name("table of a study", name, TABLES)
-    for name in study.figures:
-        if name not in PICTURES:
-            raise unknown_name("figure of a study", name, PICTURES)
+    every = ("table", study.tables, TABLES), ("figure", study.figures, PICTURES)
+    for kind, names, makers in every:
+        for name in names:
+            if name not in makers:
+                raise unknown_name(f"{kind} of a study", name, makers)
 
 
 def write_page(
@@ -141,8 +140,8 @@ def write_page(
             except StiffBenchError as error:
                 missing.append(f"{kind} {name}: {error}")
 
-    parts = [f"# {markdown_text(study.title)}"]
-    parts.append(_listed([*study.notes, *_provenance(stored, command, n_missing)]))
+    notes = [*study.notes, *_provenance(stored, command, n_missing)]
+    parts = [f"# {markdown_text(study.title)}", _listed(notes)]
     for name, tables in made("Table", study.tables, TABLES):
         for fmt, suffix in TABLE_FILES.items():
             line = f"bench table {name} --format {fmt}" if name.isdecimal() else command

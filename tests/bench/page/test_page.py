@@ -8,8 +8,15 @@ from html.parser import HTMLParser
 
 import pytest
 
-from stiff_bench.page.html import chart_position, html_cell, html_page
-from stiff_bench.page.page import Figure, Link, Page, Section
+from stiff_bench.page.page import (
+    Figure,
+    Link,
+    Page,
+    Section,
+    chart_position,
+    html_cell,
+    html_page,
+)
 from stiff_bench.tables.table import Column, Entry, Name, Quantity, Table
 
 HOSTILE = (

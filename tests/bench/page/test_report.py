@@ -132,10 +132,10 @@ def test_figures_are_of_the_selected_results_and_broken_ones_are_left_out(result
         raise StoreError("no curves")
 
     monkeypatch.setattr(report, "FIGURES", {"losses": broken, "scores": figure})
-    (shown,) = parts_of(results.folder, datasets=(TWINS[1],))["Figures"].figures
-    assert drawn == [[TWINS[1]]] and shown.title == "drawn"
+    (drawn_figure,) = parts_of(results.folder, datasets=(TWINS[1],))["Figures"].figures
+    assert drawn == [[TWINS[1]]] and drawn_figure.title == "drawn"
     options = f"--results {results.folder} --dataset {TWINS[1]}"
-    assert shown.command == f"bench figure scores {options}"
+    assert drawn_figure.command == f"bench figure scores {options}"
 
 
 def test_protocols_that_select_on_test_have_their_own_table(results):
