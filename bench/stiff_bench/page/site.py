@@ -142,8 +142,10 @@ class LeaderboardSite:
             (partial(make, source), self.command) for make in (workspace.workspace, springs.springs)
         )
         scores = [  # a row per model
-            replace(table, rows=table.rows[number : number + 1], notes=[])
-            for table in self.board.tables[:2]
+            replace(table, title=title, rows=table.rows[number : number + 1], notes=[])
+            for title, table in zip(
+                ("Leaderboard", "Other numbers"), self.board.tables, strict=False
+            )
         ]
         frame = self.errors[self.errors["model"] == name]
         errors = errors_table("Errors on each data set, best ratio first", "data set", frame)
