@@ -119,9 +119,9 @@ class LeaderboardSite:
             summary.headline,
             f"{self.study.title} · {counts.total()} fits",
             texts=summary.sentences,
-            tables=[replace(ratios, title="Models", notes=notes)],
-            notes=self.study.notes,
+            tables=[replace(ratios, title="Models", notes=[])],
             sections=[
+                Section("Notes", notes=[*self.study.notes, *notes], is_folded=True),
                 Section("Cost and number of poses", figures=figures),
                 Section("How sure, and other numbers", tables=other_tables, is_folded=True),
                 Section("Data sets", links=[Link(*item) for item in datasets.items()]),
